@@ -1,0 +1,141 @@
+//! Sample instants: when a sampled controller acts, whatever communication steps its host takes.
+
+/// Instants closer to a communication point than this fraction of the sample time belong to it:
+/// hosts compute time in floating point, so times are never compared for equality.
+const TOLERANCE: f64 = 1e-6;
+
+/// More samples than this in one communication step are refused rather than computed for minutes.
+const MOST_SAMPLES: f64 = 1e8;
+
+/// The clock of a sampled system: its instants are `start + k ts`, k = 0, 1, ...
+///
+/// ```
+/// let mut clock = control::SampleClock::new(0.0, 0.001);
+/// assert_eq!(clock.due(0.0, 0.001), Ok(1));     // the instant 0
+/// assert_eq!(clock.due(0.001, 0.0005), Ok(1));  // the instant 0.001
+/// assert_eq!(clock.due(0.0015, 0.0005), Ok(0)); // 0.002 belongs to the next step
+/// ```
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct SampleClock {
+    start: f64,
+    ts: f64,
+    next: Option<f64>,
+}
+
+/// A communication step that holds more sample instants than can be computed in reasonable time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TooManySamples {
+    /// How many sample instants lie in the step.
+    pub samples: f64,
+}
+
+impl core::fmt::Display for TooManySamples {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "the communication step holds {} sample instants, more than the {MOST_SAMPLES} that are computed in one step",
+            self.samples
+        )
+    }
+}
+
+impl core::error::Error for TooManySamples {}
+
+impl SampleClock {
+    /// A clock whose first instant is `start` (s) and whose sample time is `ts` (s), positive.
+    pub fn new(start: f64, ts: f64) -> Self {
+        Self {
+            start,
+            ts,
+            next: None,
+        }
+    }
+
+    /// How many instants lie in `[time, time + step)` (up to rounding) and were not counted before.
+    ///
+    /// # Errors
+    /// [`TooManySamples`] when there are more than can be computed in reasonable time; the clock is
+    /// then unchanged.
+    pub fn due(&mut self, time: f64, step: f64) -> Result<u32, TooManySamples> {
+        let next = self.next.unwrap_or_else(|| self.instants_before(time));
+        let end = self.instants_before(time + step);
+        let samples = (end - next).max(0.0);
+        if samples > MOST_SAMPLES {
+            return Err(TooManySamples { samples });
+        }
+        self.next = Some(next + samples);
+        Ok(samples as u32)
+    }
+
+    /// The number of instants before `time`. A whole number in `f64`, exact up to 2^53 samples.
+    fn instants_before(&self, time: f64) -> f64 {
+        libm::ceil((time - self.start) / self.ts - TOLERANCE).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts the samples of `steps` communication steps of size `h` from `start`.
+    fn count(start: f64, ts: f64, h: f64, steps: u32) -> u32 {
+        let mut clock = SampleClock::new(start, ts);
+        (0..steps)
+            .map(|k| clock.due(start + f64::from(k) * h, h).unwrap())
+            .sum()
+    }
+
+    #[test]
+    fn one_sample_a_step_when_the_step_is_the_sample_time() {
+        let mut clock = SampleClock::new(0.001, 0.001);
+        for k in 1..=20_000 {
+            assert_eq!(clock.due(f64::from(k) * 0.001, 0.001), Ok(1), "step {k}");
+        }
+    }
+
+    #[test]
+    fn any_step_takes_the_samples_of_the_time_it_covers() {
+        assert_eq!(count(0.0, 0.001, 0.01, 100), 1000);
+        assert_eq!(count(0.0, 0.001, 0.00025, 4000), 1000);
+        assert_eq!(count(0.0, 0.001, 1.0 / 1024.0, 1024), 1000);
+    }
+
+    #[test]
+    fn a_late_start_loses_no_sample() {
+        assert_eq!(count(1e6, 0.001, 0.001, 10_000), 10_000);
+    }
+
+    #[test]
+    fn accumulated_time_and_jitter_neither_lose_nor_double_a_sample() {
+        let mut clock = SampleClock::new(0.0, 0.001);
+        let mut time = 0.0;
+        for k in 0..20_000 {
+            let h = 0.001 + if k % 2 == 0 { 1e-13 } else { -1e-13 };
+            assert_eq!(clock.due(time, h), Ok(1), "step {k}");
+            time += h;
+        }
+    }
+
+    #[test]
+    fn a_micro_step_leaves_its_instant_to_the_next_step() {
+        let mut clock = SampleClock::new(0.0, 0.001);
+        assert_eq!(clock.due(0.0, 6e-14), Ok(0));
+        assert_eq!(clock.due(6e-14, 0.001 - 6e-14), Ok(1));
+        assert_eq!(clock.due(0.001, 0.001), Ok(1));
+    }
+
+    #[test]
+    fn a_first_step_after_the_start_takes_only_its_own_instants() {
+        let mut clock = SampleClock::new(0.0, 0.001);
+        assert_eq!(clock.due(0.5, 0.001), Ok(1));
+    }
+
+    #[test]
+    fn an_endless_step_is_refused_and_changes_nothing() {
+        let mut clock = SampleClock::new(0.0, 0.001);
+        let before = clock;
+        assert!(clock.due(0.0, 1e300).is_err());
+        assert_eq!(clock, before);
+        assert_eq!(clock.due(0.0, 0.001), Ok(1));
+    }
+}

@@ -1,0 +1,79 @@
+//! PID-RBF (23), (24) and IPID-RBF (28), (29): a network that learns the control of a PID while it
+//! runs, until it gives the whole force alone and the PID's part is (nearly) zero.
+
+use crate::{Pid, Rbf, clip, pid::Integral};
+
+/// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns this very sum.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PidRbf<const N: usize> {
+    /// The PID: gains, sample time, limit of the force; outputs `e` and `u_p`.
+    pub pid: Pid,
+    /// The network, its input the set-point.
+    pub network: Rbf<N>,
+    /// Output: the network's part of the force (N).
+    pub u_n: f64,
+    /// Output: the force u = u_p + u_n (N), limited to `pid.u_max`.
+    pub u: f64,
+}
+
+impl<const N: usize> PidRbf<N> {
+    /// Takes one sample (set-point `r`, measured angle `y`, its disturbance `d`, in rad) and returns
+    /// the force u (N).
+    pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
+        self.act(r, y, d);
+        self.network.learn(self.u);
+        self.u
+    }
+
+    /// The control law (15) without learning.
+    fn act(&mut self, r: f64, y: f64, d: f64) {
+        let u_p = self.pid.feedback(r, y, d);
+        self.network.activate(r);
+        self.u_n = self.network.output();
+        self.u = clip(u_p + self.u_n, self.pid.u_max);
+    }
+}
+
+/// What the network of an [`IpidRbf`] learns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Target {
+    /// The controller's own force, as (29) prints it: a self-contained controller.
+    #[default]
+    Own,
+    /// The force of a PID-RBF loop that runs beside, as the paper's Table 1 was simulated.
+    Supervisor,
+}
+
+/// IPID-RBF: as [`PidRbf`], but the sum of the error leaks (26), so the network does the integration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IpidRbf<const N: usize> {
+    /// The control law: parameters and outputs.
+    pub law: PidRbf<N>,
+    /// What the network learns.
+    pub target: Target,
+}
+
+impl<const N: usize> Default for IpidRbf<N> {
+    fn default() -> Self {
+        Self {
+            law: PidRbf {
+                pid: Pid::new(Integral::Leaky),
+                ..PidRbf::default()
+            },
+            target: Target::default(),
+        }
+    }
+}
+
+impl<const N: usize> IpidRbf<N> {
+    /// Takes one sample as [`PidRbf::sample`] does; `u_supervisor` (N) is the force of the
+    /// supervising loop at the same sample, used with [`Target::Supervisor`] only.
+    pub fn sample(&mut self, r: f64, y: f64, d: f64, u_supervisor: f64) -> f64 {
+        self.law.act(r, y, d);
+        self.law.network.learn(match self.target {
+            Target::Own => self.law.u,
+            Target::Supervisor => u_supervisor,
+        });
+        self.law.u
+    }
+}

@@ -1,0 +1,193 @@
+//! The terms of the control error, and the PID controller of equation (20).
+
+use crate::clip;
+
+/// How the error is summed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Integral {
+    /// `x3 = x3 + e ts`, the rectangle rule of (20).
+    #[default]
+    Sum,
+    /// `x3 = (x3 + e) ts`, the sum of (25), (26): it leaks so fast that it holds little more than
+    /// the last `e ts`, and leaves integration to the network.
+    Leaky,
+}
+
+/// Gains of the PID in parallel form: `u_p = kp x1 + kd x2 + ki x3`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Gains {
+    /// Proportional gain (N/rad).
+    pub kp: f64,
+    /// Integral gain (N/(rad s)).
+    pub ki: f64,
+    /// Derivative gain (N s/rad).
+    pub kd: f64,
+}
+
+/// The terms of the error (21), (26): `x1 = e`, `x2 = (e - e_before)/ts`, `x3` its sum.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Terms {
+    /// The error `e(k)` (rad).
+    pub x1: f64,
+    /// Its backward difference quotient (rad/s).
+    pub x2: f64,
+    /// Its sum (rad s), as [`Integral`] says.
+    pub x3: f64,
+}
+
+impl Terms {
+    /// The terms of the next sample, whose error is `e` (rad), at the sample time `ts` (s).
+    fn next(self, e: f64, ts: f64, integral: Integral) -> Self {
+        Self {
+            x1: e,
+            x2: (e - self.x1) / ts,
+            x3: match integral {
+                Integral::Sum => self.x3 + e * ts,
+                Integral::Leaky => (self.x3 + e) * ts,
+            },
+        }
+    }
+}
+
+/// The PID controller (20), its force limited to `u_max`.
+///
+/// Inputs of a sample: set-point `r`, measured angle `y`, disturbance `d` of the measurement, all in
+/// rad. Everything public but the outputs may be changed between samples.
+///
+/// ```
+/// use control::{pid::{Gains, Integral}, Pid};
+///
+/// let mut pid = Pid::new(Integral::Sum);
+/// pid.gains = Gains { kp: 2.0, ki: 0.0, kd: 0.0 };
+/// pid.ts = 0.001;
+/// pid.u_max = 100.0;
+/// assert_eq!(pid.sample(1.0, 0.25, 0.0), 1.5);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pid {
+    /// Gains.
+    pub gains: Gains,
+    /// Sample time (s).
+    pub ts: f64,
+    /// Limit of `|u|` (N).
+    pub u_max: f64,
+    /// Whether `u(k)` is computed from the terms of sample k-1, as the paper's simulations of PID
+    /// and PID-RBF do: one sample of delay.
+    pub previous_sample_terms: bool,
+    /// Output: the control error e = r - (y + d) of the last sample (rad).
+    pub e: f64,
+    /// Output: the PID's part of the force (N), not limited.
+    pub u_p: f64,
+    /// Output: the force (N), limited to `u_max`.
+    pub u: f64,
+    integral: Integral,
+    terms: Terms,
+}
+
+impl Pid {
+    /// A PID at rest with all parameters zero, which sums its error as `integral` says.
+    pub fn new(integral: Integral) -> Self {
+        Self {
+            integral,
+            ..Self::default()
+        }
+    }
+
+    /// Takes one sample and returns the force u (N).
+    pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
+        self.u = clip(self.feedback(r, y, d), self.u_max);
+        self.u
+    }
+
+    /// Takes one sample of the error and returns `u_p` (N); `u` stays.
+    pub(crate) fn feedback(&mut self, r: f64, y: f64, d: f64) -> f64 {
+        self.e = r - (y + d);
+        let before = self.terms;
+        self.terms = before.next(self.e, self.ts, self.integral);
+        let x = if self.previous_sample_terms {
+            before
+        } else {
+            self.terms
+        };
+        self.u_p = self.gains.kp * x.x1 + self.gains.kd * x.x2 + self.gains.ki * x.x3;
+        self.u_p
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pid(integral: Integral) -> Pid {
+        Pid {
+            gains: Gains {
+                kp: 300.0,
+                ki: 500.0,
+                kd: 100.0,
+            },
+            ts: 0.001,
+            u_max: 1e9,
+            ..Pid::new(integral)
+        }
+    }
+
+    #[test]
+    fn a_ramp_gives_the_closed_form_of_every_term() {
+        // e(k) = k a: x2 = a/ts, x3 = a ts k(k+1)/2.
+        let (a, ts) = (0.01, 0.001);
+        let mut c = pid(Integral::Sum);
+        for k in 1..=1000 {
+            let n = f64::from(k);
+            let u = c.sample(n * a, 0.0, 0.0);
+            let expected = 300.0 * n * a + 100.0 * a / ts + 500.0 * a * ts * n * (n + 1.0) / 2.0;
+            assert!(
+                (u / expected - 1.0).abs() < 1e-12,
+                "k = {k}: {u} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_leaky_sum_of_a_constant_error_tends_to_its_fixed_point() {
+        // x3 = (x3 + e) ts has the fixed point e ts/(1 - ts).
+        let mut c = pid(Integral::Leaky);
+        for _ in 0..10 {
+            c.sample(1.0, 0.0, 0.0);
+        }
+        assert!((c.terms.x3 - 0.001 / 0.999).abs() < 1e-17);
+    }
+
+    #[test]
+    fn the_disturbance_is_added_to_the_measurement() {
+        let mut c = pid(Integral::Sum);
+        c.sample(1.0, 0.25, 0.5);
+        assert_eq!(c.e, 0.25);
+    }
+
+    #[test]
+    fn previous_sample_terms_delay_the_force_by_one_sample() {
+        let mut now = pid(Integral::Sum);
+        let mut later = Pid {
+            previous_sample_terms: true,
+            ..now
+        };
+        let mut last = 0.0;
+        for k in 0..100 {
+            let r = libm::sin(0.1 * f64::from(k));
+            let u = now.sample(r, 0.0, 0.0);
+            assert_eq!(later.sample(r, 0.0, 0.0), last);
+            assert_eq!(now.e, later.e);
+            last = u;
+        }
+    }
+
+    #[test]
+    fn the_force_is_limited_and_nan_is_not_hidden() {
+        let mut c = pid(Integral::Sum);
+        c.u_max = 100.0;
+        assert_eq!(c.sample(1.0, 0.0, 0.0), 100.0);
+        assert_eq!(c.sample(-1.0, 0.0, 0.0), -100.0);
+        assert!(c.u_p < -100.0);
+        assert!(c.sample(f64::NAN, 0.0, 0.0).is_nan());
+    }
+}

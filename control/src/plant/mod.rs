@@ -1,0 +1,73 @@
+//! The cart with the inverted pendulum in three forms.
+//!
+//! | form | is | exact for |
+//! |---|---|---|
+//! | [`TransferFunction`] | the difference equation (41), `theta` only | the linear plant, held force, one `ts` |
+//! | [`Linear`] | the state space of (9) | the linear plant, held force, any step |
+//! | [`nonlinear`] | (7), (8), integrated with error control | |
+
+mod exponential;
+mod linear;
+pub mod nonlinear;
+mod transfer_function;
+
+pub use linear::Linear;
+pub use transfer_function::TransferFunction;
+
+/// Parameters of cart and pendulum; [`Parameters::PAPER`] has the values of section 4.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[allow(non_snake_case, reason = "the symbols of the paper")]
+pub struct Parameters {
+    /// Mass of the cart (kg).
+    pub M: f64,
+    /// Mass of the pendulum (kg).
+    pub m: f64,
+    /// Distance from the pivot to the pendulum's centre of mass (m).
+    pub l: f64,
+    /// Gravitational acceleration (m/s^2).
+    pub g: f64,
+    /// Inertia of the pendulum about its centre of mass (kg m^2).
+    pub I: f64,
+    /// Friction of the cart (N s/m).
+    pub b: f64,
+}
+
+impl Parameters {
+    /// The values of section 4.
+    pub const PAPER: Self = Self {
+        M: 1.096,
+        m: 0.109,
+        l: 0.25,
+        g: 9.8,
+        I: 0.0034,
+        b: 0.1,
+    };
+
+    /// Static moment `m l` (kg m).
+    fn ml(&self) -> f64 {
+        self.m * self.l
+    }
+
+    /// Inertia about the pivot, `I + m l^2` (kg m^2).
+    fn inertia(&self) -> f64 {
+        self.I + self.m * self.l * self.l
+    }
+
+    /// `q = (M+m)(I+m l^2) - (m l)^2` of (11), determinant of the mass matrix at rest.
+    fn q(&self) -> f64 {
+        (self.M + self.m) * self.inertia() - self.ml() * self.ml()
+    }
+}
+
+/// State of cart and pendulum.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct State {
+    /// Position of the cart (m).
+    pub x: f64,
+    /// Velocity of the cart (m/s).
+    pub v: f64,
+    /// Angle of the pendulum from the upright (rad).
+    pub theta: f64,
+    /// Angular velocity of the pendulum (rad/s).
+    pub omega: f64,
+}

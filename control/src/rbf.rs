@@ -1,0 +1,173 @@
+//! The radial-basis-function network (12) to (14) and its learning rule (18), (19).
+
+/// A network of `N` Gaussian nodes with one input, the set-point.
+///
+/// Parameters may be changed between samples; after a change of `centres` or `widths`, call
+/// [`Rbf::reset`].
+///
+/// ```
+/// let mut rbf = control::Rbf::<1>::default();
+/// rbf.eta = 0.5;
+/// rbf.activate(0.0);
+/// rbf.learn(2.0);
+/// assert_eq!(rbf.output(), 1.0); // half of the way to 2
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rbf<const N: usize> {
+    /// Centres c_j of the nodes, in the unit of the input.
+    pub centres: [f64; N],
+    /// Widths b_j of the nodes, in the unit of the input, positive.
+    pub widths: [f64; N],
+    /// Learning rate eta.
+    pub eta: f64,
+    /// Momentum factor alpha.
+    pub alpha: f64,
+    /// Output: the weights w_j, in the unit of the network's output.
+    pub weights: [f64; N],
+    /// Output: the activations h_j of the nodes.
+    pub activations: [f64; N],
+    weights_before: [f64; N],
+    /// The input that `activations` belongs to; NaN when there is none yet.
+    input: f64,
+}
+
+impl<const N: usize> Default for Rbf<N> {
+    fn default() -> Self {
+        Self {
+            centres: [0.0; N],
+            widths: [1.0; N],
+            eta: 0.0,
+            alpha: 0.0,
+            weights: [0.0; N],
+            activations: [0.0; N],
+            weights_before: [0.0; N],
+            input: f64::NAN,
+        }
+    }
+}
+
+impl<const N: usize> Rbf<N> {
+    /// Forgets what was learned: weights `weights`, no momentum, no activations.
+    pub fn reset(&mut self, weights: [f64; N]) {
+        self.weights = weights;
+        self.weights_before = weights;
+        self.activations = [0.0; N];
+        self.input = f64::NAN;
+    }
+
+    /// Activates the nodes: h_j = exp(-(r - c_j)^2 / (2 b_j^2)), equation (12).
+    pub fn activate(&mut self, r: f64) {
+        if r == self.input {
+            return; // a set-point mostly stays, and exponentials are most of a sample's cost
+        }
+        for ((h, c), b) in self
+            .activations
+            .iter_mut()
+            .zip(self.centres)
+            .zip(self.widths)
+        {
+            let distance = r - c;
+            *h = libm::exp(-(distance * distance) / (2.0 * b * b));
+        }
+        self.input = r;
+    }
+
+    /// The output u_n = sum w_j h_j, equation (14).
+    pub fn output(&self) -> f64 {
+        self.weights
+            .iter()
+            .zip(self.activations)
+            .map(|(w, h)| w * h)
+            .sum()
+    }
+
+    /// One step of gradient descent on (u_n - target)^2 / 2 with momentum, (18), (19):
+    /// w(k) = w(k-1) - eta (u_n - target) h + alpha (w(k-1) - w(k-2)).
+    pub fn learn(&mut self, target: f64) {
+        let gradient = self.output() - target;
+        for j in 0..N {
+            let weight = self.weights[j];
+            self.weights[j] = weight - self.eta * gradient * self.activations[j]
+                + self.alpha * (weight - self.weights_before[j]);
+            self.weights_before[j] = weight;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The network of section 4: (42), (43), with centres and widths the right way round.
+    fn network() -> Rbf<4> {
+        Rbf {
+            centres: [-2.0, -1.0, 1.0, 2.0],
+            widths: [0.5; 4],
+            eta: 0.3,
+            alpha: 0.05,
+            ..Default::default()
+        }
+    }
+
+    fn norm_squared(h: &[f64; 4]) -> f64 {
+        h.iter().map(|h| h * h).sum()
+    }
+
+    #[test]
+    fn activations_are_gaussians_of_the_distance_to_the_centre() {
+        let mut rbf = network();
+        rbf.activate(1.0);
+        // Distances in widths: 6, 4, 0, 2.
+        let expected = [-18.0f64, -8.0, 0.0, -2.0].map(libm::exp);
+        for (h, expected) in rbf.activations.iter().zip(expected) {
+            assert!((h - expected).abs() < 1e-16);
+        }
+    }
+
+    #[test]
+    fn reset_forgets_the_activations_of_old_centres() {
+        let mut rbf = network();
+        rbf.activate(1.0);
+        rbf.centres[3] = 1.0;
+        rbf.reset([0.0; 4]);
+        rbf.activate(1.0);
+        assert_eq!(rbf.activations[3], 1.0);
+    }
+
+    /// Section 3.2 bounds the learning rate for a fixed target by eta |h|^2 < 2, with momentum by
+    /// 2 (1 + alpha): learning converges just below and diverges just above.
+    #[test]
+    fn learning_a_fixed_target_converges_exactly_within_the_bound() {
+        for alpha in [0.0, 0.05, 0.5] {
+            let mut rbf = network();
+            rbf.activate(1.0);
+            let limit = 2.0 * (1.0 + alpha) / norm_squared(&rbf.activations);
+            let mut misses = [0.999, 1.001].map(|factor| {
+                let mut rbf = Rbf {
+                    eta: factor * limit,
+                    alpha,
+                    ..rbf
+                };
+                for _ in 0..20_000 {
+                    rbf.learn(1.0);
+                }
+                (rbf.output() - 1.0).abs()
+            });
+            assert!(misses[0] < 1e-3, "below the bound: {misses:?}");
+            misses[1] = if misses[1].is_finite() {
+                misses[1]
+            } else {
+                f64::MAX
+            };
+            assert!(misses[1] > 1e3, "above the bound: {misses:?}");
+        }
+    }
+
+    #[test]
+    fn at_one_the_squared_norm_of_the_activations_is_one_plus_the_neighbours() {
+        let mut rbf = network();
+        rbf.activate(1.0);
+        let expected = 1.0 + libm::exp(-4.0) + libm::exp(-16.0) + libm::exp(-36.0);
+        assert!((norm_squared(&rbf.activations) - expected).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,85 @@
+//! Set-points and the disturbance of section 4, as functions of time.
+
+use core::f64::consts::PI;
+
+/// Times closer than this (s) to a jump are at the jump, so that a host's rounding cannot move it.
+fn tolerance(time: f64) -> f64 {
+    1e-9 + 4.0 * f64::EPSILON * time.abs()
+}
+
+/// `sin(2 pi f t)`: `frequency` f in Hz, `time` t in s.
+pub fn sine(frequency: f64, time: f64) -> f64 {
+    libm::sin(2.0 * PI * frequency * time)
+}
+
+/// `sign(sin(2 pi f t))`, odd in time, with `square(f, 0) = 0`: `frequency` f in Hz, `time` t in s.
+///
+/// At a jump the value before it (seen from t = 0) still holds. That is what the rounding of
+/// `sin` gives at the multiples of 1 ms, made independent of the last bit of `time`.
+pub fn square(frequency: f64, time: f64) -> f64 {
+    let half_periods = 2.0 * frequency * time.abs();
+    let band = 2.0 * frequency * tolerance(time);
+    if half_periods <= band {
+        return 0.0;
+    }
+    let passed_jumps = libm::ceil(half_periods - band) - 1.0;
+    let sign = if passed_jumps % 2.0 == 0.0 { 1.0 } else { -1.0 };
+    libm::copysign(sign, sign * time)
+}
+
+/// 1 for `start <= time < start + duration` (s), else 0.
+pub fn pulse(start: f64, duration: f64, time: f64) -> f64 {
+    let since = time - start + tolerance(time);
+    if (0.0..duration).contains(&since) {
+        1.0
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn square_is_the_sign_of_the_sine_between_jumps() {
+        for k in -40_000..40_000 {
+            let t = f64::from(k) * 0.001;
+            if k % 5000 != 0 {
+                let s = libm::sin(2.0 * PI * 0.1 * t);
+                assert_eq!(square(0.1, t), libm::copysign(1.0, s), "t = {t}");
+            }
+        }
+    }
+
+    #[test]
+    fn square_jumps_where_the_sampled_sine_does_whatever_the_rounding_of_time() {
+        assert_eq!(square(0.1, 0.0), 0.0);
+        for (jump, before) in [(5.0, 1.0), (10.0, -1.0), (15.0, 1.0), (20.0, -1.0)] {
+            let sampled = libm::sin(2.0 * PI * 0.1 * jump);
+            assert_eq!(libm::copysign(1.0, sampled), before);
+            for drift in [-1e-11, 0.0, 1e-11] {
+                assert_eq!(square(0.1, jump + drift), before, "t = {jump} + {drift}");
+            }
+            assert_eq!(square(0.1, jump + 0.001), -before);
+            assert_eq!(square(0.1, -jump), -before);
+        }
+    }
+
+    #[test]
+    fn pulse_holds_from_its_start_to_before_its_end_whatever_the_rounding_of_time() {
+        for drift in [-1e-11, 0.0, 1e-11] {
+            assert_eq!(pulse(5.0, 0.5, 4.999 + drift), 0.0);
+            assert_eq!(pulse(5.0, 0.5, 5.0 + drift), 1.0);
+            assert_eq!(pulse(5.0, 0.5, 5.499 + drift), 1.0);
+            assert_eq!(pulse(5.0, 0.5, 5.5 + drift), 0.0);
+        }
+        assert_eq!(pulse(5.0, 0.0, 5.0), 0.0);
+    }
+
+    #[test]
+    fn sine_has_its_frequency_in_hertz() {
+        assert!((sine(0.2, 1.25) - 1.0).abs() < 1e-15);
+        assert!(sine(0.2, 5.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,53 @@
+//! Nothing on the way of a sample or a step allocates: it can run where there is no heap.
+
+mod loops;
+
+use control::pid::Integral;
+use control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
+use control::{SampleClock, Target, signal};
+use loops::{TS, ipid_rbf, pid, pid_rbf};
+
+fn allocations(work: impl FnOnce()) -> u64 {
+    allocation_counter::measure(work).count_total
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
+}
+
+#[test]
+fn controllers_do_not_allocate() {
+    let mut clock = SampleClock::new(0.0, TS);
+    let mut pid = pid(Integral::Sum, true);
+    let mut pid_rbf = pid_rbf(true, [0.0; 4]);
+    let mut ipid_rbf = ipid_rbf(Target::Supervisor, [0.0; 4]);
+    let counted = allocations(|| {
+        for k in 0..100 {
+            let time = f64::from(k) * TS;
+            let r = signal::sine(0.2, time) + signal::square(0.1, time);
+            for _ in 0..clock.due(time, TS).unwrap() {
+                pid.sample(r, 0.1, 0.0);
+                pid_rbf.sample(r, 0.1, 0.0);
+                ipid_rbf.sample(r, 0.1, 0.0, pid_rbf.u);
+            }
+        }
+    });
+    assert_eq!(counted, 0);
+}
+
+#[test]
+fn plants_do_not_allocate_not_even_when_the_step_changes() {
+    let p = Parameters::PAPER;
+    let counted = allocations(|| {
+        let mut state = State::default();
+        let mut linear = Linear::new(&p);
+        let mut difference = TransferFunction::new(&p, TS, state);
+        for k in 1..100 {
+            linear.advance(&mut state, 1.0, f64::from(k) * 1e-4);
+            nonlinear::advance(&p, &mut state, 1.0, 1e-3).unwrap();
+            difference.advance(1.0);
+        }
+    });
+    assert_eq!(counted, 0);
+}
