@@ -1,0 +1,528 @@
+//! The table of a model's variables, and the functions that build its rows at compile time.
+
+use crate::Unit;
+use crate::unit::ONE;
+
+/// Who gives a variable its value (FMI 2.0.4, section 2.2.7).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Causality {
+    /// Set by the host before the simulation, or while it runs if the variability is tunable.
+    Parameter,
+    /// Set by the host, mostly from another model's output.
+    Input,
+    /// Computed by the model.
+    Output,
+}
+
+/// When a variable may change (FMI 2.0.4, section 2.2.7).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Variability {
+    /// Never after the initialization.
+    Fixed,
+    /// When the host sets it, between steps.
+    Tunable,
+    /// At certain instants only.
+    Discrete,
+    /// At any time.
+    Continuous,
+}
+
+/// One row of a model's table: what a variable is, and where its value lives in the model `M`.
+#[derive(Debug, Clone, Copy)]
+pub struct Variable<M: 'static> {
+    /// What it is.
+    pub info: Info,
+    access: Access<M>,
+}
+
+/// What a variable is: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
+#[derive(Debug, Clone, Copy)]
+pub struct Info {
+    /// Unique name, structured (`pid.kp`).
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub description: &'static str,
+    /// Who gives it its value.
+    pub causality: Causality,
+    /// When it may change.
+    pub variability: Variability,
+    /// Names of the parameters that its value after initialization depends on; the element of the
+    /// same index where both are arrays.
+    pub initially_from: &'static [&'static str],
+    /// Number of elements, if it is an array.
+    pub array: Option<usize>,
+    /// Type, start and bounds.
+    pub domain: Domain,
+}
+
+/// The type of a variable, its start and its bounds.
+#[derive(Debug, Clone, Copy)]
+pub enum Domain {
+    /// Real numbers.
+    Real {
+        /// Start values: none for an output.
+        start: Start,
+        /// Smallest value allowed; minus infinity for no bound.
+        min: f64,
+        /// Largest value allowed; infinity for no bound.
+        max: f64,
+        /// Unit of value, start and bounds.
+        unit: Unit,
+    },
+    /// Whole numbers.
+    Integer {
+        /// Start value.
+        start: i32,
+        /// Smallest and largest value allowed.
+        range: (i32, i32),
+    },
+    /// True or false.
+    Boolean {
+        /// Start value.
+        start: bool,
+    },
+    /// One item of an enumeration, held as its index from 1.
+    Enumeration {
+        /// The start item's index from 1.
+        start: i32,
+        /// The items.
+        items: &'static Enumeration,
+    },
+}
+
+/// How a value is reached in the model.
+#[derive(Debug, Clone, Copy)]
+enum Access<M: 'static> {
+    Real(fn(&mut M) -> &mut f64),
+    Reals(fn(&mut M) -> &mut [f64]),
+    /// An Integer, or the index of an Enumeration.
+    Integer(fn(&mut M) -> &mut i32),
+    Boolean(fn(&mut M) -> &mut bool),
+}
+
+/// Where the value of a scalar variable lives.
+#[derive(Debug)]
+pub enum Place<'a> {
+    /// A Real.
+    Real(&'a mut f64),
+    /// An Integer, or the index of an Enumeration.
+    Integer(&'a mut i32),
+    /// A Boolean.
+    Boolean(&'a mut bool),
+}
+
+/// Start values of a real variable.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    /// Calculated by the model.
+    None,
+    /// Of a scalar.
+    Scalar(f64),
+    /// Of every element of an array.
+    Array(&'static [f64]),
+}
+
+impl Start {
+    /// The start value of the element `index`, from 0.
+    pub const fn of(&self, index: usize) -> Option<f64> {
+        match self {
+            Self::None => None,
+            Self::Scalar(value) => Some(*value),
+            Self::Array(values) => Some(values[index]),
+        }
+    }
+}
+
+/// The items of an enumeration.
+#[derive(Debug, PartialEq)]
+pub struct Enumeration {
+    /// Name of the type in the XML.
+    pub name: &'static str,
+    /// What is chosen.
+    pub description: &'static str,
+    /// Name and description of each item; the first has the index 1.
+    pub items: &'static [(&'static str, &'static str)],
+}
+
+impl Info {
+    /// Number of scalar variables that it stands for.
+    pub const fn count(&self) -> usize {
+        match self.array {
+            Some(length) => length,
+            None => 1,
+        }
+    }
+
+    /// The name of the element `index`, from 0.
+    pub fn element_name(&self, index: usize) -> String {
+        match self.array {
+            Some(_) => format!("{}[{}]", self.name, index + 1),
+            None => self.name.to_owned(),
+        }
+    }
+}
+
+/// The rows of a table. Give the table's row type a short name, so that the closures know their
+/// model: `type Row = Variable<MyModel>;`.
+impl<M> Variable<M> {
+    /// A real input that starts at 0.
+    pub const fn input(name: &'static str, access: fn(&mut M) -> &mut f64) -> Self {
+        Self::new(
+            name,
+            (Causality::Input, Variability::Continuous),
+            real(Start::Scalar(0.0)),
+            Access::Real(access),
+        )
+    }
+
+    /// A real output.
+    pub const fn output(name: &'static str, access: fn(&mut M) -> &mut f64) -> Self {
+        Self::new(
+            name,
+            (Causality::Output, Variability::Continuous),
+            real(Start::None),
+            Access::Real(access),
+        )
+    }
+
+    /// `length` real outputs `name[1]`, `name[2]`, ...
+    pub const fn output_array(
+        name: &'static str,
+        length: usize,
+        access: fn(&mut M) -> &mut [f64],
+    ) -> Self {
+        Self::new(
+            name,
+            (Causality::Output, Variability::Continuous),
+            real(Start::None),
+            Access::Reals(access),
+        )
+        .array(length)
+    }
+
+    /// A real parameter that is fixed after the initialization.
+    pub const fn fixed(name: &'static str, start: f64, access: fn(&mut M) -> &mut f64) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Fixed),
+            real(Start::Scalar(start)),
+            Access::Real(access),
+        )
+    }
+
+    /// Real parameters `name[1]`, `name[2]`, ... that are fixed after the initialization.
+    pub const fn fixed_array(
+        name: &'static str,
+        start: &'static [f64],
+        access: fn(&mut M) -> &mut [f64],
+    ) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Fixed),
+            real(Start::Array(start)),
+            Access::Reals(access),
+        )
+        .array(start.len())
+    }
+
+    /// A real parameter that may be changed while the simulation runs.
+    pub const fn tunable(name: &'static str, start: f64, access: fn(&mut M) -> &mut f64) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Tunable),
+            real(Start::Scalar(start)),
+            Access::Real(access),
+        )
+    }
+
+    /// A fixed parameter that is a whole number within `range`, both ends included.
+    pub const fn integer(
+        name: &'static str,
+        start: i32,
+        range: (i32, i32),
+        access: fn(&mut M) -> &mut i32,
+    ) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Fixed),
+            Domain::Integer { start, range },
+            Access::Integer(access),
+        )
+    }
+
+    /// A fixed parameter that is true or false.
+    pub const fn flag(name: &'static str, start: bool, access: fn(&mut M) -> &mut bool) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Fixed),
+            Domain::Boolean { start },
+            Access::Boolean(access),
+        )
+    }
+
+    /// A fixed parameter that is one of the items of an enumeration, held as the index from 1.
+    pub const fn choice(
+        name: &'static str,
+        items: &'static Enumeration,
+        start: i32,
+        access: fn(&mut M) -> &mut i32,
+    ) -> Self {
+        Self::new(
+            name,
+            (Causality::Parameter, Variability::Fixed),
+            Domain::Enumeration { start, items },
+            Access::Integer(access),
+        )
+    }
+
+    const fn new(
+        name: &'static str,
+        (causality, variability): (Causality, Variability),
+        domain: Domain,
+        access: Access<M>,
+    ) -> Self {
+        Self {
+            info: Info {
+                name,
+                description: "",
+                causality,
+                variability,
+                initially_from: &[],
+                array: None,
+                domain,
+            },
+            access,
+        }
+    }
+
+    const fn array(mut self, length: usize) -> Self {
+        self.info.array = Some(length);
+        self
+    }
+
+    /// Says what the variable is.
+    pub const fn about(mut self, description: &'static str) -> Self {
+        self.info.description = description;
+        self
+    }
+
+    /// Gives the unit of a real variable; without it, it has the unit 1.
+    pub const fn unit(mut self, new: Unit) -> Self {
+        match &mut self.info.domain {
+            Domain::Real { unit, .. } => *unit = new,
+            _ => panic!("only a real variable has a unit"),
+        }
+        self
+    }
+
+    /// Bounds a real variable from below.
+    pub const fn at_least(mut self, bound: f64) -> Self {
+        match &mut self.info.domain {
+            Domain::Real { min, .. } => *min = bound,
+            _ => panic!("only a real variable has real bounds"),
+        }
+        self
+    }
+
+    /// Bounds a real variable from above.
+    pub const fn at_most(mut self, bound: f64) -> Self {
+        match &mut self.info.domain {
+            Domain::Real { max, .. } => *max = bound,
+            _ => panic!("only a real variable has real bounds"),
+        }
+        self
+    }
+
+    /// Says that an output changes at certain instants only, such as sample instants.
+    pub const fn discrete(mut self) -> Self {
+        self.info.variability = Variability::Discrete;
+        self
+    }
+
+    /// Names the parameters that an output's value after initialization depends on.
+    pub const fn initially_from(mut self, parameters: &'static [&'static str]) -> Self {
+        self.info.initially_from = parameters;
+        self
+    }
+
+    /// Where the value of the element `index` (from 0) lives in `model`; none if the model's array
+    /// is shorter than the table says.
+    pub fn place<'a>(&self, model: &'a mut M, index: usize) -> Option<Place<'a>> {
+        Some(match self.access {
+            Access::Real(access) => Place::Real(access(model)),
+            Access::Reals(access) => Place::Real(access(model).get_mut(index)?),
+            Access::Integer(access) => Place::Integer(access(model)),
+            Access::Boolean(access) => Place::Boolean(access(model)),
+        })
+    }
+
+    /// Sets the variable, if it has start values, to them.
+    pub fn start(&self, model: &mut M) {
+        for index in 0..self.info.count() {
+            match (self.place(model, index), &self.info.domain) {
+                (Some(Place::Real(value)), Domain::Real { start, .. }) => {
+                    if let Some(start) = start.of(index) {
+                        *value = start;
+                    }
+                }
+                (
+                    Some(Place::Integer(value)),
+                    Domain::Integer { start, .. } | Domain::Enumeration { start, .. },
+                ) => *value = *start,
+                (Some(Place::Boolean(value)), Domain::Boolean { start }) => *value = *start,
+                _ => {}
+            }
+        }
+    }
+}
+
+const fn real(start: Start) -> Domain {
+    Domain::Real {
+        start,
+        min: f64::NEG_INFINITY,
+        max: f64::INFINITY,
+        unit: ONE,
+    }
+}
+
+/// Stops the compilation when a table is wrong: a name twice or longer than 63 bytes, an empty
+/// description, a start outside its bounds.
+pub const fn check<M>(variables: &[Variable<M>]) {
+    let mut i = 0;
+    while i < variables.len() {
+        let info = &variables[i].info;
+        assert!(
+            !info.name.is_empty() && info.name.len() <= 59,
+            "a name has 1 to 59 bytes (63 with the index of an array)"
+        );
+        assert!(!info.description.is_empty(), "a variable needs `about`");
+        check_start(info);
+        let mut j = 0;
+        while j < i {
+            assert!(
+                !equal(info.name.as_bytes(), variables[j].info.name.as_bytes()),
+                "two variables have the same name"
+            );
+            j += 1;
+        }
+        i += 1;
+    }
+}
+
+const fn check_start(info: &Info) {
+    match &info.domain {
+        Domain::Real {
+            start, min, max, ..
+        } => {
+            let mut i = 0;
+            while i < info.count() {
+                if let Some(start) = start.of(i) {
+                    assert!(
+                        *min <= start && start <= *max,
+                        "a start value lies outside its bounds"
+                    );
+                }
+                i += 1;
+            }
+        }
+        Domain::Integer { start, range } => {
+            assert!(
+                range.0 <= *start && *start <= range.1,
+                "a start value lies outside its range"
+            );
+        }
+        Domain::Boolean { .. } => {}
+        Domain::Enumeration { start, items } => {
+            assert!(
+                1 <= *start && *start as usize <= items.items.len(),
+                "a start item does not exist"
+            );
+        }
+    }
+}
+
+const fn equal(a: &[u8], b: &[u8]) -> bool {
+    if a.len() != b.len() {
+        return false;
+    }
+    let mut i = 0;
+    while i < a.len() {
+        if a[i] != b[i] {
+            return false;
+        }
+        i += 1;
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Default)]
+    struct Model {
+        k: f64,
+        w: [f64; 3],
+    }
+
+    type Row = Variable<Model>;
+
+    fn k() -> Row {
+        Row::tunable("k", 2.0, |m| &mut m.k).about("gain")
+    }
+
+    #[test]
+    fn rows_reach_the_values_of_the_model() {
+        let mut model = Model::default();
+        k().start(&mut model);
+        assert_eq!(model.k, 2.0);
+        let w = Row::fixed_array("w", &[1.0, 2.0, 3.0], |m| &mut m.w);
+        w.start(&mut model);
+        let Some(Place::Real(second)) = w.place(&mut model, 1) else {
+            panic!()
+        };
+        *second = 7.0;
+        assert_eq!(model.w, [1.0, 7.0, 3.0]);
+        assert!(w.place(&mut model, 3).is_none());
+    }
+
+    #[test]
+    fn arrays_count_and_name_their_elements() {
+        let w = Row::output_array("rbf.w", 3, |m| &mut m.w).info;
+        assert_eq!(w.count(), 3);
+        assert_eq!(w.element_name(2), "rbf.w[3]");
+        assert_eq!(k().info.element_name(0), "k");
+    }
+
+    #[test]
+    #[should_panic(expected = "same name")]
+    fn a_name_cannot_stand_twice() {
+        check(&[k(), k()]);
+    }
+
+    #[test]
+    #[should_panic(expected = "outside its bounds")]
+    fn a_start_lies_within_its_bounds() {
+        check(&[k().at_most(1.0)]);
+    }
+
+    #[test]
+    #[should_panic(expected = "outside its bounds")]
+    fn every_start_of_an_array_lies_within_its_bounds() {
+        check(&[Row::fixed_array("w", &[1.0, 2.0, -3.0], |m| &mut m.w)
+            .at_least(0.0)
+            .about("weights")]);
+    }
+
+    #[test]
+    #[should_panic(expected = "needs `about`")]
+    fn every_variable_is_described() {
+        check(&[Row::input("u", |m| &mut m.k)]);
+    }
+
+    #[test]
+    #[should_panic(expected = "only a real variable")]
+    fn only_reals_have_units() {
+        let _ = Row::integer("n", 1, (0, 2), |_| unreachable!()).unit(ONE);
+    }
+}
