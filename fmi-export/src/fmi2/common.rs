@@ -1,0 +1,97 @@
+//! Functions for every kind of FMU (FMI 2.0.4, section 2.1): identity, life cycle, logging.
+
+use std::ffi::CStr;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use super::{
+    fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, slice, text, with,
+};
+use crate::component::Component;
+
+/// `fmi2GetTypesPlatform`
+#[unsafe(no_mangle)]
+pub extern "C" fn fmi2GetTypesPlatform() -> fmi2String {
+    c"default".as_ptr()
+}
+
+/// `fmi2GetVersion`
+#[unsafe(no_mangle)]
+pub extern "C" fn fmi2GetVersion() -> fmi2String {
+    c"2.0".as_ptr()
+}
+
+/// `fmi2FreeInstance`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2FreeInstance(c: fmi2Component) {
+    if c.is_null() {
+        return;
+    }
+    // SAFETY: not NULL, so by the caller's promise an instance that is not freed; `instantiate` made
+    // the pointer from a box.
+    let component = unsafe { Box::from_raw(c.cast::<Component>()) };
+    // A model's destructor may panic too; then its memory is lost, and the host lives on.
+    let _ = catch_unwind(AssertUnwindSafe(|| drop(component)));
+}
+
+/// `fmi2SetDebugLogging`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2SetDebugLogging(
+    c: fmi2Component,
+    logging_on: fmi2Boolean,
+    n: usize,
+    categories: *const fmi2String,
+) -> fmi2Status {
+    // SAFETY: the caller's promise: `n` texts, or NULL.
+    let names: Option<Vec<&CStr>> = unsafe { slice(categories, n) }
+        .and_then(|names| names.iter().map(|&name| unsafe { text(name) }).collect());
+    // SAFETY: the caller's promise.
+    unsafe {
+        with(c, |component| match names {
+            Some(names) => component.set_debug_logging(logging_on != fmi2False, &names),
+            None => component.refuse("fmi2SetDebugLogging", "a category is NULL"),
+        })
+    }
+}
+
+/// `fmi2SetupExperiment`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2SetupExperiment(
+    c: fmi2Component,
+    _tolerance_defined: fmi2Boolean,
+    _tolerance: fmi2Real,
+    start_time: fmi2Real,
+    stop_time_defined: fmi2Boolean,
+    stop_time: fmi2Real,
+) -> fmi2Status {
+    let stop = (stop_time_defined != fmi2False).then_some(stop_time);
+    // SAFETY: the caller's promise.
+    unsafe { with(c, |component| component.setup_experiment(start_time, stop)) }
+}
+
+/// `fmi2EnterInitializationMode`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2EnterInitializationMode(c: fmi2Component) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { with(c, Component::enter_initialization_mode) }
+}
+
+/// `fmi2ExitInitializationMode`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2ExitInitializationMode(c: fmi2Component) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { with(c, Component::exit_initialization_mode) }
+}
+
+/// `fmi2Terminate`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2Terminate(c: fmi2Component) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { with(c, Component::terminate) }
+}
+
+/// `fmi2Reset`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2Reset(c: fmi2Component) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { with(c, Component::reset) }
+}

@@ -1,0 +1,73 @@
+//! Functions that the model description says are not there: importers bind them all the same. Each
+//! returns `fmi2Error` and logs why.
+
+use super::{
+    fmi2Boolean, fmi2Byte, fmi2Component, fmi2EventInfo, fmi2FMUstate, fmi2Integer, fmi2Real,
+    fmi2Status, fmi2StatusKind, fmi2String, fmi2ValueReference, with,
+};
+
+const MODEL_EXCHANGE: &str = "this FMU is for co-simulation, not for model exchange";
+const SYNCHRONOUS: &str = "the slave steps synchronously: canRunAsynchronuously is false";
+const STATE: &str = "canGetAndSetFMUstate is false";
+const SERIALIZED: &str = "canSerializeFMUstate is false";
+const DERIVATIVES: &str = "providesDirectionalDerivative is false";
+const INTERPOLATION: &str = "inputs are held over a step: canInterpolateInputs is false";
+const OUTPUT_DERIVATIVES: &str = "maxOutputDerivativeOrder is 0";
+
+macro_rules! unsupported {
+    ($($function:ident($($argument:ty),*): $reason:expr;)*) => {
+        $(
+            #[doc = concat!("`", stringify!($function), "`")]
+            #[unsafe(no_mangle)]
+            pub unsafe extern "C" fn $function(c: fmi2Component, $(_: $argument),*) -> fmi2Status {
+                // SAFETY: the caller's promise.
+                unsafe { with(c, |component| component.refuse(stringify!($function), $reason)) }
+            }
+        )*
+    };
+}
+
+unsupported! {
+    fmi2GetFMUstate(*mut fmi2FMUstate): STATE;
+    fmi2SetFMUstate(fmi2FMUstate): STATE;
+    fmi2FreeFMUstate(*mut fmi2FMUstate): STATE;
+    fmi2SerializedFMUstateSize(fmi2FMUstate, *mut usize): SERIALIZED;
+    fmi2SerializeFMUstate(fmi2FMUstate, *mut fmi2Byte, usize): SERIALIZED;
+    fmi2DeSerializeFMUstate(*const fmi2Byte, usize, *mut fmi2FMUstate): SERIALIZED;
+    fmi2GetDirectionalDerivative(
+        *const fmi2ValueReference,
+        usize,
+        *const fmi2ValueReference,
+        usize,
+        *const fmi2Real,
+        *mut fmi2Real
+    ): DERIVATIVES;
+
+    fmi2SetRealInputDerivatives(
+        *const fmi2ValueReference,
+        usize,
+        *const fmi2Integer,
+        *const fmi2Real
+    ): INTERPOLATION;
+    fmi2GetRealOutputDerivatives(
+        *const fmi2ValueReference,
+        usize,
+        *const fmi2Integer,
+        *mut fmi2Real
+    ): OUTPUT_DERIVATIVES;
+    fmi2CancelStep(): SYNCHRONOUS;
+    fmi2GetStatus(fmi2StatusKind, *mut fmi2Status): SYNCHRONOUS;
+    fmi2GetIntegerStatus(fmi2StatusKind, *mut fmi2Integer): SYNCHRONOUS;
+    fmi2GetStringStatus(fmi2StatusKind, *mut fmi2String): SYNCHRONOUS;
+
+    fmi2EnterEventMode(): MODEL_EXCHANGE;
+    fmi2NewDiscreteStates(*mut fmi2EventInfo): MODEL_EXCHANGE;
+    fmi2EnterContinuousTimeMode(): MODEL_EXCHANGE;
+    fmi2CompletedIntegratorStep(fmi2Boolean, *mut fmi2Boolean, *mut fmi2Boolean): MODEL_EXCHANGE;
+    fmi2SetTime(fmi2Real): MODEL_EXCHANGE;
+    fmi2SetContinuousStates(*const fmi2Real, usize): MODEL_EXCHANGE;
+    fmi2GetDerivatives(*mut fmi2Real, usize): MODEL_EXCHANGE;
+    fmi2GetEventIndicators(*mut fmi2Real, usize): MODEL_EXCHANGE;
+    fmi2GetContinuousStates(*mut fmi2Real, usize): MODEL_EXCHANGE;
+    fmi2GetNominalsOfContinuousStates(*mut fmi2Real, usize): MODEL_EXCHANGE;
+}

@@ -1,0 +1,147 @@
+//! The log categories of FMI 2.0.4 (section 2.2.4), and the way to the host's logger.
+
+use std::ffi::{CStr, CString};
+
+use crate::fmi2::{fmi2CallbackLogger, fmi2ComponentEnvironment, fmi2Status};
+
+/// A log category.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Category {
+    Error = 1 << 0,
+    Fatal = 1 << 1,
+    Events = 1 << 2,
+}
+
+/// Every category that the slave logs to.
+const CATEGORIES: [(Category, &CStr, &str); 3] = [
+    (
+        Category::Error,
+        c"logStatusError",
+        "calls and steps that failed",
+    ),
+    (
+        Category::Fatal,
+        c"logStatusFatal",
+        "failures after which the instance is dead",
+    ),
+    (
+        Category::Events,
+        c"logEvents",
+        "changes of the slave's state",
+    ),
+];
+
+/// The category that stands for all.
+const ALL: (&str, &str) = ("logAll", "all messages");
+
+const EVERY: u8 = Category::Error as u8 | Category::Fatal as u8 | Category::Events as u8;
+const FAILURES: u8 = Category::Error as u8 | Category::Fatal as u8;
+
+/// Names and descriptions of all categories, for the XML.
+#[cfg(feature = "describe")]
+pub(crate) fn categories() -> Vec<(&'static str, &'static str)> {
+    CATEGORIES
+        .iter()
+        .map(|(_, name, description)| (name.to_str().unwrap_or_default(), *description))
+        .chain([ALL])
+        .collect()
+}
+
+/// Where the messages of one instance go.
+pub(crate) struct Log {
+    logger: Option<fmi2CallbackLogger>,
+    environment: fmi2ComponentEnvironment,
+    instance: CString,
+    /// Categories that are on, as a set of [`Category`] bits.
+    on: u8,
+}
+
+impl Log {
+    /// Failures are always told, until the host switches them off by `fmi2SetDebugLogging`; events
+    /// only if `debug`.
+    pub(crate) fn new(
+        logger: Option<fmi2CallbackLogger>,
+        environment: fmi2ComponentEnvironment,
+        instance: CString,
+        debug: bool,
+    ) -> Self {
+        let on = if debug { EVERY } else { FAILURES };
+        Self {
+            logger,
+            environment,
+            instance,
+            on,
+        }
+    }
+
+    /// Switches off every category, and on the named ones; without names, all.
+    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), String> {
+        let mut set = 0;
+        for name in categories {
+            set |= Self::bits(name)?;
+        }
+        self.on = match (on, categories.is_empty()) {
+            (true, true) => EVERY,
+            (true, false) => set,
+            (false, true) => 0,
+            (false, false) => self.on & !set,
+        };
+        Ok(())
+    }
+
+    fn bits(name: &CStr) -> Result<u8, String> {
+        if name.to_bytes() == ALL.0.as_bytes() {
+            return Ok(EVERY);
+        }
+        CATEGORIES
+            .iter()
+            .find(|(_, category, _)| *category == name)
+            .map(|(category, _, _)| *category as u8)
+            .ok_or_else(|| {
+                let known: Vec<_> = CATEGORIES
+                    .iter()
+                    .map(|(_, name, _)| name.to_string_lossy())
+                    .collect();
+                format!(
+                    "log category {:?} is unknown; there are {}, {}",
+                    name,
+                    known.join(", "),
+                    ALL.0
+                )
+            })
+    }
+
+    /// Sends a message, which is only made if somebody hears it.
+    pub(crate) fn send(&self, category: Category, message: impl FnOnce() -> String) {
+        let Some(logger) = self.logger else { return };
+        if self.on & category as u8 == 0 {
+            return;
+        }
+        let status = match category {
+            Category::Error => fmi2Status::fmi2Error,
+            Category::Fatal => fmi2Status::fmi2Fatal,
+            Category::Events => fmi2Status::fmi2OK,
+        };
+        let name = CATEGORIES
+            .iter()
+            .find(|(known, _, _)| *known == category)
+            .map_or(c"logAll", |(_, name, _)| *name);
+        // A zero inside would end the text early for the host; a message never holds one, but a
+        // name that the host gave may be quoted.
+        let text = CString::new(message().replace('\0', " ")).unwrap_or_default();
+        // SAFETY: the host gave this function to be called with these C types (FMI 2.0.4, section
+        // 2.1.5); all texts end in zero and live through the call; the text is an argument of the
+        // format "%s", never the format itself.
+        unsafe {
+            logger(
+                self.environment,
+                self.instance.as_ptr(),
+                status,
+                name.as_ptr(),
+                c"%s".as_ptr(),
+                text.as_ptr(),
+            );
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! Reading and writing the values of a slave, and the reasons for which it is refused.
+
+use std::fmt::Display;
+
+use model_description::{Causality, Domain, Info, Place, Variability};
+
+use crate::slave::{Scalar, Slave};
+
+/// Why a value cannot be read or written: a text for the user.
+pub(crate) type Refusal = String;
+
+/// A type of FMI, as the host reads and writes it.
+pub(crate) trait Value: Copy + Display {
+    /// Name of the type.
+    const TYPE: &'static str;
+    /// The value that lives at a place, if it is of this type.
+    fn read(place: &Place<'_>) -> Option<Self>;
+    /// What was expected instead of this value, if it is not allowed.
+    fn unexpected(self, domain: &Domain) -> Option<String>;
+    /// Puts the value at a place of its type.
+    fn write(self, place: Place<'_>);
+}
+
+impl Value for f64 {
+    const TYPE: &'static str = "Real";
+
+    fn read(place: &Place<'_>) -> Option<Self> {
+        match place {
+            Place::Real(value) => Some(**value),
+            _ => None,
+        }
+    }
+
+    fn unexpected(self, domain: &Domain) -> Option<String> {
+        let Domain::Real { min, max, unit, .. } = domain else {
+            return None;
+        };
+        if self.is_finite() && *min <= self && self <= *max {
+            return None;
+        }
+        let bounds = match (min.is_finite(), max.is_finite()) {
+            (true, true) => format!(" from {min} to {max}"),
+            (true, false) => format!(" of at least {min}"),
+            (false, true) => format!(" of at most {max}"),
+            (false, false) => String::new(),
+        };
+        Some(format!("a finite number{bounds} [{}]", unit.name))
+    }
+
+    fn write(self, place: Place<'_>) {
+        if let Place::Real(value) = place {
+            *value = self;
+        }
+    }
+}
+
+impl Value for i32 {
+    const TYPE: &'static str = "Integer";
+
+    fn read(place: &Place<'_>) -> Option<Self> {
+        match place {
+            Place::Integer(value) => Some(**value),
+            _ => None,
+        }
+    }
+
+    fn unexpected(self, domain: &Domain) -> Option<String> {
+        match domain {
+            Domain::Integer { range, .. } if self < range.0 || range.1 < self => {
+                Some(format!("a whole number from {} to {}", range.0, range.1))
+            }
+            Domain::Enumeration { items, .. } => {
+                let index = usize::try_from(self).unwrap_or(0);
+                if 1 <= index && index <= items.items.len() {
+                    return None;
+                }
+                let names: Vec<String> = (1..)
+                    .zip(items.items)
+                    .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
+                    .collect();
+                Some(names.join(", "))
+            }
+            _ => None,
+        }
+    }
+
+    fn write(self, place: Place<'_>) {
+        if let Place::Integer(value) = place {
+            *value = self;
+        }
+    }
+}
+
+/// A Boolean as C has it: 0 or 1.
+#[derive(Clone, Copy)]
+#[repr(transparent)]
+pub(crate) struct Boolean(pub(crate) i32);
+
+impl Display for Boolean {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Value for Boolean {
+    const TYPE: &'static str = "Boolean";
+
+    fn read(place: &Place<'_>) -> Option<Self> {
+        match place {
+            Place::Boolean(value) => Some(Self(i32::from(**value))),
+            _ => None,
+        }
+    }
+
+    fn unexpected(self, _: &Domain) -> Option<String> {
+        (self.0 != 0 && self.0 != 1).then(|| "0 (false) or 1 (true)".into())
+    }
+
+    fn write(self, place: Place<'_>) {
+        if let Place::Boolean(value) = place {
+            *value = self.0 == 1;
+        }
+    }
+}
+
+/// Reads the values of the references.
+pub(crate) fn get<V: Value>(
+    slave: &mut dyn Slave,
+    references: &[u32],
+    values: &mut [V],
+) -> Result<(), Refusal> {
+    for (&reference, value) in references.iter().zip(values) {
+        let Some(scalar) = slave.find(reference) else {
+            return Err(unknown(slave, reference));
+        };
+        *value = V::read(&scalar.place).ok_or_else(|| wrong_type::<V>(&scalar))?;
+    }
+    Ok(())
+}
+
+/// Writes all values, or none. `running`: the initialization is over.
+pub(crate) fn set<V: Value>(
+    slave: &mut dyn Slave,
+    references: &[u32],
+    values: &[V],
+    running: bool,
+) -> Result<(), Refusal> {
+    for (&reference, &value) in references.iter().zip(values) {
+        let Some(scalar) = slave.find(reference) else {
+            return Err(unknown(slave, reference));
+        };
+        if V::read(&scalar.place).is_none() {
+            return Err(wrong_type::<V>(&scalar));
+        }
+        if let Some(reason) = not_settable(scalar.info, running) {
+            return Err(format!("{} is {reason}", name(&scalar)));
+        }
+        if let Some(expected) = value.unexpected(&scalar.info.domain) {
+            let name = name(&scalar);
+            return Err(format!("{name} = {value} is refused; expected {expected}"));
+        }
+    }
+    for (&reference, &value) in references.iter().zip(values) {
+        if let Some(scalar) = slave.find(reference) {
+            value.write(scalar.place);
+        }
+    }
+    Ok(())
+}
+
+/// Why a reference cannot be that of a String: no variable is one.
+pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(), Refusal> {
+    let Some(&reference) = references.first() else {
+        return Ok(());
+    };
+    Err(match slave.find(reference) {
+        Some(scalar) => format!("{} is not a String", name(&scalar)),
+        None => unknown(slave, reference),
+    })
+}
+
+fn name(scalar: &Scalar<'_>) -> String {
+    scalar.info.element_name(scalar.element)
+}
+
+/// Why the host may not set the variable now, if it may not.
+fn not_settable(info: &Info, running: bool) -> Option<&'static str> {
+    match (info.causality, info.variability) {
+        (Causality::Output, _) => Some("an output, which only the model sets"),
+        (_, Variability::Fixed) if running => {
+            Some("a fixed parameter, which cannot be set after the initialization")
+        }
+        _ => None,
+    }
+}
+
+#[cold]
+fn unknown(slave: &dyn Slave, reference: u32) -> Refusal {
+    format!(
+        "value reference {reference} is unknown; the model has 0 to {}",
+        slave.count().saturating_sub(1)
+    )
+}
+
+#[cold]
+fn wrong_type<V: Value>(scalar: &Scalar<'_>) -> Refusal {
+    let actual = match scalar.info.domain {
+        Domain::Real { .. } => "Real",
+        Domain::Integer { .. } => "Integer",
+        Domain::Boolean { .. } => "Boolean",
+        Domain::Enumeration { .. } => "Enumeration, which is reached as Integer",
+    };
+    format!("{} is of type {actual}, not {}", name(scalar), V::TYPE)
+}
