@@ -1,0 +1,6 @@
+//! Prints the `modelDescription.xml` of every model of this library, for the exporter.
+#![forbid(unsafe_code)]
+
+fn main() -> std::io::Result<()> {
+    fmi_export::print_descriptions(fmu_controller::MODELS)
+}

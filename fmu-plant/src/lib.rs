@@ -1,0 +1,8 @@
+//! The cart with the inverted pendulum as an FMU.
+#![forbid(unsafe_code)]
+
+mod pendulum;
+
+pub use pendulum::Pendulum;
+
+fmi_export::export!(Pendulum);

@@ -1,0 +1,197 @@
+//! The pendulum in its three forms behind one interface.
+
+use control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
+use fmi_export::unit::{
+    KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
+    NEWTON_SECOND_PER_METRE, RADIAN, RADIAN_PER_SECOND, SECOND,
+};
+use fmi_export::{Enumeration, Model, ModelError, Variable, finite};
+
+/// Cart with inverted pendulum, driven by the force `u`, which is held over a communication step.
+#[derive(Default)]
+pub struct Pendulum {
+    u: f64,
+    state: State,
+    start: State,
+    parameters: Parameters,
+    ts: f64,
+    model: i32,
+    dynamics: Dynamics,
+}
+
+/// The chosen form of the plant, made at the initialization.
+#[derive(Default)]
+enum Dynamics {
+    TransferFunction(TransferFunction),
+    Linear(Box<Linear>),
+    #[default]
+    Nonlinear,
+}
+
+const TRANSFER_FUNCTION: i32 = 1;
+const LINEAR: i32 = 2;
+const FORM: Enumeration = Enumeration {
+    name: "PlantModel",
+    description: "Form of the plant",
+    items: &[
+        (
+            "transfer_function",
+            "difference equation (41) at the sample time ts; theta only",
+        ),
+        ("linear", "linear state space (9), exact for any step"),
+        (
+            "nonlinear",
+            "equations (7), (8), integrated with error control",
+        ),
+    ],
+};
+
+type Row = Variable<Pendulum>;
+
+impl Model for Pendulum {
+    const NAME: &'static str = "Pendulum";
+    const DESCRIPTION: &'static str = "Cart with an inverted pendulum";
+    const VARIABLES: &'static [Row] = &[
+        Row::input("u", |m| &mut m.u)
+            .unit(NEWTON)
+            .about("force on the cart"),
+        Row::output("theta", |m| &mut m.state.theta)
+            .unit(RADIAN)
+            .initially_from(&["theta0"])
+            .about("angle of the pendulum from the upright"),
+        Row::output("omega", |m| &mut m.state.omega)
+            .unit(RADIAN_PER_SECOND)
+            .initially_from(&["omega0", "model"])
+            .about("angular velocity of the pendulum"),
+        Row::output("x", |m| &mut m.state.x)
+            .unit(METRE)
+            .initially_from(&["x0", "model"])
+            .about("position of the cart"),
+        Row::output("v", |m| &mut m.state.v)
+            .unit(METRE_PER_SECOND)
+            .initially_from(&["v0", "model"])
+            .about("velocity of the cart"),
+        Row::fixed("M", Parameters::PAPER.M, |m| &mut m.parameters.M)
+            .unit(KILOGRAM)
+            .at_least(1e-6)
+            .at_most(1e6)
+            .about("mass of the cart"),
+        Row::fixed("m", Parameters::PAPER.m, |m| &mut m.parameters.m)
+            .unit(KILOGRAM)
+            .at_least(1e-6)
+            .at_most(1e6)
+            .about("mass of the pendulum"),
+        Row::fixed("l", Parameters::PAPER.l, |m| &mut m.parameters.l)
+            .unit(METRE)
+            .at_least(1e-3)
+            .at_most(1e3)
+            .about("distance from the pivot to the pendulum's centre of mass"),
+        Row::fixed("g", Parameters::PAPER.g, |m| &mut m.parameters.g)
+            .unit(METRE_PER_SECOND_SQUARED)
+            .at_least(0.0)
+            .at_most(1e3)
+            .about("gravitational acceleration"),
+        Row::fixed("I", Parameters::PAPER.I, |m| &mut m.parameters.I)
+            .unit(KILOGRAM_METRE_SQUARED)
+            .at_least(0.0)
+            .at_most(1e6)
+            .about("inertia of the pendulum about its centre of mass"),
+        Row::fixed("b", Parameters::PAPER.b, |m| &mut m.parameters.b)
+            .unit(NEWTON_SECOND_PER_METRE)
+            .at_least(0.0)
+            .at_most(1e6)
+            .about("friction of the cart"),
+        Row::fixed("theta0", 0.0, |m| &mut m.start.theta)
+            .unit(RADIAN)
+            .at_least(-1e3)
+            .at_most(1e3)
+            .about("angle at the start"),
+        Row::fixed("omega0", 0.0, |m| &mut m.start.omega)
+            .unit(RADIAN_PER_SECOND)
+            .at_least(-1e3)
+            .at_most(1e3)
+            .about("angular velocity at the start"),
+        Row::fixed("x0", 0.0, |m| &mut m.start.x)
+            .unit(METRE)
+            .at_least(-1e6)
+            .at_most(1e6)
+            .about("position of the cart at the start"),
+        Row::fixed("v0", 0.0, |m| &mut m.start.v)
+            .unit(METRE_PER_SECOND)
+            .at_least(-1e6)
+            .at_most(1e6)
+            .about("velocity of the cart at the start"),
+        Row::fixed("ts", 0.001, |m| &mut m.ts)
+            .unit(SECOND)
+            .at_least(1e-6)
+            .at_most(1.0)
+            .about("sample time of the transfer function"),
+        Row::choice("model", &FORM, LINEAR, |m| &mut m.model).about("form of the plant"),
+    ];
+
+    fn initialize(&mut self, _start_time: f64) -> Result<(), ModelError> {
+        self.state = self.start;
+        self.dynamics = match self.model {
+            TRANSFER_FUNCTION => {
+                let plant = TransferFunction::new(&self.parameters, self.ts, self.start);
+                self.state = State {
+                    theta: plant.theta(),
+                    ..State::default()
+                };
+                Dynamics::TransferFunction(plant)
+            }
+            LINEAR => Dynamics::Linear(Box::new(Linear::new(&self.parameters))),
+            _ => Dynamics::Nonlinear,
+        };
+        Ok(())
+    }
+
+    fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+        match &mut self.dynamics {
+            Dynamics::TransferFunction(plant) => {
+                for _ in 0..whole_samples(step, self.ts)? {
+                    self.state.theta = plant.advance(self.u);
+                }
+            }
+            Dynamics::Linear(plant) => {
+                let step = snap(step, self.ts);
+                plant.advance(&mut self.state, self.u, step);
+            }
+            Dynamics::Nonlinear => {
+                nonlinear::advance(&self.parameters, &mut self.state, self.u, step)?;
+            }
+        }
+        let State { x, v, theta, omega } = self.state;
+        finite(&[("theta", theta), ("omega", omega), ("x", x), ("v", v)])
+    }
+}
+
+/// How many sample times `ts` a step is, up to a millionth of a sample time.
+fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
+    /// More samples in one step are refused rather than computed for minutes.
+    const MOST: f64 = 1e8;
+    let samples = (step / ts).round();
+    if (step / ts - samples).abs() > 1e-6 {
+        return Err(ModelError::new(format_args!(
+            "with the model transfer_function the communication step must be a whole number of ts = {ts} s, but it is {step} s"
+        )));
+    }
+    if samples > MOST {
+        return Err(ModelError::new(format_args!(
+            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MOST} that are computed in one step"
+        )));
+    }
+    Ok(samples as u32)
+}
+
+/// The whole number of sample times that the step is but for a host's rounding, else the step
+/// itself: without it, a host that computes its step as a difference of times would have the matrix
+/// exponential computed at every step.
+fn snap(step: f64, ts: f64) -> f64 {
+    let nominal = (step / ts).round() * ts;
+    if (step - nominal).abs() <= 1e-9 * nominal {
+        nominal
+    } else {
+        step
+    }
+}
