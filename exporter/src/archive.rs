@@ -1,0 +1,193 @@
+//! FMU files: zip archives, written the same for the same content, and read with care.
+
+use std::fs::File;
+use std::io::{Cursor, Read, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use tempfile::{Builder, NamedTempFile};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
+
+/// A model description larger than this is not read: it is damaged, or made to exhaust memory.
+const MOST_XML: u64 = 64 << 20;
+
+/// A file in an archive.
+pub struct Entry<'a> {
+    path: String,
+    content: &'a [u8],
+    mode: u32,
+}
+
+impl<'a> Entry<'a> {
+    /// A file to be read.
+    pub fn text(path: impl Into<String>, content: &'a [u8]) -> Self {
+        Self {
+            path: path.into(),
+            content,
+            mode: 0o644,
+        }
+    }
+
+    /// A file to be loaded or run.
+    pub fn program(path: impl Into<String>, content: &'a [u8]) -> Self {
+        Self {
+            path: path.into(),
+            content,
+            mode: 0o755,
+        }
+    }
+}
+
+/// A temporary file in a folder, with the permissions of any new file.
+fn temporary(folder: &Path) -> Result<NamedTempFile> {
+    let mut builder = Builder::new();
+    builder.prefix(".fmu-");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder
+        .tempfile_in(folder)
+        .with_context(|| format!("cannot write to the folder {}", folder.display()))
+}
+
+/// Checks that files can be written to a folder.
+pub fn check_writable(folder: &Path) -> Result<()> {
+    temporary(folder).map(drop)
+}
+
+/// Writes an archive, whole or not at all, and returns its size in bytes.
+pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
+    let bytes = zip(entries).with_context(|| format!("cannot pack {}", file.display()))?;
+    let folder = match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut temporary = temporary(folder)?;
+    temporary
+        .write_all(&bytes)
+        .and_then(|()| temporary.as_file().sync_all())
+        .with_context(|| format!("cannot write {}", file.display()))?;
+    temporary
+        .persist(file)
+        .with_context(|| format!("cannot write {}", file.display()))?;
+    Ok(bytes.len() as u64)
+}
+
+/// Packs the entries in their order. Time stamps are those of an empty clock, so the same entries
+/// give the same bytes.
+fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
+    let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+    for entry in entries {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            .compression_level(Some(9))
+            .last_modified_time(DateTime::default())
+            .unix_permissions(entry.mode);
+        writer.start_file(entry.path.as_str(), options)?;
+        writer.write_all(entry.content)?;
+    }
+    Ok(writer.finish()?.into_inner())
+}
+
+/// What `info` reads of an FMU.
+pub struct Contents {
+    /// The text of `modelDescription.xml`.
+    pub xml: String,
+    /// Names of all files.
+    pub files: Vec<String>,
+    /// Size of the archive in bytes.
+    pub size: u64,
+}
+
+/// Reads an FMU.
+///
+/// # Errors
+/// The file cannot be read, is no archive, or has no sound model description.
+pub fn read(file: &Path) -> Result<Contents> {
+    let open = File::open(file).with_context(|| format!("cannot open {}", file.display()))?;
+    let size = open.metadata()?.len();
+    let mut archive = ZipArchive::new(open)
+        .with_context(|| format!("{} is damaged, or not an FMU", file.display()))?;
+    let files = archive
+        .file_names()
+        .map(|name| name.map(|name| name.into_owned()))
+        .collect::<Result<_, _>>()
+        .with_context(|| format!("{} is damaged: a file's name", file.display()))?;
+    let entry = archive.by_name("modelDescription.xml").with_context(|| {
+        format!(
+            "{} is not an FMU: modelDescription.xml cannot be read from it",
+            file.display()
+        )
+    })?;
+    let mut bytes = Vec::new();
+    entry
+        .take(MOST_XML + 1)
+        .read_to_end(&mut bytes)
+        .with_context(|| format!("{} is damaged: modelDescription.xml", file.display()))?;
+    ensure!(
+        bytes.len() as u64 <= MOST_XML,
+        "{}: modelDescription.xml is larger than {} MB",
+        file.display(),
+        MOST_XML >> 20
+    );
+    let xml = String::from_utf8(bytes)
+        .with_context(|| format!("{}: modelDescription.xml is not UTF-8", file.display()))?;
+    Ok(Contents { xml, files, size })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entries() -> [Entry<'static>; 2] {
+        [
+            Entry::text("modelDescription.xml", b"<a/>"),
+            Entry::program("binaries/linux64/A.so", b"\x7fELF"),
+        ]
+    }
+
+    #[test]
+    fn what_is_written_is_read_back_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("A.fmu");
+        let size = write(&file, &entries()).unwrap();
+        let contents = read(&file).unwrap();
+        assert_eq!(contents.xml, "<a/>");
+        assert_eq!(
+            contents.files,
+            ["modelDescription.xml", "binaries/linux64/A.so"]
+        );
+        assert_eq!(contents.size, size);
+    }
+
+    #[test]
+    fn the_same_content_gives_the_same_bytes() {
+        assert_eq!(zip(&entries()).unwrap(), zip(&entries()).unwrap());
+    }
+
+    #[test]
+    fn nothing_is_left_behind_when_writing_fails() {
+        let folder = tempfile::tempdir().unwrap();
+        let taken = folder.path().join("A.fmu");
+        std::fs::create_dir(&taken).unwrap();
+        assert!(write(&taken, &entries()).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn every_damaged_archive_is_refused_or_read() {
+        let sound = zip(&entries()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("A.fmu");
+        for cut in 0..sound.len() {
+            std::fs::write(&file, &sound[..cut]).unwrap();
+            assert!(read(&file).is_err(), "cut at {cut}");
+        }
+        for position in 0..sound.len() {
+            let mut damaged = sound.clone();
+            damaged[position] ^= 0x55;
+            std::fs::write(&file, &damaged).unwrap();
+            let _ = read(&file); // any answer but a panic
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! Runs cargo, with a progress bar.
+
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use cargo_metadata::{Artifact, CrateType, Message, Metadata};
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// A run of cargo that builds something.
+pub struct Build {
+    title: String,
+    command: Command,
+}
+
+/// What a build made.
+pub struct Artifacts(Vec<Artifact>);
+
+impl Build {
+    /// `cargo SUBCOMMAND`, shown to the user as `title`.
+    pub fn new(title: &str, subcommand: &str) -> Self {
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let mut command = Command::new(cargo);
+        command.args([subcommand, "--message-format=json-render-diagnostics"]);
+        Self {
+            title: title.into(),
+            command,
+        }
+    }
+
+    /// Adds arguments.
+    pub fn args(&mut self, args: impl IntoIterator<Item = impl AsRef<OsStr>>) -> &mut Self {
+        self.command.args(args);
+        self
+    }
+
+    /// Keeps paths of this machine out of the binary: the folders of dependencies and of the
+    /// workspace are cut from the places that panics name.
+    pub fn without_local_paths(&mut self, metadata: &Metadata) -> &mut Self {
+        const SEPARATOR: &str = "\x1f";
+        let mut flags: Vec<String> = match std::env::var("CARGO_ENCODED_RUSTFLAGS") {
+            Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
+            _ => std::env::var("RUSTFLAGS")
+                .unwrap_or_default()
+                .split_whitespace()
+                .map(str::to_owned)
+                .collect(),
+        };
+        let folders: BTreeSet<_> = metadata
+            .packages
+            .iter()
+            .filter(|package| package.source.is_some())
+            .filter_map(|package| package.manifest_path.parent()?.parent())
+            .collect();
+        flags.extend(
+            folders
+                .iter()
+                .map(|folder| format!("--remap-path-prefix={folder}=crates")),
+        );
+        flags.push(format!(
+            "--remap-path-prefix={}=workspace",
+            metadata.workspace_root
+        ));
+        self.command
+            .env("CARGO_ENCODED_RUSTFLAGS", flags.join(SEPARATOR));
+        self
+    }
+
+    /// Runs cargo to its end.
+    ///
+    /// # Errors
+    /// What cargo and the compiler said, when the build fails.
+    pub fn run(&mut self, metadata: &Metadata) -> Result<Artifacts> {
+        let mut child = self
+            .command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .context("cannot run cargo; is a Rust toolchain installed?")?;
+        let (stdout, stderr) = child
+            .stdout
+            .take()
+            .zip(child.stderr.take())
+            .context("cargo gives no output")?;
+        // Read beside, or a full pipe would stop cargo.
+        let diagnostics = thread::spawn(move || {
+            let mut text = String::new();
+            let _ = BufReader::new(stderr).read_to_string(&mut text);
+            text
+        });
+        let bar = progress_bar(&self.title, metadata.packages.len());
+        let mut artifacts = Vec::new();
+        for message in Message::parse_stream(BufReader::new(stdout)) {
+            if let Message::CompilerArtifact(artifact) =
+                message.context("cannot read what cargo says")?
+            {
+                bar.set_message(artifact.target.name.clone());
+                bar.inc(1);
+                artifacts.push(artifact);
+            }
+        }
+        let status = child.wait()?;
+        bar.finish_and_clear();
+        let diagnostics = diagnostics.join().unwrap_or_default();
+        if !status.success() {
+            bail!("{} failed:\n{}", self.title, diagnostics.trim_end());
+        }
+        Ok(Artifacts(artifacts))
+    }
+}
+
+fn progress_bar(title: &str, packages: usize) -> ProgressBar {
+    let bar = ProgressBar::new(packages as u64).with_prefix(title.to_owned());
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} [{bar:24}] {msg} {elapsed}")
+    {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
+
+impl Artifacts {
+    /// The program of a binary target.
+    pub fn executable(&self, target: &str) -> Option<&Path> {
+        self.0
+            .iter()
+            .filter(|artifact| artifact.target.name == target)
+            .find_map(|artifact| artifact.executable.as_deref())
+            .map(AsRef::as_ref)
+    }
+
+    /// The shared library of a library target.
+    pub fn shared_library(&self, target: &str, extension: &str) -> Option<PathBuf> {
+        self.0
+            .iter()
+            .filter(|artifact| {
+                artifact.target.name == target
+                    && artifact.target.crate_types.contains(&CrateType::CDyLib)
+            })
+            .flat_map(|artifact| &artifact.filenames)
+            .find(|file| file.extension() == Some(extension))
+            .map(Into::into)
+    }
+}

@@ -1,0 +1,91 @@
+//! `cargo fmu`: builds the models of a workspace into FMUs, and looks into FMUs.
+#![forbid(unsafe_code)]
+
+mod archive;
+mod build;
+mod export;
+mod info;
+mod library;
+mod platform;
+
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::platform::Prebuilt;
+
+/// Builds models into FMUs (FMI 2.0 co-simulation), and looks into FMUs.
+#[derive(Parser)]
+#[command(name = "cargo fmu", bin_name = "cargo fmu", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Build the models of this workspace and write an FMU of each
+    #[command(after_help = "Examples:
+  cargo fmu export                          all models, for this machine, to target/fmu
+  cargo fmu export Pid Pendulum --out fmus  two of them, to another folder
+  cargo fmu export --target x86_64-unknown-linux-gnu.2.17
+                                            for glibc 2.17 and newer (needs cargo-zigbuild)
+  cargo fmu export Pid --binary win64=fmu_controller.dll
+                                            with a binary that was built elsewhere")]
+    Export(export::Options),
+    /// Show what is in an FMU: variables, capabilities, platforms
+    #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
+    Info {
+        /// The FMU, of any maker
+        file: PathBuf,
+    },
+    /// Print the completions of a shell for this command
+    #[command(after_help = "Example:
+  cargo fmu completions bash >> ~/.local/share/bash-completion/completions/cargo-fmu")]
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Export(options) => export::export(&options),
+        Command::Info { file } => info::print(&file, &mut io::stdout().lock()),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "cargo-fmu", &mut script);
+            Ok(io::Write::write_all(&mut io::stdout(), &script)?)
+        }
+    }
+}
+
+/// Whether the reader of our output has gone, as in `cargo fmu info FILE | head`.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .downcast_ref::<io::Error>()
+        .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,148 @@
+//! Platforms: the folders of FMI 2.0 (section 2.3), and the binaries that belong in them.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use anyhow::{Context, Result, bail, ensure};
+
+/// A platform folder of FMI 2.0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Platform {
+    /// Name of the folder under `binaries/`.
+    pub folder: &'static str,
+    /// Ending of the binary.
+    pub extension: &'static str,
+    /// First bytes of a binary of the platform, one of these.
+    magic: &'static [&'static [u8]],
+}
+
+const ELF: &[&[u8]] = &[b"\x7fELF"];
+const PE: &[&[u8]] = &[b"MZ"];
+const MACH_O: &[&[u8]] = &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"];
+
+const PLATFORMS: [Platform; 5] = [
+    platform("linux64", "so", ELF),
+    platform("linux32", "so", ELF),
+    platform("win64", "dll", PE),
+    platform("win32", "dll", PE),
+    platform("darwin64", "dylib", MACH_O),
+];
+
+const fn platform(
+    folder: &'static str,
+    extension: &'static str,
+    magic: &'static [&'static [u8]],
+) -> Platform {
+    Platform {
+        folder,
+        extension,
+        magic,
+    }
+}
+
+impl Platform {
+    /// The platform of a Rust target triple; a suffix with a glibc version is allowed.
+    pub fn of_target(triple: &str) -> Result<Self> {
+        let bits = match triple.split('-').next().unwrap_or_default() {
+            "i586" | "i686" | "arm" | "armv7" => "32",
+            _ => "64",
+        };
+        let system = if triple.contains("-linux-") {
+            "linux"
+        } else if triple.contains("-windows-") {
+            "win"
+        } else if triple.contains("-apple-darwin") {
+            "darwin"
+        } else {
+            bail!("FMI 2.0 has no platform folder for the target {triple}");
+        };
+        Self::from_str(&format!("{system}{bits}"))
+            .with_context(|| format!("FMI 2.0 has no platform folder for the target {triple}"))
+    }
+
+    /// Checks that the bytes are a binary of the platform's format.
+    pub fn check(&self, binary: &[u8]) -> Result<()> {
+        ensure!(
+            self.magic.iter().any(|magic| binary.starts_with(magic)),
+            "it is not a shared library of the platform {}",
+            self.folder
+        );
+        Ok(())
+    }
+}
+
+impl FromStr for Platform {
+    type Err = anyhow::Error;
+
+    fn from_str(folder: &str) -> Result<Self> {
+        PLATFORMS
+            .into_iter()
+            .find(|platform| platform.folder == folder)
+            .with_context(|| {
+                let known = PLATFORMS.map(|p| p.folder).join(", ");
+                format!("platform {folder:?} is unknown; there are {known}")
+            })
+    }
+}
+
+/// A binary that was built elsewhere: `PLATFORM=FILE`.
+#[derive(Debug, Clone)]
+pub struct Prebuilt {
+    /// Its platform.
+    pub platform: Platform,
+    /// Its path.
+    pub file: PathBuf,
+}
+
+impl FromStr for Prebuilt {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (platform, file) = text
+            .split_once('=')
+            .context("expected PLATFORM=FILE, such as win64=fmu_controller.dll")?;
+        Ok(Self {
+            platform: platform.parse()?,
+            file: file.into(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_have_the_folders_of_the_standard() {
+        for (triple, folder) in [
+            ("x86_64-unknown-linux-gnu", "linux64"),
+            ("x86_64-unknown-linux-gnu.2.17", "linux64"),
+            ("i686-unknown-linux-gnu", "linux32"),
+            ("x86_64-pc-windows-msvc", "win64"),
+            ("i686-pc-windows-gnu", "win32"),
+            ("x86_64-apple-darwin", "darwin64"),
+            ("aarch64-apple-darwin", "darwin64"),
+        ] {
+            assert_eq!(Platform::of_target(triple).unwrap().folder, folder);
+        }
+        assert!(Platform::of_target("thumbv7em-none-eabihf").is_err());
+    }
+
+    #[test]
+    fn a_binary_must_be_of_its_platform() {
+        let linux: Platform = "linux64".parse().unwrap();
+        assert!(linux.check(b"\x7fELF rest").is_ok());
+        assert!(linux.check(b"MZ").is_err());
+        assert!(linux.check(b"").is_err());
+    }
+
+    #[test]
+    fn prebuilt_binaries_name_platform_and_file() {
+        let prebuilt: Prebuilt = "win64=a/b.dll".parse().unwrap();
+        assert_eq!(prebuilt.platform.folder, "win64");
+        assert_eq!(prebuilt.file, PathBuf::from("a/b.dll"));
+        assert!("win64".parse::<Prebuilt>().is_err());
+        let error = "amiga=x".parse::<Prebuilt>().unwrap_err().to_string();
+        assert!(error.contains("linux64"), "{error}");
+    }
+}
