@@ -25,7 +25,12 @@ impl Build {
     /// `cargo SUBCOMMAND`, shown to the user as `title`.
     pub fn new(title: &str, subcommand: &str) -> Self {
         let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        let mut command = Command::new(cargo);
+        Self::by(&cargo, title, subcommand)
+    }
+
+    /// As [`Build::new`], by a program that takes cargo's place.
+    pub fn by(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
+        let mut command = Command::new(program);
         command.args([subcommand, "--message-format=json-render-diagnostics"]);
         Self {
             title: title.into(),

@@ -32,6 +32,9 @@ pub struct Options {
     binaries: Vec<Prebuilt>,
 }
 
+/// Builds for a given version of glibc.
+const ZIGBUILD: &str = "cargo-zigbuild";
+
 /// A shared library for one platform.
 struct Binary {
     platform: Platform,
@@ -151,7 +154,7 @@ fn check_toolchain(target: &str) -> Result<()> {
         "the toolchain has no standard library for the target {triple}; `rustup target add {triple}` installs it"
     );
     if zig {
-        let found = Command::new("cargo-zigbuild").arg("--version").output();
+        let found = Command::new(ZIGBUILD).arg("--version").output();
         ensure!(
             found.is_ok_and(|output| output.status.success()),
             "the target {target} names a glibc version, for which cargo-zigbuild is needed; `pip install cargo-zigbuild ziglang` installs it"
@@ -213,18 +216,14 @@ fn check_guid(model: &Model<'_>, binary: &[u8]) -> Result<()> {
 /// Builds the shared library for a target, or for this machine.
 fn build(library: &Library, target: Option<&str>, metadata: &Metadata) -> Result<Binary> {
     let title = format!("building {}", library.package);
-    let zig = target.is_some_and(|target| triple(target).1);
-    // A library that is built as `cdylib` alone is optimized across its dependencies.
-    let mut build = if zig {
-        let mut build = Build::new(&title, "zigbuild");
-        build.args(["--release", "--lib", "--package", &library.package]);
-        build
-    } else {
-        let mut build = Build::new(&title, "rustc");
-        build.args(["--release", "--lib", "--crate-type", "cdylib"]);
-        build.args(["--package", &library.package]);
-        build
+    let mut build = match target {
+        Some(target) if triple(target).1 => Build::by(ZIGBUILD, &title, "rustc"),
+        _ => Build::new(&title, "rustc"),
     };
+    // As `cdylib` alone it is optimized across its dependencies, which is not done beside an rlib.
+    build
+        .args(["--release", "--lib", "--crate-type", "cdylib"])
+        .args(["--package", &library.package]);
     if let Some(target) = target {
         build.args(["--target", target]);
     }
@@ -267,11 +266,19 @@ fn write<'a>(
     let size = archive::write(&file, &entries)?;
     println!(
         "{}  {} KB  {}",
-        file.display(),
+        relative(&file).display(),
         size.div_ceil(1000),
         platforms.join(" ")
     );
     Ok(())
+}
+
+/// The path as seen from the current folder, if it lies below it.
+fn relative(file: &Path) -> &Path {
+    std::env::current_dir()
+        .ok()
+        .and_then(|here| file.strip_prefix(here).ok())
+        .unwrap_or(file)
 }
 
 /// The licence files at the top of the workspace, by name.

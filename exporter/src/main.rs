@@ -3,11 +3,13 @@
 
 mod archive;
 mod build;
+mod completions;
 mod export;
 mod info;
 mod library;
 mod platform;
 
+use std::ffi::OsString;
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -18,7 +20,7 @@ use crate::platform::Prebuilt;
 
 /// Builds models into FMUs (FMI 2.0 co-simulation), and looks into FMUs.
 #[derive(Parser)]
-#[command(name = "cargo fmu", bin_name = "cargo fmu", version)]
+#[command(name = "cargo-fmu", bin_name = "cargo fmu", version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -43,7 +45,7 @@ enum Command {
     },
     /// Print the completions of a shell for this command
     #[command(after_help = "Example:
-  cargo fmu completions bash >> ~/.local/share/bash-completion/completions/cargo-fmu")]
+  source <(cargo fmu completions bash)")]
     Completions {
         /// The shell
         shell: clap_complete::Shell,
@@ -51,7 +53,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    match run(Cli::parse().command) {
+    match run(Cli::parse_from(arguments(std::env::args_os())).command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
@@ -61,13 +63,19 @@ fn main() -> ExitCode {
     }
 }
 
+/// The arguments without the name of the subcommand, which cargo repeats to an installed `cargo-fmu`.
+fn arguments(all: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsString> {
+    all.enumerate()
+        .filter(|(index, argument)| *index != 1 || argument != "fmu")
+        .map(|(_, argument)| argument)
+}
+
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Export(options) => export::export(&options),
         Command::Info { file } => info::print(&file, &mut io::stdout().lock()),
         Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "cargo-fmu", &mut script);
+            let script = completions::script(shell, Cli::command());
             Ok(io::Write::write_all(&mut io::stdout(), &script)?)
         }
     }
