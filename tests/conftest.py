@@ -1,0 +1,45 @@
+"""Fixtures: the exported FMUs, instances of them, and the runs of Table 1."""
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import table1
+from master import FMUS, Component
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def fmus() -> Path:
+    """Export the FMUs from the sources as they are, once; returns the folder that they are in."""
+    if shutil.which("cargo") is None:
+        pytest.fail("`cargo` is not on the PATH: the FMUs cannot be exported", pytrace=False)
+    export = subprocess.run(
+        ["cargo", "fmu", "export"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if export.returncode:
+        pytest.fail(f"`cargo fmu export` failed:\n{export.stdout}{export.stderr}", pytrace=False)
+    return FMUS
+
+
+@pytest.fixture
+def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
+    """Return a function that instantiates an FMU, and initializes it at `time` [s]."""
+    with ExitStack() as stack:
+
+        def instantiate(model: str, start: dict | None = None, time: float = 0.0) -> Component:
+            component = stack.enter_context(Component(model, fmus / f"{model}.fmu", start))
+            component.initialize(time)
+            return component
+
+        yield instantiate
+
+
+@pytest.fixture(scope="session")
+def table_results(fmus: Path) -> dict[table1.Run, dict]:
+    """Return the results of all runs that Table 1 needs."""
+    return table1.execute_all(table1.runs(), fmus)
