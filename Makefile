@@ -1,0 +1,51 @@
+# The project's main jobs, on a machine with a Rust toolchain, Python 3.11 and a C compiler.
+# What else they need they install into target/venv, pinned by tests/requirements.txt.
+
+PYTHON ?= python3
+VENV := target/venv
+RUN := $(VENV)/bin/python
+INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
+
+HOST := $(shell rustc -vV | sed -n "s/^host: //p")
+
+.PHONY: demo test lint fmus portable clean
+.DEFAULT_GOAL := demo
+
+## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
+demo: fmus
+	$(RUN) tests/report.py
+
+## test: every test, of the Rust crates and through the FMUs
+test: lint fmus portable
+	cargo test --locked --workspace
+	cargo test --locked --package model-description --all-features
+	$(RUN) -m pytest
+
+## lint: formatting, lints and documentation, without a warning
+lint: $(VENV)/.installed
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --all-features
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+
+## fmus: write the FMUs to target/fmu
+fmus: $(VENV)/.installed
+	cargo fmu export
+
+## portable: write FMUs that load with glibc 2.17 and newer to target/portable
+portable: $(VENV)/.portable
+	PATH="$(abspath $(VENV)/bin):$$PATH" \
+		cargo fmu export --target $(HOST).2.17 --out target/portable
+
+$(VENV)/.portable: tests/requirements-portable.txt $(VENV)/.installed
+	$(INSTALL) --requirement $<
+	touch $@
+
+$(VENV)/.installed: tests/requirements.txt
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) --requirement $<
+	touch $@
+
+clean:
+	rm -rf target

@@ -1,0 +1,282 @@
+"""The command line `cargo fmu`: what it writes, what it shows, and what it says of bad input."""
+
+import os
+import re
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+MODELS = ["IpidRbf", "Pendulum", "Pid", "PidRbf", "Source"]
+
+
+def cargo_fmu(*arguments: str | Path, **options) -> subprocess.CompletedProcess[str]:
+    """Run `cargo fmu` from the project's root, whatever its exit code."""
+    return subprocess.run(
+        ["cargo", "fmu", *map(str, arguments)],
+        cwd=options.pop("cwd", ROOT),
+        capture_output=True,
+        text=True,
+        check=False,
+        **options,
+    )
+
+
+def refusal(*arguments: str | Path, **options) -> str:
+    """Run `cargo fmu`, which must fail without a panic, and return what it says."""
+    result = cargo_fmu(*arguments, **options)
+    assert result.returncode != 0, result.stdout
+    assert "panicked" not in result.stderr
+    assert result.stderr.startswith("error: "), result.stderr
+    return result.stderr
+
+
+def library(fmus: Path, model: str, folder: Path) -> Path:
+    """Take the shared library out of an FMU."""
+    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
+        return Path(archive.extract(f"binaries/linux64/{model}.so", folder))
+
+
+# --- export ---------------------------------------------------------------------------------------
+
+
+def test_all_models_are_exported(fmus: Path) -> None:
+    assert sorted(file.stem for file in fmus.glob("*.fmu")) == MODELS
+
+
+def test_models_can_be_chosen_and_the_folder_too(fmus: Path, tmp_path: Path) -> None:
+    result = cargo_fmu("export", "Pid", "Source", "--out", tmp_path / "a" / "b")
+    assert result.returncode == 0, result.stderr
+    assert sorted(os.listdir(tmp_path / "a" / "b")) == ["Pid.fmu", "Source.fmu"]
+    assert len(result.stdout.splitlines()) == 2
+
+
+def test_the_same_input_gives_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
+    assert cargo_fmu("export", "--out", tmp_path).returncode == 0
+    for model in MODELS:
+        first, again = fmus / f"{model}.fmu", tmp_path / f"{model}.fmu"
+        assert first.read_bytes() == again.read_bytes(), model
+
+
+def test_time_stamps_are_fixed(fmus: Path) -> None:
+    with zipfile.ZipFile(fmus / "Pid.fmu") as archive:
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_binaries_hold_no_path_of_this_machine(fmus: Path, tmp_path: Path) -> None:
+    cargo_home = Path(os.environ.get("CARGO_HOME", Path.home() / ".cargo"))
+    for model in MODELS:
+        binary = library(fmus, model, tmp_path).read_bytes()
+        for path in (ROOT, Path.home(), cargo_home):
+            assert os.fsencode(path) + b"/" not in binary, f"{model} holds {path}"
+
+
+def test_a_prebuilt_binary_takes_the_place_of_a_build(fmus: Path, tmp_path: Path) -> None:
+    binary = library(fmus, "Source", tmp_path)
+    out = tmp_path / "out"
+    result = cargo_fmu("export", "Source", "--binary", f"linux64={binary}", "--out", out)
+    assert result.returncode == 0, result.stderr
+    with zipfile.ZipFile(out / "Source.fmu") as archive:
+        assert archive.read("binaries/linux64/Source.so") == binary.read_bytes()
+
+
+def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
+    message = refusal("export", "Pidd")
+    assert '"Pidd"' in message
+    assert all(model in message for model in MODELS)
+
+
+def test_an_unknown_target_is_named() -> None:
+    assert "x86_64-nonsense-linux-gnu" in refusal("export", "--target", "x86_64-nonsense-linux-gnu")
+    assert "platform folder" in refusal("export", "--target", "thumbv7em-none-eabihf")
+
+
+def glibc_versions(binary: Path) -> set[tuple[int, ...]]:
+    """Return the versions of glibc whose symbols a binary asks for."""
+    symbols = subprocess.run(
+        ["objdump", "-T", binary], capture_output=True, text=True, check=True
+    ).stdout
+    found = re.findall(r"GLIBC_([0-9.]+)", symbols)
+    return {tuple(map(int, version.split("."))) for version in found}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_portable_fmus_load_with_an_old_glibc(model: str, tmp_path: Path) -> None:
+    portable = ROOT / "target" / "portable"
+    if not portable.exists():
+        pytest.skip("`make portable` has not been run")
+    binary = library(portable, model, tmp_path)
+    assert max(glibc_versions(binary)) <= (2, 17)
+
+
+def rustc(*arguments: str) -> str:
+    """Return what rustc prints."""
+    return subprocess.run(
+        ["rustc", "--print", *arguments], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def test_a_target_without_standard_library_is_answered_with_the_remedy() -> None:
+    for target in ("i686-pc-windows-msvc", "x86_64-pc-windows-msvc", "x86_64-apple-darwin"):
+        if not Path(rustc("target-libdir", "--target", target)).exists():
+            assert f"rustup target add {target}" in refusal("export", "--target", target)
+            return
+    pytest.skip("every target tried is installed")
+
+
+def test_two_binaries_for_one_platform_are_refused(fmus: Path, tmp_path: Path) -> None:
+    binary = library(fmus, "Pid", tmp_path)
+    twice = ["--binary", f"linux64={binary}"] * 2
+    assert "two binaries" in refusal("export", "Pid", *twice, "--out", tmp_path)
+
+
+def test_a_binary_of_another_model_or_format_is_refused(fmus: Path, tmp_path: Path) -> None:
+    source = library(fmus, "Source", tmp_path)
+    out = ["--out", tmp_path / "out"]
+    message = refusal("export", "Pid", "--binary", f"linux64={source}", *out)
+    assert "does not hold the model Pid" in message
+    message = refusal("export", "Source", "--binary", f"win64={source}", *out)
+    assert "win64" in message
+    message = refusal("export", "Source", "--binary", f"linux64={tmp_path / 'nothing.so'}", *out)
+    assert "nothing.so" in message
+    assert not list((tmp_path / "out").iterdir()), "nothing is half-written"
+
+
+def test_a_binary_option_must_have_its_form() -> None:
+    assert "PLATFORM=FILE" in refusal("export", "--binary", "linux64")
+    assert "linux64, linux32, win64" in refusal("export", "--binary", "amiga=x")
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("a file")
+    assert str(taken / "out") in refusal("export", "--out", taken / "out")
+
+
+def test_a_folder_that_cannot_be_written_is_named_before_the_build() -> None:
+    # Even root cannot write there.
+    assert "/proc" in refusal("export", "--out", "/proc")
+
+
+def test_a_workspace_without_models_is_told(tmp_path: Path) -> None:
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "lib.rs").write_text("")
+    (tmp_path / "Cargo.toml").write_text('[package]\nname = "empty"\nversion = "0.1.0"\n')
+    program = ROOT / "target" / "debug" / "cargo-fmu"
+    result = subprocess.run(
+        [program, "fmu", "export"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert result.returncode != 0
+    assert "fmi-export" in result.stderr
+
+
+# --- info -----------------------------------------------------------------------------------------
+
+
+def test_info_shows_variables_capabilities_and_platforms(fmus: Path) -> None:
+    text = cargo_fmu("info", fmus / "IpidRbf.fmu").stdout
+    for pattern in (
+        r"^model +IpidRbf$",
+        r"^GUID +\{[0-9a-f-]{36}\}$",
+        r"^experiment +start 0 s, stop 20 s, step 0.001 s$",
+        r"^platforms +linux64$",
+        r"^  canHandleVariableCommunicationStepSize +true$",
+        r"^  r +input +continuous +Real +rad +0 +set-point",
+        r"^  pid.kp +parameter +tunable +Real +N/rad +300 +0 to 1000000000 +proportional",
+        r"^  rbf.target +parameter +fixed +Enumeration +own +1 to 2 ",
+    ):
+        assert re.search(pattern, text, re.MULTILINE), pattern
+
+
+def test_info_reads_an_fmu_of_another_maker(fmus: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.fmu"
+    xml = """<?xml version="1.0"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Other" guid="x" numberOfEventIndicators="0">
+  <ModelExchange modelIdentifier="Other"/>
+  <VendorAnnotations><Tool name="t"><a/></Tool></VendorAnnotations>
+  <ModelVariables>
+    <ScalarVariable name="s" valueReference="7"><String start="text"/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure/>
+</fmiModelDescription>"""
+    with zipfile.ZipFile(other, "w") as archive:
+        archive.writestr("modelDescription.xml", xml)
+    text = cargo_fmu("info", other).stdout
+    assert "not for co-simulation" in text
+    assert re.search(r"^  s +String +text", text, re.MULTILINE), text
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "cannot open"),
+        (b"", "damaged, or not an FMU"),
+        (b"PK\x03\x04 and no more", "damaged, or not an FMU"),
+    ],
+)
+def test_info_names_a_file_that_is_no_fmu(content: bytes | None, says: str, tmp_path: Path) -> None:
+    file = tmp_path / "broken.fmu"
+    if content is not None:
+        file.write_bytes(content)
+    message = refusal("info", file)
+    assert str(file) in message
+    assert says in message
+
+
+@pytest.mark.parametrize("xml", ["", "<a/>", "<fmiModelDescription>", "\xff"])
+def test_info_names_a_model_description_that_is_none(xml: str, tmp_path: Path) -> None:
+    file = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("modelDescription.xml", xml.encode("latin-1"))
+    assert "modelDescription.xml" in refusal("info", file)
+
+
+def test_info_of_an_archive_without_model_description(tmp_path: Path) -> None:
+    file = tmp_path / "empty.fmu"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("readme.txt", "nothing")
+    assert "modelDescription.xml" in refusal("info", file)
+
+
+def test_info_of_a_truncated_fmu(fmus: Path, tmp_path: Path) -> None:
+    whole = (fmus / "Pid.fmu").read_bytes()
+    file = tmp_path / "cut.fmu"
+    file.write_bytes(whole[: len(whole) // 2])
+    assert str(file) in refusal("info", file)
+
+
+# --- help and completions -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [[], ["export"], ["info"], ["completions"]])
+def test_help_has_examples(command: list[str]) -> None:
+    text = cargo_fmu(*command, "--help").stdout
+    assert "Usage: cargo fmu" in text
+    assert not command or "Example" in text
+
+
+def complete(words: str, script: Path) -> list[str]:
+    """Return what bash offers after `words`."""
+    program = f"""
+        source {script}
+        COMP_WORDS=({words})
+        [[ "{words}" == *" " ]] && COMP_WORDS+=("")
+        COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+        _cargo_fmu_after_cargo cargo "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD-1]}}"
+        echo "${{COMPREPLY[@]}}"
+    """
+    bash = shutil.which("bash") or pytest.skip("no bash")
+    return subprocess.run(
+        [bash, "--norc", "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
+
+
+def test_bash_completes_after_cargo_fmu(tmp_path: Path) -> None:
+    script = tmp_path / "completions.sh"
+    script.write_text(cargo_fmu("completions", "bash").stdout)
+    assert complete("cargo fmu ex", script) == ["export"]
+    assert complete("cargo fmu export --ta", script) == ["--target"]
+    assert complete("cargo bu", script) == []
