@@ -16,9 +16,11 @@ const MOST_SAMPLES: f64 = 1e8;
 /// assert_eq!(clock.due(0.0015, 0.0005), Ok(0)); // 0.002 belongs to the next step
 /// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SampleClock {
     start: f64,
     ts: f64,
+    /// Index of the next instant, once a step was taken: a whole number, exact up to 2^53.
     next: Option<f64>,
 }
 
@@ -57,9 +59,18 @@ impl SampleClock {
     /// [`TooManySamples`] when there are more than can be computed in reasonable time; the clock is
     /// then unchanged.
     pub fn due(&mut self, time: f64, step: f64) -> Result<u32, TooManySamples> {
-        let next = self.next.unwrap_or_else(|| self.instants_before(time));
-        let end = self.instants_before(time + step);
-        let samples = (end - next).max(0.0);
+        let next = match self.next {
+            Some(next) => next,
+            None => libm::ceil(self.samples_to(time)).max(0.0),
+        };
+        let end = self.samples_to(time + step);
+        let samples = if end <= next {
+            0.0
+        } else if end <= next + 1.0 {
+            1.0 // the most frequent case, without the cost of rounding
+        } else {
+            libm::ceil(end - next)
+        };
         if samples > MOST_SAMPLES {
             return Err(TooManySamples { samples });
         }
@@ -67,9 +78,10 @@ impl SampleClock {
         Ok(samples as u32)
     }
 
-    /// The number of instants before `time`. A whole number in `f64`, exact up to 2^53 samples.
-    fn instants_before(&self, time: f64) -> f64 {
-        libm::ceil((time - self.start) / self.ts - TOLERANCE).max(0.0)
+    /// The time from the start in sample times, less the tolerance: rounded up, it is the number of
+    /// instants before `time`.
+    fn samples_to(&self, time: f64) -> f64 {
+        (time - self.start) / self.ts - TOLERANCE
     }
 }
 

@@ -5,6 +5,14 @@ use crate::{Pid, Rbf, clip, pid::Integral};
 
 /// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns this very sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(
+        serialize = "Rbf<N>: serde::Serialize",
+        deserialize = "Rbf<N>: serde::Deserialize<'de>"
+    ))
+)]
 pub struct PidRbf<const N: usize> {
     /// The PID: gains, sample time, limit of the force; outputs `e` and `u_p`.
     pub pid: Pid,
@@ -36,6 +44,7 @@ impl<const N: usize> PidRbf<N> {
 
 /// What the network of an [`IpidRbf`] learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Target {
     /// The controller's own force, as (29) prints it: a self-contained controller.
     #[default]
@@ -46,6 +55,14 @@ pub enum Target {
 
 /// IPID-RBF: as [`PidRbf`], but the sum of the error leaks (26), so the network does the integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(
+        serialize = "PidRbf<N>: serde::Serialize",
+        deserialize = "PidRbf<N>: serde::Deserialize<'de>"
+    ))
+)]
 pub struct IpidRbf<const N: usize> {
     /// The control law: parameters and outputs.
     pub law: PidRbf<N>,

@@ -4,6 +4,7 @@ use crate::clip;
 
 /// How the error is summed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Integral {
     /// `x3 = x3 + e ts`, the rectangle rule of (20).
     #[default]
@@ -15,6 +16,7 @@ pub enum Integral {
 
 /// Gains of the PID in parallel form: `u_p = kp x1 + kd x2 + ki x3`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Gains {
     /// Proportional gain (N/rad).
     pub kp: f64,
@@ -26,6 +28,7 @@ pub struct Gains {
 
 /// The terms of the error (21), (26): `x1 = e`, `x2 = (e - e_before)/ts`, `x3` its sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Terms {
     /// The error `e(k)` (rad).
     pub x1: f64,
@@ -64,6 +67,7 @@ impl Terms {
 /// assert_eq!(pid.sample(1.0, 0.25, 0.0), 1.5);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pid {
     /// Gains.
     pub gains: Gains,

@@ -13,6 +13,14 @@
 /// assert_eq!(rbf.output(), 1.0); // half of the way to 2
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(
+        serialize = "[f64; N]: serde::Serialize",
+        deserialize = "[f64; N]: serde::Deserialize<'de>"
+    ))
+)]
 pub struct Rbf<const N: usize> {
     /// Centres c_j of the nodes, in the unit of the input.
     pub centres: [f64; N],

@@ -4,16 +4,20 @@ use std::any::Any;
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use serde::{Deserialize, Serialize};
+
 use crate::log::{Category, Log};
-use crate::model::ModelError;
+use crate::model::{Kind, ModelError};
 use crate::phase::{self, Call, Phase};
 use crate::slave::Slave;
+use crate::snapshot::Snapshot;
 use crate::values::{self, Refusal, Value};
 
 /// How a call ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
     Ok,
+    Discard,
     Error,
     Fatal,
 }
@@ -22,6 +26,8 @@ pub(crate) enum Outcome {
 pub(crate) enum Failure {
     /// The call was wrong, and changed nothing.
     Refused(Refusal),
+    /// The step was not taken, and the model is as it was.
+    Discarded(String),
     /// The model cannot go on.
     Broken(String),
 }
@@ -32,27 +38,49 @@ impl From<Refusal> for Failure {
     }
 }
 
+/// Where an instance stands in its life. With the model's values, that is all of its state.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Life {
+    phase: Phase,
+    start_time: f64,
+    stop_time: Option<f64>,
+    /// The current communication point (s), once a step was taken.
+    time: Option<f64>,
+    /// Whether values were set since the outputs were last initialized.
+    stale: bool,
+    /// Whether an input has a time derivative for the next step.
+    sloped: bool,
+}
+
+impl Life {
+    const NEW: Self = Self {
+        phase: Phase::Instantiated,
+        start_time: 0.0,
+        stop_time: None,
+        time: None,
+        stale: true,
+        sloped: false,
+    };
+
+    /// Whether the state of an instance in it can be saved: a dead one answers no call.
+    pub(crate) fn can_be_saved(&self) -> bool {
+        self.phase != Phase::Fatal
+    }
+}
+
 /// An instance of a model, as the host holds it.
 pub(crate) struct Component {
     log: Log,
-    phase: Phase,
+    life: Life,
     slave: Box<dyn Slave>,
-    start_time: f64,
-    /// The current communication point (s), once a step was taken.
-    time: Option<f64>,
-    /// Whether start values changed since the outputs were computed.
-    stale: bool,
 }
 
 impl Component {
     pub(crate) fn new(log: Log, slave: Box<dyn Slave>) -> Self {
         Self {
             log,
-            phase: Phase::Instantiated,
+            life: Life::NEW,
             slave,
-            start_time: 0.0,
-            time: None,
-            stale: true,
         }
     }
 
@@ -62,7 +90,7 @@ impl Component {
         call: &Call,
         work: impl FnOnce(&mut Self) -> Result<(), Failure>,
     ) -> Outcome {
-        if !call.is_allowed(self.phase) {
+        if !call.is_allowed(self.life.phase) {
             return self.refuse_in_this_phase(call);
         }
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
@@ -85,11 +113,11 @@ impl Component {
             format!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
                 call.name,
-                self.phase.name(),
+                self.life.phase.name(),
                 call.allowed_names()
             )
         });
-        match self.phase {
+        match self.life.phase {
             Phase::Fatal => Outcome::Fatal,
             _ => Outcome::Error,
         }
@@ -97,19 +125,24 @@ impl Component {
 
     #[cold]
     fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
-        let reason = match failure {
-            Failure::Refused(reason) => reason,
+        match failure {
+            Failure::Refused(reason) => self.refuse(name, &reason),
+            Failure::Discarded(reason) => {
+                self.enter(Phase::StepFailed);
+                self.log
+                    .send(Category::Discard, || format!("{name}: {reason}"));
+                Outcome::Discard
+            }
             Failure::Broken(reason) => {
                 self.enter(Phase::Error);
-                reason
+                self.refuse(name, &reason)
             }
-        };
-        self.refuse(name, &reason)
+        }
     }
 
     #[cold]
     fn die(&mut self, name: &str, panic: &(dyn Any + Send)) -> Outcome {
-        self.phase = Phase::Fatal;
+        self.life.phase = Phase::Fatal;
         let text = panic
             .downcast_ref::<&str>()
             .copied()
@@ -122,7 +155,7 @@ impl Component {
     }
 
     fn enter(&mut self, phase: Phase) {
-        self.phase = phase;
+        self.life.phase = phase;
         self.log
             .send(Category::Events, || format!("state: {}", phase.name()));
     }
@@ -146,8 +179,9 @@ impl Component {
                 )
                 .into());
             }
-            c.start_time = start;
-            c.stale = true;
+            c.life.start_time = start;
+            c.life.stop_time = stop;
+            c.life.stale = true;
             Ok(())
         })
     }
@@ -177,9 +211,7 @@ impl Component {
     pub(crate) fn reset(&mut self) -> Outcome {
         self.call(&phase::RESET, |c| {
             c.slave.reset();
-            c.start_time = 0.0;
-            c.time = None;
-            c.stale = true;
+            c.life = Life::NEW;
             c.enter(Phase::Instantiated);
             Ok(())
         })
@@ -192,9 +224,18 @@ impl Component {
                 return Ok(()); // event iterations of some hosts
             }
             c.slave.step(time, step).map_err(|error| {
-                Failure::Broken(format!("from t = {time} s by {step} s: {}", error.reason()))
+                let reason = format!("from t = {time:?} s by {step:?} s: {}", error.reason());
+                match error.kind() {
+                    Kind::Refused => Failure::Refused(reason),
+                    Kind::Discarded => Failure::Discarded(reason),
+                    Kind::Broken => Failure::Broken(reason),
+                }
             })?;
-            c.time = Some(time + step);
+            c.life.time = Some(time + step);
+            if c.life.sloped {
+                c.slave.clear_slopes();
+                c.life.sloped = false;
+            }
             Ok(())
         })
     }
@@ -202,22 +243,49 @@ impl Component {
     fn check_step(&self, time: f64, step: f64) -> Result<(), Refusal> {
         if !step.is_finite() || step < 0.0 {
             return Err(format!(
-                "the communication step is {step}; expected a finite number of at least 0"
+                "the communication step is {step:?}; expected a finite number of at least 0"
             ));
         }
         if !time.is_finite() {
             return Err(format!(
-                "the communication point is {time}; expected a finite number"
+                "the communication point is {time:?}; expected a finite number"
             ));
         }
-        if let Some(expected) = self.time {
-            // Hosts add up or multiply times, and differ by rounding.
-            let tolerance = 1e-6 * step + 1e-9 * (1.0 + expected.abs());
-            if (time - expected).abs() > tolerance {
+        // Hosts add up or multiply times, and differ by rounding.
+        let tolerance = 1e-6 * step + 1e-9 * (1.0 + time.abs());
+        match self.life.time {
+            Some(end) if (time - end).abs() > tolerance => {
                 return Err(format!(
-                    "the communication point is {time}; expected {expected}, where the last step ended"
+                    "the communication point is {time:?}; expected {end}, where the last step ended"
                 ));
             }
+            Some(_) => {}
+            None => self.check_first_step(time, step, tolerance)?,
+        }
+        match self.life.stop_time {
+            Some(stop) if time + step > stop + tolerance => Err(format!(
+                "the step ends at {:?}, past the stop time {stop:?}",
+                time + step
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// A sampled loop may begin at its first sample instead of at the start time.
+    fn check_first_step(&self, time: f64, step: f64, tolerance: f64) -> Result<(), Refusal> {
+        let start = self.life.start_time;
+        let late = time - start;
+        if late < -tolerance || late > step + tolerance {
+            return Err(format!(
+                "the first communication point is {time:?}; expected the start time {start}"
+            ));
+        }
+        if late > tolerance {
+            self.log.send(Category::Warning, || {
+                format!(
+                    "fmi2DoStep: the first step begins at {time}, not at the start time {start}"
+                )
+            });
         }
         Ok(())
     }
@@ -230,7 +298,7 @@ impl Component {
         values: &mut [V],
     ) -> Outcome {
         self.call(call, |c| {
-            if c.phase == Phase::Initialization && c.stale {
+            if c.life.phase == Phase::Initialization && c.life.stale {
                 c.refresh()?;
             }
             Ok(values::get(c.slave.as_mut(), references, values)?)
@@ -245,9 +313,10 @@ impl Component {
         values: &[V],
     ) -> Outcome {
         self.call(call, |c| {
-            c.stale = true;
-            let running = c.phase == Phase::StepComplete;
-            Ok(values::set(c.slave.as_mut(), references, values, running)?)
+            let running = c.life.phase == Phase::StepComplete;
+            values::set(c.slave.as_mut(), references, values, running)?;
+            c.life.stale |= !running;
+            Ok(())
         })
     }
 
@@ -258,17 +327,63 @@ impl Component {
         })
     }
 
+    /// Gives inputs their first time derivatives for the next step, all or none.
+    pub(crate) fn set_slopes(
+        &mut self,
+        references: &[u32],
+        orders: &[i32],
+        values: &[f64],
+    ) -> Outcome {
+        self.call(&phase::INPUT_DERIVATIVES, |c| {
+            let slave = c.slave.as_mut();
+            values::set_slopes(slave, references, orders, values)?;
+            c.life.sloped |= !references.is_empty();
+            Ok(())
+        })
+    }
+
+    /// Derivatives of outputs in a direction of the inputs.
+    pub(crate) fn directional_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        direction: &[f64],
+        derivative: &mut [f64],
+    ) -> Outcome {
+        self.call(&phase::DIRECTIONAL_DERIVATIVE, |c| {
+            let slave = c.slave.as_mut();
+            Ok(values::directional_derivative(
+                slave, unknowns, knowns, direction, derivative,
+            )?)
+        })
+    }
+
+    /// All that the future of the instance depends on.
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        Snapshot::new(self.life, self.slave.as_ref())
+    }
+
+    /// Continues from a snapshot, of this or another instance of the model.
+    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Refusal> {
+        self.life = snapshot.restore(self.slave.as_mut())?;
+        Ok(())
+    }
+
+    pub(crate) fn slave(&self) -> &dyn Slave {
+        self.slave.as_ref()
+    }
+
     /// The end of the last step taken (s).
     pub(crate) fn time(&self) -> f64 {
-        self.time.unwrap_or(self.start_time)
+        self.life.time.unwrap_or(self.life.start_time)
     }
 
     /// Computes the outputs from start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
         self.slave
-            .initialize(self.start_time)
+            .initialize(self.life.start_time)
             .map_err(|error: ModelError| error.reason().to_owned())?;
-        self.stale = false;
+        self.life.stale = false;
         Ok(())
     }
 }

@@ -5,14 +5,18 @@ use std::io::{self, Write};
 use model_description::schema::{CoSimulation, ModelDescription};
 use model_description::{Subject, describe as describe_table};
 
-use crate::{Entry, Model, log};
+use crate::{Entry, Model, Variable, log};
 
-/// What the C interface of this crate can do, the same for every model.
-fn capabilities() -> CoSimulation {
+/// What the C interface of this crate can do, for every model or as its table says.
+fn capabilities<M: Model>() -> CoSimulation {
     CoSimulation {
         can_handle_variable_communication_step_size: true,
+        can_interpolate_inputs: M::VARIABLES.iter().any(Variable::has_slope),
         // Memory is Rust's; the host's callbacks are not used.
         can_not_use_memory_management_functions: true,
+        can_get_and_set_fmu_state: true,
+        can_serialize_fmu_state: true,
+        provides_directional_derivative: M::VARIABLES.iter().any(Variable::has_sensitivities),
         ..CoSimulation::default()
     }
 }
@@ -28,7 +32,7 @@ pub(crate) fn describe<M: Model>() -> ModelDescription {
         default_experiment: M::DEFAULT_EXPERIMENT,
         log_categories: &log::categories(),
     };
-    describe_table(&subject, capabilities(), M::VARIABLES)
+    describe_table(&subject, capabilities::<M>(), M::VARIABLES)
 }
 
 /// Prints the `modelDescription.xml` of every model to standard output, one after the other: the

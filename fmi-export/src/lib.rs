@@ -5,9 +5,10 @@
 //!
 //! ```
 //! use fmi_export::{Model, ModelError, Variable, unit};
+//! use serde::{Deserialize, Serialize};
 //!
 //! /// y = k u
-//! #[derive(Default)]
+//! #[derive(Default, Clone, Serialize, Deserialize)]
 //! pub struct Gain { u: f64, y: f64, k: f64 }
 //!
 //! type Row = Variable<Gain>;
@@ -41,10 +42,13 @@ mod component;
 #[cfg(feature = "describe")]
 mod description;
 pub mod fmi2;
+#[cfg(feature = "host")]
+pub mod host;
 mod log;
 mod model;
 mod phase;
 mod slave;
+mod snapshot;
 mod values;
 
 #[cfg(feature = "describe")]

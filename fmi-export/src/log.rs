@@ -9,16 +9,31 @@ use crate::fmi2::{fmi2CallbackLogger, fmi2ComponentEnvironment, fmi2Status};
 #[repr(u8)]
 pub(crate) enum Category {
     Error = 1 << 0,
-    Fatal = 1 << 1,
-    Events = 1 << 2,
+    Warning = 1 << 1,
+    Discard = 1 << 2,
+    Fatal = 1 << 3,
+    Events = 1 << 4,
 }
 
+/// A category, its name and its description.
+type Named = (Category, &'static CStr, &'static str);
+
 /// Every category that the slave logs to.
-const CATEGORIES: [(Category, &CStr, &str); 3] = [
+const CATEGORIES: [Named; 5] = [
     (
         Category::Error,
         c"logStatusError",
         "calls and steps that failed",
+    ),
+    (
+        Category::Warning,
+        c"logStatusWarning",
+        "calls that are unusual, but worked",
+    ),
+    (
+        Category::Discard,
+        c"logStatusDiscard",
+        "steps that were discarded, and changed nothing",
     ),
     (
         Category::Fatal,
@@ -35,8 +50,11 @@ const CATEGORIES: [(Category, &CStr, &str); 3] = [
 /// The category that stands for all.
 const ALL: (&str, &str) = ("logAll", "all messages");
 
-const EVERY: u8 = Category::Error as u8 | Category::Fatal as u8 | Category::Events as u8;
-const FAILURES: u8 = Category::Error as u8 | Category::Fatal as u8;
+const EVERY: u8 = STATUSES | Category::Events as u8;
+const STATUSES: u8 = Category::Error as u8
+    | Category::Warning as u8
+    | Category::Discard as u8
+    | Category::Fatal as u8;
 
 /// Names and descriptions of all categories, for the XML.
 #[cfg(feature = "describe")]
@@ -58,7 +76,7 @@ pub(crate) struct Log {
 }
 
 impl Log {
-    /// Failures are always told, until the host switches them off by `fmi2SetDebugLogging`; events
+    /// What a call's status tells is always told, until the host switches them off by `fmi2SetDebugLogging`; events
     /// only if `debug`.
     pub(crate) fn new(
         logger: Option<fmi2CallbackLogger>,
@@ -66,7 +84,7 @@ impl Log {
         instance: CString,
         debug: bool,
     ) -> Self {
-        let on = if debug { EVERY } else { FAILURES };
+        let on = if debug { EVERY } else { STATUSES };
         Self {
             logger,
             environment,
@@ -75,7 +93,7 @@ impl Log {
         }
     }
 
-    /// Switches off every category, and on the named ones; without names, all.
+    /// Switches on exactly the named categories, or the named ones off; without names, all.
     pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), String> {
         let mut set = 0;
         for name in categories {
@@ -120,6 +138,8 @@ impl Log {
         }
         let status = match category {
             Category::Error => fmi2Status::fmi2Error,
+            Category::Warning => fmi2Status::fmi2Warning,
+            Category::Discard => fmi2Status::fmi2Discard,
             Category::Fatal => fmi2Status::fmi2Fatal,
             Category::Events => fmi2Status::fmi2OK,
         };

@@ -3,13 +3,16 @@
 use std::fmt::Display;
 
 use model_description::Variable;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// A model that can be exported as an FMU.
 ///
 /// Values live in the struct; the table says which of them the host may see. Before
 /// [`initialize`](Model::initialize), and again on a reset, the struct is made by `Default` and every
-/// variable of the table that has a start value is set to it.
-pub trait Model: Default + 'static {
+/// variable of the table that has a start value is set to it. `Clone` and `serde` are how the host
+/// saves and restores a model: whatever its future depends on is cloned and serialized.
+pub trait Model: Default + Clone + Serialize + DeserializeOwned + 'static {
     /// Name of the model, of the FMU and of its binary: a C identifier.
     const NAME: &'static str;
     /// What the model is, in a sentence.
@@ -33,7 +36,9 @@ pub trait Model: Default + 'static {
     /// Moves on from `time` to `time + step` (s), with the inputs held. `step` is positive.
     ///
     /// # Errors
-    /// The step cannot be computed. The instance can then only be reset or freed.
+    /// The step cannot be computed. The instance can then only be restored, reset or freed, unless
+    /// the error is one that leaves the model as it was: [`ModelError::refuse`] or
+    /// [`ModelError::discard`].
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 }
 
@@ -41,17 +46,56 @@ pub trait Model: Default + 'static {
 ///
 /// Any error becomes one by `?`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ModelError(String);
+pub struct ModelError {
+    reason: String,
+    kind: Kind,
+}
+
+/// What is left of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// The call was wrong, and left the model as it was.
+    Refused,
+    /// The step was not taken, and left the model as it was.
+    Discarded,
+    /// The model cannot go on.
+    Broken,
+}
 
 impl ModelError {
-    /// An error that says `reason`.
+    /// An error after which the model cannot go on (`fmi2Error`).
     pub fn new(reason: impl Display) -> Self {
-        Self(reason.to_string())
+        Self {
+            reason: reason.to_string(),
+            kind: Kind::Broken,
+        }
+    }
+
+    /// A step that the model never takes, such as one of a wrong size, and that left it as it was:
+    /// the host may go on with another (`fmi2Error`).
+    pub fn refuse(reason: impl Display) -> Self {
+        Self {
+            kind: Kind::Refused,
+            ..Self::new(reason)
+        }
+    }
+
+    /// A step that could not be taken here, and left the model as it was: the host may restore an
+    /// earlier state, and try a smaller one (`fmi2Discard`).
+    pub fn discard(reason: impl Display) -> Self {
+        Self {
+            kind: Kind::Discarded,
+            ..Self::new(reason)
+        }
     }
 
     /// The text for the user.
     pub fn reason(&self) -> &str {
-        &self.0
+        &self.reason
+    }
+
+    pub(crate) fn kind(&self) -> Kind {
+        self.kind
     }
 }
 

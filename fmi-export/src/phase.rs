@@ -1,8 +1,10 @@
 //! The state machine of a co-simulation slave (FMI 2.0.4, section 4.2.4): which call is allowed in
 //! which state.
 
+use serde::{Deserialize, Serialize};
+
 /// The state of a slave.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub(crate) enum Phase {
     /// Made; start values and the experiment may be set.
@@ -11,18 +13,21 @@ pub(crate) enum Phase {
     Initialization = 1 << 1,
     /// Ready for the next step ("slaveInitialized", "step complete").
     StepComplete = 1 << 2,
+    /// A step was discarded, and changed nothing: the host may restore a state, or end.
+    StepFailed = 1 << 3,
     /// The simulation is over.
-    Terminated = 1 << 3,
-    /// A step failed: only looking, reset and free are left.
-    Error = 1 << 4,
+    Terminated = 1 << 4,
+    /// A step failed: only looking, restoring a state, reset and free are left.
+    Error = 1 << 5,
     /// A panic was stopped: only free is left.
-    Fatal = 1 << 5,
+    Fatal = 1 << 6,
 }
 
-const PHASES: [(Phase, &str); 6] = [
+const PHASES: [(Phase, &str); 7] = [
     (Phase::Instantiated, "instantiated"),
     (Phase::Initialization, "initialization mode"),
     (Phase::StepComplete, "step complete"),
+    (Phase::StepFailed, "step failed"),
     (Phase::Terminated, "terminated"),
     (Phase::Error, "error"),
     (Phase::Fatal, "fatal"),
@@ -63,11 +68,13 @@ impl Call {
 const INSTANTIATED: u8 = Phase::Instantiated as u8;
 const INITIALIZATION: u8 = Phase::Initialization as u8;
 const STEP_COMPLETE: u8 = Phase::StepComplete as u8;
+const STEP_FAILED: u8 = Phase::StepFailed as u8;
 const TERMINATED: u8 = Phase::Terminated as u8;
 const ERROR: u8 = Phase::Error as u8;
 /// Every state but fatal.
-const ALIVE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE | TERMINATED | ERROR;
+const ALIVE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
 const SETTABLE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE;
+const READABLE: u8 = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
 
 macro_rules! calls {
     ($($constant:ident $name:ident: $allowed:expr;)*) => {
@@ -86,17 +93,30 @@ calls! {
     SETUP_EXPERIMENT fmi2SetupExperiment: INSTANTIATED;
     ENTER_INITIALIZATION_MODE fmi2EnterInitializationMode: INSTANTIATED;
     EXIT_INITIALIZATION_MODE fmi2ExitInitializationMode: INITIALIZATION;
-    TERMINATE fmi2Terminate: STEP_COMPLETE;
+    TERMINATE fmi2Terminate: STEP_COMPLETE | STEP_FAILED;
     RESET fmi2Reset: ALIVE;
-    GET_REAL fmi2GetReal: ALIVE;
-    GET_INTEGER fmi2GetInteger: ALIVE;
-    GET_BOOLEAN fmi2GetBoolean: ALIVE;
-    GET_STRING fmi2GetString: ALIVE;
+
+    GET_REAL fmi2GetReal: READABLE;
+    GET_INTEGER fmi2GetInteger: READABLE;
+    GET_BOOLEAN fmi2GetBoolean: READABLE;
+    GET_STRING fmi2GetString: READABLE;
     SET_REAL fmi2SetReal: SETTABLE;
     SET_INTEGER fmi2SetInteger: SETTABLE;
     SET_BOOLEAN fmi2SetBoolean: SETTABLE;
     SET_STRING fmi2SetString: SETTABLE;
+
+    GET_FMU_STATE fmi2GetFMUstate: ALIVE;
+    SET_FMU_STATE fmi2SetFMUstate: ALIVE;
+    FREE_FMU_STATE fmi2FreeFMUstate: ALIVE;
+    SERIALIZED_SIZE fmi2SerializedFMUstateSize: ALIVE;
+    SERIALIZE fmi2SerializeFMUstate: ALIVE;
+    DESERIALIZE fmi2DeSerializeFMUstate: ALIVE;
+
+    DIRECTIONAL_DERIVATIVE fmi2GetDirectionalDerivative: READABLE;
+    INPUT_DERIVATIVES fmi2SetRealInputDerivatives: SETTABLE;
     DO_STEP fmi2DoStep: STEP_COMPLETE;
+    REAL_STATUS fmi2GetRealStatus: STEP_COMPLETE | STEP_FAILED | TERMINATED;
+    BOOLEAN_STATUS fmi2GetBooleanStatus: STEP_COMPLETE | STEP_FAILED | TERMINATED;
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! A model behind one interface for all: its values by reference, start values, steps.
 
+use std::any::Any;
+
 use model_description::{Info, Place, Variable, check, guid};
 
 use crate::{Model, ModelError};
@@ -9,7 +11,7 @@ use crate::{Model, ModelError};
 pub struct Entry {
     /// Its name.
     pub name: &'static str,
-    guid: [u8; guid::LENGTH],
+    guid: Guid,
     create: fn() -> Box<dyn Slave>,
     #[cfg(feature = "describe")]
     pub(crate) describe: fn() -> model_description::schema::ModelDescription,
@@ -21,7 +23,7 @@ impl Entry {
         check(M::VARIABLES);
         Self {
             name: M::NAME,
-            guid: guid::guid(M::NAME, M::VARIABLES),
+            guid: Bound::<M>::GUID,
             create: || Box::new(Bound::<M>::new()),
             #[cfg(feature = "describe")]
             describe: crate::description::describe::<M>,
@@ -58,7 +60,30 @@ pub(crate) trait Slave {
     fn count(&self) -> usize;
     /// The variable of a value reference.
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>>;
+
+    /// Where the time derivative of an input lives, if the host may give it.
+    fn slope(&mut self, reference: u32) -> Option<&mut f64>;
+    /// Sets all time derivatives of inputs to zero.
+    fn clear_slopes(&mut self);
+    /// Whether derivatives of outputs by inputs are known.
+    fn has_sensitivities(&self) -> bool;
+    /// The derivative of an output by an input, as it was held over the last step.
+    fn sensitivity(&self, output: u32, input: u32) -> f64;
+
+    /// The GUID of the model's interface.
+    fn guid(&self) -> Guid;
+    /// A copy of the model.
+    fn save(&self) -> Box<dyn Any>;
+    /// Takes over a copy; false if it is one of another model.
+    fn restore(&mut self, saved: &dyn Any) -> bool;
+    /// The bytes of a copy; none if it is one of another model.
+    fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>>;
+    /// The copy that the bytes hold, if they hold one and nothing else.
+    fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>>;
 }
+
+/// A GUID as text.
+pub(crate) type Guid = [u8; guid::LENGTH];
 
 /// A model bound to its table.
 struct Bound<M>(M);
@@ -93,6 +118,7 @@ const fn slots<M>(variables: &[Variable<M>]) -> Slots {
 
 impl<M: Model> Bound<M> {
     const SLOTS: &'static Slots = &slots(M::VARIABLES);
+    const GUID: Guid = guid::guid(M::NAME, M::VARIABLES);
 
     fn new() -> Self {
         let mut model = M::default();
@@ -100,6 +126,13 @@ impl<M: Model> Bound<M> {
             variable.start(&mut model);
         }
         Self(model)
+    }
+
+    /// The row of a value reference, and the element of its array.
+    fn row(reference: u32) -> Option<(&'static Variable<M>, usize)> {
+        let slots = &Self::SLOTS.slots[..Self::SLOTS.count];
+        let &(row, element) = slots.get(usize::try_from(reference).ok()?)?;
+        Some((M::VARIABLES.get(usize::from(row))?, usize::from(element)))
     }
 }
 
@@ -121,14 +154,63 @@ impl<M: Model> Slave for Bound<M> {
     }
 
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
-        let slots = &Self::SLOTS.slots[..Self::SLOTS.count];
-        let &(row, element) = slots.get(usize::try_from(reference).ok()?)?;
-        let variable = M::VARIABLES.get(usize::from(row))?;
-        let element = usize::from(element);
+        let (variable, element) = Self::row(reference)?;
         Some(Scalar {
             info: &variable.info,
             element,
             place: variable.place(&mut self.0, element)?,
         })
+    }
+
+    fn slope(&mut self, reference: u32) -> Option<&mut f64> {
+        Self::row(reference)?.0.slope_place(&mut self.0)
+    }
+
+    fn clear_slopes(&mut self) {
+        for variable in M::VARIABLES {
+            if let Some(slope) = variable.slope_place(&mut self.0) {
+                *slope = 0.0;
+            }
+        }
+    }
+
+    fn has_sensitivities(&self) -> bool {
+        M::VARIABLES.iter().any(Variable::has_sensitivities)
+    }
+
+    fn sensitivity(&self, output: u32, input: u32) -> f64 {
+        match (Self::row(output), Self::row(input)) {
+            (Some((output, _)), Some((input, _))) => output.sensitivity(&self.0, input.info.name),
+            _ => 0.0,
+        }
+    }
+
+    fn guid(&self) -> Guid {
+        Self::GUID
+    }
+
+    fn save(&self) -> Box<dyn Any> {
+        Box::new(self.0.clone())
+    }
+
+    fn restore(&mut self, saved: &dyn Any) -> bool {
+        match saved.downcast_ref::<M>() {
+            Some(model) => {
+                self.0 = model.clone();
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>> {
+        postcard::to_allocvec(saved.downcast_ref::<M>()?).ok()
+    }
+
+    fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>> {
+        match postcard::take_from_bytes::<M>(bytes) {
+            Ok((model, [])) => Some(Box::new(model)),
+            _ => None,
+        }
     }
 }

@@ -123,19 +123,29 @@ impl Value for Boolean {
     }
 }
 
-/// Reads the values of the references.
+/// Reads the values of the references, all or none.
 pub(crate) fn get<V: Value>(
     slave: &mut dyn Slave,
     references: &[u32],
     values: &mut [V],
 ) -> Result<(), Refusal> {
+    // Several are looked at before the first is handed out; a single one need not be.
+    if references.len() > 1 {
+        for &reference in references {
+            read::<V>(slave, reference)?;
+        }
+    }
     for (&reference, value) in references.iter().zip(values) {
-        let Some(scalar) = slave.find(reference) else {
-            return Err(unknown(slave, reference));
-        };
-        *value = V::read(&scalar.place).ok_or_else(|| wrong_type::<V>(&scalar))?;
+        *value = read(slave, reference)?;
     }
     Ok(())
+}
+
+fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Refusal> {
+    match slave.find(reference) {
+        Some(scalar) => V::read(&scalar.place).ok_or_else(|| wrong_type::<V>(&scalar)),
+        None => Err(unknown(slave, reference)),
+    }
 }
 
 /// Writes all values, or none. `running`: the initialization is over.
@@ -163,6 +173,86 @@ pub(crate) fn set<V: Value>(
     for (&reference, &value) in references.iter().zip(values) {
         if let Some(scalar) = slave.find(reference) {
             value.write(scalar.place);
+        }
+    }
+    Ok(())
+}
+
+/// Gives inputs their first time derivatives, all or none.
+pub(crate) fn set_slopes(
+    slave: &mut dyn Slave,
+    references: &[u32],
+    orders: &[i32],
+    values: &[f64],
+) -> Result<(), Refusal> {
+    for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
+        let Some(scalar) = slave.find(reference) else {
+            return Err(unknown(slave, reference));
+        };
+        let name = name(&scalar);
+        if slave.slope(reference).is_none() {
+            return Err(format!("the host cannot give a time derivative of {name}"));
+        }
+        if order != 1 {
+            return Err(format!(
+                "the derivative of {name} is of order {order}; expected 1"
+            ));
+        }
+        if !value.is_finite() {
+            return Err(format!(
+                "the derivative of {name} = {value} is refused; expected a finite number"
+            ));
+        }
+    }
+    for (&reference, &value) in references.iter().zip(values) {
+        if let Some(slope) = slave.slope(reference) {
+            *slope = value;
+        }
+    }
+    Ok(())
+}
+
+/// Derivatives of outputs in a direction of the inputs, all or none.
+pub(crate) fn directional_derivative(
+    slave: &mut dyn Slave,
+    unknowns: &[u32],
+    knowns: &[u32],
+    direction: &[f64],
+    derivatives: &mut [f64],
+) -> Result<(), Refusal> {
+    if !slave.has_sensitivities() {
+        return Err("the model has no derivatives: providesDirectionalDerivative is false".into());
+    }
+    check_causality(slave, unknowns, Causality::Output, "an output")?;
+    check_causality(slave, knowns, Causality::Input, "an input")?;
+    if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
+        return Err(format!(
+            "the direction holds {change}; expected finite numbers"
+        ));
+    }
+    for (&unknown, derivative) in unknowns.iter().zip(derivatives) {
+        *derivative = knowns
+            .iter()
+            .zip(direction)
+            .map(|(&known, change)| slave.sensitivity(unknown, known) * change)
+            .sum();
+    }
+    Ok(())
+}
+
+fn check_causality(
+    slave: &mut dyn Slave,
+    references: &[u32],
+    causality: Causality,
+    expected: &str,
+) -> Result<(), Refusal> {
+    for &reference in references {
+        match slave.find(reference) {
+            None => return Err(unknown(slave, reference)),
+            Some(scalar) if scalar.info.causality != causality => {
+                return Err(format!("{} is not {expected}", name(&scalar)));
+            }
+            Some(_) => {}
         }
     }
     Ok(())

@@ -5,9 +5,10 @@ use std::ptr::{null, null_mut};
 
 use fmi_export::fmi2::{fmi2Component, fmi2Status};
 use fmi_export::{Model, ModelError, Variable};
+use serde::{Deserialize, Serialize};
 
 /// Panics in the step, or at the initialization if it is told so.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 struct Faulty {
     at_initialization: bool,
     y: f64,

@@ -5,12 +5,13 @@ use fmi_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmi_export::{Enumeration, Model, ModelError, Variable};
+use serde::{Deserialize, Serialize};
 
 use crate::pid_rbf::finite_law;
 use crate::rows::{pid_rows, rbf_rows};
 
 /// IPID-RBF, sampled: a PID whose sum leaks, and a network that does the integration.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 pub struct IpidRbf {
     r: f64,
     y: f64,
@@ -60,7 +61,7 @@ impl Model for IpidRbf {
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        for _ in 0..self.clock.due(time, step)? {
+        for _ in 0..self.clock.due(time, step).map_err(ModelError::discard)? {
             self.controller
                 .sample(self.r, self.y, self.d, self.u_supervisor);
         }

@@ -5,11 +5,12 @@ use fmi_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmi_export::{Model, ModelError, Variable, finite};
+use serde::{Deserialize, Serialize};
 
 use crate::rows::pid_rows;
 
 /// The PID controller (20), sampled.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Pid {
     r: f64,
     y: f64,
@@ -31,7 +32,7 @@ impl Model for Pid {
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        for _ in 0..self.clock.due(time, step)? {
+        for _ in 0..self.clock.due(time, step).map_err(ModelError::discard)? {
             self.pid.sample(self.r, self.y, self.d);
         }
         finite(&[("e", self.pid.e), ("u_p", self.pid.u_p)])

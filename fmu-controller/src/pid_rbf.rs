@@ -5,11 +5,12 @@ use fmi_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmi_export::{Model, ModelError, Variable, finite};
+use serde::{Deserialize, Serialize};
 
 use crate::rows::{pid_rows, rbf_rows};
 
 /// PID-RBF, sampled: a PID and a network that learns its control.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 pub struct PidRbf {
     r: f64,
     y: f64,
@@ -34,7 +35,7 @@ impl Model for PidRbf {
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        for _ in 0..self.clock.due(time, step)? {
+        for _ in 0..self.clock.due(time, step).map_err(ModelError::discard)? {
             self.law.sample(self.r, self.y, self.d);
         }
         finite_law(&self.law)

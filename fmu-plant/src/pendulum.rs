@@ -1,16 +1,19 @@
 //! The pendulum in its three forms behind one interface.
 
-use control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
+use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use fmi_export::unit::{
     KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
     NEWTON_SECOND_PER_METRE, RADIAN, RADIAN_PER_SECOND, SECOND,
 };
 use fmi_export::{Enumeration, Model, ModelError, Variable, finite};
+use serde::{Deserialize, Serialize};
 
 /// Cart with inverted pendulum, driven by the force `u`, which is held over a communication step.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Pendulum {
-    u: f64,
+    u: Force,
+    /// What the last step was, for the derivatives of its result.
+    last: Option<Step>,
     state: State,
     start: State,
     parameters: Parameters,
@@ -19,8 +22,16 @@ pub struct Pendulum {
     dynamics: Dynamics,
 }
 
+/// A step that was taken.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct Step {
+    from: State,
+    u: Force,
+    step: f64,
+}
+
 /// The chosen form of the plant, made at the initialization.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 enum Dynamics {
     TransferFunction(TransferFunction),
     Linear(Box<Linear>),
@@ -52,22 +63,27 @@ impl Model for Pendulum {
     const NAME: &'static str = "Pendulum";
     const DESCRIPTION: &'static str = "Cart with an inverted pendulum";
     const VARIABLES: &'static [Row] = &[
-        Row::input("u", |m| &mut m.u)
+        Row::input("u", |m| &mut m.u.value)
+            .slope(|m| &mut m.u.slope)
             .unit(NEWTON)
             .about("force on the cart"),
         Row::output("theta", |m| &mut m.state.theta)
+            .sensitive_to(&[("u", |m| m.sensitivity().theta)])
             .unit(RADIAN)
             .initially_from(&["theta0"])
             .about("angle of the pendulum from the upright"),
         Row::output("omega", |m| &mut m.state.omega)
+            .sensitive_to(&[("u", |m| m.sensitivity().omega)])
             .unit(RADIAN_PER_SECOND)
             .initially_from(&["omega0", "model"])
             .about("angular velocity of the pendulum"),
         Row::output("x", |m| &mut m.state.x)
+            .sensitive_to(&[("u", |m| m.sensitivity().x)])
             .unit(METRE)
             .initially_from(&["x0", "model"])
             .about("position of the cart"),
         Row::output("v", |m| &mut m.state.v)
+            .sensitive_to(&[("u", |m| m.sensitivity().v)])
             .unit(METRE_PER_SECOND)
             .initially_from(&["v0", "model"])
             .about("velocity of the cart"),
@@ -130,6 +146,7 @@ impl Model for Pendulum {
     ];
 
     fn initialize(&mut self, _start_time: f64) -> Result<(), ModelError> {
+        self.last = None;
         self.state = self.start;
         self.dynamics = match self.model {
             TRANSFER_FUNCTION => {
@@ -147,22 +164,61 @@ impl Model for Pendulum {
     }
 
     fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
-        match &mut self.dynamics {
-            Dynamics::TransferFunction(plant) => {
-                for _ in 0..whole_samples(step, self.ts)? {
-                    self.state.theta = plant.advance(self.u);
-                }
-            }
-            Dynamics::Linear(plant) => {
-                let step = snap(step, self.ts);
-                plant.advance(&mut self.state, self.u, step);
-            }
-            Dynamics::Nonlinear => {
-                nonlinear::advance(&self.parameters, &mut self.state, self.u, step)?;
-            }
-        }
+        let last = Step {
+            from: self.state,
+            u: self.u,
+            step: snap(step, self.ts),
+        };
+        self.advance(&last)?;
+        self.last = Some(last);
         let State { x, v, theta, omega } = self.state;
         finite(&[("theta", theta), ("omega", omega), ("x", x), ("v", v)])
+    }
+}
+
+impl Pendulum {
+    fn advance(&mut self, &Step { u, step, .. }: &Step) -> Result<(), ModelError> {
+        match &mut self.dynamics {
+            Dynamics::TransferFunction(plant) => {
+                for k in 0..whole_samples(step, self.ts)? {
+                    let held = u.value + u.slope * f64::from(k) * self.ts;
+                    self.state.theta = plant.advance(held);
+                }
+            }
+            Dynamics::Linear(plant) => plant.advance(&mut self.state, u, step),
+            Dynamics::Nonlinear => {
+                nonlinear::advance(&self.parameters, &mut self.state, u, step)
+                    .map_err(|failure| self.too_fast(failure))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A motion that cannot be followed, and from where.
+    fn too_fast(&self, failure: nonlinear::StepFailure) -> ModelError {
+        let (State { theta, omega, .. }, u) = (self.state, self.u.value);
+        ModelError::new(format_args!(
+            "{failure}; it began with u = {u:?} N, theta = {theta:?} rad, omega = {omega:?} rad/s"
+        ))
+    }
+
+    /// The derivative of the state by the force that was held over the last step, per N; zero before
+    /// the first.
+    fn sensitivity(&self) -> State {
+        let Some(Step { from, u, step }) = &self.last else {
+            return State::default();
+        };
+        match &self.dynamics {
+            Dynamics::TransferFunction(plant) => State {
+                theta: plant.sensitivity(whole_samples(*step, self.ts).unwrap_or(0)),
+                ..State::default()
+            },
+            Dynamics::Linear(plant) => plant.sensitivity(*step),
+            // The step was taken, so it can be computed.
+            Dynamics::Nonlinear => {
+                nonlinear::sensitivity(&self.parameters, from, *u, *step).unwrap_or_default()
+            }
+        }
     }
 }
 
@@ -172,12 +228,12 @@ fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
     const MOST: f64 = 1e8;
     let samples = (step / ts).round();
     if (step / ts - samples).abs() > 1e-6 {
-        return Err(ModelError::new(format_args!(
+        return Err(ModelError::refuse(format_args!(
             "with the model transfer_function the communication step must be a whole number of ts = {ts} s, but it is {step} s"
         )));
     }
     if samples > MOST {
-        return Err(ModelError::new(format_args!(
+        return Err(ModelError::discard(format_args!(
             "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MOST} that are computed in one step"
         )));
     }

@@ -2,10 +2,11 @@
 
 use control::signal;
 use fmi_export::unit::{HERTZ, RADIAN, SECOND};
-use fmi_export::{Enumeration, Model, ModelError, Variable};
+use fmi_export::{Enumeration, Model, ModelError, Variable, finite};
+use serde::{Deserialize, Serialize};
 
 /// Set-point `r` and disturbance `d`, at the current communication point.
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Source {
     r: f64,
     d: f64,
@@ -15,7 +16,7 @@ pub struct Source {
     disturbance: Pulse,
 }
 
-#[derive(Default)]
+#[derive(Default, Clone, Serialize, Deserialize)]
 struct Pulse {
     amplitude: f64,
     start: f64,
@@ -102,11 +103,11 @@ impl Model for Source {
 
     fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
         self.update(start_time);
-        Ok(())
+        finite(&[("r", self.r), ("d", self.d)])
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         self.update(time + step);
-        Ok(())
+        finite(&[("r", self.r), ("d", self.d)])
     }
 }

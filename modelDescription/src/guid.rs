@@ -18,6 +18,11 @@ pub const fn guid<M>(model: &str, variables: &[Variable<M>]) -> [u8; LENGTH] {
     format(hash.0)
 }
 
+/// The 128-bit FNV-1a hash of bytes: tells damaged bytes from sound ones.
+pub const fn checksum(bytes: &[u8]) -> u128 {
+    Hash::new().bytes(bytes).0
+}
+
 /// FNV-1a, 128 bits.
 struct Hash(u128);
 

@@ -33,5 +33,5 @@ mod variable;
 pub use describe::{Subject, describe};
 pub use unit::Unit;
 pub use variable::{
-    Causality, Domain, Enumeration, Info, Place, Start, Variability, Variable, check,
+    Causality, Domain, Enumeration, Info, Place, Sensitivity, Start, Variability, Variable, check,
 };

@@ -33,7 +33,13 @@ pub struct Variable<M: 'static> {
     /// What it is.
     pub info: Info,
     access: Access<M>,
+    slope: Option<fn(&mut M) -> &mut f64>,
+    sensitivities: &'static [Sensitivity<M>],
 }
+
+/// The name of an input, and the derivative by it of an output's present value, as the input was
+/// held over the last step.
+pub type Sensitivity<M> = (&'static str, fn(&M) -> f64);
 
 /// What a variable is: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
 #[derive(Debug, Clone, Copy)]
@@ -292,6 +298,8 @@ impl<M> Variable<M> {
                 domain,
             },
             access,
+            slope: None,
+            sensitivities: &[],
         }
     }
 
@@ -343,6 +351,49 @@ impl<M> Variable<M> {
     pub const fn initially_from(mut self, parameters: &'static [&'static str]) -> Self {
         self.info.initially_from = parameters;
         self
+    }
+
+    /// Lets the host give an input's time derivative for the next step, and says where it lives.
+    pub const fn slope(mut self, access: fn(&mut M) -> &mut f64) -> Self {
+        assert!(
+            matches!(self.info.causality, Causality::Input),
+            "only an input has a slope"
+        );
+        self.slope = Some(access);
+        self
+    }
+
+    /// Gives the derivatives of a scalar output by inputs; those by other inputs are zero.
+    pub const fn sensitive_to(mut self, sensitivities: &'static [Sensitivity<M>]) -> Self {
+        assert!(
+            matches!(self.info.causality, Causality::Output) && self.info.array.is_none(),
+            "only a scalar output has sensitivities"
+        );
+        self.sensitivities = sensitivities;
+        self
+    }
+
+    /// Whether the host may give the variable's time derivative.
+    pub const fn has_slope(&self) -> bool {
+        self.slope.is_some()
+    }
+
+    /// Whether the variable's derivatives by inputs are known.
+    pub const fn has_sensitivities(&self) -> bool {
+        !self.sensitivities.is_empty()
+    }
+
+    /// Where the variable's time derivative lives in `model`, if the host may give it.
+    pub fn slope_place<'a>(&self, model: &'a mut M) -> Option<&'a mut f64> {
+        self.slope.map(|access| access(model))
+    }
+
+    /// The derivative of the variable's present value by an input, as it was held over the last step.
+    pub fn sensitivity(&self, model: &M, input: &str) -> f64 {
+        self.sensitivities
+            .iter()
+            .find(|(name, _)| *name == input)
+            .map_or(0.0, |(_, derivative)| derivative(model))
     }
 
     /// Where the value of the element `index` (from 0) lives in `model`; none if the model's array
@@ -492,6 +543,23 @@ mod tests {
         assert_eq!(w.count(), 3);
         assert_eq!(w.element_name(2), "rbf.w[3]");
         assert_eq!(k().info.element_name(0), "k");
+    }
+
+    #[test]
+    fn sensitivities_are_found_by_the_name_of_the_input() {
+        let row = Row::output("y", |m| &mut m.k).sensitive_to(&[("u", |m| 2.0 * m.k)]);
+        let model = Model {
+            k: 3.0,
+            w: [0.0; 3],
+        };
+        assert_eq!(row.sensitivity(&model, "u"), 6.0);
+        assert_eq!(row.sensitivity(&model, "d"), 0.0);
+    }
+
+    #[test]
+    #[should_panic(expected = "only an input has a slope")]
+    fn outputs_have_no_slope() {
+        let _ = Row::output("y", |m| &mut m.k).slope(|m| &mut m.k);
     }
 
     #[test]

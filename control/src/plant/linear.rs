@@ -1,70 +1,111 @@
 //! The linear plant in state space, stepped exactly.
 
-use nalgebra::{Matrix4, Matrix5, Vector4};
+use nalgebra::{Matrix4, Matrix6, Vector4};
 
-use super::{Parameters, State, exponential::expm1};
+use super::{Force, Parameters, State, exponential::expm1};
 
-/// The linear plant (9) with the state (x, v, theta, omega), exact for a force held over a step.
+/// The linear plant (9) with the state (x, v, theta, omega), exact for a force that is held, or
+/// changes linearly, over a step.
 ///
 /// The transition of a step is a matrix exponential, computed when the step changes, and kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(from = "Parameters", into = "Parameters")
+)]
 pub struct Linear {
-    a: Matrix4<f64>,
-    b: Vector4<f64>,
-    /// The step (s) that `increment` and `input` belong to.
+    parameters: Parameters,
+    /// The step (s) that `transition` belongs to.
     step: f64,
+    transition: Transition,
+}
+
+/// How a step moves the state: s + increment s + held u + ramp u'.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Transition {
     /// exp(A step) - I.
     increment: Matrix4<f64>,
-    input: Vector4<f64>,
+    held: Vector4<f64>,
+    ramp: Vector4<f64>,
+}
+
+impl From<Parameters> for Linear {
+    fn from(parameters: Parameters) -> Self {
+        Self {
+            parameters,
+            step: 0.0,
+            transition: Transition {
+                increment: Matrix4::zeros(),
+                held: Vector4::zeros(),
+                ramp: Vector4::zeros(),
+            },
+        }
+    }
+}
+
+impl From<Linear> for Parameters {
+    fn from(plant: Linear) -> Self {
+        plant.parameters
+    }
 }
 
 impl Linear {
-    /// The plant with the given parameters: `x' = A x + B u` from (9), solved for x'' and theta''.
+    /// The plant with the given parameters.
     pub fn new(parameters: &Parameters) -> Self {
-        let p = parameters;
-        let (ml, inertia, q) = (p.ml(), p.inertia(), p.q());
-        #[rustfmt::skip]
-        let a = Matrix4::new(
-            0.0, 1.0, 0.0, 0.0,
-            0.0, -p.b * inertia / q, ml * ml * p.g / q, 0.0,
-            0.0, 0.0, 0.0, 1.0,
-            0.0, -p.b * ml / q, (p.M + p.m) * ml * p.g / q, 0.0,
-        );
-        Self {
-            a,
-            b: Vector4::new(0.0, inertia / q, 0.0, ml / q),
-            step: 0.0,
-            increment: Matrix4::zeros(),
-            input: Vector4::zeros(),
-        }
+        Self::from(*parameters)
     }
 
-    /// Moves `state` on by `step` (s) under the held force `u` (N).
-    pub fn advance(&mut self, state: &mut State, u: f64, step: f64) {
-        // A key of the cache, not a comparison of times: any other step has other matrices.
+    /// Moves `state` on by `step` (s) under the force `u`.
+    pub fn advance(&mut self, state: &mut State, u: impl Into<Force>, step: f64) {
+        // A key of the cache, not a comparison of times: any other step has another transition.
         if step != self.step {
-            self.discretize(step);
+            self.transition = transition(&self.parameters, step);
+            self.step = step;
         }
+        let Force { value, slope } = u.into();
+        let t = &self.transition;
         let s = Vector4::new(state.x, state.v, state.theta, state.omega);
         // The increment is added last: at small steps the sum I + increment would lose its digits.
-        let s = s + (self.increment * s + self.input * u);
-        *state = State {
-            x: s[0],
-            v: s[1],
-            theta: s[2],
-            omega: s[3],
-        };
+        let s = s + (t.increment * s + t.held * value + t.ramp * slope);
+        *state = into_state(&s);
     }
 
-    /// Zero-order hold: exp([A B; 0 0] h) = [Ad Bd; 0 1].
-    fn discretize(&mut self, step: f64) {
-        let mut generator = Matrix5::zeros();
-        generator.fixed_view_mut::<4, 4>(0, 0).copy_from(&self.a);
-        generator.fixed_view_mut::<4, 1>(0, 4).copy_from(&self.b);
-        let hold = expm1(&(generator * step));
-        self.increment = hold.fixed_view::<4, 4>(0, 0).into();
-        self.input = hold.fixed_view::<4, 1>(0, 4).into();
-        self.step = step;
+    /// The derivative of the state after a step of `step` (s) by the force held over it, per N.
+    pub fn sensitivity(&self, step: f64) -> State {
+        into_state(&transition(&self.parameters, step).held)
+    }
+}
+
+fn into_state(s: &Vector4<f64>) -> State {
+    State {
+        x: s[0],
+        v: s[1],
+        theta: s[2],
+        omega: s[3],
+    }
+}
+
+/// `s' = A s + B u` from (9), solved for x'' and theta'', with u' constant, over one step:
+/// exp of ((A, B, 0), (0, 0, 1), (0, 0, 0)) times the step.
+fn transition(p: &Parameters, step: f64) -> Transition {
+    let (ml, inertia, q) = (p.ml(), p.inertia(), p.q());
+    let (v, theta, omega, u, slope) = (1, 2, 3, 4, 5);
+    let mut generator = Matrix6::zeros();
+    generator[(0, v)] = 1.0;
+    generator[(v, v)] = -p.b * inertia / q;
+    generator[(v, theta)] = ml * ml * p.g / q;
+    generator[(v, u)] = inertia / q;
+    generator[(theta, omega)] = 1.0;
+    generator[(omega, v)] = -p.b * ml / q;
+    generator[(omega, theta)] = (p.M + p.m) * ml * p.g / q;
+    generator[(omega, u)] = ml / q;
+    generator[(u, slope)] = 1.0;
+    let moved = expm1(&(generator * step));
+    Transition {
+        increment: moved.fixed_view::<4, 4>(0, 0).into(),
+        held: moved.fixed_view::<4, 1>(0, u).into(),
+        ramp: moved.fixed_view::<4, 1>(0, slope).into(),
     }
 }
 
@@ -103,6 +144,39 @@ mod tests {
         let rod =
             (p.I + p.m * p.l * p.l) * thetadd - p.m * p.g * p.l * START.theta - p.m * p.l * xdd;
         assert!(cart.abs() < 1e-5 && rod.abs() < 1e-5, "{cart} {rod}");
+    }
+
+    #[test]
+    fn a_ramp_of_the_force_is_the_limit_of_many_held_steps() {
+        let mut plant = Linear::new(&Parameters::PAPER);
+        let (mut once, mut often) = (START, START);
+        plant.advance(
+            &mut once,
+            Force {
+                value: 1.0,
+                slope: 4.0,
+            },
+            0.5,
+        );
+        let n = 4096;
+        for k in 0..n {
+            // The value in the middle of each small step: second order.
+            let middle = (f64::from(k) + 0.5) * 0.5 / f64::from(n);
+            plant.advance(&mut often, 1.0 + 4.0 * middle, 0.5 / f64::from(n));
+        }
+        assert!((once.theta / often.theta - 1.0).abs() < 1e-7);
+        assert!((once.x / often.x - 1.0).abs() < 1e-7);
+    }
+
+    #[test]
+    fn the_sensitivity_is_the_difference_that_one_newton_makes() {
+        let mut plant = Linear::new(&Parameters::PAPER);
+        let (mut with, mut without) = (START, START);
+        plant.advance(&mut with, 3.0, 0.2);
+        plant.advance(&mut without, 2.0, 0.2);
+        let sensitivity = plant.sensitivity(0.2);
+        assert!((with.theta - without.theta - sensitivity.theta).abs() < 1e-14);
+        assert!((with.v - without.v - sensitivity.v).abs() < 1e-14);
     }
 
     #[test]

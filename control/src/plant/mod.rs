@@ -3,7 +3,7 @@
 //! | form | is | exact for |
 //! |---|---|---|
 //! | [`TransferFunction`] | the difference equation (41), `theta` only | the linear plant, held force, one `ts` |
-//! | [`Linear`] | the state space of (9) | the linear plant, held force, any step |
+//! | [`Linear`] | the state space of (9) | the linear plant, held or ramped force, any step |
 //! | [`nonlinear`] | (7), (8), integrated with error control | |
 
 mod exponential;
@@ -16,6 +16,7 @@ pub use transfer_function::TransferFunction;
 
 /// Parameters of cart and pendulum; [`Parameters::PAPER`] has the values of section 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[allow(non_snake_case, reason = "the symbols of the paper")]
 pub struct Parameters {
     /// Mass of the cart (kg).
@@ -59,8 +60,25 @@ impl Parameters {
     }
 }
 
+/// The force on the cart over a step: u(t + tau) = value + slope tau.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Force {
+    /// At the beginning of the step (N).
+    pub value: f64,
+    /// Its derivative (N/s); 0 for a force that is held.
+    pub slope: f64,
+}
+
+impl From<f64> for Force {
+    fn from(value: f64) -> Self {
+        Self { value, slope: 0.0 }
+    }
+}
+
 /// State of cart and pendulum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     /// Position of the cart (m).
     pub x: f64,

@@ -1,7 +1,7 @@
 //! The nonlinear plant (7), (8), integrated by the embedded Runge-Kutta pair 5(4) of Dormand and
 //! Prince (J. Comput. Appl. Math. 6, 1980), local extrapolation, error per substep controlled.
 
-use super::{Parameters, State};
+use super::{Force, Parameters, State};
 
 /// Accepted error of a substep, relative to the size of each state plus [`ABSOLUTE`].
 const RELATIVE: f64 = 1e-11;
@@ -29,38 +29,146 @@ impl core::fmt::Display for StepFailure {
 
 impl core::error::Error for StepFailure {}
 
-/// The four states as an array, the form in which Runge-Kutta sums them.
-type Vector = [f64; 4];
-
-/// Moves `state` on by `step` (s) under the held force `u` (N).
+/// Moves `state` on by `step` (s) under the force `u`.
 ///
 /// # Errors
 /// [`StepFailure`] when the state leaves the finite numbers or changes too fast; `state` is then
 /// unchanged.
-pub fn advance(p: &Parameters, state: &mut State, u: f64, step: f64) -> Result<(), StepFailure> {
-    let mut y = [state.x, state.v, state.theta, state.omega];
+pub fn advance(
+    p: &Parameters,
+    state: &mut State,
+    u: impl Into<Force>,
+    step: f64,
+) -> Result<(), StepFailure> {
+    let u = u.into();
+    let start = [state.x, state.v, state.theta, state.omega];
+    let [x, v, theta, omega] = integrate(start, step, |tau, y| {
+        derivative(p, y, u.value + u.slope * tau)
+    })?;
+    *state = State { x, v, theta, omega };
+    Ok(())
+}
+
+/// The derivative of the state after a step of `step` (s) from `state` by the force held over it,
+/// per N: the variational equation, integrated beside the motion.
+///
+/// # Errors
+/// As [`advance`].
+pub fn sensitivity(
+    p: &Parameters,
+    state: &State,
+    u: impl Into<Force>,
+    step: f64,
+) -> Result<State, StepFailure> {
+    let u = u.into();
+    let start = [
+        state.x,
+        state.v,
+        state.theta,
+        state.omega,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ];
+    let end = integrate(
+        start,
+        step,
+        |tau, &[x, v, theta, omega, dx, dv, dtheta, domega]| {
+            let (y, dy) = ([x, v, theta, omega], [dx, dv, dtheta, domega]);
+            let force = u.value + u.slope * tau;
+            let ([y0, y1, y2, y3], [d0, d1, d2, d3]) =
+                (derivative(p, &y, force), variation(p, &y, force, &dy));
+            [y0, y1, y2, y3, d0, d1, d2, d3]
+        },
+    )?;
+    Ok(State {
+        x: end[4],
+        v: end[5],
+        theta: end[6],
+        omega: end[7],
+    })
+}
+
+/// The quantities of which the accelerations consist, at a state (x, v, theta, omega) and a force.
+struct Balance {
+    sin: f64,
+    cos: f64,
+    /// m l cos(theta).
+    coupling: f64,
+    force: f64,
+    torque: f64,
+    determinant: f64,
+}
+
+impl Balance {
+    fn new(p: &Parameters, [_, v, theta, omega]: &[f64; 4], u: f64) -> Self {
+        let (sin, cos) = libm::sincos(*theta);
+        let coupling = p.ml() * cos;
+        Self {
+            sin,
+            cos,
+            coupling,
+            force: u - p.b * v - p.ml() * omega * omega * sin,
+            torque: p.ml() * p.g * sin,
+            determinant: (p.M + p.m) * p.inertia() - coupling * coupling,
+        }
+    }
+}
+
+/// Accelerations from (7), (8), which are linear in them: Cramer's rule.
+fn derivative(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
+    let q = Balance::new(p, y, u);
+    [
+        y[1],
+        (p.inertia() * q.force + q.coupling * q.torque) / q.determinant,
+        y[3],
+        (q.coupling * q.force + (p.M + p.m) * q.torque) / q.determinant,
+    ]
+}
+
+/// The derivative of [`derivative`] in the direction `dy` of the state and 1 of the force.
+fn variation(p: &Parameters, y: &[f64; 4], u: f64, dy: &[f64; 4]) -> [f64; 4] {
+    let q = Balance::new(p, y, u);
+    let [_, x_acceleration, omega, theta_acceleration] = derivative(p, y, u);
+    let [_, dv, dtheta, domega] = *dy;
+    let ml = p.ml();
+    let dcoupling = -ml * q.sin * dtheta;
+    let dforce = 1.0 - p.b * dv - ml * omega * (2.0 * q.sin * domega + omega * q.cos * dtheta);
+    let dtorque = ml * p.g * q.cos * dtheta;
+    let ddeterminant = -2.0 * q.coupling * dcoupling;
+    [
+        dv,
+        (p.inertia() * dforce + dcoupling * q.torque + q.coupling * dtorque
+            - x_acceleration * ddeterminant)
+            / q.determinant,
+        domega,
+        (dcoupling * q.force + q.coupling * dforce + (p.M + p.m) * dtorque
+            - theta_acceleration * ddeterminant)
+            / q.determinant,
+    ]
+}
+
+/// Integrates y' = slope(tau, y) over `step`, from tau = 0.
+fn integrate<const N: usize>(
+    mut y: [f64; N],
+    step: f64,
+    slope: impl Fn(f64, &[f64; N]) -> [f64; N],
+) -> Result<[f64; N], StepFailure> {
     let mut reached = 0.0;
     let mut h = step;
     for _ in 0..MOST_SUBSTEPS {
         let remaining = step - reached;
         if remaining <= 0.0 {
-            let [x, v, theta, omega] = y;
-            *state = State { x, v, theta, omega };
-            return Ok(());
+            return Ok(y);
         }
         h = h.min(remaining);
-        let (next, error) = substep(p, &y, u, h);
+        let (next, error) = substep(&y, h, |tau, y| slope(reached + tau, y));
         if error <= 1.0 {
             reached = if h == remaining { step } else { reached + h };
             y = next;
         }
-        // Standard step-size control; NaN and infinity shrink the substep.
-        let factor = 0.9 * libm::pow(error.max(1e-10), -0.2);
-        h *= if factor.is_finite() {
-            factor.clamp(0.2, 5.0)
-        } else {
-            0.2
-        };
+        h *= change(error);
         if reached + h == reached {
             break;
         }
@@ -68,24 +176,23 @@ pub fn advance(p: &Parameters, state: &mut State, u: f64, step: f64) -> Result<(
     Err(StepFailure { reached })
 }
 
-/// Accelerations from (7), (8), which are linear in them: Cramer's rule.
-fn derivative(p: &Parameters, [_, v, theta, omega]: Vector, u: f64) -> Vector {
-    let (sin, cos) = libm::sincos(theta);
-    let (total, ml, inertia) = (p.M + p.m, p.ml(), p.inertia());
-    let coupling = ml * cos;
-    let force = u - p.b * v - ml * omega * omega * sin;
-    let torque = ml * p.g * sin;
-    let determinant = total * inertia - coupling * coupling;
-    [
-        v,
-        (inertia * force + coupling * torque) / determinant,
-        omega,
-        (coupling * force + total * torque) / determinant,
-    ]
+/// By what to multiply a substep of the given error: standard step-size control.
+fn change(error: f64) -> f64 {
+    if error.is_finite() {
+        (0.9 * libm::pow(error.max(1e-10), -0.2)).clamp(0.2, 5.0)
+    } else {
+        0.2 // it overflowed
+    }
 }
 
 /// One substep of size `h`: the state of fifth order, and its error in units of what is accepted.
-fn substep(p: &Parameters, y: &Vector, u: f64, h: f64) -> (Vector, f64) {
+fn substep<const N: usize>(
+    y: &[f64; N],
+    h: f64,
+    slope: impl Fn(f64, &[f64; N]) -> [f64; N],
+) -> ([f64; N], f64) {
+    /// When each stage is, as a fraction of the substep.
+    const C: [f64; 7] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0];
     const A: [&[f64]; 7] = [
         &[],
         &[1.0 / 5.0],
@@ -123,25 +230,25 @@ fn substep(p: &Parameters, y: &Vector, u: f64, h: f64) -> (Vector, f64) {
         22.0 / 525.0,
         -1.0 / 40.0,
     ];
-    let mut slopes = [[0.0; 4]; 7];
+    let mut slopes = [[0.0; N]; 7];
     let mut stage = *y;
     for (s, row) in A.iter().enumerate() {
         stage = add(y, h, row, &slopes);
-        slopes[s] = derivative(p, stage, u);
+        slopes[s] = slope(C[s] * h, &stage);
     }
-    let error = add(&[0.0; 4], h, &E, &slopes);
+    let error = add(&[0.0; N], h, &E, &slopes);
     let mut squares = 0.0;
-    for i in 0..4 {
+    for i in 0..N {
         let accepted = ABSOLUTE + RELATIVE * y[i].abs().max(stage[i].abs());
         // Added, not compared: `max` would hide a NaN.
         let r = error[i] / accepted;
         squares += r * r;
     }
-    (stage, libm::sqrt(squares / 4.0))
+    (stage, libm::sqrt(squares / N as f64))
 }
 
-/// `y + h sum_s weights(s) slopes(s)`.
-fn add(y: &Vector, h: f64, weights: &[f64], slopes: &[Vector; 7]) -> Vector {
+/// `y + h sum_s weights[s] slopes[s]`.
+fn add<const N: usize>(y: &[f64; N], h: f64, weights: &[f64], slopes: &[[f64; N]; 7]) -> [f64; N] {
     core::array::from_fn(|i| {
         let slope: f64 = weights.iter().zip(slopes).map(|(w, k)| w * k[i]).sum();
         y[i] + h * slope
@@ -220,13 +327,59 @@ mod tests {
         let end = |n: u32| {
             let mut y = [SWING.x, SWING.v, SWING.theta, SWING.omega];
             for _ in 0..n {
-                y = substep(&Parameters::PAPER, &y, 1.0, 1.0 / f64::from(n)).0;
+                let slope = |_, y: &[f64; 4]| derivative(&Parameters::PAPER, y, 1.0);
+                y = substep(&y, 1.0 / f64::from(n), slope).0;
             }
             y[2]
         };
         let exact = end(4096);
         let order = libm::log2((end(256) - exact).abs() / (end(512) - exact).abs());
         assert!((order - 5.0).abs() < 0.2, "order {order}");
+    }
+
+    #[test]
+    fn the_sensitivity_is_the_central_difference_by_the_force() {
+        let (p, step, delta) = (Parameters::PAPER, 0.3, 1e-3);
+        let end = |value: f64| {
+            let mut state = SWING;
+            advance(&p, &mut state, Force { value, slope: 5.0 }, step).unwrap();
+            state
+        };
+        let (above, below) = (end(2.0 + delta), end(2.0 - delta));
+        let analytic = sensitivity(
+            &p,
+            &SWING,
+            Force {
+                value: 2.0,
+                slope: 5.0,
+            },
+            step,
+        )
+        .unwrap();
+        for (analytic, above, below) in [
+            (analytic.x, above.x, below.x),
+            (analytic.v, above.v, below.v),
+            (analytic.theta, above.theta, below.theta),
+            (analytic.omega, above.omega, below.omega),
+        ] {
+            let difference = (above - below) / (2.0 * delta);
+            assert!(
+                (analytic / difference - 1.0).abs() < 1e-6,
+                "{analytic} {difference}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_ramp_of_the_force_is_that_of_the_linear_plant_at_small_angles() {
+        let force = Force {
+            value: 1e-4,
+            slope: 1e-3,
+        };
+        let (mut full, mut linear) = (State::default(), State::default());
+        advance(&Parameters::PAPER, &mut full, force, 0.2).unwrap();
+        Linear::new(&Parameters::PAPER).advance(&mut linear, force, 0.2);
+        assert!((full.theta / linear.theta - 1.0).abs() < 1e-6);
     }
 
     #[test]
@@ -240,6 +393,21 @@ mod tests {
             (once.theta - often.theta).abs() < 1e-8,
             "{once:?} {often:?}"
         );
+    }
+
+    /// A swing of ten hours: the first trial substep overflows, those after it find their size.
+    #[test]
+    fn a_substep_that_overflows_is_tried_again_smaller() {
+        let p = Parameters {
+            b: 100.0,
+            ..Parameters::PAPER
+        };
+        let mut state = State {
+            theta: 3.0,
+            ..State::default()
+        };
+        let failure = advance(&p, &mut state, 0.0, 1e6).unwrap_err();
+        assert!(failure.reached > 1.0, "{failure:?}");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::{Linear, Parameters, State, exponential::expm1};
 ///            + num[1] u(k-1) + num[2] u(k-2) + num[3] u(k-3)
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TransferFunction {
     num: [f64; 4],
     den: [f64; 4],
@@ -103,6 +104,17 @@ impl TransferFunction {
         self.theta[0]
     }
 
+    /// The derivative of the angle after `samples` sample times by the force held over them
+    /// (rad/N): the step response.
+    pub fn sensitivity(&self, samples: u32) -> f64 {
+        let mut rest = Self {
+            theta: [0.0; 3],
+            u: [0.0; 2],
+            ..*self
+        };
+        (0..samples).fold(0.0, |_, _| rest.advance(1.0))
+    }
+
     /// Moves on by one sample time under the held force `u` (N) and returns the new angle (rad).
     pub fn advance(&mut self, u: f64) -> f64 {
         let [y1, y2, y3] = self.theta;
@@ -164,6 +176,19 @@ mod tests {
                 (den[k] - den_reference[k]).abs() < 1e-15,
                 "den[{k}] = {}",
                 den[k]
+            );
+        }
+    }
+
+    #[test]
+    fn the_sensitivity_is_that_of_the_linear_plant() {
+        let p = &Parameters::PAPER;
+        let tf = TransferFunction::new(p, 0.001, State::default());
+        for samples in [1, 5, 100] {
+            let exact = Linear::new(p).sensitivity(0.001 * f64::from(samples)).theta;
+            assert!(
+                (tf.sensitivity(samples) / exact - 1.0).abs() < 1e-6,
+                "{samples}"
             );
         }
     }

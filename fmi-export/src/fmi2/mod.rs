@@ -11,7 +11,9 @@
 
 mod access;
 mod common;
+mod derivatives;
 mod slave;
+mod state;
 mod types;
 mod unsupported;
 
@@ -29,6 +31,7 @@ impl From<Outcome> for fmi2Status {
     fn from(outcome: Outcome) -> Self {
         match outcome {
             Outcome::Ok => Self::fmi2OK,
+            Outcome::Discard => Self::fmi2Discard,
             Outcome::Error => Self::fmi2Error,
             Outcome::Fatal => Self::fmi2Fatal,
         }
@@ -142,6 +145,9 @@ fn choose<'a>(
 ) -> Result<&'a Entry, String> {
     if name.is_none_or(CStr::is_empty) {
         return Err("the instance name is missing".into());
+    }
+    if name.is_some_and(|name| name.to_str().is_err()) {
+        return Err("the instance name is not UTF-8".into());
     }
     if fmu_type != fmi2CoSimulation {
         return Err("this FMU is for co-simulation, not for model exchange".into());

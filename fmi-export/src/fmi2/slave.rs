@@ -4,7 +4,8 @@ use super::{
     fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,
     fmi2StatusKind, fmi2Terminated, with,
 };
-use crate::component::{Component, Outcome};
+use crate::component::Component;
+use crate::phase::{self, Call};
 
 /// `fmi2DoStep`
 #[unsafe(no_mangle)]
@@ -27,26 +28,28 @@ pub unsafe extern "C" fn fmi2DoStep(
 /// # Safety
 /// As [`with`], and `value` is NULL or can be written.
 unsafe fn answer<T>(
+    call: &Call,
     c: fmi2Component,
-    name: &str,
     value: *mut T,
-    of: impl FnOnce(&mut Component) -> Option<T>,
+    of: impl FnOnce(&Component) -> Option<T>,
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        with(c, |component| match (of(component), value.as_mut()) {
-            (Some(answer), Some(value)) => {
-                *value = answer;
-                Outcome::Ok
-            }
-            (_, None) => component.refuse(name, "the value is NULL"),
-            (None, _) => component.refuse(
-                name,
-                "this kind of status is that of asynchronous steps, which the slave does not take",
-            ),
+        with(c, |component| {
+            component.call(call, |component| {
+                let Some(answer) = of(component) else {
+                    return Err(ASYNCHRONOUS.to_owned().into());
+                };
+                *value.as_mut().ok_or_else(|| NULL_VALUE.to_owned())? = answer;
+                Ok(())
+            })
         })
     }
 }
+
+const NULL_VALUE: &str = "the pointer to the value is NULL";
+const ASYNCHRONOUS: &str =
+    "this kind of status is that of asynchronous steps, which the slave does not take";
 
 /// `fmi2GetRealStatus`
 #[unsafe(no_mangle)]
@@ -57,7 +60,7 @@ pub unsafe extern "C" fn fmi2GetRealStatus(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        answer(c, "fmi2GetRealStatus", value, |component| {
+        answer(&phase::REAL_STATUS, c, value, |component| {
             (kind == fmi2LastSuccessfulTime).then(|| component.time())
         })
     }
@@ -72,7 +75,7 @@ pub unsafe extern "C" fn fmi2GetBooleanStatus(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        answer(c, "fmi2GetBooleanStatus", value, |_| {
+        answer(&phase::BOOLEAN_STATUS, c, value, |_| {
             (kind == fmi2Terminated).then_some(fmi2False)
         })
     }

@@ -2,16 +2,12 @@
 //! returns `fmi2Error` and logs why.
 
 use super::{
-    fmi2Boolean, fmi2Byte, fmi2Component, fmi2EventInfo, fmi2FMUstate, fmi2Integer, fmi2Real,
-    fmi2Status, fmi2StatusKind, fmi2String, fmi2ValueReference, with,
+    fmi2Boolean, fmi2Component, fmi2EventInfo, fmi2Integer, fmi2Real, fmi2Status, fmi2StatusKind,
+    fmi2String, fmi2ValueReference, with,
 };
 
 const MODEL_EXCHANGE: &str = "this FMU is for co-simulation, not for model exchange";
 const SYNCHRONOUS: &str = "the slave steps synchronously: canRunAsynchronuously is false";
-const STATE: &str = "canGetAndSetFMUstate is false";
-const SERIALIZED: &str = "canSerializeFMUstate is false";
-const DERIVATIVES: &str = "providesDirectionalDerivative is false";
-const INTERPOLATION: &str = "inputs are held over a step: canInterpolateInputs is false";
 const OUTPUT_DERIVATIVES: &str = "maxOutputDerivativeOrder is 0";
 
 macro_rules! unsupported {
@@ -28,27 +24,6 @@ macro_rules! unsupported {
 }
 
 unsupported! {
-    fmi2GetFMUstate(*mut fmi2FMUstate): STATE;
-    fmi2SetFMUstate(fmi2FMUstate): STATE;
-    fmi2FreeFMUstate(*mut fmi2FMUstate): STATE;
-    fmi2SerializedFMUstateSize(fmi2FMUstate, *mut usize): SERIALIZED;
-    fmi2SerializeFMUstate(fmi2FMUstate, *mut fmi2Byte, usize): SERIALIZED;
-    fmi2DeSerializeFMUstate(*const fmi2Byte, usize, *mut fmi2FMUstate): SERIALIZED;
-    fmi2GetDirectionalDerivative(
-        *const fmi2ValueReference,
-        usize,
-        *const fmi2ValueReference,
-        usize,
-        *const fmi2Real,
-        *mut fmi2Real
-    ): DERIVATIVES;
-
-    fmi2SetRealInputDerivatives(
-        *const fmi2ValueReference,
-        usize,
-        *const fmi2Integer,
-        *const fmi2Real
-    ): INTERPOLATION;
     fmi2GetRealOutputDerivatives(
         *const fmi2ValueReference,
         usize,
