@@ -252,8 +252,7 @@ fn write<'a>(
     let mut platforms = Vec::new();
     for Binary { platform, bytes } in binaries {
         check_guid(model, bytes)?;
-        let path = format!("binaries/{}/{name}.{}", platform.folder, platform.extension);
-        entries.push(Entry::program(path, bytes));
+        entries.push(Entry::program(platform.binary(name), bytes));
         platforms.push(platform.folder);
     }
     let licenses = licenses(metadata)?;

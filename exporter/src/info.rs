@@ -1,29 +1,48 @@
 //! `cargo fmu info`: what is in an FMU.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use model_description::schema::{ModelDescription, ScalarVariable, TypeDefinitions};
 
-use crate::archive::{self, Contents};
+use crate::archive::{Archive, MODEL_DESCRIPTION};
+use crate::text::plain;
+use crate::xml;
+
+/// No cell is wider than this.
+const WIDEST: usize = 200;
+/// No reason is longer than this.
+const LONGEST: usize = 1000;
 
 /// Writes what is in an FMU.
 ///
 /// # Errors
 /// The file is not a sound FMU, or `out` cannot be written.
 pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
-    let contents = archive::read(file)?;
-    let model = ModelDescription::from_xml(&contents.xml)
-        .with_context(|| format!("{}: modelDescription.xml cannot be read", file.display()))?;
-    header(&model, &contents, out)?;
+    // The reason may quote the file.
+    let (archive, model) = read(file).map_err(|error| {
+        let reason = plain(&format!("{error:#}"), LONGEST);
+        anyhow!("{}: {reason}", file.display())
+    })?;
+    header(&model, &archive, out)?;
     capabilities(&model, out)?;
     variables(&model, out)?;
     Ok(())
 }
 
-fn header(model: &ModelDescription, contents: &Contents, out: &mut impl Write) -> Result<()> {
+fn read(file: &Path) -> Result<(Archive, ModelDescription)> {
+    let mut archive = Archive::open_sound(file)?;
+    let text = archive.model_description()?;
+    let cannot = || format!("{MODEL_DESCRIPTION} cannot be read");
+    // This reader has bounds, and the one that knows the types has none.
+    xml::parse(&text).with_context(cannot)?;
+    let model = ModelDescription::from_xml(&text).with_context(cannot)?;
+    Ok((archive, model))
+}
+
+fn header(model: &ModelDescription, archive: &Archive, out: &mut impl Write) -> Result<()> {
     let experiment = model.default_experiment.as_ref().map(|e| {
         [
             ("start", e.start_time),
@@ -35,8 +54,8 @@ fn header(model: &ModelDescription, contents: &Contents, out: &mut impl Write) -
         .collect::<Vec<_>>()
         .join(", ")
     });
-    let platforms: BTreeSet<&str> = contents
-        .files
+    let platforms: BTreeSet<&str> = archive
+        .names
         .iter()
         .filter_map(|file| file.strip_prefix("binaries/")?.split('/').next())
         .collect();
@@ -51,11 +70,11 @@ fn header(model: &ModelDescription, contents: &Contents, out: &mut impl Write) -
         ("made by", model.generation_tool.clone()),
         ("experiment", experiment),
         ("platforms", Some(platforms.join(" "))),
-        ("size", Some(format!("{} KB", contents.size.div_ceil(1000)))),
+        ("size", Some(format!("{} KB", archive.size.div_ceil(1000)))),
     ];
     for (name, value) in lines {
         if let Some(value) = value {
-            writeln!(out, "{name:12} {value}")?;
+            writeln!(out, "{name:12} {}", plain(&value, WIDEST))?;
         }
     }
     Ok(())
@@ -88,11 +107,8 @@ fn variables(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
     ];
     let mut rows = vec![HEAD.map(str::to_owned)];
     let variables = &model.model_variables.variables;
-    rows.extend(
-        variables
-            .iter()
-            .map(|v| row(v, model.type_definitions.as_ref())),
-    );
+    let items = items(model.type_definitions.as_ref());
+    rows.extend(variables.iter().map(|v| row(v, &items)));
     let mut widths = [0; HEAD.len()];
     for row in &rows {
         for (width, cell) in widths.iter_mut().zip(row) {
@@ -111,19 +127,25 @@ fn variables(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-fn row(v: &ScalarVariable, types: Option<&TypeDefinitions>) -> [String; 8] {
+/// Names of the items of enumerations, by the names of the types and the values of the items.
+type Items<'a> = HashMap<(&'a str, i32), &'a str>;
+
+fn items(types: Option<&TypeDefinitions>) -> Items<'_> {
+    let types = types.into_iter().flat_map(|types| &types.types);
+    let items = types.flat_map(|defined| {
+        let items = defined.enumeration.iter().flat_map(|e| &e.items);
+        items.map(|item| ((defined.name.as_str(), item.value), item.name.as_str()))
+    });
+    items.collect()
+}
+
+fn row(v: &ScalarVariable, items: &Items<'_>) -> [String; 8] {
     let (kind, value) = v
         .value()
         .map_or(("", None), |(kind, value)| (kind, Some(value)));
     let text = |text: Option<&String>| text.cloned().unwrap_or_default();
-    let declared = value.and_then(|value| value.declared_type.as_ref());
-    let items = |index: &str| -> Option<String> {
-        let types = types?;
-        let named = types.types.iter().find(|t| Some(&t.name) == declared)?;
-        let items = &named.enumeration.as_ref()?.items;
-        let item = items.iter().find(|i| i.value.to_string() == index)?;
-        Some(item.name.clone())
-    };
+    let declared = value.and_then(|value| value.declared_type.as_deref());
+    let item = |value: &str| items.get(&(declared?, value.parse().ok()?)).copied();
     let start = text(value.and_then(|value| value.start.as_ref()));
     let range = match value.map(|value| (&value.min, &value.max)) {
         Some((Some(min), Some(max))) => format!("{min} to {max}"),
@@ -137,8 +159,9 @@ fn row(v: &ScalarVariable, types: Option<&TypeDefinitions>) -> [String; 8] {
         text(v.variability.as_ref()),
         kind.to_owned(),
         text(value.and_then(|value| value.unit.as_ref())),
-        items(&start).unwrap_or(start),
+        item(&start).map_or(start.clone(), str::to_owned),
         range,
         text(v.description.as_ref()),
     ]
+    .map(|cell| plain(&cell, WIDEST))
 }

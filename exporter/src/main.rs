@@ -1,13 +1,18 @@
-//! `cargo fmu`: builds the models of a workspace into FMUs, and looks into FMUs.
+//! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, and checks them.
 #![forbid(unsafe_code)]
 
 mod archive;
 mod build;
 mod completions;
 mod export;
+#[cfg(test)]
+mod fuzz;
 mod info;
 mod library;
 mod platform;
+mod text;
+mod validate;
+mod xml;
 
 use std::ffi::OsString;
 use std::io;
@@ -18,7 +23,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::platform::Prebuilt;
 
-/// Builds models into FMUs (FMI 2.0 co-simulation), and looks into FMUs.
+/// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, and checks them.
 #[derive(Parser)]
 #[command(name = "cargo-fmu", bin_name = "cargo fmu", version)]
 struct Cli {
@@ -43,6 +48,16 @@ enum Command {
         /// The FMU, of any maker
         file: PathBuf,
     },
+    /// Check FMUs as an importer would, and run their binaries
+    #[command(
+        after_help = "Exit code: 1 if there is an error, 0 if there are warnings at most.
+
+Example:\n  cargo fmu validate target/fmu/*.fmu"
+    )]
+    Validate(validate::Options),
+    /// One test of a binary, in a process of its own
+    #[command(hide = true)]
+    Probe(validate::probe::Options),
     /// Print the completions of a shell for this command
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
@@ -54,7 +69,7 @@ enum Command {
 
 fn main() -> ExitCode {
     match run(Cli::parse_from(arguments(std::env::args_os())).command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -70,15 +85,22 @@ fn arguments(all: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsStri
         .map(|(_, argument)| argument)
 }
 
-fn run(command: Command) -> anyhow::Result<()> {
+fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Export(options) => export::export(&options),
-        Command::Info { file } => info::print(&file, &mut io::stdout().lock()),
+        Command::Export(options) => export::export(&options)?,
+        Command::Info { file } => info::print(&file, &mut io::stdout().lock())?,
+        Command::Validate(options) => {
+            if !validate::validate(&options, &mut io::stdout().lock())? {
+                return Ok(ExitCode::FAILURE);
+            }
+        }
+        Command::Probe(options) => validate::probe::run(&options)?,
         Command::Completions { shell } => {
             let script = completions::script(shell, Cli::command());
-            Ok(io::Write::write_all(&mut io::stdout(), &script)?)
+            io::Write::write_all(&mut io::stdout(), &script)?;
         }
     }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Whether the reader of our output has gone, as in `cargo fmu info FILE | head`.

@@ -16,13 +16,14 @@ pub struct Platform {
     magic: &'static [&'static [u8]],
 }
 
-const ELF: &[&[u8]] = &[b"\x7fELF"];
+const ELF_64: &[&[u8]] = &[b"\x7fELF\x02"];
+const ELF_32: &[&[u8]] = &[b"\x7fELF\x01"];
 const PE: &[&[u8]] = &[b"MZ"];
 const MACH_O: &[&[u8]] = &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"];
 
 const PLATFORMS: [Platform; 5] = [
-    platform("linux64", "so", ELF),
-    platform("linux32", "so", ELF),
+    platform("linux64", "so", ELF_64),
+    platform("linux32", "so", ELF_32),
     platform("win64", "dll", PE),
     platform("win32", "dll", PE),
     platform("darwin64", "dylib", MACH_O),
@@ -59,6 +60,24 @@ impl Platform {
         Self::from_str(&format!("{system}{bits}"))
             .with_context(|| format!("FMI 2.0 has no platform folder for the target {triple}"))
     }
+
+    /// The platform that this program runs on, if FMI 2.0 has a folder for it.
+    pub fn of_this_machine() -> Option<Self> {
+        let system = match std::env::consts::OS {
+            "windows" => "win",
+            "macos" => "darwin",
+            other => other,
+        };
+        Self::from_str(&format!("{system}{}", usize::BITS)).ok()
+    }
+
+    /// Path of the binary of a model within an FMU.
+    pub fn binary(&self, identifier: &str) -> String {
+        format!("binaries/{}/{identifier}.{}", self.folder, self.extension)
+    }
+
+    /// Length of what [`Platform::check`] looks at.
+    pub const HEAD: u64 = 8;
 
     /// Checks that the bytes are a binary of the platform's format.
     pub fn check(&self, binary: &[u8]) -> Result<()> {
@@ -131,7 +150,8 @@ mod tests {
     #[test]
     fn a_binary_must_be_of_its_platform() {
         let linux: Platform = "linux64".parse().unwrap();
-        assert!(linux.check(b"\x7fELF rest").is_ok());
+        assert!(linux.check(b"\x7fELF\x02 rest").is_ok());
+        assert!(linux.check(b"\x7fELF\x01 rest").is_err());
         assert!(linux.check(b"MZ").is_err());
         assert!(linux.check(b"").is_err());
     }

@@ -1,16 +1,16 @@
 //! FMU files: zip archives, written the same for the same content, and read with care.
 
-use std::fs::File;
-use std::io::{Cursor, Read, Write};
+mod read;
+
+use std::io::{Cursor, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use tempfile::{Builder, NamedTempFile};
 use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
+use zip::{CompressionMethod, DateTime, ZipWriter};
 
-/// A model description larger than this is not read: it is damaged, or made to exhaust memory.
-const MOST_XML: u64 = 64 << 20;
+pub use read::{Archive, MODEL_DESCRIPTION};
 
 /// A file in an archive.
 pub struct Entry<'a> {
@@ -89,52 +89,6 @@ fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
     Ok(writer.finish()?.into_inner())
 }
 
-/// What `info` reads of an FMU.
-pub struct Contents {
-    /// The text of `modelDescription.xml`.
-    pub xml: String,
-    /// Names of all files.
-    pub files: Vec<String>,
-    /// Size of the archive in bytes.
-    pub size: u64,
-}
-
-/// Reads an FMU.
-///
-/// # Errors
-/// The file cannot be read, is no archive, or has no sound model description.
-pub fn read(file: &Path) -> Result<Contents> {
-    let open = File::open(file).with_context(|| format!("cannot open {}", file.display()))?;
-    let size = open.metadata()?.len();
-    let mut archive = ZipArchive::new(open)
-        .with_context(|| format!("{} is damaged, or not an FMU", file.display()))?;
-    let files = archive
-        .file_names()
-        .map(|name| name.map(|name| name.into_owned()))
-        .collect::<Result<_, _>>()
-        .with_context(|| format!("{} is damaged: a file's name", file.display()))?;
-    let entry = archive.by_name("modelDescription.xml").with_context(|| {
-        format!(
-            "{} is not an FMU: modelDescription.xml cannot be read from it",
-            file.display()
-        )
-    })?;
-    let mut bytes = Vec::new();
-    entry
-        .take(MOST_XML + 1)
-        .read_to_end(&mut bytes)
-        .with_context(|| format!("{} is damaged: modelDescription.xml", file.display()))?;
-    ensure!(
-        bytes.len() as u64 <= MOST_XML,
-        "{}: modelDescription.xml is larger than {} MB",
-        file.display(),
-        MOST_XML >> 20
-    );
-    let xml = String::from_utf8(bytes)
-        .with_context(|| format!("{}: modelDescription.xml is not UTF-8", file.display()))?;
-    Ok(Contents { xml, files, size })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,13 +105,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("A.fmu");
         let size = write(&file, &entries()).unwrap();
-        let contents = read(&file).unwrap();
-        assert_eq!(contents.xml, "<a/>");
+        let mut archive = Archive::open_sound(&file).unwrap();
+        assert_eq!(archive.model_description().unwrap(), "<a/>");
         assert_eq!(
-            contents.files,
+            archive.names,
             ["modelDescription.xml", "binaries/linux64/A.so"]
         );
-        assert_eq!(contents.size, size);
+        assert_eq!(archive.size, size);
     }
 
     #[test]
@@ -181,13 +135,14 @@ mod tests {
         let file = folder.path().join("A.fmu");
         for cut in 0..sound.len() {
             std::fs::write(&file, &sound[..cut]).unwrap();
-            assert!(read(&file).is_err(), "cut at {cut}");
+            assert!(Archive::open(&file).is_err(), "cut at {cut}");
         }
         for position in 0..sound.len() {
             let mut damaged = sound.clone();
             damaged[position] ^= 0x55;
             std::fs::write(&file, &damaged).unwrap();
-            let _ = read(&file); // any answer but a panic
+            // Any answer but a panic.
+            let _ = Archive::open_sound(&file).and_then(|mut a| a.model_description());
         }
     }
 }

@@ -1,0 +1,284 @@
+//! Reads FMUs that nobody vouches for: no name leaves the folder that it is unpacked to, and no size
+//! goes beyond what memory and disk bear.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use zip::{CompressionMethod, ZipArchive, ZipReadOptions};
+
+use crate::text::quote;
+
+/// A model description larger than this is not read: it is damaged, or made to exhaust memory.
+const MOST_XML: u64 = 64 << 20;
+/// More files than this are not looked at.
+const MOST_FILES: usize = 1 << 16;
+/// All files together may inflate to this size.
+const MOST_INFLATED: u64 = 1 << 30;
+/// Above [`RATIO_FROM`], all files together may inflate to so many times the size of the archive.
+/// Binaries shrink to a third, tables to a twentieth.
+const MOST_RATIO: u64 = 200;
+const RATIO_FROM: u64 = 16 << 20;
+
+/// The name of the model description in every FMU.
+pub const MODEL_DESCRIPTION: &str = "modelDescription.xml";
+
+/// An FMU, opened.
+pub struct Archive {
+    zip: ZipArchive<BufReader<File>>,
+    /// Names of all files and folders.
+    pub names: Vec<String>,
+    /// Size of the archive in bytes.
+    pub size: u64,
+    /// What makes it unfit to be unpacked.
+    pub faults: Vec<String>,
+}
+
+impl Archive {
+    /// Reads the directory of an archive.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no archive.
+    pub fn open(file: &Path) -> Result<Self> {
+        let metadata = fs::metadata(file).context("cannot open it")?;
+        ensure!(
+            metadata.is_file(),
+            "it is a folder or device, expected a file"
+        );
+        let open = File::open(file).context("cannot open it")?;
+        let mut zip =
+            ZipArchive::new(BufReader::new(open)).context("it is damaged, or not an FMU")?;
+        ensure!(
+            zip.len() <= MOST_FILES,
+            "it holds {} files, expected at most {MOST_FILES}",
+            zip.len()
+        );
+        let names = zip
+            .file_names()
+            .map(|name| name.map(|name| name.into_owned()))
+            .collect::<Result<Vec<_>, _>>()
+            .context("it is damaged: a file's name")?;
+        let size = metadata.len();
+        let faults = faults(&mut zip, &names, size);
+        Ok(Self {
+            zip,
+            names,
+            size,
+            faults,
+        })
+    }
+
+    /// As [`Archive::open`], and refuses what is unfit to be unpacked.
+    ///
+    /// # Errors
+    /// As [`Archive::open`]; the first fault.
+    pub fn open_sound(file: &Path) -> Result<Self> {
+        let archive = Self::open(file)?;
+        match archive.faults.first() {
+            Some(fault) => bail!("{fault}"),
+            None => Ok(archive),
+        }
+    }
+
+    /// The text of the model description.
+    ///
+    /// # Errors
+    /// There is none, or it is damaged, too large, or not UTF-8.
+    pub fn model_description(&mut self) -> Result<String> {
+        let index = self
+            .zip
+            .index_for_name(MODEL_DESCRIPTION)
+            .with_context(|| {
+                format!("it is not an FMU: it has no {MODEL_DESCRIPTION} at its root")
+            })?;
+        let bytes = self.read(index, MOST_XML)?;
+        String::from_utf8(bytes).map_err(|error| {
+            let at = error.utf8_error().valid_up_to();
+            anyhow::anyhow!("{MODEL_DESCRIPTION} is not UTF-8 from byte {at} on")
+        })
+    }
+
+    /// The first bytes of a file.
+    ///
+    /// # Errors
+    /// It is damaged.
+    pub fn head(&mut self, name: &str, length: u64) -> Result<Vec<u8>> {
+        let file = self.zip.by_name(name)?;
+        let mut bytes = Vec::new();
+        file.take(length).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    fn read(&mut self, index: usize, most: u64) -> Result<Vec<u8>> {
+        let name = &self.names[index];
+        let file = self
+            .zip
+            .by_index(index)
+            .with_context(|| format!("{name} cannot be read"))?;
+        let mut bytes = Vec::new();
+        file.take(most + 1)
+            .read_to_end(&mut bytes)
+            .with_context(|| format!("{name} is damaged"))?;
+        ensure!(
+            bytes.len() as u64 <= most,
+            "{name} is larger than {} MB",
+            most >> 20
+        );
+        Ok(bytes)
+    }
+
+    /// Inflates every file, and returns what is wrong with those that are damaged.
+    pub fn damages(&mut self) -> Vec<String> {
+        (0..self.names.len())
+            .filter_map(|index| {
+                let error = self.copy(index, &mut io::sink()).err()?;
+                Some(format!(
+                    "{} is damaged: {error:#}",
+                    quote(&self.names[index])
+                ))
+            })
+            .collect()
+    }
+
+    /// Writes the files whose name begins so to a folder, under their names.
+    ///
+    /// # Errors
+    /// A file cannot be read or written. Archives with faults are not unpacked at all.
+    pub fn unpack(&mut self, prefix: &str, folder: &Path) -> Result<()> {
+        ensure!(self.faults.is_empty(), "it is not fit to be unpacked");
+        for index in 0..self.names.len() {
+            let name = self.names[index].clone();
+            if !name.starts_with(prefix) || name.ends_with('/') {
+                continue;
+            }
+            let file = folder.join(&name);
+            if let Some(parent) = file.parent() {
+                fs::create_dir_all(parent)?;
+            }
+            self.copy(index, &mut File::create(&file)?)
+                .with_context(|| format!("cannot unpack {}", quote(&name)))?;
+        }
+        Ok(())
+    }
+
+    /// Copies a file; no more bytes than it says to have.
+    fn copy(&mut self, index: usize, to: &mut impl io::Write) -> Result<()> {
+        let file = self.zip.by_index(index)?;
+        let size = file.size();
+        let copied = io::copy(&mut file.take(size.saturating_add(1)), to)?;
+        ensure!(
+            copied == size,
+            "it inflates to {}, expected {size} bytes",
+            if copied > size {
+                "more".into()
+            } else {
+                copied.to_string()
+            }
+        );
+        Ok(())
+    }
+}
+
+/// What makes an archive unfit to be unpacked.
+fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) -> Vec<String> {
+    let mut faults: Vec<String> = names.iter().filter_map(|name| bad_name(name)).collect();
+    let mut folded: Vec<String> = names.iter().map(|name| name.to_lowercase()).collect();
+    folded.sort_unstable();
+    let twice = folded.windows(2).find(|pair| pair[0] == pair[1]);
+    if zip.has_duplicate_names() {
+        faults.push("two files have the same name".into());
+    } else if let Some([name, _]) = twice {
+        faults.push(format!(
+            "two files have the name {} but for upper and lower case, which some systems take for one",
+            quote(name)
+        ));
+    } else if let Err(error) = zip.validate_header_consistency() {
+        faults.push(format!("its directory is wrong: {error}"));
+    }
+    let mut inflated = 0_u64;
+    for (index, name) in names.iter().enumerate() {
+        match bad_entry(zip, index) {
+            Ok(length) => inflated = inflated.saturating_add(length),
+            Err(fault) => faults.push(format!("{} {fault}", quote(name))),
+        }
+    }
+    if inflated > MOST_INFLATED {
+        faults.push(format!(
+            "it inflates to {} MB, expected at most {} MB: a zip bomb?",
+            inflated >> 20,
+            MOST_INFLATED >> 20
+        ));
+    } else if inflated > RATIO_FROM && inflated / MOST_RATIO > size {
+        faults.push(format!(
+            "it inflates to {} times its size, expected at most {MOST_RATIO} times: a zip bomb?",
+            inflated / size.max(1)
+        ));
+    }
+    faults
+}
+
+/// What is wrong with the name of a file: it must stay below the folder that it is unpacked to, on
+/// every system.
+fn bad_name(name: &str) -> Option<String> {
+    let first = name.split('/').next().unwrap_or_default();
+    let what = if name.contains('\\') {
+        "has a backslash, expected forward slashes"
+    } else if name.starts_with('/') || first.contains(':') {
+        "is an absolute path, expected one within the archive"
+    } else if name.split('/').any(|part| part == ".." || part == ".") {
+        "leaves its folder (path traversal), expected a path without . and .."
+    } else if name.is_empty() || name.contains("//") || name.chars().any(char::is_control) {
+        "is empty or has an empty part or a control character"
+    } else {
+        return None;
+    };
+    Some(format!("the file name {} {what}", quote(name)))
+}
+
+/// The inflated size of a file, or what is wrong with it.
+fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64, String> {
+    let options = ZipReadOptions::new().ignore_encryption_flag(true);
+    let file = match zip.by_index_with_options(index, options) {
+        Ok(file) => file,
+        Err(error) => return Err(format!("cannot be read: {error}")),
+    };
+    if file.encrypted() {
+        return Err("is encrypted, expected it open".into());
+    }
+    if file.is_symlink() {
+        return Err("is a symbolic link, expected a file".into());
+    }
+    match file.compression() {
+        CompressionMethod::Stored | CompressionMethod::Deflated => Ok(file.size()),
+        other => Err(format!("is packed by {other}, expected deflate or none")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_leave_the_archive_are_refused() {
+        for bad in [
+            "../a",
+            "a/../../b",
+            "/etc/passwd",
+            "C:/a",
+            "c:a",
+            "a\\b",
+            "",
+            "a//b",
+            "./a",
+            "a/.",
+            "a\0",
+            "a\nb",
+        ] {
+            assert!(bad_name(bad).is_some(), "{bad:?}");
+        }
+        for good in ["a", "binaries/linux64/a.so", "a..b/..c", "folder/", "ä/ö ü"] {
+            assert_eq!(bad_name(good), None);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Checks of the archive and of what must be in it.
+
+use std::collections::{BTreeSet, HashSet};
+
+use super::finding::Findings;
+use super::model::Model;
+use super::schema::place;
+use crate::archive::Archive;
+use crate::platform::Platform;
+use crate::text::quote;
+
+/// The elements that say of which kind an FMU is.
+pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];
+
+/// Checks that the archive can be unpacked.
+pub fn check(archive: &mut Archive, findings: &mut Findings) {
+    for fault in &archive.faults {
+        findings.error("archive", fault);
+    }
+    // What is too large is not inflated either.
+    if archive.faults.is_empty() {
+        for damage in archive.damages() {
+            findings.error("archive", damage);
+        }
+    }
+}
+
+/// Checks that each kind of the FMU has its sources, or its binary for each platform.
+pub fn check_binaries(model: &Model<'_>, archive: &mut Archive, findings: &mut Findings) {
+    sources(model, archive, findings);
+    let folders: BTreeSet<String> = archive
+        .names
+        .iter()
+        .filter_map(|name| name.strip_prefix("binaries/")?.split_once('/'))
+        .map(|(folder, _)| folder.to_owned())
+        .collect();
+    if folders.is_empty()
+        && !model
+            .root
+            .children
+            .iter()
+            .any(|kind| kind.child("SourceFiles").is_some())
+    {
+        findings.error(
+            "archive",
+            "it has neither binaries nor sources, expected one of both",
+        );
+    }
+    for folder in folders {
+        match folder.parse::<Platform>() {
+            Ok(platform) => binaries(model, platform, archive, findings),
+            Err(error) => findings.warning(format!("binaries/{folder}"), error.to_string()),
+        }
+    }
+}
+
+fn binaries(model: &Model<'_>, platform: Platform, archive: &mut Archive, findings: &mut Findings) {
+    let kinds = model
+        .root
+        .children
+        .iter()
+        .filter(|child| KINDS.contains(&child.name));
+    let files: BTreeSet<String> = kinds
+        .filter_map(|kind| kind.attribute("modelIdentifier"))
+        .map(|identifier| platform.binary(identifier))
+        .collect();
+    for file in files {
+        if !archive.names.contains(&file) {
+            findings.error(
+                format!("binaries/{}", platform.folder),
+                format!(
+                    "it has no {}, expected the binary that modelIdentifier names",
+                    quote(&file)
+                ),
+            );
+            continue;
+        }
+        let checked = archive
+            .head(&file, Platform::HEAD)
+            .and_then(|head| platform.check(&head));
+        if let Err(error) = checked {
+            findings.error(file, format!("{error:#}"));
+        }
+    }
+}
+
+/// Checks that the source files that are named are there.
+fn sources(model: &Model<'_>, archive: &Archive, findings: &mut Findings) {
+    let kinds = model
+        .root
+        .children
+        .iter()
+        .filter(|child| KINDS.contains(&child.name));
+    let names: HashSet<&str> = archive.names.iter().map(String::as_str).collect();
+    for file in kinds.flat_map(|kind| kind.list("SourceFiles", "File")) {
+        if let Some(name) = file.attribute("name")
+            && !names.contains(format!("sources/{name}").as_str())
+        {
+            findings.error(
+                place(file),
+                format!(
+                    "the source file {} is missing, expected it in sources",
+                    quote(name)
+                ),
+            );
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! What FMI 2.0.4 asks of a model description beyond its schema.
+
+mod names;
+mod root;
+mod structure;
+mod types;
+mod units;
+mod variables;
+
+use std::collections::HashSet;
+
+use super::finding::Findings;
+use super::model::Model;
+use super::schema::place;
+use crate::text::quote;
+use crate::xml::Element;
+
+/// Applies all rules.
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    root::check(model, findings);
+    units::check(model, findings);
+    types::check(model, findings);
+    names::check(model, findings);
+    variables::check(model, findings);
+    structure::check(model, findings);
+}
+
+/// The names of elements, each of which must be there once.
+fn unique<'a>(
+    elements: impl Iterator<Item = &'a Element<'a>>,
+    what: &str,
+    findings: &mut Findings,
+) -> HashSet<&'a str> {
+    let mut names = HashSet::new();
+    for element in elements {
+        let Some(name) = element.attribute("name") else {
+            continue;
+        };
+        if name.is_empty() {
+            findings.error(
+                place(element),
+                format!("the name of a {what} is empty, expected a text"),
+            );
+        }
+        if !names.insert(name) {
+            findings.error(
+                place(element),
+                format!(
+                    "the {what} {} is defined twice, expected each name once",
+                    quote(name)
+                ),
+            );
+        }
+    }
+    names
+}

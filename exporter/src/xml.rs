@@ -1,0 +1,326 @@
+//! XML of others as a tree: no document types, no entities but XML's own, and bounds on depth and
+//! number, so that a small file cannot ask for much memory.
+
+use std::borrow::Cow;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use quick_xml::XmlVersion;
+use quick_xml::escape::resolve_predefined_entity;
+use quick_xml::events::{BytesDecl, BytesRef, BytesStart, Event};
+use quick_xml::reader::Reader;
+
+use crate::text::quote;
+
+/// Elements within elements; model descriptions have six, annotations of vendors some more.
+const MOST_DEPTH: usize = 64;
+/// Elements in all.
+const MOST_ELEMENTS: usize = 1 << 20;
+/// Attributes of one element.
+const MOST_ATTRIBUTES: usize = 64;
+
+/// An element.
+#[derive(Debug, Default)]
+pub struct Element<'a> {
+    /// Its name, with the prefix of its namespace.
+    pub name: &'a str,
+    /// Names and values, without references and with spaces for line breaks.
+    pub attributes: Vec<(&'a str, Cow<'a, str>)>,
+    /// The elements in it, in their order.
+    pub children: Vec<Element<'a>>,
+    /// Whether there is text between them, other than space.
+    pub has_text: bool,
+    /// Where it begins.
+    pub line: u32,
+}
+
+impl<'a> Element<'a> {
+    /// The value of an attribute.
+    pub fn attribute(&self, name: &str) -> Option<&str> {
+        let (_, value) = self.attributes.iter().find(|(n, _)| *n == name)?;
+        Some(value)
+    }
+
+    /// The first element of a name in it.
+    pub fn child(&self, name: &str) -> Option<&Element<'a>> {
+        self.children.iter().find(|child| child.name == name)
+    }
+
+    /// The elements of one name in its first element of another name.
+    pub fn list(&self, list: &str, item: &str) -> impl Iterator<Item = &Element<'a>> {
+        self.child(list)
+            .into_iter()
+            .flat_map(|list| &list.children)
+            .filter(move |child| child.name == item)
+    }
+}
+
+/// Reads a document; errors name the line.
+///
+/// # Errors
+/// It is no XML, or exceeds the bounds of this module.
+pub fn parse(text: &str) -> Result<Element<'_>> {
+    // The reader leaves a byte order mark out of its positions.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut parser = Parser {
+        lines: Lines {
+            text,
+            at: 0,
+            line: 1,
+        },
+        open: Vec::new(),
+        root: None,
+        elements: 0,
+    };
+    let mut reader = Reader::from_str(text);
+    reader.config_mut().check_comments = true;
+    loop {
+        let line = parser.lines.of(reader.buffer_position());
+        let event = reader.read_event().map_err(|error| {
+            anyhow!("line {}: {error}", parser.lines.of(reader.error_position()))
+        })?;
+        if matches!(event, Event::Eof) {
+            break;
+        }
+        parser
+            .take(event, line)
+            .with_context(|| format!("line {line}"))?;
+    }
+    ensure!(
+        parser.open.is_empty(),
+        "it ends within the element {}",
+        quote(parser.open.last().map_or("", |e| e.name))
+    );
+    parser.root.context("it has no element")
+}
+
+/// Line numbers of growing positions.
+struct Lines<'a> {
+    text: &'a str,
+    at: usize,
+    line: u32,
+}
+
+impl Lines<'_> {
+    fn of(&mut self, position: u64) -> u32 {
+        let position = usize::try_from(position).unwrap_or(usize::MAX);
+        if let Some(passed) = self.text.as_bytes().get(self.at..position) {
+            let breaks = passed.iter().filter(|byte| **byte == b'\n').count();
+            self.line = self
+                .line
+                .saturating_add(u32::try_from(breaks).unwrap_or(u32::MAX));
+            self.at = position;
+        }
+        self.line
+    }
+}
+
+struct Parser<'a> {
+    lines: Lines<'a>,
+    /// The elements that have begun and not ended, the root first.
+    open: Vec<Element<'a>>,
+    root: Option<Element<'a>>,
+    elements: usize,
+}
+
+impl<'a> Parser<'a> {
+    fn take(&mut self, event: Event<'a>, line: u32) -> Result<()> {
+        match event {
+            Event::Start(start) => {
+                let element = self.element(&start, line)?;
+                ensure!(
+                    self.open.len() < MOST_DEPTH,
+                    "elements lie deeper than {MOST_DEPTH} within each other"
+                );
+                self.open.push(element);
+            }
+            Event::Empty(start) => {
+                let element = self.element(&start, line)?;
+                self.close(element)?;
+            }
+            Event::End(_) => {
+                let element = self
+                    .open
+                    .pop()
+                    .context("an element ends that has not begun")?;
+                self.close(element)?;
+            }
+            Event::Text(text) => self.text(&text)?,
+            Event::CData(text) => self.text(&text)?,
+            Event::GeneralRef(reference) => self.reference(&reference)?,
+            Event::Decl(declaration) => self.declaration(&declaration)?,
+            Event::DocType(_) => bail!(
+                "a document type (DTD) is refused: FMI has none, and its entities may exhaust memory"
+            ),
+            Event::Comment(_) | Event::PI(_) | Event::Eof => {}
+        }
+        Ok(())
+    }
+
+    fn element(&mut self, start: &BytesStart<'a>, line: u32) -> Result<Element<'a>> {
+        self.elements += 1;
+        ensure!(
+            self.elements <= MOST_ELEMENTS,
+            "there are more than {MOST_ELEMENTS} elements"
+        );
+        let source = self.lines.text;
+        let mut element = Element {
+            name: within(source, start.name().into_inner())?,
+            line,
+            ..Element::default()
+        };
+        for attribute in start.attributes() {
+            let attribute = attribute?;
+            let name = within(source, attribute.key.into_inner())?;
+            ensure!(
+                element.attributes.len() < MOST_ATTRIBUTES,
+                "an element has more than {MOST_ATTRIBUTES} attributes"
+            );
+            ensure!(
+                !attribute.value.contains('<'),
+                "the attribute {} has a <, expected &lt;",
+                quote(name)
+            );
+            let value = attribute
+                .normalized_value(XmlVersion::Explicit1_0)
+                .with_context(|| format!("the attribute {}", quote(name)))?;
+            check_characters(&value)?;
+            let value = match value {
+                Cow::Borrowed(value) => Cow::Borrowed(within(source, value)?),
+                Cow::Owned(value) => Cow::Owned(value),
+            };
+            element.attributes.push((name, value));
+        }
+        Ok(element)
+    }
+
+    fn close(&mut self, element: Element<'a>) -> Result<()> {
+        match self.open.last_mut() {
+            Some(parent) => parent.children.push(element),
+            None => {
+                ensure!(self.root.is_none(), "there is a second root element");
+                self.root = Some(element);
+            }
+        }
+        Ok(())
+    }
+
+    fn text(&mut self, text: &str) -> Result<()> {
+        check_characters(text)?;
+        if text.trim_matches([' ', '\t', '\r', '\n']).is_empty() {
+            return Ok(());
+        }
+        self.open
+            .last_mut()
+            .context("there is text outside the root element")?
+            .has_text = true;
+        Ok(())
+    }
+
+    fn reference(&mut self, reference: &BytesRef<'_>) -> Result<()> {
+        let character = reference.resolve_char_ref()?.map(String::from);
+        let text = character
+            .as_deref()
+            .or_else(|| resolve_predefined_entity(reference));
+        let text = text.with_context(|| {
+            format!(
+                "the entity {} is unknown, expected lt, gt, amp, quot or apos",
+                quote(reference)
+            )
+        })?;
+        self.text(text)
+    }
+
+    fn declaration(&self, declaration: &BytesDecl<'_>) -> Result<()> {
+        ensure!(
+            self.open.is_empty() && self.root.is_none(),
+            "an XML declaration stands after the beginning"
+        );
+        if let Some(encoding) = declaration.encoding() {
+            let encoding = encoding?;
+            ensure!(
+                encoding.eq_ignore_ascii_case("UTF-8"),
+                "the encoding is {}, expected UTF-8",
+                quote(&encoding)
+            );
+        }
+        Ok(())
+    }
+}
+
+/// The part of the source that is this text: the reader lends it for a shorter time than it lives.
+fn within<'a>(source: &'a str, part: &str) -> Result<&'a str> {
+    let start = (part.as_ptr() as usize).wrapping_sub(source.as_ptr() as usize);
+    source
+        .get(start..start.saturating_add(part.len()))
+        .context("a name could not be read")
+}
+
+fn check_characters(text: &str) -> Result<()> {
+    let bad = |c: &char| matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}');
+    match text.chars().find(bad) {
+        Some(c) => bail!("the character U+{:04X} is not allowed in XML", u32::from(c)),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(text: &str) -> String {
+        format!("{:#}", parse(text).expect_err(text))
+    }
+
+    #[test]
+    fn a_document_becomes_a_tree() {
+        let root = parse(
+            "\u{feff}<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<!-- c -->\n<a b='1 &lt;&#x41;\n2'>\n<c/>\n<d>x</d></a>\n",
+        )
+        .unwrap();
+        assert_eq!((root.name, root.line), ("a", 3));
+        assert_eq!(root.attribute("b"), Some("1 <A 2"));
+        assert_eq!(root.children.len(), 2);
+        assert_eq!(root.child("c").unwrap().line, 5);
+        assert!(root.child("d").unwrap().has_text && !root.has_text);
+    }
+
+    #[test]
+    fn what_is_not_well_formed_is_refused_with_its_line() {
+        for text in [
+            "",
+            "x",
+            "<a>",
+            "<a></b>",
+            "</a>",
+            "<a/><b/>",
+            "<a b='1' b='2'/>",
+            "<a b=1/>",
+            "<a b/>",
+            "<a b='<'/>",
+            "<a>&amp</a>",
+            "<a>&x;</a>",
+            "<a b='&x;'/>",
+            "<a b='&#0;'/>",
+            "<a>\u{1}</a>",
+            "<a/>x",
+            "<a><!-- -- --></a>",
+            "<a/><?xml version='1.0'?>",
+            "<?xml version='1.0' encoding='latin-1'?><a/>",
+        ] {
+            refusal(text);
+        }
+        assert!(refusal("<a>\n\n<b></c></a>").starts_with("line 3"));
+        assert!(refusal("<a>\n<b c='&x;'/></a>").starts_with("line 2"));
+    }
+
+    #[test]
+    fn bombs_are_refused() {
+        let entities = "<!DOCTYPE a [<!ENTITY x \"ha\"><!ENTITY y \"&x;&x;\">]><a>&y;</a>";
+        assert!(refusal(entities).contains("DTD"));
+        assert!(refusal(&"<a>".repeat(100_000)).contains("deeper than 64"));
+        let wide = format!("<a>{}</a>", "<b/>".repeat(MOST_ELEMENTS));
+        assert!(refusal(&wide).contains("more than"));
+        let attributes: String = (0..100).map(|i| format!(" a{i}=''")).collect();
+        assert!(refusal(&format!("<a{attributes}/>")).contains("attributes"));
+    }
+}

@@ -1,0 +1,678 @@
+"""`cargo fmu validate` and `cargo fmu info` on sound, broken and hostile FMUs."""
+
+import os
+import resource
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from pathlib import Path
+
+import fmpy
+import pytest
+from lxml import etree
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = ROOT / "target" / "debug" / "cargo-fmu"
+MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
+
+MEMORY = 1 << 30
+"""Bytes of address space that the program may take."""
+
+SECONDS = 20
+"""Time that one run may take."""
+
+Fmu = dict[str, bytes]
+"""The files of an FMU by their names."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _program(fmus: Path) -> None:
+    """Have the program built: the export of the FMUs does it."""
+
+
+def cargo_fmu(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run `cargo fmu` within bounds of time and memory; it must not panic or be killed."""
+
+    def bound() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    result = subprocess.run(
+        [PROGRAM, *map(str, arguments)],
+        capture_output=True,
+        check=False,
+        encoding="utf-8",
+        preexec_fn=bound,
+        timeout=SECONDS,
+    )
+    assert "panicked" not in result.stderr, result.stderr
+    assert result.returncode in (0, 1, 2), result
+    return result
+
+
+def findings(file: Path, *options: str) -> list[str]:
+    """Return what `validate` finds, without the name of the file; its exit code must fit."""
+    result = cargo_fmu("validate", *options, file)
+    assert result.stderr == ""
+    *found, summary = (line.removeprefix(f"{file}: ") for line in result.stdout.splitlines())
+    errors = sum(line.startswith("error: ") for line in found)
+    assert result.returncode == (errors > 0)
+    assert summary.startswith(f"{errors or 'no'} error"), summary
+    return found
+
+
+def read(file: Path) -> Fmu:
+    with zipfile.ZipFile(file) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write(file: Path, content: Fmu) -> Path:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            # As it is: `writestr` would mend a name given as text.
+            entry = zipfile.ZipInfo("x")
+            entry.filename = name
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, data)
+    return file
+
+
+def check(found: list[str], *expected: str) -> None:
+    """Check that one of the findings has all the words expected."""
+    assert any(all(words in line for words in expected) for line in found), found
+
+
+# --- our own --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_our_fmus_have_no_finding(fmus: Path, model: str) -> None:
+    assert findings(fmus / f"{model}.fmu") == []
+
+
+def test_several_files_have_a_summary_each(fmus: Path, tmp_path: Path) -> None:
+    none = tmp_path / "none.fmu"
+    result = cargo_fmu("validate", fmus / "Pid.fmu", none, fmus / "Source.fmu")
+    assert result.returncode == 1
+    assert result.stdout.splitlines() == [
+        f"{fmus / 'Pid.fmu'}: no error, no warning",
+        f"{none}: error: archive: cannot open it: No such file or directory (os error 2)",
+        f"{none}: 1 error, no warning",
+        f"{fmus / 'Source.fmu'}: no error, no warning",
+    ]
+
+
+def test_help_has_an_example() -> None:
+    text = cargo_fmu("validate", "--help").stdout
+    assert "Example" in text
+    assert "cargo fmu validate" in text
+    assert "probe" not in cargo_fmu("--help").stdout
+
+
+# --- the model description ------------------------------------------------------------------------
+
+FULL = (ROOT / "exporter" / "fuzz" / "corpus" / "full.xml").read_text()
+
+
+def validate_xml(folder: Path, xml: str | bytes) -> list[str]:
+    """Return the findings on an FMU of a model description and the files that it names."""
+    content = {
+        "modelDescription.xml": xml.encode() if isinstance(xml, str) else xml,
+        "sources/full.c": b"",
+    }
+    return findings(write(folder / "x.fmu", content))
+
+
+def test_a_model_description_with_every_element_has_no_finding(tmp_path: Path) -> None:
+    assert validate_xml(tmp_path, FULL) == []
+
+
+MUTATIONS = [
+    # what stands there, what takes its place, what the finding says
+    ("fmiVersion", 'fmiVersion="2.0"', 'fmiVersion="3.0"', "expected 2.0"),
+    ("missing", ' modelName="Full"', "", "no attribute modelName"),
+    ("unknown attribute", "modelName=", 'colour="red" modelName=', '"colour"'),
+    ("unknown element", "<LogCategories>", "<Colour/><LogCategories>", '"Colour"'),
+    ("root", "fmiModelDescription", "fmiBuildDescription", "the root is"),
+    ("text", "<ModelStructure>", "<ModelStructure>text", "holds text"),
+    ("guid", 'guid="{0}"', 'guid=""', "guid is empty"),
+    ("name", 'modelName="Full"', 'modelName=" "', "modelName is empty"),
+    ("date", "2026-01-31T12:00:00Z", "yesterday", "generationDateAndTime"),
+    ("zone", "12:00:00Z", "12:00:00+01:00", "ends in Z"),
+    ("convention", '"structured"', '"snake"', "flat or structured"),
+    ("structured", 'name="u[1,2].a"', 'name="u-a"', "not structured"),
+    ("indicators", 'Indicators="1"', 'Indicators="-1"', "numberOfEventIndicators"),
+    ("no indicators", ' numberOfEventIndicators="1"', "", "numberOfEventIndicators is missing"),
+    ("identifier", 'modelIdentifier="Full"', 'modelIdentifier="a b"', "C identifier"),
+    ("flag", 'canInterpolateInputs="true"', 'canInterpolateInputs="yes"', "true, false, 1 or 0"),
+    ("flags", 'canGetAndSetFMUstate="true"', "", "canSerializeFMUstate is true"),
+    ("source", 'name="full.c"', 'name="empty.c"', "empty.c", "expected it in sources"),
+    ("unit twice", 'Unit name="N"', 'Unit name="rad"', 'unit "rad" is defined twice'),
+    ("unit", 'unit="N"', 'unit="lbf"', 'unit "lbf" is not defined'),
+    ("display unit", 'displayUnit="deg"/>', 'displayUnit="gon"/>', 'display unit "gon"'),
+    ("exponent", 'kg="1"', 'kg="1.5"', "kg is", "whole number"),
+    ("factor", 'factor="57.29577951308232"', 'factor="0"', "factor"),
+    ("type", 'declaredType="Count"', 'declaredType="Number"', '"Number" is not defined'),
+    ("type of type", 'declaredType="Count"', 'declaredType="Angle"', 'expected Integer'),
+    ("enumeration type", ' declaredType="Way"', "", "no attribute declaredType"),
+    ("item value", 'name="right" value="2"', 'name="right" value="1"', "value 1"),
+    ("item name", 'name="right"', 'name="left"', 'item "left" is defined twice'),
+    ("item start", 'max="2" start="2"', 'max="3" start="3"', "value of an item"),
+    ("category", "<Category", '<Category name="logAll"/><Category', "defined twice"),
+    ("experiment", 'stopTime="1"', 'stopTime="0"', "after startTime"),
+    ("step", 'stepSize="1e-2"', 'stepSize="0"', "stepSize is 0"),
+    ("tolerance", 'tolerance="1e-4"', 'tolerance="x"', "expected a number"),
+    ("causality", 'causality="input"', 'causality="in"', "causality is"),
+    ("variability", 'variability="tunable"', 'variability="often"', "variability is"),
+    ("initial", 'initial="approx"', 'initial="maybe"', "initial is"),
+    ("combination", 'causality="input"', 'causality="input" variability="fixed"', "2.2.7"),
+    ("wrong initial", 'fixed" initial="approx"', 'fixed" initial="exact"', "initial is exact"),
+    ("initial of input", 'causality="input"', 'causality="input" initial="exact"', "initial is"),
+    ("integer", 'causality="parameter" variability="fixed"', 'variability="continuous"', "Integer"),
+    ("no start", ' start="0"/>', "/>", "it has no start"),
+    ("start", '<Real derivative="2"/>', '<Real derivative="2" start="1"/>', "it has a start"),
+    ("start form", 'start="0.5"', 'start="half"', "expected a number"),
+    ("boolean form", 'start="true"', 'start="True"', "start is"),
+    ("bounds", 'min="1" max="5" start="3"', 'min="5" max="1" start="3"', "min <= max"),
+    ("start bound", 'min="1" max="5" start="3"', 'min="1" max="5" start="7"', "start is 7"),
+    ("type bound", 'declaredType="Angle" start="0.5"', 'declaredType="Angle" start="8"', "max 7"),
+    ("name twice", 'name="y"', 'name="x"', "two variables have the name"),
+    ("empty name", 'name="n"', 'name=""', "name is empty"),
+    ("reference", 'valueReference="3" causality="p', 'valueReference="-3" causality="p', "-3"),
+    ("alias set", 'valueReference="4"', 'valueReference="3"', "both are set"),
+    ("alias unit", '<Real unit="rad" displayUnit="deg"/>', '<Real unit="N"/>', "another unit"),
+    ("independent", 'name="y" valueReference="1" causality="output"',
+     'name="y" valueReference="9" causality="independent"', "at most one independent"),
+    ("independent type", "<Real/>", '<Integer/>', "is no Real"),
+    ("derivative", 'derivative="2"', 'derivative="99"', "derivative is 99"),
+    ("derivative of", 'derivative="2"', 'derivative="6"', 'derivative of "n"'),
+    ("output", '<Unknown index="5" dep', '<Unknown index="4" dep', "not in Outputs"),
+    ("no output", '<Unknown index="5" dep', '<Unknown index="4" dep', "expected outputs only"),
+    ("no derivative", '<Unknown index="3" dep', '<Unknown index="4" dep', "attribute derivative"),
+    ("index", '<Unknown index="9"/>', '<Unknown index="10"/>', "index 10, expected 1 to 9"),
+    ("index twice", '<Unknown index="9"/>', '<Unknown index="9"/><Unknown index="9"/>', "9 twice"),
+    ("dependency", 'dependencies="2 4"', 'dependencies="2 10"', "dependencies has 10"),
+    ("dependency form", 'dependencies="2 4"', 'dependencies="2,4"', "spaces between"),
+    ("dependency kind", '"dependent fixed"', '"dependent often"', "dependenciesKind"),
+    ("dependency kinds", '"dependent fixed"', '"dependent"', "1 items, expected 2"),
+    ("initial unknown", '<Unknown index="9"/>', "", "not in InitialUnknowns"),
+    ("too much", '<Unknown index="9"/>', '<Unknown index="9"/><Unknown index="4"/>', "warning"),
+    ("order", "<ModelVariables>", "<UnitDefinitions/><ModelVariables>", "expected it before"),
+    ("empty list", '<Category name="logAll" description="all"/>', "", "holds no Category"),
+    ("no variables", "ModelVariables>", "Variables>", "holds no ModelVariables"),
+    ("encoding", 'encoding="UTF-8"', 'encoding="UTF-16"', "expected UTF-8"),
+    ("not closed", "</ModelStructure>", "", "modelDescription.xml: line"),
+    ("entity", 'guid="{0}"', 'guid="&guid;"', "guid"),
+    ("document type", "<fmiModel", "<!DOCTYPE a><fmiModel", "DTD"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=[m[0] for m in MUTATIONS])
+def test_every_rule_finds_what_breaks_it(mutation: tuple[str, ...], tmp_path: Path) -> None:
+    _, old, new, *expected = mutation
+    assert old in FULL
+    times = -1 if old.endswith(("Description", "Variables>")) else 1
+    found = validate_xml(tmp_path, FULL.replace(old, new, times))
+    check(found, *expected)
+
+
+def test_a_start_that_is_given_twice_by_an_alias_is_found(tmp_path: Path) -> None:
+    old = '<ScalarVariable name="y" valueReference="1" causality="output">\n      <Real '
+    assert old in FULL
+    new = old.replace('"output"', '"output" initial="exact"') + 'start="1" '
+    check(validate_xml(tmp_path, FULL.replace(old, new)), "both have a start")
+
+
+def test_many_findings_are_counted_and_not_all_shown(tmp_path: Path) -> None:
+    xml = FULL.replace("<ModelStructure>", "<ModelStructure>" + "<A/>" * 1000)
+    result = cargo_fmu(
+        "validate", write(tmp_path / "x.fmu", {"modelDescription.xml": xml.encode()})
+    )
+    assert result.returncode == 1
+    lines = result.stdout.splitlines()
+    assert len(lines) == 202
+    assert "findings more" in lines[-2]
+    assert "100" in lines[-1]
+
+
+def test_text_of_others_breaks_no_line(tmp_path: Path) -> None:
+    xml = FULL.replace('name="y"', f'name="a&#10;\u202eb{"c" * 10_000}"')
+    found = validate_xml(tmp_path, xml)
+    assert all(line.startswith(("error: ", "warning: ")) for line in found)
+    assert max(map(len, found)) < 300
+
+
+def neighbours(xml: str) -> Iterator[str]:
+    """Yield every document that differs by one attribute or one element."""
+    root = etree.fromstring(xml.encode())
+    own = [element for element in root.iter(etree.Element) if not etree.QName(element).namespace]
+    for place in map(root.getroottree().getpath, own):
+        for name in root.xpath(place)[0].attrib:
+            for value in (None, "", "x", "-1", "1", "true"):
+                copy = deepcopy(root)
+                (element,) = copy.xpath(place)
+                if value is None:
+                    del element.attrib[name]
+                else:
+                    element.set(name, value)
+                yield etree.tostring(copy, encoding="unicode")
+        for change in ("delete", "double", "move", "rename", "text", "attribute"):
+            copy = deepcopy(root)
+            (element,) = copy.xpath(place)
+            parent = element.getparent()
+            if change == "rename":
+                element.tag = "Other"
+            elif change == "text":
+                element.text = "text"
+            elif change == "attribute":
+                element.set("other", "1")
+            elif parent is None:
+                continue
+            elif change == "delete":
+                parent.remove(element)
+            elif change == "double":
+                element.addnext(deepcopy(element))
+            else:
+                parent.append(element)
+            yield etree.tostring(copy, encoding="unicode")
+
+
+def test_what_the_schema_of_the_standard_refuses_is_an_error(tmp_path: Path) -> None:
+    folder = Path(fmpy.__file__).parent / "schema" / "fmi2"
+    schema = etree.XMLSchema(file=str(folder / "fmi2ModelDescription.xsd"))
+    refused = [xml for xml in neighbours(FULL) if not schema.validate(etree.fromstring(xml))]
+    assert len(refused) > 500
+    files = []
+    for index, xml in enumerate(refused):
+        content = {"modelDescription.xml": xml.encode(), "sources/full.c": b""}
+        files.append(write(tmp_path / f"{index}.fmu", content))
+    output = cargo_fmu("validate", *files).stdout
+    for file, xml in zip(files, refused, strict=True):
+        assert f"{file}: error: modelDescription.xml" in output, xml
+
+
+# --- the archive ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pid(fmus: Path) -> Fmu:
+    """Return the files of a sound FMU."""
+    return read(fmus / "Pid.fmu")
+
+
+BAD_NAMES = {
+    "../evil": "path traversal",
+    "resources/../../evil": "path traversal",
+    "/etc/evil": "absolute path",
+    "C:/evil": "absolute path",
+    "resources\\evil": "backslash",
+    "resources//evil": "empty part",
+    "MODELDESCRIPTION.xml": "upper and lower case",
+}
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_a_name_that_leaves_the_archive_is_refused(name: str, pid: Fmu, tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", {**pid, name: b""})
+    check(findings(file), "error: archive", BAD_NAMES[name])
+    result = cargo_fmu("info", file)
+    assert result.returncode == 1
+    assert BAD_NAMES[name] in result.stderr
+    assert str(file) in result.stderr
+    assert sorted(tmp_path.iterdir()) == [file]
+
+
+def test_a_name_that_stands_twice_is_refused(pid: Fmu, tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", pid)
+    with zipfile.ZipFile(file, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
+        archive.writestr("modelDescription.xml", b"<other/>")
+    check(findings(file), "same name")
+    assert "same name" in cargo_fmu("info", file).stderr
+
+
+def test_a_name_that_differs_from_the_local_one_is_refused(pid: Fmu, tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", {**pid, "resources/name": b""})
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b"resources/name", b"resources/evil", 1))
+    check(findings(file), "directory is wrong")
+
+
+def test_a_symbolic_link_is_refused(pid: Fmu, tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", pid)
+    link = zipfile.ZipInfo("resources/link")
+    link.create_system, link.external_attr = 3, 0o120777 << 16
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr(link, "/etc/passwd")
+    check(findings(file), "symbolic link")
+
+
+def test_damaged_content_is_found(pid: Fmu, tmp_path: Path) -> None:
+    file = tmp_path / "x.fmu"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, data in pid.items():
+            archive.writestr(name, data)
+    content = file.read_bytes()
+    at = content.index(b"LICENSE-MIT") + 200
+    file.write_bytes(content[:at] + b"XXXX" + content[at + 4 :])
+    check(findings(file), "LICENSE-MIT", "damaged")
+
+
+def test_a_missing_model_description_is_found(tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", {"x/modelDescription.xml": b""})
+    check(findings(file), "modelDescription.xml")
+
+
+@pytest.mark.parametrize("command", ["info", "validate"])
+@pytest.mark.parametrize("name", ["binaries/a\x1b[31m/b", "a\nerror: b", "\u202eevil"])
+def test_a_name_cannot_steer_the_terminal(
+    command: str, name: str, pid: Fmu, tmp_path: Path
+) -> None:
+    result = cargo_fmu(command, write(tmp_path / "x.fmu", {**pid, name: b""}))
+    output = result.stdout + result.stderr
+    assert not set("\x1b\u202e") & set(output)
+    assert "\nerror: b" not in output
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x05\x06", b"x" * 1000])
+def test_what_is_no_archive_is_told(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "x.fmu"
+    file.write_bytes(content)
+    check(findings(file), "damaged, or not an FMU")
+
+
+def test_a_folder_is_told(tmp_path: Path) -> None:
+    check(findings(tmp_path), "expected a file")
+
+
+def bomb(file: Path, name: str, size: int) -> Path:
+    """Write an archive with a file of so many zeros."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", FULL)
+        with archive.open(name, "w", force_zip64=True) as entry:
+            for _ in range(size >> 20):
+                entry.write(bytes(1 << 20))
+    return file
+
+
+@pytest.mark.parametrize("command", ["info", "validate"])
+def test_a_zip_bomb_is_refused(command: str, tmp_path: Path) -> None:
+    file = bomb(tmp_path / "x.fmu", "resources/zeros", 200 << 20)
+    assert file.stat().st_size < 1 << 20
+    result = cargo_fmu(command, file)
+    assert result.returncode == 1
+    assert "zip bomb" in result.stdout + result.stderr
+
+
+def test_a_zip_bomb_that_lies_about_its_size_is_not_inflated(tmp_path: Path) -> None:
+    size = 200 << 20
+    file = bomb(tmp_path / "x.fmu", "resources/zeros", size)
+    content = file.read_bytes()
+    small = content.replace(size.to_bytes(4, "little"), (1000).to_bytes(4, "little"))
+    small = small.replace(size.to_bytes(8, "little"), (1000).to_bytes(8, "little"))
+    assert small != content
+    file.write_bytes(small)
+    check(findings(file), "resources/zeros", "damaged")
+
+
+def test_overlapping_files_are_refused(tmp_path: Path) -> None:
+    """As in a bomb whose thousand files are all the same bytes of the archive."""
+    file = write(tmp_path / "x.fmu", {"modelDescription.xml": FULL.encode(), "a": b"a", "b": b"b"})
+    with zipfile.ZipFile(file) as archive:
+        first, second = (archive.getinfo(name).header_offset for name in "ab")
+    content = bytearray(file.read_bytes())
+    at = content.rindex(second.to_bytes(4, "little") + b"b")
+    content[at : at + 4] = first.to_bytes(4, "little")
+    file.write_bytes(content)
+    check(findings(file), "directory is wrong")
+
+
+HOSTILE = {
+    "entities": '<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "{}">]><a>&b;</a>'.format("&a;" * 1000),
+    "files": '<!DOCTYPE a [<!ENTITY a SYSTEM "file:///etc/passwd">]><a>&a;</a>',
+    "deep": "<a>" * 1_000_000,
+    "wide": "<a>" + "<b/>" * 1_100_000 + "</a>",
+    "attributes": "<a " + " ".join(f'a{i}=""' for i in range(100_000)) + "/>",
+    "long": f'<a b="{"x" * 10_000_000}"/>',
+    "huge": "<a>" + " " * (64 << 20) + "</a>",
+}
+
+
+@pytest.mark.parametrize("command", ["info", "validate"])
+@pytest.mark.parametrize("text", HOSTILE)
+def test_hostile_xml_is_refused(command: str, text: str, tmp_path: Path) -> None:
+    file = tmp_path / "x.fmu"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("modelDescription.xml", HOSTILE[text])
+        # Enough that does not shrink, so that the archive is no bomb by its ratio.
+        archive.writestr("resources/noise", os.urandom(1 << 20))
+    result = cargo_fmu(command, file)
+    assert result.returncode == 1
+    output = result.stdout + result.stderr
+    assert "modelDescription.xml" in output
+    assert len(output) < 2000
+
+
+N = 20_000
+"""So many of everything, that a search through all for each would take minutes."""
+
+LARGE = {
+    "items": (
+        "".join(f'<Item name="i{i}" value="{i + 3}"/>' for i in range(N)),
+        '<Enumeration declaredType="Way" start="3"/>',
+    ),
+    "display units": (
+        "".join(f'<DisplayUnit name="d{i}"/>' for i in range(N)),
+        f'<Real unit="rad" displayUnit="d{N - 1}" start="0"/>',
+    ),
+    "types": (
+        "".join(f'<SimpleType name="t{i}"><Real/></SimpleType>' for i in range(N)),
+        f'<Real declaredType="t{N - 1}" start="0"/>',
+    ),
+    "sources": ("".join(f'<File name="s{i}"/>' for i in range(N)), '<Real start="0"/>'),
+}
+LAST = {
+    "items": "</Enumeration>",
+    "display units": "    </Unit>",
+    "types": "</TypeDefinitions>",
+    "sources": "</SourceFiles>",
+}
+
+
+@pytest.mark.parametrize("command", ["info", "validate"])
+@pytest.mark.parametrize("what", LARGE)
+def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(
+    command: str, what: str, tmp_path: Path
+) -> None:
+    definitions, value = LARGE[what]
+    variables = "".join(
+        f'<ScalarVariable name="v{i}" valueReference="{i + 99}" causality="parameter" '
+        f'variability="fixed">{value}</ScalarVariable>'
+        for i in range(N)
+    )
+    xml = FULL.replace(LAST[what], definitions + LAST[what], 1)
+    xml = xml.replace("</ModelVariables>", variables + "</ModelVariables>")
+    content = {f"sources/s{i}": b"" for i in range(N)} if what == "sources" else {}
+    content |= {"modelDescription.xml": xml.encode(), "sources/full.c": b""}
+    result = cargo_fmu(command, write(tmp_path / "x.fmu", content))
+    assert result.returncode == 0, (result.stdout + result.stderr)[:1000]
+
+
+# --- binaries -------------------------------------------------------------------------------------
+
+
+def test_a_platform_that_fmi_does_not_know_is_a_warning(pid: Fmu, tmp_path: Path) -> None:
+    found = findings(write(tmp_path / "x.fmu", {**pid, "binaries/amiga/Pid.library": b""}))
+    check(found, "warning: binaries/amiga", "linux64")
+    assert len(found) == 1
+
+
+def test_a_binary_of_another_name_is_missing(pid: Fmu, tmp_path: Path) -> None:
+    pid["binaries/linux64/libPid.so"] = pid.pop("binaries/linux64/Pid.so")
+    check(findings(write(tmp_path / "x.fmu", pid)), "binaries/linux64", "modelIdentifier")
+
+
+@pytest.mark.parametrize("head", [b"", b"MZ", b"\x7fELF\x01"])
+def test_a_binary_of_another_format_is_found(head: bytes, pid: Fmu, tmp_path: Path) -> None:
+    pid["binaries/linux64/Pid.so"] = head
+    found = findings(write(tmp_path / "x.fmu", pid))
+    check(found, "binaries/linux64/Pid.so", "not a shared library")
+    check(found, "cannot be loaded")
+
+
+def test_a_truncated_binary_is_found(pid: Fmu, tmp_path: Path) -> None:
+    binary = pid["binaries/linux64/Pid.so"]
+    pid["binaries/linux64/Pid.so"] = binary[: len(binary) // 2]
+    assert findings(write(tmp_path / "x.fmu", pid))
+
+
+def test_an_fmu_without_binaries_and_sources_is_found(pid: Fmu, tmp_path: Path) -> None:
+    del pid["binaries/linux64/Pid.so"]
+    check(findings(write(tmp_path / "x.fmu", pid)), "neither binaries nor sources")
+
+
+def test_an_fmu_for_other_machines_is_not_run(pid: Fmu, tmp_path: Path) -> None:
+    del pid["binaries/linux64/Pid.so"]
+    pid["binaries/win64/Pid.dll"] = b"MZ"
+    found = findings(write(tmp_path / "x.fmu", pid))
+    assert len(found) == 1
+    check(found, "warning: binaries", "linux64")
+
+
+def test_xml_and_binary_of_different_versions_are_found(pid: Fmu, tmp_path: Path) -> None:
+    xml = pid["modelDescription.xml"].decode()
+    guid = xml.split('guid="')[1].split('"')[0]
+    pid["modelDescription.xml"] = xml.replace(guid, "{another}").encode()
+    check(findings(write(tmp_path / "x.fmu", pid)), "fmi2Instantiate gave NULL")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('start="300"', 'start="301"', 'start value of "pid.kp" is 300 in the binary'),
+        (
+            'OutputDerivativeOrder="0"',
+            'OutputDerivativeOrder="1"',
+            "OutputDerivativeOrder is not",
+        ),
+        ('canInterpolateInputs="false"', 'canInterpolateInputs="true"', "canInterpolateInputs is"),
+        ('DirectionalDerivative="false"', 'DirectionalDerivative="1"', "DirectionalDerivative is"),
+        ('name="u" valueReference="3"', 'name="u" valueReference="999"', '"u" cannot be read'),
+    ],
+)
+def test_xml_that_lies_about_the_binary_is_found(
+    old: str, new: str, expected: str, pid: Fmu, tmp_path: Path
+) -> None:
+    xml = pid["modelDescription.xml"].decode()
+    assert old in xml
+    pid["modelDescription.xml"] = xml.replace(old, new).encode()
+    check(findings(write(tmp_path / "x.fmu", pid)), "error: binaries/linux64/Pid.so", expected)
+
+
+# --- binaries that are not ours -------------------------------------------------------------------
+
+DECAY = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Decay" guid="{decay}" numberOfEventIndicators="0">
+  KIND
+  <DefaultExperiment startTime="0" stopTime="1" stepSize="0.1"/>
+  <ModelVariables>
+    <ScalarVariable name="x" valueReference="0" initial="exact"><Real start="1"/></ScalarVariable>
+    <ScalarVariable name="der(x)" valueReference="1"><Real derivative="1"/></ScalarVariable>
+    <ScalarVariable name="u" valueReference="2" causality="input"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="y" valueReference="3" causality="output"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs><Unknown index="4"/></Outputs>
+    <Derivatives><Unknown index="2"/></Derivatives>
+    <InitialUnknowns><Unknown index="2"/><Unknown index="4"/></InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+CO_SIMULATION = """<CoSimulation modelIdentifier="Decay" canInterpolateInputs="true"
+  canHandleVariableCommunicationStepSize="true" maxOutputDerivativeOrder="1"
+  canGetAndSetFMUstate="true" canSerializeFMUstate="true" providesDirectionalDerivative="true"/>"""
+MODEL_EXCHANGE = """<ModelExchange modelIdentifier="Decay"
+  canGetAndSetFMUstate="true" canSerializeFMUstate="true" providesDirectionalDerivative="true"/>"""
+
+
+@pytest.fixture
+def decay(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that makes an FMU of `tests/c/decay.c` with a fault."""
+    compiler = shutil.which("cc") or pytest.skip("no C compiler")
+
+    def make(fault: str | None = None, kind: str = CO_SIMULATION) -> Path:
+        library = tmp_path / "Decay.so"
+        define = [f"-DFAULT_{fault}"] if fault else []
+        source = ROOT / "tests" / "c" / "decay.c"
+        subprocess.run(
+            [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Wno-unused-parameter",
+             *define, "-o", library, source, "-lm"],
+            check=True,
+        )  # fmt: skip
+        return write(
+            tmp_path / "Decay.fmu",
+            {
+                "modelDescription.xml": DECAY.replace("KIND", kind).encode(),
+                "binaries/linux64/Decay.so": library.read_bytes(),
+            },
+        )
+
+    return make
+
+
+@pytest.mark.parametrize("kind", [CO_SIMULATION, MODEL_EXCHANGE, MODEL_EXCHANGE + CO_SIMULATION])
+def test_a_sound_fmu_in_c_has_no_finding(decay: Callable[..., Path], kind: str) -> None:
+    assert findings(decay(kind=kind)) == []
+
+
+FAULTS = {
+    "START": ('start value of "x" is 1.5',),
+    "PLATFORM": ("fmi2GetTypesPlatform", '"other"'),
+    "VERSION": ("fmi2GetVersion", '"1.0"'),
+    "EXIT": ("fmi2Instantiate ended the process",),
+    "OTHER_GUID": ("fmi2Instantiate gave NULL",),
+    "ANY_GUID": ("warning", "GUID of another FMU"),
+    "SHARED": ("beside another instance",),
+    "HANG": ("fmi2EnterInitializationMode did not return within 1 s",),
+    "RESET": ("warning", "after fmi2Reset"),
+    "GET": ('"y" cannot be read', "fmi2GetReal gave fmi2Error"),
+    "NAN": ("warning", '"y" is NaN'),
+    "NO_STATE": ("canGetAndSetFMUstate is true, but", "fmi2GetFMUstate gave fmi2Error"),
+    "STATE": ("canGetAndSetFMUstate is true, but", "restored state"),
+    "FREE_STATE": ("fmi2FreeFMUstate", "NULL"),
+    "SERIALIZE": ("canSerializeFMUstate is true, but",),
+    "HUGE_STATE": ("canSerializeFMUstate is true, but", "fmi2SerializedFMUstateSize"),
+    "DERIVATIVE": ("providesDirectionalDerivative is true, but",),
+    "INTERPOLATE": ("canInterpolateInputs is true, but",),
+    "OUTPUT_DERIVATIVE": ("maxOutputDerivativeOrder is not 0, but",),
+    "CRASH": ("fmi2DoStep ended the process (signal 11",),
+    "STEP": ("fmi2DoStep gave fmi2Discard",),
+    "STEP_SIZE": ("canHandleVariableCommunicationStepSize is true, but",),
+    "STATUS": ("fmi2DoStep gave 77",),
+    "MISSING": ("fmi2CancelStep is missing",),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_of_a_binary_is_found(decay: Callable[..., Path], fault: str) -> None:
+    found = findings(decay(fault), "--time-limit", "1")
+    check(found, "binaries/linux64/Decay.so", *FAULTS[fault])
+    assert len(found) <= 2, found
+
+
+def test_a_fault_of_model_exchange_is_found(decay: Callable[..., Path]) -> None:
+    found = findings(decay("ROUNDS", MODEL_EXCHANGE))
+    check(found, "fmi2NewDiscreteStates wanted 1000 calls more")
+
+
+@pytest.mark.parametrize("fault", ["CRASH", "HANG", "EXIT"])
+def test_a_binary_is_not_run_when_it_shall_not(decay: Callable[..., Path], fault: str) -> None:
+    assert findings(decay(fault), "--no-run") == []
+
+
+def test_nothing_is_left_behind(decay: Callable[..., Path]) -> None:
+    folder = Path(os.environ.get("TMPDIR", "/tmp"))
+    before = set(folder.glob("fmu-*"))
+    findings(decay("CRASH"))
+    assert set(folder.glob("fmu-*")) <= before
