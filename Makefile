@@ -6,9 +6,10 @@ VENV := target/venv
 RUN := $(VENV)/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 
+SECONDS ?= 60
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo test lint fmus portable clean
+.PHONY: demo test lint fmus portable valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -37,6 +38,17 @@ fmus: $(VENV)/.installed
 portable: $(VENV)/.portable
 	PATH="$(abspath $(VENV)/bin):$$PATH" \
 		cargo fmu export --target $(HOST).2.17 --out target/portable
+
+## valgrind: a C host of every FMU under valgrind, which must find nothing
+valgrind: fmus
+	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
+	$(RUN) -m pytest -m valgrind
+
+## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
+fuzz: fmus
+	FUZZ_SECONDS=$(SECONDS) cargo test --locked --profile fuzz --package exporter fuzz -- --nocapture
+	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
+		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
 
 $(VENV)/.portable: tests/requirements-portable.txt $(VENV)/.installed
 	$(INSTALL) --requirement $<
