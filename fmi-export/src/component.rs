@@ -9,9 +9,10 @@ use serde::{Deserialize, Serialize};
 use crate::log::{Category, Log};
 use crate::model::{Kind, ModelError};
 use crate::phase::{self, Call, Phase};
+use crate::reason::{Reason, reason};
 use crate::slave::Slave;
 use crate::snapshot::Snapshot;
-use crate::values::{self, Refusal, Value};
+use crate::values::{self, Value};
 
 /// How a call ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,16 +26,16 @@ pub(crate) enum Outcome {
 /// Why a call failed.
 pub(crate) enum Failure {
     /// The call was wrong, and changed nothing.
-    Refused(Refusal),
+    Refused(Reason),
     /// The step was not taken, and the model is as it was.
-    Discarded(String),
+    Discarded(Reason),
     /// The model cannot go on.
-    Broken(String),
+    Broken(Reason),
 }
 
-impl From<Refusal> for Failure {
-    fn from(refusal: Refusal) -> Self {
-        Self::Refused(refusal)
+impl From<Reason> for Failure {
+    fn from(reason: Reason) -> Self {
+        Self::Refused(reason)
     }
 }
 
@@ -101,9 +102,10 @@ impl Component {
     }
 
     /// Refuses a call that no state allows, with its reason.
-    pub(crate) fn refuse(&self, name: &str, reason: &str) -> Outcome {
-        self.log
-            .send(Category::Error, || format!("{name}: {reason}"));
+    pub(crate) fn refuse(&self, name: &str, reason: impl Into<Reason>) -> Outcome {
+        self.log.send(Category::Error, || {
+            format!("{name}: {}", reason.into().text())
+        });
         Outcome::Error
     }
 
@@ -126,16 +128,16 @@ impl Component {
     #[cold]
     fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
         match failure {
-            Failure::Refused(reason) => self.refuse(name, &reason),
+            Failure::Refused(reason) => self.refuse(name, reason),
             Failure::Discarded(reason) => {
                 self.enter(Phase::StepFailed);
                 self.log
-                    .send(Category::Discard, || format!("{name}: {reason}"));
+                    .send(Category::Discard, || format!("{name}: {}", reason.text()));
                 Outcome::Discard
             }
             Failure::Broken(reason) => {
                 self.enter(Phase::Error);
-                self.refuse(name, &reason)
+                self.refuse(name, reason)
             }
         }
     }
@@ -169,12 +171,12 @@ impl Component {
     pub(crate) fn setup_experiment(&mut self, start: f64, stop: Option<f64>) -> Outcome {
         self.call(&phase::SETUP_EXPERIMENT, |c| {
             if !start.is_finite() {
-                return Err(format!("the start time is {start}; expected a finite number").into());
+                return Err(reason!("the start time is {start}; expected a finite number").into());
             }
             if let Some(stop) = stop
                 && !(stop.is_finite() && stop >= start)
             {
-                return Err(format!(
+                return Err(reason!(
                     "the stop time is {stop}; expected a finite number, at least the start time {start}"
                 )
                 .into());
@@ -224,8 +226,9 @@ impl Component {
                 return Ok(()); // event iterations of some hosts
             }
             c.slave.step(time, step).map_err(|error| {
-                let reason = format!("from t = {time:?} s by {step:?} s: {}", error.reason());
-                match error.kind() {
+                let kind = error.kind();
+                let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
+                match kind {
                     Kind::Refused => Failure::Refused(reason),
                     Kind::Discarded => Failure::Discarded(reason),
                     Kind::Broken => Failure::Broken(reason),
@@ -240,14 +243,14 @@ impl Component {
         })
     }
 
-    fn check_step(&self, time: f64, step: f64) -> Result<(), Refusal> {
+    fn check_step(&self, time: f64, step: f64) -> Result<(), Reason> {
         if !step.is_finite() || step < 0.0 {
-            return Err(format!(
+            return Err(reason!(
                 "the communication step is {step:?}; expected a finite number of at least 0"
             ));
         }
         if !time.is_finite() {
-            return Err(format!(
+            return Err(reason!(
                 "the communication point is {time:?}; expected a finite number"
             ));
         }
@@ -255,7 +258,7 @@ impl Component {
         let tolerance = 1e-6 * step + 1e-9 * (1.0 + time.abs());
         match self.life.time {
             Some(end) if (time - end).abs() > tolerance => {
-                return Err(format!(
+                return Err(reason!(
                     "the communication point is {time:?}; expected {end}, where the last step ended"
                 ));
             }
@@ -263,7 +266,7 @@ impl Component {
             None => self.check_first_step(time, step, tolerance)?,
         }
         match self.life.stop_time {
-            Some(stop) if time + step > stop + tolerance => Err(format!(
+            Some(stop) if time + step > stop + tolerance => Err(reason!(
                 "the step ends at {:?}, past the stop time {stop:?}",
                 time + step
             )),
@@ -272,11 +275,11 @@ impl Component {
     }
 
     /// A sampled loop may begin at its first sample instead of at the start time.
-    fn check_first_step(&self, time: f64, step: f64, tolerance: f64) -> Result<(), Refusal> {
+    fn check_first_step(&self, time: f64, step: f64, tolerance: f64) -> Result<(), Reason> {
         let start = self.life.start_time;
         let late = time - start;
         if late < -tolerance || late > step + tolerance {
-            return Err(format!(
+            return Err(reason!(
                 "the first communication point is {time:?}; expected the start time {start}"
             ));
         }
@@ -364,7 +367,7 @@ impl Component {
     }
 
     /// Continues from a snapshot, of this or another instance of the model.
-    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Refusal> {
+    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
         self.life = snapshot.restore(self.slave.as_mut())?;
         Ok(())
     }
@@ -382,7 +385,7 @@ impl Component {
     fn refresh(&mut self) -> Result<(), Failure> {
         self.slave
             .initialize(self.life.start_time)
-            .map_err(|error: ModelError| error.reason().to_owned())?;
+            .map_err(|error: ModelError| Reason::new(move || error.reason().to_owned()))?;
         self.life.stale = false;
         Ok(())
     }

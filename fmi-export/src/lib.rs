@@ -47,6 +47,7 @@ pub mod host;
 mod log;
 mod model;
 mod phase;
+mod reason;
 mod slave;
 mod snapshot;
 mod values;

@@ -3,6 +3,7 @@
 use std::ffi::{CStr, CString};
 
 use crate::fmi2::{fmi2CallbackLogger, fmi2ComponentEnvironment, fmi2Status};
+use crate::reason::Reason;
 
 /// A log category.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,7 +95,7 @@ impl Log {
     }
 
     /// Switches on exactly the named categories, or the named ones off; without names, all.
-    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), String> {
+    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), Reason> {
         let mut set = 0;
         for name in categories {
             set |= Self::bits(name)?;
@@ -108,7 +109,7 @@ impl Log {
         Ok(())
     }
 
-    fn bits(name: &CStr) -> Result<u8, String> {
+    fn bits(name: &CStr) -> Result<u8, Reason> {
         if name.to_bytes() == ALL.0.as_bytes() {
             return Ok(EVERY);
         }
@@ -116,18 +117,7 @@ impl Log {
             .iter()
             .find(|(_, category, _)| *category == name)
             .map(|(category, _, _)| *category as u8)
-            .ok_or_else(|| {
-                let known: Vec<_> = CATEGORIES
-                    .iter()
-                    .map(|(_, name, _)| name.to_string_lossy())
-                    .collect();
-                format!(
-                    "log category {:?} is unknown; there are {}, {}",
-                    name,
-                    known.join(", "),
-                    ALL.0
-                )
-            })
+            .ok_or_else(|| unknown(name.to_owned()))
     }
 
     /// Sends a message, which is only made if somebody hears it.
@@ -164,4 +154,18 @@ impl Log {
             );
         }
     }
+}
+
+fn unknown(category: CString) -> Reason {
+    Reason::new(move || {
+        let known: Vec<_> = CATEGORIES
+            .iter()
+            .map(|(_, name, _)| name.to_string_lossy())
+            .collect();
+        let known = known.join(", ");
+        format!(
+            "log category {category:?} is unknown; there are {known}, {}",
+            ALL.0
+        )
+    })
 }

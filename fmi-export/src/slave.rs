@@ -1,6 +1,7 @@
 //! A model behind one interface for all: its values by reference, start values, steps.
 
 use std::any::Any;
+use std::fmt;
 
 use model_description::{Info, Place, Variable, check, guid};
 
@@ -46,6 +47,22 @@ pub(crate) struct Scalar<'a> {
     /// Index in the array, from 0.
     pub(crate) element: usize,
     pub(crate) place: Place<'a>,
+}
+
+/// The name of a scalar variable, which is put together when it is shown.
+#[derive(Clone, Copy)]
+pub(crate) struct Name(&'static Info, usize);
+
+impl fmt::Display for Name {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.element_name(self.1))
+    }
+}
+
+impl Scalar<'_> {
+    pub(crate) fn name(&self) -> Name {
+        Name(self.info, self.element)
+    }
 }
 
 /// A model whose values are reached by value reference.

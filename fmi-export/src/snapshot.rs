@@ -5,8 +5,8 @@ use std::any::Any;
 use model_description::guid::checksum;
 
 use crate::component::Life;
+use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
-use crate::values::Refusal;
 
 /// What the first bytes of a serialized state, and of a state in memory, are.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
@@ -36,20 +36,21 @@ impl Snapshot {
     }
 
     /// Lets a slave of the same model take over the state; what remains is the component's.
-    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Life, Refusal> {
+    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Life, Reason> {
         if slave.restore(self.model.as_ref()) {
             Ok(self.life)
         } else {
-            Err(format!(
+            let (found, expected) = (self.guid, slave.guid());
+            Err(reason!(
                 "the state is that of the model {}, not of {}",
-                text(&self.guid),
-                text(&slave.guid())
+                text(&found),
+                text(&expected)
             ))
         }
     }
 
     /// The state as bytes: header, payload, checksum of both.
-    pub(crate) fn to_bytes(&self, slave: &dyn Slave) -> Result<Vec<u8>, Refusal> {
+    pub(crate) fn to_bytes(&self, slave: &dyn Slave) -> Result<Vec<u8>, Reason> {
         let payload = postcard::to_allocvec(&self.life)
             .ok()
             .zip(slave.serialize(self.model.as_ref()));
@@ -62,8 +63,8 @@ impl Snapshot {
     }
 
     /// The state that the bytes hold, if they are whole and of the slave's model.
-    pub(crate) fn from_bytes(bytes: &[u8], slave: &dyn Slave) -> Result<Self, Refusal> {
-        let damaged = || Refusal::from("the bytes are damaged, or not those of an FMU state");
+    pub(crate) fn from_bytes(bytes: &[u8], slave: &dyn Slave) -> Result<Self, Reason> {
+        let damaged = || Reason::from("the bytes are damaged, or not those of an FMU state");
         let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
         let (content, sum) = bytes.split_at(end);
         if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
@@ -76,10 +77,10 @@ impl Snapshot {
             return Err(damaged());
         }
         if version != VERSION || guid != slave.guid() {
-            return Err(format!(
-                "the bytes are those of the model {}, form {version:?}; expected {}, form {VERSION:?}",
-                text(guid),
-                text(&slave.guid())
+            let (version, found, expected) = (version.to_owned(), text(guid), slave.guid());
+            return Err(reason!(
+                "the bytes are those of the model {found}, form {version:?}; expected {}, form {VERSION:?}",
+                text(&expected)
             ));
         }
         let (life, model): (Life, _) = postcard::take_from_bytes(payload).map_err(|_| damaged())?;

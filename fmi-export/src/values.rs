@@ -4,19 +4,19 @@ use std::fmt::Display;
 
 use model_description::{Causality, Domain, Info, Place, Variability};
 
-use crate::slave::{Scalar, Slave};
-
-/// Why a value cannot be read or written: a text for the user.
-pub(crate) type Refusal = String;
+use crate::reason::{Reason, reason};
+use crate::slave::{Name, Scalar, Slave};
 
 /// A type of FMI, as the host reads and writes it.
-pub(crate) trait Value: Copy + Display {
+pub(crate) trait Value: Copy + Display + 'static {
     /// Name of the type.
     const TYPE: &'static str;
     /// The value that lives at a place, if it is of this type.
     fn read(place: &Place<'_>) -> Option<Self>;
-    /// What was expected instead of this value, if it is not allowed.
-    fn unexpected(self, domain: &Domain) -> Option<String>;
+    /// Whether the value lies within the bounds of a variable of its type.
+    fn is_allowed(self, domain: &Domain) -> bool;
+    /// What values are allowed.
+    fn expected(self, domain: &Domain) -> String;
     /// Puts the value at a place of its type.
     fn write(self, place: Place<'_>);
 }
@@ -31,20 +31,24 @@ impl Value for f64 {
         }
     }
 
-    fn unexpected(self, domain: &Domain) -> Option<String> {
-        let Domain::Real { min, max, unit, .. } = domain else {
-            return None;
-        };
-        if self.is_finite() && *min <= self && self <= *max {
-            return None;
+    fn is_allowed(self, domain: &Domain) -> bool {
+        match domain {
+            Domain::Real { min, max, .. } => self.is_finite() && *min <= self && self <= *max,
+            _ => true,
         }
+    }
+
+    fn expected(self, domain: &Domain) -> String {
+        let Domain::Real { min, max, unit, .. } = domain else {
+            return String::new();
+        };
         let bounds = match (min.is_finite(), max.is_finite()) {
             (true, true) => format!(" from {min} to {max}"),
             (true, false) => format!(" of at least {min}"),
             (false, true) => format!(" of at most {max}"),
             (false, false) => String::new(),
         };
-        Some(format!("a finite number{bounds} [{}]", unit.name))
+        format!("a finite number{bounds} [{}]", unit.name)
     }
 
     fn write(self, place: Place<'_>) {
@@ -64,23 +68,27 @@ impl Value for i32 {
         }
     }
 
-    fn unexpected(self, domain: &Domain) -> Option<String> {
+    fn is_allowed(self, domain: &Domain) -> bool {
         match domain {
-            Domain::Integer { range, .. } if self < range.0 || range.1 < self => {
-                Some(format!("a whole number from {} to {}", range.0, range.1))
-            }
+            Domain::Integer { range, .. } => range.0 <= self && self <= range.1,
             Domain::Enumeration { items, .. } => {
-                let index = usize::try_from(self).unwrap_or(0);
-                if 1 <= index && index <= items.items.len() {
-                    return None;
-                }
-                let names: Vec<String> = (1..)
-                    .zip(items.items)
-                    .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
-                    .collect();
-                Some(names.join(", "))
+                usize::try_from(self).is_ok_and(|index| (1..=items.items.len()).contains(&index))
             }
-            _ => None,
+            _ => true,
+        }
+    }
+
+    fn expected(self, domain: &Domain) -> String {
+        match domain {
+            Domain::Integer { range, .. } => {
+                format!("a whole number from {} to {}", range.0, range.1)
+            }
+            Domain::Enumeration { items, .. } => (1..)
+                .zip(items.items)
+                .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
+                .collect::<Vec<_>>()
+                .join(", "),
+            _ => String::new(),
         }
     }
 
@@ -112,8 +120,12 @@ impl Value for Boolean {
         }
     }
 
-    fn unexpected(self, _: &Domain) -> Option<String> {
-        (self.0 != 0 && self.0 != 1).then(|| "0 (false) or 1 (true)".into())
+    fn is_allowed(self, _: &Domain) -> bool {
+        self.0 == 0 || self.0 == 1
+    }
+
+    fn expected(self, _: &Domain) -> String {
+        "0 (false) or 1 (true)".into()
     }
 
     fn write(self, place: Place<'_>) {
@@ -128,7 +140,7 @@ pub(crate) fn get<V: Value>(
     slave: &mut dyn Slave,
     references: &[u32],
     values: &mut [V],
-) -> Result<(), Refusal> {
+) -> Result<(), Reason> {
     // Several are looked at before the first is handed out; a single one need not be.
     if references.len() > 1 {
         for &reference in references {
@@ -141,7 +153,7 @@ pub(crate) fn get<V: Value>(
     Ok(())
 }
 
-fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Refusal> {
+fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Reason> {
     match slave.find(reference) {
         Some(scalar) => V::read(&scalar.place).ok_or_else(|| wrong_type::<V>(&scalar)),
         None => Err(unknown(slave, reference)),
@@ -154,7 +166,7 @@ pub(crate) fn set<V: Value>(
     references: &[u32],
     values: &[V],
     running: bool,
-) -> Result<(), Refusal> {
+) -> Result<(), Reason> {
     for (&reference, &value) in references.iter().zip(values) {
         let Some(scalar) = slave.find(reference) else {
             return Err(unknown(slave, reference));
@@ -162,12 +174,15 @@ pub(crate) fn set<V: Value>(
         if V::read(&scalar.place).is_none() {
             return Err(wrong_type::<V>(&scalar));
         }
-        if let Some(reason) = not_settable(scalar.info, running) {
-            return Err(format!("{} is {reason}", name(&scalar)));
+        let (name, domain) = (scalar.name(), &scalar.info.domain);
+        if let Some(why) = not_settable(scalar.info, running) {
+            return Err(reason!("{name} is {why}"));
         }
-        if let Some(expected) = value.unexpected(&scalar.info.domain) {
-            let name = name(&scalar);
-            return Err(format!("{name} = {value} is refused; expected {expected}"));
+        if !value.is_allowed(domain) {
+            return Err(reason!(
+                "{name} = {value} is refused; expected {}",
+                value.expected(domain)
+            ));
         }
     }
     for (&reference, &value) in references.iter().zip(values) {
@@ -184,22 +199,22 @@ pub(crate) fn set_slopes(
     references: &[u32],
     orders: &[i32],
     values: &[f64],
-) -> Result<(), Refusal> {
+) -> Result<(), Reason> {
     for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
         let Some(scalar) = slave.find(reference) else {
             return Err(unknown(slave, reference));
         };
-        let name = name(&scalar);
+        let name = scalar.name();
         if slave.slope(reference).is_none() {
-            return Err(format!("the host cannot give a time derivative of {name}"));
+            return Err(reason!("the host cannot give a time derivative of {name}"));
         }
         if order != 1 {
-            return Err(format!(
+            return Err(reason!(
                 "the derivative of {name} is of order {order}; expected 1"
             ));
         }
         if !value.is_finite() {
-            return Err(format!(
+            return Err(reason!(
                 "the derivative of {name} = {value} is refused; expected a finite number"
             ));
         }
@@ -219,14 +234,14 @@ pub(crate) fn directional_derivative(
     knowns: &[u32],
     direction: &[f64],
     derivatives: &mut [f64],
-) -> Result<(), Refusal> {
+) -> Result<(), Reason> {
     if !slave.has_sensitivities() {
         return Err("the model has no derivatives: providesDirectionalDerivative is false".into());
     }
     check_causality(slave, unknowns, Causality::Output, "an output")?;
     check_causality(slave, knowns, Causality::Input, "an input")?;
-    if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
-        return Err(format!(
+    if let Some(&change) = direction.iter().find(|change| !change.is_finite()) {
+        return Err(reason!(
             "the direction holds {change}; expected finite numbers"
         ));
     }
@@ -244,13 +259,14 @@ fn check_causality(
     slave: &mut dyn Slave,
     references: &[u32],
     causality: Causality,
-    expected: &str,
-) -> Result<(), Refusal> {
+    expected: &'static str,
+) -> Result<(), Reason> {
     for &reference in references {
         match slave.find(reference) {
             None => return Err(unknown(slave, reference)),
             Some(scalar) if scalar.info.causality != causality => {
-                return Err(format!("{} is not {expected}", name(&scalar)));
+                let name = scalar.name();
+                return Err(reason!("{name} is not {expected}"));
             }
             Some(_) => {}
         }
@@ -259,18 +275,14 @@ fn check_causality(
 }
 
 /// Why a reference cannot be that of a String: no variable is one.
-pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(), Refusal> {
+pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(), Reason> {
     let Some(&reference) = references.first() else {
         return Ok(());
     };
-    Err(match slave.find(reference) {
-        Some(scalar) => format!("{} is not a String", name(&scalar)),
+    Err(match slave.find(reference).map(|scalar| scalar.name()) {
+        Some(name) => reason!("{name} is not a String"),
         None => unknown(slave, reference),
     })
-}
-
-fn name(scalar: &Scalar<'_>) -> String {
-    scalar.info.element_name(scalar.element)
 }
 
 /// Why the host may not set the variable now, if it may not.
@@ -285,20 +297,19 @@ fn not_settable(info: &Info, running: bool) -> Option<&'static str> {
 }
 
 #[cold]
-fn unknown(slave: &dyn Slave, reference: u32) -> Refusal {
-    format!(
-        "value reference {reference} is unknown; the model has 0 to {}",
-        slave.count().saturating_sub(1)
-    )
+fn unknown(slave: &dyn Slave, reference: u32) -> Reason {
+    let last = slave.count().saturating_sub(1);
+    reason!("value reference {reference} is unknown; the model has 0 to {last}")
 }
 
 #[cold]
-fn wrong_type<V: Value>(scalar: &Scalar<'_>) -> Refusal {
+fn wrong_type<V: Value>(scalar: &Scalar<'_>) -> Reason {
     let actual = match scalar.info.domain {
         Domain::Real { .. } => "Real",
         Domain::Integer { .. } => "Integer",
         Domain::Boolean { .. } => "Boolean",
         Domain::Enumeration { .. } => "Enumeration, which is reached as Integer",
     };
-    format!("{} is of type {actual}, not {}", name(scalar), V::TYPE)
+    let (name, asked): (Name, _) = (scalar.name(), V::TYPE);
+    reason!("{name} is of type {actual}, not {asked}")
 }

@@ -4,7 +4,7 @@ use super::{
     fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,
     fmi2StatusKind, fmi2Terminated, with,
 };
-use crate::component::Component;
+use crate::component::{Component, Failure};
 use crate::phase::{self, Call};
 
 /// `fmi2DoStep`
@@ -38,9 +38,11 @@ unsafe fn answer<T>(
         with(c, |component| {
             component.call(call, |component| {
                 let Some(answer) = of(component) else {
-                    return Err(ASYNCHRONOUS.to_owned().into());
+                    return Err(Failure::Refused(ASYNCHRONOUS.into()));
                 };
-                *value.as_mut().ok_or_else(|| NULL_VALUE.to_owned())? = answer;
+                *value
+                    .as_mut()
+                    .ok_or_else(|| Failure::Refused(NULL_VALUE.into()))? = answer;
                 Ok(())
             })
         })

@@ -3,6 +3,7 @@
 use super::{fmi2Byte, fmi2Component, fmi2FMUstate, fmi2Status, slice, slice_mut, with};
 use crate::component::Failure;
 use crate::phase;
+use crate::reason::reason;
 use crate::snapshot::{MAGIC, Snapshot};
 
 /// The snapshot behind the host's pointer.
@@ -122,9 +123,9 @@ pub unsafe extern "C" fn fmi2SerializeFMUstate(
                 let bytes = snapshot(state)?.to_bytes(component.slave())?;
                 let room = buffer.and_then(|buffer| buffer.get_mut(..bytes.len()));
                 let Some(room) = room else {
-                    return Err(Failure::Refused(format!(
-                        "the buffer is NULL, or its size {size} too small; expected {} bytes",
-                        bytes.len()
+                    let expected = bytes.len();
+                    return Err(Failure::Refused(reason!(
+                        "the buffer is NULL, or its size {size} too small; expected {expected} bytes"
                     )));
                 };
                 room.copy_from_slice(&bytes);
