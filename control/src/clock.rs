@@ -5,7 +5,7 @@
 const TOLERANCE: f64 = 1e-6;
 
 /// More samples than this in one communication step are refused rather than computed for minutes.
-const MOST_SAMPLES: f64 = 1e8;
+pub const MOST_SAMPLES: f64 = 1e8;
 
 /// The clock of a sampled system: its instants are `start + k ts`, k = 0, 1, ...
 ///

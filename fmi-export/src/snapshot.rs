@@ -77,9 +77,10 @@ impl Snapshot {
             return Err(damaged());
         }
         if version != VERSION || guid != slave.guid() {
-            let (version, found, expected) = (version.to_owned(), text(guid), slave.guid());
+            let (version, found, expected) = (version.to_owned(), guid.to_owned(), slave.guid());
             return Err(reason!(
-                "the bytes are those of the model {found}, form {version:?}; expected {}, form {VERSION:?}",
+                "the bytes are those of the model {}, form {version:?}; expected {}, form {VERSION:?}",
+                text(&found),
                 text(&expected)
             ));
         }

@@ -1,5 +1,6 @@
 //! The pendulum in its three forms behind one interface.
 
+use control::clock::MOST_SAMPLES;
 use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use fmi_export::unit::{
     KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
@@ -224,17 +225,15 @@ impl Pendulum {
 
 /// How many sample times `ts` a step is, up to a millionth of a sample time.
 fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
-    /// More samples in one step are refused rather than computed for minutes.
-    const MOST: f64 = 1e8;
     let samples = (step / ts).round();
     if (step / ts - samples).abs() > 1e-6 {
         return Err(ModelError::refuse(format_args!(
             "with the model transfer_function the communication step must be a whole number of ts = {ts} s, but it is {step} s"
         )));
     }
-    if samples > MOST {
+    if samples > MOST_SAMPLES {
         return Err(ModelError::discard(format_args!(
-            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MOST} that are computed in one step"
+            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MOST_SAMPLES} that are computed in one step"
         )));
     }
     Ok(samples as u32)

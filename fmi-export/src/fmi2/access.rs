@@ -1,13 +1,11 @@
 //! Reading and writing variables (FMI 2.0.4, section 2.1.7).
 
 use super::{
-    fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String, fmi2ValueReference,
-    slice, slice_mut, with,
+    NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
+    fmi2ValueReference, slice, slice_mut, with,
 };
 use crate::phase::{self, Call};
 use crate::values::{Boolean, Value};
-
-const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 
 /// # Safety
 /// As [`with`]; `references` and `values` are NULL or hold `n` elements.

@@ -1,11 +1,10 @@
 //! Derivatives: of outputs by inputs (FMI 2.0.4, section 2.1.9), and of inputs by time (4.2.1).
 
 use super::{
-    fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2ValueReference, slice, slice_mut, with,
+    NULL_ARRAY, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2ValueReference, slice,
+    slice_mut, with,
 };
 use crate::phase;
-
-const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 
 /// `fmi2GetDirectionalDerivative`
 #[unsafe(no_mangle)]

@@ -59,6 +59,9 @@ unsafe fn with(pointer: fmi2Component, call: impl FnOnce(&mut Component) -> Outc
     }
 }
 
+/// Why [`slice`] or [`slice_mut`] gave none.
+const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
+
 /// `n` elements behind a pointer; none if it is NULL though `n` is not 0.
 ///
 /// # Safety
