@@ -7,12 +7,11 @@ use std::process::Command;
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::Args;
+use fmu_file::archive::{self, Entry};
+use fmu_file::platform::{Platform, Prebuilt};
 
-use crate::Prebuilt;
-use crate::archive::{self, Entry};
 use crate::build::Build;
 use crate::library::{self, Library, Model};
-use crate::platform::Platform;
 
 /// What to export, and for whom.
 #[derive(Args)]

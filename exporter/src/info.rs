@@ -5,11 +5,10 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::text::plain;
+use fmu_file::xml;
 use model_description::schema::{ModelDescription, ScalarVariable, TypeDefinitions};
-
-use crate::archive::{Archive, MODEL_DESCRIPTION};
-use crate::text::plain;
-use crate::xml;
 
 /// No cell is wider than this.
 const WIDEST: usize = 200;

@@ -1,7 +1,6 @@
 //! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, and checks them.
 #![forbid(unsafe_code)]
 
-mod archive;
 mod build;
 mod completions;
 mod export;
@@ -9,10 +8,7 @@ mod export;
 mod fuzz;
 mod info;
 mod library;
-mod platform;
-mod text;
 mod validate;
-mod xml;
 
 use std::ffi::OsString;
 use std::io;
@@ -20,8 +16,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-
-use crate::platform::Prebuilt;
 
 /// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, and checks them.
 #[derive(Parser)]

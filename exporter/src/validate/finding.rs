@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::text::plain;
+use fmu_file::text::plain;
 
 /// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

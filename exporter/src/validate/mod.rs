@@ -2,11 +2,9 @@
 
 mod binary;
 mod finding;
-mod model;
 mod package;
 mod rules;
 mod schema;
-mod value;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -17,10 +15,9 @@ use clap::Args;
 
 pub use binary::probe;
 use finding::Findings;
-use model::Model;
-
-use crate::archive::{Archive, MODEL_DESCRIPTION};
-use crate::xml;
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::model::Model;
+use fmu_file::xml;
 
 /// What to check.
 #[derive(Args)]

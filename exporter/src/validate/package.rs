@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeSet, HashSet};
 
+use fmu_file::archive::Archive;
+use fmu_file::model::{Model, place};
+use fmu_file::platform::Platform;
+use fmu_file::text::quote;
+
 use super::finding::Findings;
-use super::model::Model;
-use super::schema::place;
-use crate::archive::Archive;
-use crate::platform::Platform;
-use crate::text::quote;
 
 /// The elements that say of which kind an FMU is.
 pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];

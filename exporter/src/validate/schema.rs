@@ -1,9 +1,11 @@
 //! The XML schema of FMI 2.0.4 as tables, and the check of a document against it.
 
+use fmu_file::model::place;
+use fmu_file::text::quote;
+use fmu_file::value::Form;
+use fmu_file::xml::Element;
+
 use super::finding::Findings;
-use super::value::Form;
-use crate::text::quote;
-use crate::xml::Element;
 
 /// An attribute of an element: name, form, whether it must be there.
 type Attribute = (&'static str, Form, bool);
@@ -359,11 +361,6 @@ pub fn check(root: &Element<'_>, findings: &mut Findings) {
             ),
         );
     }
-}
-
-/// Where an element is.
-pub fn place(element: &Element<'_>) -> String {
-    format!("modelDescription.xml:{}", element.line)
 }
 
 fn element(element: &Element<'_>, of: &Type, findings: &mut Findings) {

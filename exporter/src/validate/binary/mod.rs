@@ -12,11 +12,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::model::Model;
+use fmu_file::platform::Platform;
 
 use super::finding::Findings;
-use super::model::Model;
-use crate::archive::{Archive, MODEL_DESCRIPTION};
-use crate::platform::Platform;
 use probe::{Kind, Probe};
 use report::Outcome;
 

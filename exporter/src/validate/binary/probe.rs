@@ -7,14 +7,14 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use fmi_export::host::{self, Library};
+use fmu_file::archive::MODEL_DESCRIPTION;
+use fmu_file::model::{Causality, Initial, Model};
+use fmu_file::text::quote;
+use fmu_file::value::{boolean, integer, real};
+use fmu_file::xml;
 
 use super::report::Report;
 use super::run::{Run, Subject, Value, get};
-use crate::archive::MODEL_DESCRIPTION;
-use crate::text::quote;
-use crate::validate::model::{Causality, Initial, Model};
-use crate::validate::value::{boolean, integer, real};
-use crate::xml;
 
 /// A test, in the order in which they are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -2,10 +2,9 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use fmi_export::host::{Instance, Kind, Library};
-
-use crate::validate::model::{self, Causality, Model, Variable};
-use crate::validate::value::unsigned;
-use crate::xml::Element;
+use fmu_file::model::{self, Causality, Model, Variable};
+use fmu_file::value::unsigned;
+use fmu_file::xml::Element;
 
 /// More rounds of `fmi2NewDiscreteStates` than this do not end.
 const MOST_ROUNDS: usize = 1000;
@@ -212,7 +211,7 @@ impl std::fmt::Display for Value {
             Self::Boolean(0) => write!(f, "false"),
             Self::Boolean(1) => write!(f, "true"),
             Self::Boolean(value) => write!(f, "{value}, which is no Boolean"),
-            Self::String(value) => f.write_str(&crate::text::quote(value)),
+            Self::String(value) => f.write_str(&fmu_file::text::quote(value)),
         }
     }
 }

@@ -9,11 +9,11 @@ mod variables;
 
 use std::collections::HashSet;
 
+use fmu_file::model::{Model, place};
+use fmu_file::text::quote;
+use fmu_file::xml::Element;
+
 use super::finding::Findings;
-use super::model::Model;
-use super::schema::place;
-use crate::text::quote;
-use crate::xml::Element;
 
 /// Applies all rules.
 pub fn check(model: &Model<'_>, findings: &mut Findings) {

@@ -2,9 +2,10 @@
 
 use std::collections::HashSet;
 
-use crate::text::quote;
+use fmu_file::model::Model;
+use fmu_file::text::quote;
+
 use crate::validate::finding::Findings;
-use crate::validate::model::Model;
 
 pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let structured = model.root.attribute("variableNamingConvention") == Some("structured");

@@ -1,12 +1,12 @@
 //! Rules of the attributes of the root, of log categories, of the kinds of FMU, and of the default experiment.
 
+use fmu_file::model::{Model, place};
+use fmu_file::text::quote;
+use fmu_file::xml::Element;
+
 use super::unique;
-use crate::text::quote;
 use crate::validate::finding::Findings;
-use crate::validate::model::Model;
 use crate::validate::package::KINDS;
-use crate::validate::schema::place;
-use crate::xml::Element;
 
 pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let root = model.root;

@@ -2,10 +2,10 @@
 
 use std::collections::HashSet;
 
+use fmu_file::model::{Causality, Initial, Model, Unknown, Variable, place};
+use fmu_file::value::{items, unsigned};
+
 use crate::validate::finding::Findings;
-use crate::validate::model::{Causality, Initial, Model, Unknown, Variable};
-use crate::validate::schema::place;
-use crate::validate::value::{items, unsigned};
 
 pub fn check(model: &Model<'_>, findings: &mut Findings) {
     for (list, unknowns) in [

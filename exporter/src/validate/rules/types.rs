@@ -2,13 +2,13 @@
 
 use std::collections::{HashMap, HashSet};
 
+use fmu_file::model::{Kind, Model, Variable, place};
+use fmu_file::text::quote;
+use fmu_file::value::{integer, real};
+use fmu_file::xml::Element;
+
 use super::unique;
-use crate::text::quote;
 use crate::validate::finding::Findings;
-use crate::validate::model::{Kind, Model, Variable};
-use crate::validate::schema::place;
-use crate::validate::value::{integer, real};
-use crate::xml::Element;
 
 /// The values of the items of each enumeration type, by its name.
 type Items<'a> = HashMap<&'a str, HashSet<i32>>;

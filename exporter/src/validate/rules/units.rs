@@ -2,13 +2,13 @@
 
 use std::collections::{HashMap, HashSet};
 
+use fmu_file::model::{Kind, Model, place};
+use fmu_file::text::quote;
+use fmu_file::value::real;
+use fmu_file::xml::Element;
+
 use super::unique;
-use crate::text::quote;
 use crate::validate::finding::Findings;
-use crate::validate::model::{Kind, Model};
-use crate::validate::schema::place;
-use crate::validate::value::real;
-use crate::xml::Element;
 
 /// The display units of each unit, by its name.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;

@@ -3,9 +3,10 @@
 
 use std::collections::HashMap;
 
+use fmu_file::model::{Causality, Initial, Kind, Model, Variability, Variable};
+use fmu_file::value::unsigned;
+
 use crate::validate::finding::Findings;
-use crate::validate::model::{Causality, Initial, Kind, Model, Variability, Variable};
-use crate::validate::value::unsigned;
 
 pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let mut independent = None;

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::schema::place;
-use super::value::{real, unsigned, unsigneds};
+use crate::archive::MODEL_DESCRIPTION;
 use crate::text::quote;
+use crate::value::{real, unsigned, unsigneds};
 use crate::xml::Element;
 
 /// Who gives a variable its value.
@@ -63,6 +63,11 @@ pub enum Kind {
     String,
     /// `Enumeration`
     Enumeration,
+}
+
+/// Where an element is.
+pub fn place(element: &Element<'_>) -> String {
+    format!("{MODEL_DESCRIPTION}:{}", element.line)
 }
 
 /// A `ScalarVariable`.

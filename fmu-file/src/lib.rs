@@ -1,0 +1,19 @@
+//! FMU files of any maker: writes archives, and reads them with care, for nobody vouches for what a
+//! file from elsewhere holds.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`archive`] | the zip archive: written the same for the same content, read within bounds |
+//! | [`xml`] | XML as a tree, within bounds |
+//! | [`model`] | the model description: variables, units, model structure |
+//! | [`platform`] | the platform folders of FMI 2.0 |
+//! | [`value`] | the forms of values in a model description |
+//! | [`text`] | text of others in messages |
+#![forbid(unsafe_code)]
+
+pub mod archive;
+pub mod model;
+pub mod platform;
+pub mod text;
+pub mod value;
+pub mod xml;
