@@ -76,11 +76,11 @@ impl Build {
         self
     }
 
-    /// Runs cargo to its end.
+    /// Runs cargo to its end; it has about so many packages to build.
     ///
     /// # Errors
     /// What cargo and the compiler said, when the build fails.
-    pub fn run(&mut self, metadata: &Metadata) -> Result<Artifacts> {
+    pub fn run(&mut self, packages: usize) -> Result<Artifacts> {
         let mut child = self
             .command
             .stdin(Stdio::null())
@@ -99,7 +99,7 @@ impl Build {
             let _ = BufReader::new(stderr).read_to_string(&mut text);
             text
         });
-        let bar = progress_bar(&self.title, metadata.packages.len());
+        let bar = progress_bar(&self.title, packages);
         let mut artifacts = Vec::new();
         for message in Message::parse_stream(BufReader::new(stdout)) {
             if let Message::CompilerArtifact(artifact) =

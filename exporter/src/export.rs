@@ -9,6 +9,7 @@ use cargo_metadata::Metadata;
 use clap::Args;
 use fmu_file::archive::{self, Entry};
 use fmu_file::platform::{Platform, Prebuilt};
+use fmu_file::replace;
 
 use crate::build::Build;
 use crate::library::{self, Library, Model};
@@ -50,7 +51,7 @@ pub fn export(options: &Options) -> Result<()> {
     // What can fail at once does so before the long build.
     fs::create_dir_all(&out)
         .with_context(|| format!("cannot make the folder {}", out.display()))?;
-    archive::check_writable(&out)?;
+    replace::check_writable(&out)?;
     let targets = targets(options)?;
     let prebuilt = options
         .binaries
@@ -232,7 +233,7 @@ fn build(library: &Library, target: Option<&str>, metadata: &Metadata) -> Result
     };
     let file = build
         .without_local_paths(metadata)
-        .run(metadata)?
+        .run(metadata.packages.len())?
         .shared_library(&library.target, platform.extension)
         .with_context(|| format!("cargo built no shared library of {}", library.package))?;
     let bytes = fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?;

@@ -82,7 +82,7 @@ pub fn describe<'a>(libraries: &'a [Library], metadata: &Metadata) -> Result<Vec
             .args(["--package", &library.package, "--bin", &library.describe])
             .args(["--features", &format!("{}/{DESCRIBE}", library.package)]);
     }
-    let artifacts = build.run(metadata)?;
+    let artifacts = build.run(metadata.packages.len())?;
     let mut models = Vec::new();
     for library in libraries {
         let program = artifacts

@@ -8,6 +8,7 @@ mod export;
 mod fuzz;
 mod info;
 mod library;
+mod master;
 mod validate;
 
 use std::ffi::OsString;
@@ -49,6 +50,15 @@ enum Command {
 Example:\n  cargo fmu validate target/fmu/*.fmu"
     )]
     Validate(validate::Options),
+    /// Simulate a system of coupled FMUs by the native master
+    #[command(after_help = "Examples:
+  cargo fmu simulate examples/closed-loop/pid.toml --csv target/pid.csv
+  cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
+      --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
+    Simulate(master::simulate::Options),
+    /// Compute the paper's Table 1 by the native master
+    #[command(after_help = "Exit code: 1 if a number is missed.")]
+    Table1(master::table1::Options),
     /// One test of a binary, in a process of its own
     #[command(hide = true)]
     Probe(validate::probe::Options),
@@ -87,6 +97,18 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
             if !validate::validate(&options, &mut io::stdout().lock())? {
                 return Ok(ExitCode::FAILURE);
             }
+        }
+        #[cfg(feature = "master")]
+        Command::Simulate(options) => master::simulate::run(&options, &mut io::stdout().lock())?,
+        #[cfg(feature = "master")]
+        Command::Table1(options) => {
+            if !master::table1::run(&options, &mut io::stdout().lock())? {
+                return Ok(ExitCode::FAILURE);
+            }
+        }
+        #[cfg(not(feature = "master"))]
+        Command::Simulate(_) | Command::Table1(_) => {
+            return master::forward::forward(std::env::args_os().skip(1));
         }
         Command::Probe(options) => validate::probe::run(&options)?,
         Command::Completions { shell } => {

@@ -7,6 +7,7 @@
 //! | [`xml`] | XML as a tree, within bounds |
 //! | [`model`] | the model description: variables, units, model structure |
 //! | [`platform`] | the platform folders of FMI 2.0 |
+//! | [`replace`] | files that are written whole or not at all |
 //! | [`value`] | the forms of values in a model description |
 //! | [`text`] | text of others in messages |
 #![forbid(unsafe_code)]
@@ -14,6 +15,7 @@
 pub mod archive;
 pub mod model;
 pub mod platform;
+pub mod replace;
 pub mod text;
 pub mod value;
 pub mod xml;

@@ -6,9 +6,10 @@ use std::io::{Cursor, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use tempfile::{Builder, NamedTempFile};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
+
+use crate::replace::Replacement;
 
 pub use read::{Archive, MODEL_DESCRIPTION};
 
@@ -39,37 +40,16 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// A temporary file in a folder, with the permissions of any new file.
-fn temporary(folder: &Path) -> Result<NamedTempFile> {
-    let mut builder = Builder::new();
-    builder.prefix(".fmu-");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder
-        .tempfile_in(folder)
-        .with_context(|| format!("cannot write to the folder {}", folder.display()))
-}
-
-/// Checks that files can be written to a folder.
-pub fn check_writable(folder: &Path) -> Result<()> {
-    temporary(folder).map(drop)
-}
-
 /// Writes an archive, whole or not at all, and returns its size in bytes.
+///
+/// # Errors
+/// It cannot be written.
 pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
     let bytes = zip(entries).with_context(|| format!("cannot pack {}", file.display()))?;
-    let folder = match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut temporary = temporary(folder)?;
-    temporary
-        .write_all(&bytes)
-        .and_then(|()| temporary.as_file().sync_all())
+    let mut new = Replacement::of(file)?;
+    new.write_all(&bytes)
         .with_context(|| format!("cannot write {}", file.display()))?;
-    temporary
-        .persist(file)
-        .with_context(|| format!("cannot write {}", file.display()))?;
+    new.finish()?;
     Ok(bytes.len() as u64)
 }
 

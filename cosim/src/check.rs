@@ -1,0 +1,132 @@
+//! Checks of connections: what an output may feed, and algebraic loops.
+
+use std::collections::HashSet;
+
+use anyhow::{Result, bail, ensure};
+use fmu_file::model::{Causality, Kind};
+
+use crate::plan::{Link, Planned, Port};
+
+/// Checks that every connection leads from an output to an input that it fits, and that no input has
+/// two.
+pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
+    let mut fed = HashSet::new();
+    for link in links {
+        let name = |port: Port| components[port.component].name_of(port.variable);
+        let (from, to) = (link.from.of(components), link.to.of(components));
+        for (port, expected) in [(link.from, Causality::Output), (link.to, Causality::Input)] {
+            let actual = port.of(components).causality;
+            ensure!(
+                actual == expected,
+                "{} is connected as an {}, but is {}",
+                name(port),
+                text(expected),
+                text(actual)
+            );
+        }
+        ensure!(
+            channel(from.kind) == channel(to.kind),
+            "{} ({:?}) cannot feed {} ({:?}): the types differ",
+            name(link.from),
+            from.kind,
+            name(link.to),
+            to.kind
+        );
+        ensure!(
+            from.kind != Kind::String,
+            "{} is a String; connections carry numbers and Booleans",
+            name(link.from)
+        );
+        if let (Some(a), Some(b)) = (&from.unit, &to.unit) {
+            let (fmu, other) = (
+                &components[link.from.component].fmu,
+                &components[link.to.component].fmu,
+            );
+            ensure!(
+                fmu.same_unit(a, other, b),
+                "{} [{a}] cannot feed {} [{b}]: the units differ",
+                name(link.from),
+                name(link.to)
+            );
+        }
+        ensure!(fed.insert(link.to), "{} is connected twice", name(link.to));
+    }
+    Ok(())
+}
+
+/// Enumerations are read and written as Integers.
+fn channel(kind: Kind) -> Kind {
+    match kind {
+        Kind::Enumeration => Kind::Integer,
+        other => other,
+    }
+}
+
+fn text(causality: Causality) -> &'static str {
+    match causality {
+        Causality::Input => "input",
+        Causality::Output => "output",
+        Causality::Parameter => "a parameter",
+        Causality::CalculatedParameter => "a calculated parameter",
+        Causality::Local => "a local variable",
+        Causality::Independent => "the time",
+    }
+}
+
+/// Refuses a loop of outputs that each depend directly on the next: no order of stepping solves it.
+/// An output that does not say what it depends on is taken to depend on nothing, since most of those
+/// change in a step only.
+pub(crate) fn algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
+    let mut settled = HashSet::new();
+    for link in links {
+        let mut path = Vec::new();
+        if let Some(first) = find_loop(link.from, components, links, &mut path, &mut settled) {
+            let start = path.iter().position(|port| *port == first).unwrap_or(0);
+            let names: Vec<String> = path[start..]
+                .iter()
+                .chain([&first])
+                .rev()
+                .map(|port| components[port.component].name_of(port.variable))
+                .collect();
+            bail!(
+                "there is an algebraic loop, in which each output depends directly on the one before: {}; step in parallel order, which breaks it by a delay of one step",
+                names.join(" -> ")
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Follows the outputs that `output` depends on directly; gives the one that it meets again.
+fn find_loop(
+    output: Port,
+    components: &[Planned],
+    links: &[Link],
+    path: &mut Vec<Port>,
+    settled: &mut HashSet<Port>,
+) -> Option<Port> {
+    if path.contains(&output) {
+        return Some(output);
+    }
+    if settled.contains(&output) {
+        return None;
+    }
+    path.push(output);
+    let known = components[output.component].fmu.feedthrough.iter();
+    let inputs = known
+        .filter(|(index, _)| *index == output.variable)
+        .filter_map(|(_, inputs)| inputs.as_ref())
+        .flatten();
+    for &variable in inputs {
+        let input = Port { variable, ..output };
+        for link in links.iter().filter(|link| link.to == input) {
+            let found = find_loop(link.from, components, links, path, settled);
+            if found.is_some() {
+                return found;
+            }
+        }
+    }
+    path.pop();
+    settled.insert(output);
+    None
+}

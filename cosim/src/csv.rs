@@ -1,0 +1,87 @@
+//! Results as a CSV file.
+
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use fmu_file::replace::Replacement;
+
+use crate::Column;
+
+/// A CSV file in the making: `time [s],plant.theta [rad],...`, and numbers that read back exactly. It
+/// takes its place when it is finished.
+pub struct Csv {
+    file: BufWriter<Replacement>,
+    path: PathBuf,
+    failed: Option<std::io::Error>,
+    rows: u64,
+}
+
+impl Csv {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// Its folder cannot be written to.
+    pub fn create(path: &Path, columns: &[Column]) -> Result<Self> {
+        let mut csv = Self {
+            file: BufWriter::new(Replacement::of(path)?),
+            path: path.to_owned(),
+            failed: None,
+            rows: 0,
+        };
+        let mut header = "time [s]".to_owned();
+        for column in columns {
+            header += &format!(",{}", quoted(&format!("{} [{}]", column.name, column.unit)));
+        }
+        let written = writeln!(csv.file, "{header}");
+        csv.keep(written);
+        Ok(csv)
+    }
+
+    /// Adds a row; a failure is told by [`Csv::finish`].
+    pub fn push(&mut self, time: f64, row: &[f64]) {
+        let written = self.write(time, row);
+        self.keep(written);
+        self.rows += 1;
+    }
+
+    fn write(&mut self, time: f64, row: &[f64]) -> std::io::Result<()> {
+        write!(self.file, "{time:?}")?;
+        for value in row {
+            write!(self.file, ",{value:?}")?;
+        }
+        self.file.write_all(b"\n")
+    }
+
+    fn keep(&mut self, written: std::io::Result<()>) {
+        if let Err(error) = written {
+            self.failed.get_or_insert(error);
+        }
+    }
+
+    /// Puts the file in its place, and returns the number of rows.
+    ///
+    /// # Errors
+    /// A row could not be written; then nothing is left behind.
+    pub fn finish(self) -> Result<u64> {
+        let cannot = || format!("cannot write {}", self.path.display());
+        if let Some(error) = self.failed {
+            return Err(error).with_context(cannot);
+        }
+        let file = self
+            .file
+            .into_inner()
+            .map_err(|error| error.into_error())
+            .with_context(cannot)?;
+        file.finish()?;
+        Ok(self.rows)
+    }
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}

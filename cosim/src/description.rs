@@ -1,0 +1,257 @@
+//! What a system is: components, connections, order, experiment. A TOML file holds one.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+
+use crate::Value;
+
+/// A system of coupled FMUs.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// The first communication point (s); 0 by default.
+    #[serde(default)]
+    pub start: f64,
+    /// The last communication point that is recorded (s).
+    pub stop: f64,
+    /// The communication step (s).
+    pub step: f64,
+    /// Order of stepping; sequential by default.
+    #[serde(default)]
+    pub order: Order,
+    /// The components, in the order in which sequential stepping takes them.
+    #[serde(rename = "component")]
+    pub components: Vec<Component>,
+    /// What feeds what.
+    #[serde(default)]
+    pub connections: Vec<Connection>,
+    /// Variables to record, `component.variable`; without any, all outputs but texts.
+    #[serde(default)]
+    pub outputs: Vec<String>,
+}
+
+/// The times of a simulation (s).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Experiment {
+    /// The first communication point.
+    pub start: f64,
+    /// The last communication point that is recorded.
+    pub stop: f64,
+    /// The communication step.
+    pub step: f64,
+}
+
+/// The order in which components step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// One after the other (Gauss-Seidel).
+    #[default]
+    Sequential,
+    /// All from the same outputs (Jacobi).
+    Parallel,
+}
+
+/// An instance of an FMU.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Component {
+    /// Its name in the system.
+    pub name: String,
+    /// The FMU, as seen from the folder of the file.
+    pub fmu: PathBuf,
+    /// Whether its outputs after a step belong to the sample taken at the beginning of the step;
+    /// by default, whether all of them are discrete.
+    pub sampled: Option<bool>,
+    /// Start values of parameters and inputs.
+    #[serde(default)]
+    pub start: BTreeMap<String, Value>,
+}
+
+/// An output that feeds an input: `plant.theta -> controller.y`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Connection {
+    /// The output, `component.variable`.
+    pub from: String,
+    /// The input, `component.variable`.
+    pub to: String,
+}
+
+impl TryFrom<String> for Connection {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        match text.split_once("->") {
+            Some((from, to)) => Ok(Self {
+                from: from.trim().into(),
+                to: to.trim().into(),
+            }),
+            None => Err(format!(
+                "the connection {text:?} is not of the form \"component.output -> component.input\""
+            )),
+        }
+    }
+}
+
+impl Description {
+    /// Reads a file; paths of FMUs are then those seen from its folder.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is not a description.
+    pub fn read(file: &Path) -> Result<Self> {
+        let cannot = || format!("{}", file.display());
+        let text =
+            fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+        let mut description = Self::parse(&text).with_context(cannot)?;
+        description.locate(file.parent().unwrap_or(Path::new("")));
+        Ok(description)
+    }
+
+    /// Reads a text.
+    ///
+    /// # Errors
+    /// It is not a description: names line and key.
+    pub fn parse(text: &str) -> Result<Self> {
+        Ok(toml::from_str(text)?)
+    }
+
+    /// The times of the simulation.
+    pub fn experiment(&self) -> Experiment {
+        Experiment {
+            start: self.start,
+            stop: self.stop,
+            step: self.step,
+        }
+    }
+
+    /// Takes relative paths of FMUs as those seen from a folder.
+    pub fn locate(&mut self, folder: &Path) {
+        for component in &mut self.components {
+            component.fmu = folder.join(&component.fmu);
+        }
+    }
+
+    /// Takes the FMUs, by their file names, from another folder.
+    pub fn take_fmus_from(&mut self, folder: &Path) {
+        for component in &mut self.components {
+            if let Some(name) = component.fmu.file_name() {
+                component.fmu = folder.join(name);
+            }
+        }
+    }
+}
+
+/// More steps than this are taken for a slip in `step` or `stop`.
+const MOST_STEPS: f64 = 1e9;
+
+impl Experiment {
+    /// How many communication points `start + k step` there are up to `stop`.
+    ///
+    /// # Errors
+    /// The times do not fit together.
+    pub fn steps(&self) -> Result<u64> {
+        let Self { start, stop, step } = *self;
+        ensure!(
+            start.is_finite() && stop.is_finite() && stop >= start,
+            "the stop time {stop} s lies before the start time {start} s"
+        );
+        ensure!(
+            step.is_finite() && step > 0.0,
+            "the step is {step} s; expected a positive number"
+        );
+        let steps = (stop - start) / step;
+        ensure!(
+            steps <= MOST_STEPS,
+            "{steps:.3e} steps are too many; the most are {MOST_STEPS:.0e}"
+        );
+        // Rounding may put the last point just past the stop time.
+        Ok((steps + 1e-6).floor() as u64 + 1)
+    }
+
+    /// The communication point of a step; never summed up, for rounding would sum up too.
+    pub fn time(&self, k: u64) -> f64 {
+        self.start + k as f64 * self.step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SYSTEM: &str = r#"
+        start = 0.001
+        stop = 20.0
+        step = 0.001
+        connections = ["a.y -> b.u", "b.y->a.u"]
+
+        [[component]]
+        name = "b"
+        fmu = "B.fmu"
+
+        [[component]]
+        name = "a"
+        fmu = "models/A.fmu"
+        start = { "pid.kp" = 1, on = true, form = "linear", "x[1]" = 0.5 }
+    "#;
+
+    #[test]
+    fn a_file_gives_components_in_their_order() {
+        let mut system = Description::parse(SYSTEM).unwrap();
+        assert_eq!(system.order, Order::Sequential);
+        assert_eq!(system.experiment().steps().unwrap(), 20_000);
+        let names: Vec<_> = system.components.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["b", "a"]);
+        assert_eq!(system.components[1].start["pid.kp"], Value::Integer(1));
+        assert_eq!(system.components[1].start["on"], Value::Boolean(true));
+        assert_eq!(system.connections[1].from, "b.y");
+        assert_eq!(system.connections[1].to, "a.u");
+        system.locate(Path::new("folder"));
+        assert_eq!(system.components[1].fmu, Path::new("folder/models/A.fmu"));
+        system.take_fmus_from(Path::new("other"));
+        assert_eq!(system.components[1].fmu, Path::new("other/A.fmu"));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_file_is_told_with_its_line() {
+        for (bad, named) in [
+            ("stop = \"x\"\nstep = 1\ncomponent = []", "stop"),
+            ("stop = 1\nstep = 1\ncomponent = []\norders = 1", "orders"),
+            (
+                "stop = 1\nstep = 1\norder = \"gauss\"\ncomponent = []",
+                "gauss",
+            ),
+            (
+                "stop = 1\nstep = 1\ncomponent = []\nconnections = [\"a.y > b.u\"]",
+                "a.y > b.u",
+            ),
+            ("stop = 1\ncomponent = []", "step"),
+            ("stop = ", "line 1"),
+        ] {
+            let error = format!("{:#}", Description::parse(bad).unwrap_err());
+            assert!(error.contains(named), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn times_that_do_not_fit_are_refused() {
+        let steps = |start, stop, step| Experiment { start, stop, step }.steps();
+        assert_eq!(steps(0.0, 1.0, 0.1).unwrap(), 11);
+        assert_eq!(steps(0.0, 0.0, 0.1).unwrap(), 1);
+        assert_eq!(steps(0.3, 0.6, 0.1).unwrap(), 4);
+        for (start, stop, step) in [
+            (1.0, 0.0, 0.1),
+            (0.0, f64::NAN, 0.1),
+            (0.0, 1.0, 0.0),
+            (0.0, 1.0, -1.0),
+            (0.0, 1.0, f64::NAN),
+            (0.0, 1.0, 1e-300),
+        ] {
+            assert!(steps(start, stop, step).is_err(), "{start} {stop} {step}");
+        }
+    }
+}

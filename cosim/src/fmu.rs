@@ -1,0 +1,255 @@
+//! An FMU file, unpacked: what the master needs of its description, and instances.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use fmi::fmi2::import::Fmi2Import;
+use fmi::fmi2::instance::InstanceCS;
+use fmi::traits::FmiImport;
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::model::{Causality, Kind, Model, Variability};
+use fmu_file::platform::Platform;
+use fmu_file::value::{integer, real};
+use fmu_file::xml::{self, Element};
+use quick_xml::escape::escape;
+
+use crate::messages;
+
+/// An FMU for co-simulation.
+pub struct Fmu {
+    /// The file.
+    pub path: PathBuf,
+    /// Its variables, in the order of the model description.
+    pub variables: Vec<Variable>,
+    /// Outputs, and the inputs that they depend on directly; `None` where the FMU does not say.
+    pub(crate) feedthrough: Vec<(usize, Option<Vec<usize>>)>,
+    index: HashMap<String, usize>,
+    units: HashMap<String, Vec<(String, f64)>>,
+    import: Fmi2Import,
+}
+
+/// A variable of an FMU.
+#[derive(Debug, Clone)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// Its value reference.
+    pub reference: u32,
+    /// Its type.
+    pub kind: Kind,
+    /// Who gives it its value.
+    pub causality: Causality,
+    /// When it may change.
+    pub variability: Variability,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Names and numbers of the items, of an Enumeration.
+    pub items: Vec<(String, i32)>,
+}
+
+impl Fmu {
+    /// Reads and unpacks a file.
+    ///
+    /// # Errors
+    /// It is not a sound FMU for co-simulation by FMI 2.0 with a binary for this machine.
+    pub fn open(path: &Path) -> Result<Self> {
+        Self::read(path).with_context(|| format!("{} cannot be used", path.display()))
+    }
+
+    fn read(path: &Path) -> Result<Self> {
+        let mut archive = Archive::open_sound(path)?;
+        let text = archive.model_description()?;
+        let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        let version = root.attribute("fmiVersion").unwrap_or_default();
+        ensure!(
+            version == "2.0",
+            "it is of FMI version {version:?}; expected 2.0"
+        );
+        let slave = root
+            .child("CoSimulation")
+            .context("it is not for co-simulation")?;
+        let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
+        check_identifier(identifier)?;
+        check_binary(&archive, identifier)?;
+
+        let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
+        archive.unpack("", folder.path())?;
+        let guid = root.attribute("guid").unwrap_or_default();
+        let import = Fmi2Import::new(folder, &reduced(identifier, guid))
+            .map_err(|error| anyhow!("{MODEL_DESCRIPTION}: {error}"))?;
+
+        let model = Model::new(&root);
+        let variables = variables(&model)?;
+        let index = variables
+            .iter()
+            .enumerate()
+            .map(|(i, v)| (v.name.clone(), i))
+            .collect();
+        messages::collect();
+        Ok(Self {
+            path: path.to_owned(),
+            feedthrough: feedthrough(&model),
+            variables,
+            index,
+            units: units(&root),
+            import,
+        })
+    }
+
+    /// Its file name.
+    pub fn file_name(&self) -> String {
+        self.path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    }
+
+    /// The index of a variable.
+    ///
+    /// # Errors
+    /// There is none; names those that are most similar.
+    pub(crate) fn find(&self, name: &str) -> Result<usize> {
+        if let Some(&index) = self.index.get(name) {
+            return Ok(index);
+        }
+        let similar = similar(name, self.variables.iter().map(|v| v.name.as_str()));
+        let hint = match similar.as_slice() {
+            [] => String::new(),
+            names => format!("; did you mean {}?", names.join(" or ")),
+        };
+        bail!("{} has no variable {name}{hint}", self.file_name())
+    }
+
+    /// Whether two units, of this and of another FMU, are the same: by name, or by what they are
+    /// in base units.
+    pub(crate) fn same_unit(&self, unit: &str, other: &Self, of_other: &str) -> bool {
+        unit == of_other
+            || matches!(
+                (self.units.get(unit), other.units.get(of_other)),
+                (Some(a), Some(b)) if a == b
+            )
+    }
+
+    /// Makes an instance.
+    ///
+    /// # Errors
+    /// The binary cannot be loaded, or the FMU refuses; with its message.
+    pub(crate) fn instantiate(&self, name: &str) -> Result<InstanceCS> {
+        InstanceCS::new(&self.import, name, false, false).map_err(|error| {
+            let said = messages::newest(name);
+            anyhow!(
+                "{} cannot be instantiated: {}",
+                self.path.display(),
+                said.unwrap_or_else(|| error.to_string())
+            )
+        })
+    }
+}
+
+/// The part of a model description that the crate `fmi` needs. It refuses some valid ones as a whole,
+/// such as those with annotations of a tool.
+fn reduced(identifier: &str, guid: &str) -> String {
+    format!(
+        r#"<fmiModelDescription fmiVersion="2.0" modelName="{identifier}" guid="{}"><CoSimulation modelIdentifier="{identifier}"/><ModelVariables/><ModelStructure/></fmiModelDescription>"#,
+        escape(guid)
+    )
+}
+
+/// It becomes part of a path.
+fn check_identifier(identifier: &str) -> Result<()> {
+    ensure!(
+        !identifier.is_empty()
+            && identifier
+                .chars()
+                .all(|c| c.is_ascii_alphanumeric() || c == '_'),
+        "the model identifier {identifier:?} is not a C identifier"
+    );
+    Ok(())
+}
+
+fn check_binary(archive: &Archive, identifier: &str) -> Result<()> {
+    let platform = Platform::of_this_machine().context("FMI 2.0 does not know this platform")?;
+    ensure!(
+        archive.names.contains(&platform.binary(identifier)),
+        "it has no binary for this machine ({})",
+        platform.folder
+    );
+    Ok(())
+}
+
+fn variables(model: &Model<'_>) -> Result<Vec<Variable>> {
+    model
+        .variables
+        .iter()
+        .enumerate()
+        .map(|(index, variable)| {
+            let variable = variable
+                .as_ref()
+                .and_then(|v| Some((v, v.reference?)))
+                .with_context(|| format!("the variable with the index {} is invalid", index + 1))?;
+            let (variable, reference) = variable;
+            Ok(Variable {
+                name: variable.name.to_owned(),
+                reference,
+                kind: variable.kind,
+                causality: variable.causality,
+                variability: variable.variability,
+                unit: variable.unit().map(str::to_owned),
+                items: variable.of_type.map(items).unwrap_or_default(),
+            })
+        })
+        .collect()
+}
+
+fn items(of_type: &Element<'_>) -> Vec<(String, i32)> {
+    let items = of_type.children.iter().filter(|child| child.name == "Item");
+    items
+        .filter_map(|item| {
+            let name = item.attribute("name")?.to_owned();
+            Some((name, integer(item.attribute("value")?)?))
+        })
+        .collect()
+}
+
+fn feedthrough(model: &Model<'_>) -> Vec<(usize, Option<Vec<usize>>)> {
+    let zero_based = |index: u32| (index as usize).checked_sub(1);
+    model
+        .outputs
+        .iter()
+        .filter_map(|unknown| {
+            let inputs = unknown.dependencies.as_ref();
+            let inputs = inputs.map(|all| all.iter().copied().filter_map(zero_based).collect());
+            Some((unknown.index.checked_sub(1)?, inputs))
+        })
+        .collect()
+}
+
+/// What units are in base units: exponents, factor and offset that are not the default.
+fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
+    root.list("UnitDefinitions", "Unit")
+        .filter_map(|unit| {
+            let base = unit.child("BaseUnit")?;
+            let mut parts: Vec<(String, f64)> = base
+                .attributes
+                .iter()
+                .filter_map(|(name, value)| Some(((*name).to_owned(), real(value)?)))
+                .filter(|(name, value)| *value != if name == "factor" { 1.0 } else { 0.0 })
+                .collect();
+            parts.sort_by(|a, b| a.0.cmp(&b.0));
+            Some((unit.attribute("name")?.to_owned(), parts))
+        })
+        .collect()
+}
+
+/// The names that are most similar to one that is unknown.
+pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    const ENOUGH: f64 = 0.85;
+    let mut scored: Vec<(f64, &str)> = known
+        .map(|known| (strsim::jaro_winkler(name, known), known))
+        .filter(|(score, _)| *score >= ENOUGH)
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.into_iter().take(3).map(|(_, known)| known).collect()
+}

@@ -1,0 +1,234 @@
+//! One run of a system.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use anyhow::{Result, bail};
+use fmu_file::model::Kind;
+
+use crate::instance::Instance;
+use crate::plan::{Record, Wire};
+use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
+use crate::{Failure, Message, Order, Plan, Start, messages};
+
+/// A run of a system, initialized.
+pub struct Simulation<'a> {
+    plan: &'a Plan,
+    instances: Vec<Instance>,
+    /// What feeds each component.
+    inputs: Vec<Inputs>,
+    /// Read before a step: components that compute continuously.
+    before: Readers,
+    /// Read after it: sampled ones.
+    after: Readers,
+    row: Vec<f64>,
+}
+
+#[derive(Default)]
+struct Inputs {
+    reals: Vec<Transfer<Real>>,
+    integers: Vec<Transfer<Integer>>,
+    booleans: Vec<Transfer<Boolean>>,
+}
+
+#[derive(Default)]
+struct Readers {
+    reals: Vec<Reader<Real>>,
+    integers: Vec<Reader<Integer>>,
+    booleans: Vec<Reader<Boolean>>,
+}
+
+impl Inputs {
+    fn new(wires: &[Wire]) -> Self {
+        fn transfer<T: Type>(wire: &Wire) -> Transfer<T> {
+            Transfer::new(wire.outputs.clone(), wire.inputs.clone())
+        }
+        let mut inputs = Self::default();
+        for wire in wires {
+            match wire.kind {
+                Kind::Real => inputs.reals.push(transfer(wire)),
+                Kind::Boolean => inputs.booleans.push(transfer(wire)),
+                _ => inputs.integers.push(transfer(wire)),
+            }
+        }
+        inputs
+    }
+
+    #[inline]
+    fn fetch(&mut self, instances: &mut [Instance]) -> Result<(), Failure> {
+        self.reals.iter_mut().try_for_each(|t| t.fetch(instances))?;
+        self.integers
+            .iter_mut()
+            .try_for_each(|t| t.fetch(instances))?;
+        self.booleans
+            .iter_mut()
+            .try_for_each(|t| t.fetch(instances))
+    }
+
+    #[inline]
+    fn deliver(&self, instances: &mut [Instance]) -> Result<(), Failure> {
+        self.reals.iter().try_for_each(|t| t.deliver(instances))?;
+        self.integers
+            .iter()
+            .try_for_each(|t| t.deliver(instances))?;
+        self.booleans.iter().try_for_each(|t| t.deliver(instances))
+    }
+
+    /// Fetches; true if a value has changed.
+    fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Failure> {
+        let mut changed = false;
+        for transfer in &mut self.reals {
+            changed |= transfer.fetch_changes(instances)?;
+        }
+        for transfer in &mut self.integers {
+            changed |= transfer.fetch_changes(instances)?;
+        }
+        for transfer in &mut self.booleans {
+            changed |= transfer.fetch_changes(instances)?;
+        }
+        Ok(changed)
+    }
+}
+
+impl Readers {
+    fn push(&mut self, record: &Record) {
+        let (group, columns) = (record.group.clone(), record.columns.clone());
+        match record.kind {
+            Kind::Real => self.reals.push(Reader::new(group, columns)),
+            Kind::Boolean => self.booleans.push(Reader::new(group, columns)),
+            _ => self.integers.push(Reader::new(group, columns)),
+        }
+    }
+
+    #[inline]
+    fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Result<(), Failure> {
+        self.reals
+            .iter_mut()
+            .try_for_each(|r| r.read(instances, row))?;
+        self.integers
+            .iter_mut()
+            .try_for_each(|r| r.read(instances, row))?;
+        self.booleans
+            .iter_mut()
+            .try_for_each(|r| r.read(instances, row))
+    }
+}
+
+impl<'a> Simulation<'a> {
+    pub(crate) fn new(plan: &'a Plan, starts: &[Start]) -> Result<Self> {
+        messages::take(); // those of a run before
+        let (mut before, mut after) = (Readers::default(), Readers::default());
+        for record in &plan.records {
+            let sampled = plan.components[record.group.component].sampled;
+            if sampled { &mut after } else { &mut before }.push(record);
+        }
+        let instances = plan
+            .components
+            .iter()
+            .map(|c| Instance::new(&c.name, &c.fmu));
+        let mut simulation = Self {
+            plan,
+            instances: instances.collect::<Result<_>>()?,
+            inputs: plan.wires.iter().map(|wires| Inputs::new(wires)).collect(),
+            before,
+            after,
+            row: vec![0.0; plan.columns().len()],
+        };
+        guarded(|| simulation.initialize(starts))?;
+        Ok(simulation)
+    }
+
+    fn initialize(&mut self, starts: &[Start]) -> Result<(), Failure> {
+        for (index, instance) in self.instances.iter_mut().enumerate() {
+            for (variable, value) in self.plan.starts(index, starts) {
+                instance.set(variable, value)?;
+            }
+        }
+        for instance in &mut self.instances {
+            instance.enter_initialization(self.plan.experiment.start)?;
+        }
+        self.propagate()?;
+        self.instances
+            .iter_mut()
+            .try_for_each(Instance::exit_initialization)
+    }
+
+    /// Carries initial outputs to inputs, as often as an output may depend on another's.
+    fn propagate(&mut self) -> Result<(), Failure> {
+        for _ in 0..=self.inputs.len() {
+            let mut changed = false;
+            for inputs in &mut self.inputs {
+                changed |= inputs.fetch_changes(&mut self.instances)?;
+                inputs.deliver(&mut self.instances)?;
+            }
+            if !changed {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Steps from the start to the stop time; `observe` gets the time (s) and the row of each
+    /// communication point.
+    ///
+    /// # Errors
+    /// A [`Failure`]: an FMU refused, and the run ends there.
+    pub fn run(mut self, observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
+        guarded(|| self.steps(observe))?;
+        Ok(messages::take())
+    }
+
+    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64])) -> Result<(), Failure> {
+        let experiment = self.plan.experiment;
+        // Checked when the plan was made.
+        let steps = experiment.steps().unwrap_or(0);
+        for k in 0..steps {
+            let time = experiment.time(k);
+            self.before.read(&mut self.instances, &mut self.row)?;
+            match self.plan.order {
+                Order::Sequential => self.step_sequentially(time, experiment.step)?,
+                Order::Parallel => self.step_in_parallel(time, experiment.step)?,
+            }
+            self.after.read(&mut self.instances, &mut self.row)?;
+            observe(time, &self.row);
+        }
+        self.instances.iter_mut().try_for_each(Instance::terminate)
+    }
+
+    #[inline]
+    fn step_sequentially(&mut self, time: f64, step: f64) -> Result<(), Failure> {
+        for (index, inputs) in self.inputs.iter_mut().enumerate() {
+            inputs.fetch(&mut self.instances)?;
+            inputs.deliver(&mut self.instances)?;
+            self.instances[index].step(time, step)?;
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn step_in_parallel(&mut self, time: f64, step: f64) -> Result<(), Failure> {
+        for inputs in &mut self.inputs {
+            inputs.fetch(&mut self.instances)?;
+        }
+        for inputs in &self.inputs {
+            inputs.deliver(&mut self.instances)?;
+        }
+        self.instances
+            .iter_mut()
+            .try_for_each(|instance| instance.step(time, step))
+    }
+}
+
+/// The crate `fmi` panics on a status that FMI does not have.
+fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> Result<()> {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(done) => Ok(done?),
+        Err(panic) => {
+            let text = panic.downcast_ref::<&str>().copied();
+            let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+            bail!(
+                "an FMU broke off the simulation: {}; expected a status of FMI 2.0",
+                text.unwrap_or("no reason")
+            )
+        }
+    }
+}

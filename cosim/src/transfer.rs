@@ -1,0 +1,161 @@
+//! Values on their way from outputs to inputs, and into rows.
+
+use fmi::fmi2::instance::{Common, InstanceCS};
+use fmi::fmi2::{Fmi2Error, Fmi2Res};
+
+use crate::Failure;
+use crate::instance::Instance;
+
+/// A type of FMI, and how it is read and written.
+pub(crate) trait Type {
+    type Value: Copy + Default + PartialEq + std::fmt::Debug;
+    const GET: &'static str;
+    const SET: &'static str;
+    fn get(s: &mut InstanceCS, references: &[u32], values: &mut [Self::Value]) -> Status;
+    fn set(s: &mut InstanceCS, references: &[u32], values: &[Self::Value]) -> Status;
+    fn number(value: Self::Value) -> f64;
+}
+
+type Status = Result<Fmi2Res, Fmi2Error>;
+
+macro_rules! types {
+    ($($name:ident: $value:ty, $get:ident $get_name:literal, $set:ident $set_name:literal;)*) => {
+        $(
+            pub(crate) struct $name;
+
+            impl Type for $name {
+                type Value = $value;
+                const GET: &'static str = $get_name;
+                const SET: &'static str = $set_name;
+
+                #[inline]
+                fn get(s: &mut InstanceCS, references: &[u32], values: &mut [$value]) -> Status {
+                    s.$get(references, values)
+                }
+
+                #[inline]
+                fn set(s: &mut InstanceCS, references: &[u32], values: &[$value]) -> Status {
+                    s.$set(references, values)
+                }
+
+                #[inline]
+                fn number(value: $value) -> f64 {
+                    f64::from(value)
+                }
+            }
+        )*
+    };
+}
+
+types! {
+    Real: f64, get_real "fmi2GetReal", set_real "fmi2SetReal";
+    Integer: i32, get_integer "fmi2GetInteger", set_integer "fmi2SetInteger";
+    Boolean: i32, get_boolean "fmi2GetBoolean", set_boolean "fmi2SetBoolean";
+}
+
+/// Variables of one component and type.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Group {
+    /// Index of the component.
+    pub(crate) component: usize,
+    pub(crate) references: Vec<u32>,
+    pub(crate) names: Vec<String>,
+}
+
+impl Group {
+    #[inline]
+    fn get<T: Type>(
+        &self,
+        instances: &mut [Instance],
+        values: &mut [T::Value],
+    ) -> Result<(), Failure> {
+        let what = || self.names.join(", ");
+        instances[self.component].call(T::GET, what, |s| T::get(s, &self.references, values))
+    }
+
+    #[inline]
+    fn set<T: Type>(&self, instances: &mut [Instance], values: &[T::Value]) -> Result<(), Failure> {
+        let what = || {
+            let pairs = self.names.iter().zip(values);
+            let texts: Vec<_> = pairs
+                .map(|(name, value)| format!("{name} = {value:?}"))
+                .collect();
+            texts.join(", ")
+        };
+        instances[self.component].call(T::SET, what, |s| T::set(s, &self.references, values))
+    }
+}
+
+/// The inputs of one component and type, and the outputs that feed them, in the same order.
+pub(crate) struct Transfer<T: Type> {
+    outputs: Vec<Group>,
+    inputs: Group,
+    values: Vec<T::Value>,
+}
+
+impl<T: Type> Transfer<T> {
+    pub(crate) fn new(outputs: Vec<Group>, inputs: Group) -> Self {
+        let values = vec![T::Value::default(); inputs.references.len()];
+        Self {
+            outputs,
+            inputs,
+            values,
+        }
+    }
+
+    /// Reads the outputs; true if one has changed.
+    pub(crate) fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Failure> {
+        let before = self.values.clone();
+        self.fetch(instances)?;
+        Ok(self.values != before)
+    }
+
+    /// Reads the outputs.
+    #[inline]
+    pub(crate) fn fetch(&mut self, instances: &mut [Instance]) -> Result<(), Failure> {
+        let mut rest = self.values.as_mut_slice();
+        for group in &self.outputs {
+            let (values, others) = rest.split_at_mut(group.references.len());
+            group.get::<T>(instances, values)?;
+            rest = others;
+        }
+        Ok(())
+    }
+
+    /// Writes the inputs.
+    #[inline]
+    pub(crate) fn deliver(&self, instances: &mut [Instance]) -> Result<(), Failure> {
+        self.inputs.set::<T>(instances, &self.values)
+    }
+}
+
+/// Variables of one component and type that are recorded, and their columns.
+pub(crate) struct Reader<T: Type> {
+    group: Group,
+    columns: Vec<usize>,
+    values: Vec<T::Value>,
+}
+
+impl<T: Type> Reader<T> {
+    pub(crate) fn new(group: Group, columns: Vec<usize>) -> Self {
+        let values = vec![T::Value::default(); columns.len()];
+        Self {
+            group,
+            columns,
+            values,
+        }
+    }
+
+    #[inline]
+    pub(crate) fn read(
+        &mut self,
+        instances: &mut [Instance],
+        row: &mut [f64],
+    ) -> Result<(), Failure> {
+        self.group.get::<T>(instances, &mut self.values)?;
+        for (&column, &value) in self.columns.iter().zip(&self.values) {
+            row[column] = T::number(value);
+        }
+        Ok(())
+    }
+}

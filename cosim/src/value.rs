@@ -1,0 +1,135 @@
+//! Start values: what a file or a command line gives, and what FMI wants.
+
+use anyhow::{Result, bail};
+use fmu_file::model::Kind;
+use serde::Deserialize;
+
+use crate::Variable;
+
+/// A value as the user writes it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// `true` or `false`.
+    Boolean(bool),
+    /// A whole number.
+    Integer(i64),
+    /// A number.
+    Real(f64),
+    /// The name of an enumeration's item, a text, or any of the above as text.
+    Text(String),
+}
+
+/// A value of the type that a variable has.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Typed {
+    Real(f64),
+    Integer(i32),
+    Boolean(bool),
+    String(String),
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Boolean(value) => value.fmt(f),
+            Self::Integer(value) => value.fmt(f),
+            Self::Real(value) => write!(f, "{value:?}"),
+            Self::Text(value) => write!(f, "{value:?}"),
+        }
+    }
+}
+
+impl std::fmt::Display for Typed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Real(value) => write!(f, "{value:?}"),
+            Self::Integer(value) => value.fmt(f),
+            Self::Boolean(value) => value.fmt(f),
+            Self::String(value) => write!(f, "{value:?}"),
+        }
+    }
+}
+
+impl Value {
+    /// The value that a variable, shown to the user as `name`, can be set to.
+    ///
+    /// # Errors
+    /// The value is not one of the variable's type.
+    pub(crate) fn typed(&self, variable: &Variable, name: &str) -> Result<Typed> {
+        let typed = match variable.kind {
+            Kind::Real => self.real().map(Typed::Real),
+            Kind::Integer => self.integer().map(Typed::Integer),
+            Kind::Boolean => self.boolean().map(Typed::Boolean),
+            Kind::Enumeration => self.item(&variable.items).map(Typed::Integer),
+            Kind::String => match self {
+                Self::Text(text) => Some(Typed::String(text.clone())),
+                _ => None,
+            },
+        };
+        match typed {
+            Some(typed) => Ok(typed),
+            None => bail!(
+                "{name} = {self} is refused; expected {}",
+                expected(variable)
+            ),
+        }
+    }
+
+    fn real(&self) -> Option<f64> {
+        match self {
+            Self::Real(value) => Some(*value),
+            Self::Integer(value) => Some(*value as f64),
+            Self::Text(text) => text.parse().ok(),
+            Self::Boolean(_) => None,
+        }
+    }
+
+    fn integer(&self) -> Option<i32> {
+        match self {
+            Self::Integer(value) => i32::try_from(*value).ok(),
+            Self::Text(text) => text.parse().ok(),
+            Self::Real(_) | Self::Boolean(_) => None,
+        }
+    }
+
+    fn boolean(&self) -> Option<bool> {
+        match self {
+            Self::Boolean(value) => Some(*value),
+            Self::Text(text) => text.parse().ok(),
+            Self::Real(_) | Self::Integer(_) => None,
+        }
+    }
+
+    /// The number of an enumeration's item, given by its name or its number.
+    fn item(&self, items: &[(String, i32)]) -> Option<i32> {
+        let by_name = match self {
+            Self::Text(text) => items.iter().find(|(name, _)| name == text),
+            _ => None,
+        };
+        let number = by_name
+            .map(|(_, number)| *number)
+            .or_else(|| self.integer())?;
+        items
+            .iter()
+            .any(|(_, known)| *known == number)
+            .then_some(number)
+    }
+}
+
+fn expected(variable: &Variable) -> String {
+    match variable.kind {
+        Kind::Real => "a number".into(),
+        Kind::Integer => "a whole number".into(),
+        Kind::Boolean => "true or false".into(),
+        Kind::String => "a text".into(),
+        Kind::Enumeration => {
+            let names: Vec<&str> = variable
+                .items
+                .iter()
+                .map(|(name, _)| name.as_str())
+                .collect();
+            format!("one of {}", names.join(", "))
+        }
+    }
+}
