@@ -9,7 +9,7 @@ INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 SECONDS ?= 60
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo test lint fmus portable valgrind fuzz clean
+.PHONY: demo test lint fmus master libclang portable valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -17,13 +17,13 @@ demo: fmus
 	$(RUN) tests/report.py
 
 ## test: every test, of the Rust crates and through the FMUs
-test: lint fmus portable
+test: lint fmus master portable
 	cargo test --locked --workspace
 	cargo test --locked --package model-description --all-features
 	$(RUN) -m pytest
 
 ## lint: formatting, lints and documentation, without a warning
-lint: $(VENV)/.installed
+lint: libclang
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --all-features
@@ -33,6 +33,20 @@ lint: $(VENV)/.installed
 ## fmus: write the FMUs to target/fmu
 fmus: $(VENV)/.installed
 	cargo fmu export
+
+## master: build the native master, which `cargo fmu simulate` and others then use at once
+master: libclang
+	cargo fmu table1 --help >/dev/null
+
+## libclang: install what the native master needs to be built to target/libclang
+libclang: target/libclang/.installed
+
+# Where .cargo/config.toml looks for it. The package has no C headers; the C compiler has.
+target/libclang/.installed: $(VENV)/.installed
+	mkdir -p $(@D)
+	ln -sf $$($(RUN) -c 'import clang; print(*clang.__path__)')/native/libclang.* $(@D)
+	ln -sfn $$($(CC) -print-file-name=include) $(@D)/include
+	touch $@
 
 ## portable: write FMUs that load with glibc 2.17 and newer to target/portable
 portable: $(VENV)/.portable

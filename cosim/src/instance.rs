@@ -44,6 +44,9 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
+/// How a call ended.
+pub(crate) type Called = Result<(), Box<Failure>>;
+
 /// A running FMU.
 pub(crate) struct Instance {
     name: String,
@@ -70,7 +73,7 @@ impl Instance {
         function: &'static str,
         what: impl FnOnce() -> String,
         call: impl FnOnce(&mut InstanceCS) -> Result<Fmi2Res, Fmi2Error>,
-    ) -> Result<(), Failure> {
+    ) -> Called {
         let status = match &mut self.slave {
             Some(slave) => match call(slave) {
                 Ok(_) => return Ok(()),
@@ -78,7 +81,7 @@ impl Instance {
             },
             None => Fmi2Error::Fatal,
         };
-        Err(self.failure(function, what(), &status))
+        Err(Box::new(self.failure(function, what(), &status)))
     }
 
     #[cold]
@@ -102,7 +105,7 @@ impl Instance {
         }
     }
 
-    pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Result<(), Failure> {
+    pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Called {
         let reference = [variable.reference];
         let what = || format!("{} = {}", variable.name, value);
         match value {
@@ -120,7 +123,7 @@ impl Instance {
         }
     }
 
-    pub(crate) fn enter_initialization(&mut self, start: f64) -> Result<(), Failure> {
+    pub(crate) fn enter_initialization(&mut self, start: f64) -> Called {
         self.time = Some(start);
         let what = || "initialization".to_owned();
         self.call("fmi2SetupExperiment", what, |s| {
@@ -131,7 +134,7 @@ impl Instance {
         })
     }
 
-    pub(crate) fn exit_initialization(&mut self) -> Result<(), Failure> {
+    pub(crate) fn exit_initialization(&mut self) -> Called {
         self.call(
             "fmi2ExitInitializationMode",
             || "initialization".to_owned(),
@@ -140,7 +143,7 @@ impl Instance {
     }
 
     #[inline]
-    pub(crate) fn step(&mut self, time: f64, step: f64) -> Result<(), Failure> {
+    pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
         self.time = Some(time);
         self.call(
             "fmi2DoStep",
@@ -149,7 +152,7 @@ impl Instance {
         )
     }
 
-    pub(crate) fn terminate(&mut self) -> Result<(), Failure> {
+    pub(crate) fn terminate(&mut self) -> Called {
         self.call("fmi2Terminate", || "end".to_owned(), |s| s.terminate())
     }
 }

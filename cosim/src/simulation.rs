@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use anyhow::{Result, bail};
 use fmu_file::model::Kind;
 
-use crate::instance::Instance;
+use crate::instance::{Called, Instance};
 use crate::plan::{Record, Wire};
 use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
 use crate::{Failure, Message, Order, Plan, Start, messages};
@@ -54,7 +54,7 @@ impl Inputs {
     }
 
     #[inline]
-    fn fetch(&mut self, instances: &mut [Instance]) -> Result<(), Failure> {
+    fn fetch(&mut self, instances: &mut [Instance]) -> Called {
         self.reals.iter_mut().try_for_each(|t| t.fetch(instances))?;
         self.integers
             .iter_mut()
@@ -65,7 +65,7 @@ impl Inputs {
     }
 
     #[inline]
-    fn deliver(&self, instances: &mut [Instance]) -> Result<(), Failure> {
+    fn deliver(&self, instances: &mut [Instance]) -> Called {
         self.reals.iter().try_for_each(|t| t.deliver(instances))?;
         self.integers
             .iter()
@@ -74,7 +74,7 @@ impl Inputs {
     }
 
     /// Fetches; true if a value has changed.
-    fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Failure> {
+    fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Box<Failure>> {
         let mut changed = false;
         for transfer in &mut self.reals {
             changed |= transfer.fetch_changes(instances)?;
@@ -100,7 +100,7 @@ impl Readers {
     }
 
     #[inline]
-    fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Result<(), Failure> {
+    fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Called {
         self.reals
             .iter_mut()
             .try_for_each(|r| r.read(instances, row))?;
@@ -137,7 +137,7 @@ impl<'a> Simulation<'a> {
         Ok(simulation)
     }
 
-    fn initialize(&mut self, starts: &[Start]) -> Result<(), Failure> {
+    fn initialize(&mut self, starts: &[Start]) -> Called {
         for (index, instance) in self.instances.iter_mut().enumerate() {
             for (variable, value) in self.plan.starts(index, starts) {
                 instance.set(variable, value)?;
@@ -153,7 +153,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Carries initial outputs to inputs, as often as an output may depend on another's.
-    fn propagate(&mut self) -> Result<(), Failure> {
+    fn propagate(&mut self) -> Called {
         for _ in 0..=self.inputs.len() {
             let mut changed = false;
             for inputs in &mut self.inputs {
@@ -177,7 +177,7 @@ impl<'a> Simulation<'a> {
         Ok(messages::take())
     }
 
-    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64])) -> Result<(), Failure> {
+    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64])) -> Called {
         let experiment = self.plan.experiment;
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -195,7 +195,7 @@ impl<'a> Simulation<'a> {
     }
 
     #[inline]
-    fn step_sequentially(&mut self, time: f64, step: f64) -> Result<(), Failure> {
+    fn step_sequentially(&mut self, time: f64, step: f64) -> Called {
         for (index, inputs) in self.inputs.iter_mut().enumerate() {
             inputs.fetch(&mut self.instances)?;
             inputs.deliver(&mut self.instances)?;
@@ -205,7 +205,7 @@ impl<'a> Simulation<'a> {
     }
 
     #[inline]
-    fn step_in_parallel(&mut self, time: f64, step: f64) -> Result<(), Failure> {
+    fn step_in_parallel(&mut self, time: f64, step: f64) -> Called {
         for inputs in &mut self.inputs {
             inputs.fetch(&mut self.instances)?;
         }
@@ -219,9 +219,9 @@ impl<'a> Simulation<'a> {
 }
 
 /// The crate `fmi` panics on a status that FMI does not have.
-fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> Result<()> {
+fn guarded(work: impl FnOnce() -> Called) -> Result<()> {
     match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(done) => Ok(done?),
+        Ok(done) => done.map_err(|failure| (*failure).into()),
         Err(panic) => {
             let text = panic.downcast_ref::<&str>().copied();
             let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));

@@ -4,7 +4,7 @@ use fmi::fmi2::instance::{Common, InstanceCS};
 use fmi::fmi2::{Fmi2Error, Fmi2Res};
 
 use crate::Failure;
-use crate::instance::Instance;
+use crate::instance::{Called, Instance};
 
 /// A type of FMI, and how it is read and written.
 pub(crate) trait Type {
@@ -64,17 +64,13 @@ pub(crate) struct Group {
 
 impl Group {
     #[inline]
-    fn get<T: Type>(
-        &self,
-        instances: &mut [Instance],
-        values: &mut [T::Value],
-    ) -> Result<(), Failure> {
+    fn get<T: Type>(&self, instances: &mut [Instance], values: &mut [T::Value]) -> Called {
         let what = || self.names.join(", ");
         instances[self.component].call(T::GET, what, |s| T::get(s, &self.references, values))
     }
 
     #[inline]
-    fn set<T: Type>(&self, instances: &mut [Instance], values: &[T::Value]) -> Result<(), Failure> {
+    fn set<T: Type>(&self, instances: &mut [Instance], values: &[T::Value]) -> Called {
         let what = || {
             let pairs = self.names.iter().zip(values);
             let texts: Vec<_> = pairs
@@ -104,7 +100,10 @@ impl<T: Type> Transfer<T> {
     }
 
     /// Reads the outputs; true if one has changed.
-    pub(crate) fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Failure> {
+    pub(crate) fn fetch_changes(
+        &mut self,
+        instances: &mut [Instance],
+    ) -> Result<bool, Box<Failure>> {
         let before = self.values.clone();
         self.fetch(instances)?;
         Ok(self.values != before)
@@ -112,7 +111,7 @@ impl<T: Type> Transfer<T> {
 
     /// Reads the outputs.
     #[inline]
-    pub(crate) fn fetch(&mut self, instances: &mut [Instance]) -> Result<(), Failure> {
+    pub(crate) fn fetch(&mut self, instances: &mut [Instance]) -> Called {
         let mut rest = self.values.as_mut_slice();
         for group in &self.outputs {
             let (values, others) = rest.split_at_mut(group.references.len());
@@ -124,7 +123,7 @@ impl<T: Type> Transfer<T> {
 
     /// Writes the inputs.
     #[inline]
-    pub(crate) fn deliver(&self, instances: &mut [Instance]) -> Result<(), Failure> {
+    pub(crate) fn deliver(&self, instances: &mut [Instance]) -> Called {
         self.inputs.set::<T>(instances, &self.values)
     }
 }
@@ -147,11 +146,7 @@ impl<T: Type> Reader<T> {
     }
 
     #[inline]
-    pub(crate) fn read(
-        &mut self,
-        instances: &mut [Instance],
-        row: &mut [f64],
-    ) -> Result<(), Failure> {
+    pub(crate) fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Called {
         self.group.get::<T>(instances, &mut self.values)?;
         for (&column, &value) in self.columns.iter().zip(&self.values) {
             row[column] = T::number(value);

@@ -50,6 +50,10 @@ pub enum Order {
 
 /// `COMPONENT.VARIABLE=VALUE`
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    not(feature = "master"),
+    expect(dead_code, reason = "only the master reads them")
+)]
 pub struct Assignment {
     /// The variable.
     pub name: String,

@@ -21,7 +21,13 @@ use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
+pub use access::*;
+pub use common::*;
+pub use derivatives::*;
+pub use slave::*;
+pub use state::*;
 pub use types::*;
+pub use unsupported::*;
 
 use crate::Entry;
 use crate::component::{Component, Outcome};
