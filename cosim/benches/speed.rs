@@ -1,0 +1,278 @@
+//! What a step costs: called in process, through the C interface of the FMU, and in a coupled loop.
+//! `bench/run.py` runs this and others, and prints the table of the README. Needs the FMUs:
+//! `cargo fmu export`.
+
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+
+use control::pid::{Gains, Integral};
+use control::plant::{Linear, Parameters, State};
+use control::{IpidRbf, Pid, PidRbf, Rbf};
+use cosim::{Component, Connection, Description, Fmu, Order, Plan, Value};
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
+use fmi::fmi2::import::Fmi2Import;
+use fmi::fmi2::instance::{CoSimulation, Common, InstanceCS};
+use fmi::schema::fmi2::ScalarVariable;
+use fmi::traits::FmiImport;
+
+const TS: f64 = 0.001;
+const STEPS: f64 = 20_000.0;
+
+/// A signal that never stays, of a size that keeps everything far from denormal numbers.
+struct Signal {
+    values: [f64; 64],
+    next: usize,
+}
+
+impl Signal {
+    fn new(offset: f64) -> Self {
+        let value = |k: usize| offset + 0.01 * libm::sin(0.7 * k as f64);
+        Self {
+            values: std::array::from_fn(value),
+            next: 0,
+        }
+    }
+
+    fn next(&mut self) -> f64 {
+        self.next = (self.next + 1) % self.values.len();
+        self.values[self.next]
+    }
+}
+
+fn pid(integral: Integral) -> Pid {
+    let mut pid = Pid::new(integral);
+    pid.gains = Gains {
+        kp: 300.0,
+        ki: 500.0,
+        kd: 100.0,
+    };
+    pid.ts = TS;
+    pid.u_max = 100.0;
+    pid
+}
+
+/// Nodes spread evenly over -2 to 2.
+fn network<const N: usize>() -> Rbf<N> {
+    let mut network = Rbf::default();
+    network.centres = std::array::from_fn(|j| 4.0 * (j as f64 + 0.5) / N as f64 - 2.0);
+    network.widths = [0.5; N];
+    network.eta = 0.3 / N as f64; // the bound of section 3.2 shrinks with the number of nodes
+    network.alpha = 0.05;
+    network.reset([0.0; N]);
+    network
+}
+
+fn pid_rbf<const N: usize>() -> PidRbf<N> {
+    PidRbf {
+        pid: pid(Integral::Sum),
+        network: network(),
+        ..PidRbf::default()
+    }
+}
+
+fn fmu_file(model: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../target/fmu")
+        .join(format!("{model}.fmu"))
+}
+
+/// An FMU as a host steps it: inputs are set, a step is taken, an output is read.
+struct Slave {
+    instance: InstanceCS,
+    inputs: Vec<u32>,
+    output: [u32; 1],
+    steps: f64,
+}
+
+impl Slave {
+    fn new(model: &str, inputs: &[&str], output: &str) -> Self {
+        let import: Fmi2Import =
+            fmi::import::from_path(fmu_file(model)).expect("`cargo fmu export` writes the FMUs");
+        let variables = &import.model_description().model_variables.variables;
+        let reference = |name: &str| {
+            let found = variables.iter().find(|v: &&ScalarVariable| v.name == name);
+            found.unwrap().value_reference
+        };
+        let mut instance = import.instantiate_cs("bench", false, false).unwrap();
+        instance.setup_experiment(None, 0.0, None).unwrap();
+        instance.enter_initialization_mode().unwrap();
+        instance.exit_initialization_mode().unwrap();
+        Self {
+            inputs: inputs.iter().map(|name| reference(name)).collect(),
+            output: [reference(output)],
+            steps: 0.0,
+            instance,
+        }
+    }
+
+    fn cycle(&mut self, inputs: &[f64]) -> f64 {
+        let mut output = [0.0];
+        self.instance.set_real(&self.inputs, inputs).unwrap();
+        self.instance.do_step(self.steps * TS, TS, true).unwrap();
+        self.instance.get_real(&self.output, &mut output).unwrap();
+        self.steps += 1.0;
+        output[0]
+    }
+}
+
+type Group<'a> = BenchmarkGroup<'a, WallTime>;
+
+fn through_c(group: &mut Group<'_>, model: &str, inputs: usize) {
+    let mut slave = Slave::new(model, &["r", "y", "d", "u_supervisor"][..inputs], "u");
+    let mut y = Signal::new(0.99);
+    group.bench_function("C interface", |b| {
+        b.iter(|| slave.cycle(&[1.0, y.next(), 0.0, 10.0][..inputs]));
+    });
+}
+
+/// Each controller and the plant, in process and through the C interface.
+fn steps(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("Pid");
+    let (mut c, mut y) = (pid(Integral::Sum), Signal::new(0.99));
+    group.bench_function("in process", |b| {
+        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
+    });
+    through_c(&mut group, "Pid", 3);
+    group.finish();
+
+    let mut group = criterion.benchmark_group("PidRbf");
+    let (mut c, mut y) = (pid_rbf::<4>(), Signal::new(0.99));
+    group.bench_function("in process", |b| {
+        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
+    });
+    through_c(&mut group, "PidRbf", 3);
+    group.finish();
+
+    let mut group = criterion.benchmark_group("IpidRbf");
+    let (mut c, mut y) = (IpidRbf::default(), Signal::new(0.99));
+    c.law = PidRbf {
+        pid: pid(Integral::Leaky),
+        network: network::<4>(),
+        ..c.law
+    };
+    group.bench_function("in process", |b| {
+        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0), black_box(10.0)));
+    });
+    through_c(&mut group, "IpidRbf", 4);
+    group.finish();
+
+    let mut group = criterion.benchmark_group("Pendulum");
+    let mut plant = Linear::new(&Parameters::PAPER);
+    let (mut state, mut balance) = (State::default(), Balance::default());
+    group.bench_function("in process", |b| {
+        b.iter(|| {
+            let force = balance.force(state.theta);
+            plant.advance(&mut state, black_box(force), TS);
+            state.theta
+        });
+    });
+    let mut slave = Slave::new("Pendulum", &["u"], "theta");
+    let (mut theta, mut balance) = (0.0, Balance::default());
+    group.bench_function("C interface", |b| {
+        b.iter(|| {
+            theta = slave.cycle(&[balance.force(theta)]);
+            theta
+        });
+    });
+    group.finish();
+}
+
+/// A force that keeps the pendulum, which would fall, and moves it about.
+#[derive(Default)]
+struct Balance {
+    before: f64,
+    samples: u32,
+}
+
+impl Balance {
+    fn force(&mut self, theta: f64) -> f64 {
+        self.samples = self.samples.wrapping_add(1);
+        let target = if self.samples & 1024 == 0 {
+            0.01
+        } else {
+            -0.01
+        };
+        let force = 300.0 * (target - theta) - 1e5 * (theta - self.before);
+        self.before = theta;
+        force
+    }
+}
+
+/// How the cost of a sample grows with the nodes of the network.
+fn nodes(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("nodes");
+    nodes_of::<1>(&mut group);
+    nodes_of::<4>(&mut group);
+    nodes_of::<16>(&mut group);
+    nodes_of::<64>(&mut group);
+    nodes_of::<256>(&mut group);
+    group.finish();
+}
+
+fn nodes_of<const N: usize>(group: &mut Group<'_>) {
+    let (mut c, mut y) = (pid_rbf::<N>(), Signal::new(0.99));
+    group.bench_function(format!("{N} constant"), |b| {
+        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
+    });
+    let (mut c, mut r) = (pid_rbf::<N>(), Signal::new(1.0));
+    group.bench_function(format!("{N} moving"), |b| {
+        b.iter(|| {
+            let r = r.next();
+            c.sample(r, black_box(0.99), black_box(0.0))
+        });
+    });
+}
+
+/// The plant and PID-RBF, 20000 steps, from their instantiation to their end.
+fn coupled(criterion: &mut Criterion) {
+    let component = |name: &str, model: &str, start: &[(&str, f64)]| Component {
+        name: name.into(),
+        fmu: fmu_file(model),
+        sampled: None,
+        start: start
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), Value::Real(*value)))
+            .collect(),
+    };
+    let connection = |text: &str| Connection::try_from(text.to_owned()).unwrap();
+    let plan = Plan::new(&Description {
+        start: TS,
+        stop: STEPS * TS,
+        step: TS,
+        order: Order::Sequential,
+        components: vec![
+            component("controller", "PidRbf", &[("r", 1.0)]),
+            component("plant", "Pendulum", &[]),
+        ],
+        connections: vec![
+            connection("plant.theta -> controller.y"),
+            connection("controller.u -> plant.u"),
+        ],
+        outputs: vec!["controller.e".into()],
+    })
+    .unwrap();
+    let mut group = criterion.benchmark_group("coupled");
+    group.bench_function("20000 steps", |b| {
+        b.iter(|| {
+            let mut last = 0.0;
+            plan.simulate(&[])
+                .unwrap()
+                .run(|_, row| last = row[0])
+                .unwrap();
+            last
+        });
+    });
+    group.finish();
+}
+
+/// Opening an FMU file, which unpacks it, and making the instances of a loop.
+fn loading(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("loading");
+    let file = fmu_file("PidRbf");
+    group.bench_function("open", |b| b.iter(|| Fmu::open(&file).unwrap()));
+    group.finish();
+}
+
+criterion_group!(benches, steps, nodes, coupled, loading);
+criterion_main!(benches);
