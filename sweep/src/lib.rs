@@ -1,0 +1,11 @@
+//! Parameter sweeps of simulations, whatever simulates.
+
+#![forbid(unsafe_code)]
+
+mod error;
+pub mod plan;
+mod row;
+
+pub use error::Error;
+pub use plan::{Parameter, Plan, Run};
+pub use row::{Cell, Column, Columns, Kind, Row, Value};
