@@ -3,9 +3,11 @@
 #![forbid(unsafe_code)]
 
 mod error;
+pub mod metrics;
 pub mod plan;
 mod row;
 
 pub use error::Error;
+pub use metrics::{Metrics, Options, Sample, Summary};
 pub use plan::{Parameter, Plan, Run};
 pub use row::{Cell, Column, Columns, Kind, Row, Value};
