@@ -1,6 +1,7 @@
 //! The error of this crate.
 
 use std::fmt;
+use std::path::Path;
 
 /// What is wrong, in words: the file or variable, what was found, and what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -9,6 +10,11 @@ pub struct Error(String);
 impl Error {
     pub(crate) fn new(message: impl Into<String>) -> Self {
         Self(message.into())
+    }
+
+    /// For `map_err`: what could not be done with a file, and why.
+    pub(crate) fn file<E: fmt::Display>(action: &str, file: &Path) -> impl FnOnce(E) -> Self {
+        move |cause| Self(format!("cannot {action} {}: {cause}", file.display()))
     }
 }
 
