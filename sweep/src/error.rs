@@ -1,0 +1,27 @@
+//! The error of this crate.
+
+use std::fmt;
+use std::path::Path;
+
+/// What is wrong, in words: the file or variable, what was found, and what was expected.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Error(String);
+
+impl Error {
+    pub(crate) fn new(message: impl Into<String>) -> Self {
+        Self(message.into())
+    }
+
+    /// For `map_err`: what could not be done with a file, and why.
+    pub(crate) fn file<E: fmt::Display>(action: &str, file: &Path) -> impl FnOnce(E) -> Self {
+        move |cause| Self(format!("cannot {action} {}: {cause}", file.display()))
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Error {}

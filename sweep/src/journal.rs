@@ -1,0 +1,281 @@
+//! The rows of the runs that are finished, kept through a kill.
+//!
+//! # The file
+//!
+//! Beside the table lies the journal, its name with `.part` behind it, until the table is written. It
+//! is UTF-8 with a line feed after each line:
+//!
+//! ```text
+//! # sweep 5f1d00c4
+//! index,plant.M,iae,settling_time,diverged
+//! 0,0.5,0.0123,1.25,false
+//! 2,1.5,0.5,,true
+//! ```
+//!
+//! - Line 1: `# sweep `, and hexadecimal digits that differ for different sweeps (the fingerprint).
+//! - Line 2: the header of a CSV file, [`Columns::header`].
+//! - Then a line for each finished run, [`Columns::line`], in any order: the number of the run, and
+//!   fields by the rules of RFC 4180; an empty field is a missing value and `""` an empty text. Numbers
+//!   read back to the same bits and may be `inf`, `-inf` or `NaN`; booleans are `true` or `false`.
+//!
+//! Without its last line feed a line is torn, the trace of a kill, and cut off when the journal is next
+//! opened. A run may stand twice if both lines have the same values.
+//!
+//! # Other programs
+//!
+//! Whoever writes to the file holds an exclusive lock of it: `File::try_lock`, which is `flock` on Unix
+//! (`fcntl.flock(file, LOCK_EX | LOCK_NB)` in Python). A program that collects lines from workers takes
+//! the lock, writes the two lines of the header if the file is empty, cuts a torn line off if there is
+//! one, appends whole lines, and closes the file. [`Journal::open`] and [`Journal::finish`] then make
+//! the table.
+//!
+//! # What survives
+//!
+//! The end of the process, however it ends, takes the runs that were under way and no other. The rows
+//! are asked to go to the disk at most once a second, when a row is appended, and by [`Journal::sync`]:
+//! a power failure takes those of about the last second, and these runs are done again.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use crate::{Columns, Error, Row, table};
+
+/// The journal of a sweep, open and locked.
+#[derive(Debug)]
+pub struct Journal {
+    output: PathBuf,
+    path: PathBuf,
+    file: File,
+    header: String,
+    columns: Columns,
+    runs: u64,
+    done: BTreeSet<u64>,
+    end: Mutex<End>,
+}
+
+/// The end of the file.
+#[derive(Debug)]
+struct End {
+    length: u64,
+    synced: Instant,
+}
+
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+impl Journal {
+    /// Opens the journal of the table `output`, or makes a new one. The fingerprint is a digest in
+    /// hexadecimal digits of all that makes the rows what they are; `runs` is their number.
+    ///
+    /// # Errors
+    /// If the output is not named `.csv` or `.parquet` or the fingerprint is not hexadecimal; if the
+    /// journal cannot be read or written, is locked by another process, belongs to another sweep, or
+    /// has a line that is not a row, or two rows for a run.
+    pub fn open(
+        output: &Path,
+        fingerprint: &str,
+        columns: Columns,
+        runs: u64,
+    ) -> Result<Self, Error> {
+        table::check(output)?;
+        let header = header(fingerprint, &columns)?;
+        let path = table::with_suffix(output, ".part");
+        let file = OpenOptions::new()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(&path)
+            .map_err(Error::file("open", &path))?;
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => Error::new(format!(
+                "{} is in use by another process: wait for it, or give another --out",
+                path.display()
+            )),
+            TryLockError::Error(error) => Error::file("lock", &path)(error),
+        })?;
+        let mut journal = Self {
+            output: output.to_owned(),
+            path,
+            file,
+            header,
+            columns,
+            runs,
+            done: BTreeSet::new(),
+            end: Mutex::new(End {
+                length: 0,
+                synced: Instant::now(),
+            }),
+        };
+        journal.cut_torn_line()?;
+        let text = journal.read()?;
+        journal.done = journal.rows(&text)?.into_keys().collect();
+        journal.end = Mutex::new(End {
+            length: text.len() as u64,
+            synced: Instant::now(),
+        });
+        Ok(journal)
+    }
+
+    /// The runs that were finished when the journal was opened.
+    #[must_use]
+    pub fn done(&self) -> &BTreeSet<u64> {
+        &self.done
+    }
+
+    /// The other runs of a range, in their order.
+    pub fn pending(&self, range: Range<u64>) -> impl Iterator<Item = u64> {
+        range.filter(|index| !self.done.contains(index))
+    }
+
+    /// Appends a row in one piece. Threads may call this at the same time.
+    ///
+    /// # Errors
+    /// If the row does not fit the columns or the number of runs, or cannot be written; then nothing
+    /// of it is left in the file.
+    pub fn append(&self, row: &Row) -> Result<(), Error> {
+        let line = self.columns.line(row)?;
+        self.check(row.index)?;
+        let mut end = self.end.lock().expect("no panic while a row is written");
+        if let Err(error) = (&self.file).write_all(line.as_bytes()) {
+            let _ = self.file.set_len(end.length); // the first error says more
+            return Err(Error::file("write", &self.path)(error));
+        }
+        end.length += line.len() as u64;
+        let sync = end.synced.elapsed() >= SYNC_EVERY;
+        if sync {
+            end.synced = Instant::now();
+        }
+        drop(end); // the other threads need not wait for the disk
+        if sync { self.sync() } else { Ok(()) }
+    }
+
+    /// Waits until all rows are on the disk.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn sync(&self) -> Result<(), Error> {
+        self.file
+            .sync_data()
+            .map_err(Error::file("write", &self.path))
+    }
+
+    /// Writes the table, its rows in the order of the runs, and removes the journal.
+    ///
+    /// # Errors
+    /// If runs are missing or stand twice with different values, or a file cannot be read or written;
+    /// then the journal stays.
+    pub fn finish(self) -> Result<(), Error> {
+        let text = self.read()?;
+        let rows = self.rows(&text)?;
+        let missing = self.runs - rows.len() as u64;
+        if missing > 0 {
+            let first = (0..self.runs).find(|index| !rows.contains_key(index));
+            return Err(Error::new(format!(
+                "{}: {missing} of {} runs are missing, the first is {}",
+                self.path.display(),
+                self.runs,
+                first.unwrap_or_default()
+            )));
+        }
+        let rows = rows.values().map(|line| self.columns.parse(line));
+        table::write(&self.output, &self.columns, rows)?;
+        fs::remove_file(&self.path).map_err(Error::file("remove", &self.path))
+    }
+
+    /// Cuts the file to its last whole line, and writes the header if that is what was torn.
+    fn cut_torn_line(&mut self) -> Result<(), Error> {
+        let mut bytes = Vec::new();
+        self.file
+            .read_to_end(&mut bytes)
+            .map_err(Error::file("read", &self.path))?;
+        let header = self.header.as_bytes();
+        let whole = if bytes.starts_with(header) {
+            bytes
+                .iter()
+                .rposition(|&byte| byte == b'\n')
+                .map_or(0, |last| last + 1)
+        } else if header.starts_with(&bytes) {
+            0
+        } else {
+            return Err(Error::new(format!(
+                "{} belongs to another sweep: delete it or give another --out",
+                self.path.display()
+            )));
+        };
+        if whole < bytes.len() {
+            self.file
+                .set_len(whole as u64)
+                .map_err(Error::file("write", &self.path))?;
+        }
+        if whole == 0 {
+            self.file
+                .write_all(header)
+                .map_err(Error::file("write", &self.path))?;
+        }
+        Ok(())
+    }
+
+    fn read(&self) -> Result<String, Error> {
+        let mut text = String::new();
+        (&self.file)
+            .rewind()
+            .and_then(|()| (&self.file).read_to_string(&mut text))
+            .map_err(Error::file("read", &self.path))?;
+        Ok(text)
+    }
+
+    /// The lines of the runs, each once.
+    fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>, Error> {
+        let mut rows = BTreeMap::new();
+        let headers = self.header.lines().count();
+        for (place, line) in text.lines().enumerate().skip(headers) {
+            let refused = |error: Error| {
+                let advice = "delete the line to have the run done again";
+                let file = self.path.display();
+                Error::new(format!("{file}:{}: {error}; {advice}", place + 1))
+            };
+            let row = self.columns.parse(line).map_err(refused)?;
+            self.check(row.index).map_err(refused)?;
+            let Some(other) = rows.insert(row.index, line) else {
+                continue;
+            };
+            // Compared as they are written, for NaN differs from itself.
+            let other = self.columns.parse(other).map_err(refused)?;
+            if self.columns.line(&row)? != self.columns.line(&other)? {
+                let message = format!("another row of run {}, expected the same one", row.index);
+                return Err(refused(Error::new(message)));
+            }
+        }
+        Ok(rows)
+    }
+
+    fn check(&self, index: u64) -> Result<(), Error> {
+        if index < self.runs {
+            return Ok(());
+        }
+        let runs = self.runs;
+        Err(Error::new(format!(
+            "run {index}, expected one of 0..{runs}"
+        )))
+    }
+}
+
+/// The first two lines of a journal.
+///
+/// # Errors
+/// If the fingerprint is not hexadecimal.
+pub fn header(fingerprint: &str, columns: &Columns) -> Result<String, Error> {
+    if fingerprint.is_empty() || !fingerprint.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+        return Err(Error::new(format!(
+            "the fingerprint is {fingerprint:?}, expected hexadecimal digits"
+        )));
+    }
+    Ok(format!("# sweep {fingerprint}\n{}", columns.header()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,261 @@
+//! A swept parameter: its variables and the values they take.
+
+use serde::Deserialize;
+
+use super::draw::Draw;
+use crate::{Error, Kind, Value};
+
+/// A parameter of a sweep: one or more variables that take the same values.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Description")]
+pub struct Parameter {
+    variables: Vec<String>,
+    values: Values,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Values {
+    List(Vec<Value>),
+    Spaced {
+        from: f64,
+        to: f64,
+        count: u64,
+        scale: Scale,
+    },
+    Uniform([f64; 2]),
+    LogUniform([f64; 2]),
+    Normal([f64; 2]),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Scale {
+    Linear,
+    Log,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    variable: Option<String>,
+    variables: Option<Vec<String>>,
+    values: Option<Vec<Value>>,
+    from: Option<f64>,
+    to: Option<f64>,
+    count: Option<u64>,
+    scale: Option<Scale>,
+    uniform: Option<[f64; 2]>,
+    log_uniform: Option<[f64; 2]>,
+    normal: Option<[f64; 2]>,
+}
+
+/// Numbers of ranges and distributions are smaller, so that no sum of them overflows.
+const TOO_LARGE: f64 = 1e290;
+
+impl Parameter {
+    /// The variables, at least one.
+    #[must_use]
+    pub fn variables(&self) -> &[String] {
+        &self.variables
+    }
+
+    /// The type of all its values.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match &self.values {
+            Values::List(values) => values[0].kind(),
+            _ => Kind::Number,
+        }
+    }
+
+    /// Whether the values are drawn, not listed or spaced.
+    #[must_use]
+    pub fn is_random(&self) -> bool {
+        !matches!(self.values, Values::List(_) | Values::Spaced { .. })
+    }
+
+    /// How many places the parameter has in the grid, at least 1.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        match &self.values {
+            Values::List(values) => values.len() as u64,
+            Values::Spaced { count, .. } => *count,
+            _ => 1,
+        }
+    }
+
+    /// The value at a place of the grid, or the random one of a draw.
+    pub(super) fn value(&self, place: u64, draw: impl FnOnce() -> Draw) -> Value {
+        Value::Number(match self.values {
+            Values::List(ref values) => return values[place as usize].clone(),
+            // The ends themselves, not their logarithms' powers.
+            Values::Spaced { from, .. } if place == 0 => from,
+            Values::Spaced { to, count, .. } if place == count - 1 => to,
+            Values::Spaced {
+                from,
+                to,
+                count,
+                scale,
+            } => {
+                let (place, last) = (place as f64, (count - 1) as f64);
+                // Multiplied before divided, whole numbers stay whole, and tenths the nearest.
+                scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
+            }
+            Values::Uniform(bounds) => {
+                let fraction = draw().fraction();
+                Scale::Linear.between(bounds, |a, b| a * (1.0 - fraction) + b * fraction)
+            }
+            Values::LogUniform(bounds) => {
+                let fraction = draw().fraction();
+                Scale::Log.between(bounds, |a, b| a * (1.0 - fraction) + b * fraction)
+            }
+            Values::Normal([mean, deviation]) => mean + deviation * draw().normal(),
+        })
+    }
+}
+
+impl Scale {
+    /// A mean of the bounds, or of their logarithms, never beyond the bounds by rounding.
+    fn between(self, [least, largest]: [f64; 2], mean: impl Fn(f64, f64) -> f64) -> f64 {
+        let between = match self {
+            Self::Linear => mean(least, largest),
+            // Decimal, so that powers of ten are exact.
+            Self::Log => libm::pow(10.0, mean(libm::log10(least), libm::log10(largest))),
+        };
+        between.clamp(least, largest)
+    }
+}
+
+impl TryFrom<Description> for Parameter {
+    type Error = Error;
+
+    fn try_from(mut description: Description) -> Result<Self, Error> {
+        let variables = match (description.variable.take(), description.variables.take()) {
+            (Some(variable), None) => vec![variable],
+            (None, Some(variables)) if !variables.is_empty() => variables,
+            (None, Some(_)) => {
+                return Err(Error::new("variables = [], expected names of variables"));
+            }
+            (Some(variable), Some(_)) => {
+                return Err(Error::new(format!(
+                    "{variable}: variable and variables, expected one of them"
+                )));
+            }
+            (None, None) => {
+                return Err(Error::new(
+                    "a parameter without variable or variables, expected a name",
+                ));
+            }
+        };
+        let values = description
+            .values()
+            .map_err(|problem| Error::new(format!("{}: {problem}", variables.join(", "))))?;
+        Ok(Self { variables, values })
+    }
+}
+
+impl Description {
+    fn values(self) -> Result<Values, String> {
+        let spaced = match (self.from, self.to, self.count) {
+            (None, None, None) if self.scale.is_none() => None,
+            (Some(from), Some(to), Some(count)) => {
+                let scale = self.scale.unwrap_or(Scale::Linear);
+                Some((from, to, count, scale))
+            }
+            _ => return Err("part of a range, expected from, to and count".into()),
+        };
+        match (
+            self.values,
+            spaced,
+            self.uniform,
+            self.log_uniform,
+            self.normal,
+        ) {
+            (Some(values), None, None, None, None) => list(values),
+            (None, Some((from, to, count, scale)), None, None, None) => {
+                ordered("from", from, "to", to, scale)?;
+                if count < 2 {
+                    return Err(format!("count = {count}, expected at least 2"));
+                }
+                Ok(Values::Spaced {
+                    from,
+                    to,
+                    count,
+                    scale,
+                })
+            }
+            (None, None, Some([least, largest]), None, None) => {
+                ordered("least", least, "largest", largest, Scale::Linear)?;
+                Ok(Values::Uniform([least, largest]))
+            }
+            (None, None, None, Some([least, largest]), None) => {
+                ordered("least", least, "largest", largest, Scale::Log)?;
+                Ok(Values::LogUniform([least, largest]))
+            }
+            (None, None, None, None, Some([mean, deviation])) => {
+                finite("mean", mean)?;
+                finite("deviation", deviation)?;
+                if deviation <= 0.0 {
+                    return Err(format!("deviation = {deviation:?}, expected more than 0"));
+                }
+                Ok(Values::Normal([mean, deviation]))
+            }
+            (None, None, None, None, None) => Err(format!("no values, expected {ONE_OF}")),
+            _ => Err(format!("several ranges of values, expected one: {ONE_OF}")),
+        }
+    }
+}
+
+const ONE_OF: &str = "values, or from, to and count, or uniform, log_uniform or normal";
+
+fn list(values: Vec<Value>) -> Result<Values, String> {
+    let kind = values
+        .first()
+        .ok_or("values = [], expected at least one")?
+        .kind();
+    for value in &values {
+        match value {
+            Value::Number(number) if !number.is_finite() => {
+                return Err(format!("the value {number}, expected finite numbers"));
+            }
+            Value::Text(text) if text.contains(char::is_control) => {
+                return Err(format!(
+                    "the value {text:?}, expected no control characters"
+                ));
+            }
+            _ if value.kind() != kind => {
+                return Err(format!(
+                    "the value {value}, expected {kind} as the first one"
+                ));
+            }
+            _ => {}
+        }
+    }
+    Ok(Values::List(values))
+}
+
+fn finite(name: &str, number: f64) -> Result<(), String> {
+    if number.abs() < TOO_LARGE {
+        return Ok(());
+    }
+    Err(format!(
+        "{name} = {number:?}, expected a number within ±{TOO_LARGE:e}"
+    ))
+}
+
+/// Checks the ends of a range.
+fn ordered(first: &str, least: f64, last: &str, largest: f64, scale: Scale) -> Result<(), String> {
+    finite(first, least)?;
+    finite(last, largest)?;
+    if scale == Scale::Log && least <= 0.0 {
+        return Err(format!(
+            "{first} = {least:?}, expected more than 0 for logarithms"
+        ));
+    }
+    if least >= largest {
+        return Err(format!(
+            "{last} = {largest:?}, expected more than {first} = {least:?}"
+        ));
+    }
+    Ok(())
+}

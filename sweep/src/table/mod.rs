@@ -1,0 +1,106 @@
+//! The results of a sweep as a file, CSV or Parquet by its extension. The same rows give the same
+//! bytes.
+//!
+//! - `.csv`: a header and a line for each row, as [`Columns`] writes them, ended by line feeds.
+//! - `.parquet`: uncompressed; `index` is INT64, numbers DOUBLE, booleans BOOLEAN, texts BYTE_ARRAY of
+//!   UTF-8. Columns are required, or optional if a value may be missing.
+
+mod parquet;
+
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Columns, Error, Row};
+
+#[derive(Clone, Copy)]
+enum Format {
+    Csv,
+    Parquet,
+}
+
+impl Format {
+    fn of(file: &Path) -> Result<Self, Error> {
+        match file.extension().and_then(|extension| extension.to_str()) {
+            Some("csv") => Ok(Self::Csv),
+            Some("parquet") => Ok(Self::Parquet),
+            _ => Err(Error::new(format!(
+                "{}: expected a file named .csv or .parquet",
+                file.display()
+            ))),
+        }
+    }
+}
+
+/// Checks that a table may be written to a file of this name.
+///
+/// # Errors
+/// If it is not named `.csv` or `.parquet`, or is a folder.
+pub fn check(file: &Path) -> Result<(), Error> {
+    Format::of(file)?;
+    if file.is_dir() {
+        return Err(Error::new(format!(
+            "{} is a folder, expected a file",
+            file.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Writes rows in their order, whole or not at all: to a file beside it with `.tmp` behind the name,
+/// which then takes the place of any file of the same name.
+///
+/// # Errors
+/// If the file is not named `.csv` or `.parquet`, cannot be written, or a row is an error or does not
+/// fit the columns.
+pub fn write(
+    file: &Path,
+    columns: &Columns,
+    rows: impl Iterator<Item = Result<Row, Error>>,
+) -> Result<(), Error> {
+    let format = Format::of(file)?;
+    let temporary = with_suffix(file, ".tmp");
+    let written = File::create(&temporary)
+        .map_err(Error::file("write", &temporary))
+        .and_then(|output| {
+            match format {
+                Format::Csv => csv(&output, file, columns, rows)?,
+                Format::Parquet => parquet::write(&output, file, columns, rows)?,
+            }
+            output.sync_all().map_err(Error::file("write", file))
+        })
+        .and_then(|()| fs::rename(&temporary, file).map_err(Error::file("write", file)));
+    if written.is_err() {
+        let _ = fs::remove_file(&temporary); // the first error says more
+    }
+    written
+}
+
+/// The path with more behind its name.
+pub(crate) fn with_suffix(file: &Path, suffix: &str) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(suffix);
+    name.into()
+}
+
+fn csv(
+    output: &File,
+    file: &Path,
+    columns: &Columns,
+    rows: impl Iterator<Item = Result<Row, Error>>,
+) -> Result<(), Error> {
+    let mut output = BufWriter::new(output);
+    let mut write = |line: String| {
+        output
+            .write_all(line.as_bytes())
+            .map_err(Error::file("write", file))
+    };
+    write(columns.header())?;
+    for row in rows {
+        write(columns.line(&row?)?)?;
+    }
+    output.flush().map_err(Error::file("write", file))
+}
+
+#[cfg(test)]
+mod tests;
