@@ -157,6 +157,8 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
       <String start=""/></ScalarVariable>
     <ScalarVariable name="label" valueReference="1" causality="output" variability="discrete">
       <String/></ScalarVariable>
+    <ScalarVariable name="u_max" valueReference="6" causality="parameter" variability="fixed">
+      <Real start="1e300"/></ScalarVariable>
   </ModelVariables>
   <ModelStructure>
     <Outputs>

@@ -237,7 +237,7 @@ def test_the_summary_shows_last_values_with_units_and_the_speed(tmp_path):
     assert "plant.theta [rad]" in expected
     assert "controller.u [N]" in expected
     simulated, elapsed, factor = re.fullmatch(
-        r"([\d.]+) s in ([\d.]+) ms: (\d+) times real time", speed
+        r"([\d.]+) s in ([\d.]+) ms: ([\d.]+) times real time", speed
     ).groups()
     assert float(simulated) == 0.5
     assert float(factor) == pytest.approx(0.5 / (float(elapsed) / 1e3), rel=0.01)
@@ -295,9 +295,9 @@ def on_a_terminal(*arguments: object) -> str:
 
 def test_a_terminal_shows_the_progress():
     shown = on_a_terminal("simulate", PID, "--step=0.00001", "--stop=5")
-    times = re.findall(r"t = ([\d.]+) of 5 s, (\d+) times real time", shown)
+    times = re.findall(r"t = ([\d.]+) of 5 s, ([\d.]+) times real time", shown)
     assert len({time for time, _ in times}) > 2
-    assert all(0 < float(time) <= 5 and int(factor) > 0 for time, factor in times)
+    assert all(0 < float(time) <= 5 and float(factor) > 0 for time, factor in times)
 
 
 # --- the program without the master ---------------------------------------------------------------

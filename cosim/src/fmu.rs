@@ -157,10 +157,12 @@ impl Fmu {
         messages::begin_call();
         match guarded(|| InstanceCS::new(&self.import, name, false, false)) {
             Ok(Ok(slave)) => Ok(slave),
-            Ok(Err(error)) => Err(cannot(messages::reason().unwrap_or_else(|| match error {
-                fmi::Error::Instantiation => "the FMU logged no reason".into(),
-                error => error.to_string(),
-            }))),
+            Ok(Err(error)) => Err(cannot(messages::reason("fmi2Instantiate").unwrap_or_else(
+                || match error {
+                    fmi::Error::Instantiation => "the FMU logged no reason".into(),
+                    error => error.to_string(),
+                },
+            ))),
             Err(outcome) => Err(cannot(format!("fmi2Instantiate {outcome}"))),
         }
     }

@@ -116,7 +116,7 @@ impl Instance {
             what: what(),
             time: None,
             outcome,
-            message: messages::reason(),
+            message: messages::reason(function),
         }))
     }
 

@@ -109,16 +109,18 @@ pub(crate) fn warn(instance: &str, function: &str) {
     }
 }
 
-/// Takes what was said in the newest call: why it failed.
-pub(crate) fn reason() -> Option<String> {
+/// Takes what was said in the newest call, of this function: why it failed.
+pub(crate) fn reason(function: &str) -> Option<String> {
+    // Some FMUs begin with it, too.
+    let prefix = format!("{function}: ");
     let in_call = |message: &Message| message.call == CALL.get();
     let said: Vec<Message> =
         MESSAGES.with_borrow_mut(|messages| messages.extract_if(.., |m| in_call(m)).collect());
     let warns = said.iter().any(|message| message.warning);
-    let texts: Vec<String> = said
-        .into_iter()
+    let texts: Vec<&str> = said
+        .iter()
         .filter(|message| message.warning == warns)
-        .map(|message| message.text)
+        .map(|message| message.text.trim_start_matches(&prefix))
         .collect();
     (!texts.is_empty()).then(|| texts.join("; "))
 }

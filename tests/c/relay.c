@@ -5,9 +5,9 @@
  *     c = b, or not b if invert is set                   choice = shape
  *     number = what the file of that name in the folder `resources` holds
  *
- * y, m and c follow their inputs at once if `direct` is set, else in a step. From `status_time` on,
- * fmi2DoStep returns `status`, and says so with the status `logged` unless that is -1. No function may
- * be called after fmi2Fatal: the process ends.
+ * y, m and c follow their inputs at once if `direct` is set, else in a step. Inputs are refused while
+ * u is above `u_max`. From `status_time` on, fmi2DoStep returns `status`, and says so with the status
+ * `logged` unless that is -1. No function may be called after fmi2Fatal: the process ends.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -23,7 +23,7 @@ typedef struct {
 } Callbacks;
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
-enum { TIME, U, Y, GAIN, STATUS_TIME, NUMBER, REALS };
+enum { TIME, U, Y, GAIN, STATUS_TIME, NUMBER, U_MAX, REALS };
 enum { COUNT, N, M, ADD, STATUS, LOGGED, SHAPE, CHOICE, INTEGERS };
 enum { ODD, B, C, INVERT, DIRECT, BOOLEANS };
 enum { FILE_NAME, LABEL, STRINGS };
@@ -67,6 +67,7 @@ EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 EXPORT int fmi2SetDebugLogging(void) { return OK; }
 
+#ifndef WITHOUT_INIT
 EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources,
                                  const Callbacks *callbacks) {
     (void)type;
@@ -81,11 +82,12 @@ EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, c
         return NULL;
     }
     c->reals[GAIN] = 1;
-    c->reals[STATUS_TIME] = 1e300;
+    c->reals[STATUS_TIME] = c->reals[U_MAX] = 1e300;
     c->integers[LOGGED] = -1;
     c->integers[SHAPE] = LINEAR;
     return c;
 }
+#endif
 
 EXPORT void fmi2FreeInstance(Instance *c) {
     check_alive();
@@ -141,7 +143,7 @@ EXPORT int fmi2Terminate(Instance *c) {
             if (references[i] >= count) return ERROR;                                              \
             c->values_of[references[i]] = values[i];                                               \
         }                                                                                          \
-        return OK;                                                                                 \
+        return c->reals[U] > c->reals[U_MAX] ? ERROR : OK;                                                                                 \
     }
 
 ACCESS(Real, double, reals, REALS)

@@ -201,11 +201,17 @@ mod run {
         let simulated = time - experiment.start + experiment.step;
         writeln!(
             out,
-            "{simulated:.6} s in {:.3} ms: {:.0} times real time",
+            "{simulated:.6} s in {:.3} ms: {}",
             elapsed.as_secs_f64() * 1e3,
-            simulated / elapsed.as_secs_f64()
+            speed(simulated / elapsed.as_secs_f64())
         )?;
         Ok(())
+    }
+
+    /// How many times faster than real time it goes, which may be less than once.
+    fn speed(factor: f64) -> String {
+        let digits = if factor < 10.0 { 2 } else { 0 };
+        format!("{factor:.digits$} times real time")
     }
 
     /// A bar with the simulated time, and how many times faster than real time it goes.
@@ -240,11 +246,10 @@ mod run {
                 let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
                 let rate = self.steps as f64 / elapsed;
                 self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
-                let factor = rate * self.experiment.step;
                 let stop = self.experiment.stop;
-                self.bar.set_message(format!(
-                    "t = {time:.3} of {stop} s, {factor:.0} times real time"
-                ));
+                let speed = speed(rate * self.experiment.step);
+                self.bar
+                    .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
                 self.bar.set_position(self.steps);
             }
         }
