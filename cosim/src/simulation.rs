@@ -172,12 +172,23 @@ impl<'a> Simulation<'a> {
     ///
     /// # Errors
     /// A [`Failure`]: an FMU refused, and the run ends there.
-    pub fn run(mut self, observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
+    pub fn run(self, mut observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
+        self.run_while(|time, row| {
+            observe(time, row);
+            true
+        })
+    }
+
+    /// As [`Simulation::run`], and ends earlier when `observe` returns false.
+    ///
+    /// # Errors
+    /// As [`Simulation::run`].
+    pub fn run_while(mut self, observe: impl FnMut(f64, &[f64]) -> bool) -> Result<Vec<Message>> {
         guarded(|| self.steps(observe))?;
         Ok(messages::take())
     }
 
-    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64])) -> Called {
+    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64]) -> bool) -> Called {
         let experiment = self.plan.experiment;
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -189,7 +200,9 @@ impl<'a> Simulation<'a> {
                 Order::Parallel => self.step_in_parallel(time, experiment.step)?,
             }
             self.after.read(&mut self.instances, &mut self.row)?;
-            observe(time, &self.row);
+            if !observe(time, &self.row) {
+                break;
+            }
         }
         self.instances.iter_mut().try_for_each(Instance::terminate)
     }

@@ -6,6 +6,9 @@
 #[cfg(not(feature = "master"))]
 pub mod forward;
 pub mod simulate;
+pub mod sweep;
+#[cfg(feature = "master")]
+mod sweeping;
 #[cfg(feature = "master")]
 mod table;
 pub mod table1;
