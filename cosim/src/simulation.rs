@@ -176,12 +176,23 @@ impl<'a> Simulation<'a> {
     ///
     /// # Errors
     /// A [`Failure`]: an FMU refused, and the run ends there.
-    pub fn run(mut self, observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
+    pub fn run(self, mut observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
+        self.run_while(|time, row| {
+            observe(time, row);
+            true
+        })
+    }
+
+    /// As [`Simulation::run`], and ends earlier when `observe` returns false.
+    ///
+    /// # Errors
+    /// As [`Simulation::run`].
+    pub fn run_while(mut self, observe: impl FnMut(f64, &[f64]) -> bool) -> Result<Vec<Message>> {
         self.steps(observe).map_err(|failure| *failure)?;
         Ok(messages())
     }
 
-    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64])) -> Called {
+    fn steps(&mut self, mut observe: impl FnMut(f64, &[f64]) -> bool) -> Called {
         let experiment = self.plan.experiment;
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -189,7 +200,9 @@ impl<'a> Simulation<'a> {
             let time = experiment.time(k);
             self.step(time, experiment.step)
                 .map_err(|failure| failure.at(time))?;
-            observe(time, &self.row);
+            if !observe(time, &self.row) {
+                break;
+            }
         }
         self.instances.iter_mut().try_for_each(Instance::terminate)
     }

@@ -59,6 +59,14 @@ Example:\n  cargo fmu validate target/fmu/*.fmu"
     /// Compute the paper's Table 1 by the native master
     #[command(after_help = "Exit code: 1 if a number is missed.")]
     Table1(master::table1::Options),
+    /// Run a system thousands of times, each with other values, and write metrics of each run
+    #[command(
+        after_help = "A sweep that was killed goes on where it was when it is started again.
+
+Example:
+  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv"
+    )]
+    Sweep(master::sweep::Options),
     /// One test of a binary, in a process of its own
     #[command(hide = true)]
     Probe(validate::probe::Options),
@@ -106,8 +114,10 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
                 return Ok(ExitCode::FAILURE);
             }
         }
+        #[cfg(feature = "master")]
+        Command::Sweep(options) => master::sweep::run(&options, &mut io::stdout())?,
         #[cfg(not(feature = "master"))]
-        Command::Simulate(_) | Command::Table1(_) => {
+        Command::Simulate(_) | Command::Table1(_) | Command::Sweep(_) => {
             return master::forward::forward(std::env::args_os().skip(1));
         }
         Command::Probe(options) => validate::probe::run(&options)?,
