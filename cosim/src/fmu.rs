@@ -155,7 +155,7 @@ impl Fmu {
             return Err(cannot("a fatal error has broken it".into()));
         }
         messages::begin_call();
-        match guarded(|| InstanceCS::new(&self.import, name, false, false)) {
+        match guarded(|| InstanceCS::new(&self.import, name, false, true)) {
             Ok(Ok(slave)) => Ok(slave),
             Ok(Err(error)) => Err(cannot(messages::reason("fmi2Instantiate").unwrap_or_else(
                 || match error {
