@@ -4,7 +4,7 @@ use std::any::Any;
 
 use model_description::guid::checksum;
 
-use crate::component::Life;
+use crate::life::Life;
 use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
 
