@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import importlib.util
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 import sweeps
+from dask.distributed import Client
 from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, wait_until
 
 SCRIPT = ROOT / "distributed" / "sweep.py"
@@ -108,6 +110,22 @@ def test_runs_that_are_done_are_not_done_again(program, tmp_path):
     assert result.stdout.startswith("27 runs in ")
     assert "\n5 runs were done before\n" in result.stdout
     assert out.read_bytes() == expected(sweep)
+
+
+def test_chunks_that_wait_for_others_are_done_too(monkeypatch):
+    """Left out, they would be done by the program that makes the table, and nobody would notice."""
+    spec = importlib.util.spec_from_file_location("sweep_by_dask", SCRIPT)
+    script = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, script)
+    spec.loader.exec_module(script)
+    monkeypatch.setattr(script, "AHEAD", 3)
+    answer = subprocess.CompletedProcess([], 0, b"rows", b"")
+    monkeypatch.setattr(script, "simulate", lambda bundle, chunk: answer)
+    with Client(processes=False, n_workers=1, dashboard_address=None) as client:
+        found = list(script.results(client, "bundle", script.chunks(20, {0, 4, 5, 19}, 2)))
+    expected = [[1, 2], [3], [6, 7], [8, 9], [10, 11], [12, 13], [14, 15], [16, 17], [18]]
+    assert sorted(list(chunk) for chunk, _ in found) == expected
+    assert {rows for _, rows in found} == {b"rows"}
 
 
 # --- kills ----------------------------------------------------------------------------------------
