@@ -9,7 +9,7 @@ INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 SECONDS ?= 60
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo test lint fmus master libclang portable valgrind fuzz clean
+.PHONY: demo test lint fmus master libclang bench portable valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -58,6 +58,10 @@ valgrind: fmus
 	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
 	$(RUN) -m pytest -m valgrind
 
+## bench: what the FMUs and the native master cost, as a table and plots in target/bench
+bench: fmus master $(VENV)/.bench
+	$(RUN) bench/run.py
+
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
 fuzz: fmus
 	FUZZ_SECONDS=$(SECONDS) cargo test --locked --profile fuzz --package exporter fuzz -- --nocapture
@@ -65,6 +69,10 @@ fuzz: fmus
 		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
 
 $(VENV)/.portable: tests/requirements-portable.txt $(VENV)/.installed
+	$(INSTALL) --requirement $<
+	touch $@
+
+$(VENV)/.bench: bench/requirements.txt $(VENV)/.installed
 	$(INSTALL) --requirement $<
 	touch $@
 

@@ -1,5 +1,5 @@
-//! What a step costs: called in process, through the C interface of the FMU, and in a coupled loop.
-//! `bench/run.py` runs this and others, and prints the table of the README. Needs the FMUs:
+//! What a step costs in process, and in a coupled loop by the native master. `bench/run.py` compares
+//! it with the C interface and others, and prints the table of the README. Needs the FMUs:
 //! `cargo fmu export`.
 
 use std::hint::black_box;
@@ -11,10 +11,6 @@ use control::{IpidRbf, Pid, PidRbf, Rbf};
 use cosim::{Component, Connection, Description, Fmu, Order, Plan, Value};
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
-use fmi::fmi2::import::Fmi2Import;
-use fmi::fmi2::instance::{CoSimulation, Common, InstanceCS};
-use fmi::schema::fmi2::ScalarVariable;
-use fmi::traits::FmiImport;
 
 const TS: f64 = 0.001;
 const STEPS: f64 = 20_000.0;
@@ -77,63 +73,15 @@ fn fmu_file(model: &str) -> PathBuf {
         .join(format!("{model}.fmu"))
 }
 
-/// An FMU as a host steps it: inputs are set, a step is taken, an output is read.
-struct Slave {
-    instance: InstanceCS,
-    inputs: Vec<u32>,
-    output: [u32; 1],
-    steps: f64,
-}
-
-impl Slave {
-    fn new(model: &str, inputs: &[&str], output: &str) -> Self {
-        let import: Fmi2Import =
-            fmi::import::from_path(fmu_file(model)).expect("`cargo fmu export` writes the FMUs");
-        let variables = &import.model_description().model_variables.variables;
-        let reference = |name: &str| {
-            let found = variables.iter().find(|v: &&ScalarVariable| v.name == name);
-            found.unwrap().value_reference
-        };
-        let mut instance = import.instantiate_cs("bench", false, false).unwrap();
-        instance.setup_experiment(None, 0.0, None).unwrap();
-        instance.enter_initialization_mode().unwrap();
-        instance.exit_initialization_mode().unwrap();
-        Self {
-            inputs: inputs.iter().map(|name| reference(name)).collect(),
-            output: [reference(output)],
-            steps: 0.0,
-            instance,
-        }
-    }
-
-    fn cycle(&mut self, inputs: &[f64]) -> f64 {
-        let mut output = [0.0];
-        self.instance.set_real(&self.inputs, inputs).unwrap();
-        self.instance.do_step(self.steps * TS, TS, true).unwrap();
-        self.instance.get_real(&self.output, &mut output).unwrap();
-        self.steps += 1.0;
-        output[0]
-    }
-}
-
 type Group<'a> = BenchmarkGroup<'a, WallTime>;
 
-fn through_c(group: &mut Group<'_>, model: &str, inputs: usize) {
-    let mut slave = Slave::new(model, &["r", "y", "d", "u_supervisor"][..inputs], "u");
-    let mut y = Signal::new(0.99);
-    group.bench_function("C interface", |b| {
-        b.iter(|| slave.cycle(&[1.0, y.next(), 0.0, 10.0][..inputs]));
-    });
-}
-
-/// Each controller and the plant, in process and through the C interface.
+/// Each controller and the plant, called in process.
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("Pid");
     let (mut c, mut y) = (pid(Integral::Sum), Signal::new(0.99));
     group.bench_function("in process", |b| {
         b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
     });
-    through_c(&mut group, "Pid", 3);
     group.finish();
 
     let mut group = criterion.benchmark_group("PidRbf");
@@ -141,7 +89,6 @@ fn steps(criterion: &mut Criterion) {
     group.bench_function("in process", |b| {
         b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
     });
-    through_c(&mut group, "PidRbf", 3);
     group.finish();
 
     let mut group = criterion.benchmark_group("IpidRbf");
@@ -154,7 +101,6 @@ fn steps(criterion: &mut Criterion) {
     group.bench_function("in process", |b| {
         b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0), black_box(10.0)));
     });
-    through_c(&mut group, "IpidRbf", 4);
     group.finish();
 
     let mut group = criterion.benchmark_group("Pendulum");
@@ -165,14 +111,6 @@ fn steps(criterion: &mut Criterion) {
             let force = balance.force(state.theta);
             plant.advance(&mut state, black_box(force), TS);
             state.theta
-        });
-    });
-    let mut slave = Slave::new("Pendulum", &["u"], "theta");
-    let (mut theta, mut balance) = (0.0, Balance::default());
-    group.bench_function("C interface", |b| {
-        b.iter(|| {
-            theta = slave.cycle(&[balance.force(theta)]);
-            theta
         });
     });
     group.finish();
