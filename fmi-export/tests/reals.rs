@@ -72,6 +72,7 @@ unsafe extern "C" {
     fn fmi2ExitInitializationMode(c: fmi2Component) -> fmi2Status;
     fn fmi2GetReal(c: fmi2Component, r: *const u32, n: usize, v: *mut f64) -> fmi2Status;
     fn fmi2SetReal(c: fmi2Component, r: *const u32, n: usize, v: *const f64) -> fmi2Status;
+    fn fmi2DoStep(c: fmi2Component, time: f64, step: f64, new: i32) -> fmi2Status;
     fn fmi2FreeInstance(c: fmi2Component);
 }
 
@@ -193,4 +194,23 @@ fn a_panic_in_the_way_to_a_value_is_stopped() {
         }
         assert_eq!(slave.get(&[0]), (fmi2Fatal, vec![-7.0]));
     }
+}
+
+#[test]
+fn a_cycle_allocates_nothing() {
+    let slave = Slave::new();
+    let (references, values) = ([0, 1, 2], [1.0, 2.0, 0.5]);
+    let mut last = [0.0];
+    let allocations = allocation_counter::measure(|| {
+        for k in 0..1000 {
+            assert_eq!(slave.set(&references, &values), fmi2OK);
+            // SAFETY: the instance lives, and the arrays have one element.
+            unsafe {
+                let time = f64::from(k) * 0.001;
+                assert_eq!(fmi2DoStep(slave.0, time, 0.001, 1), fmi2OK);
+                assert_eq!(fmi2GetReal(slave.0, &LAST, 1, last.as_mut_ptr()), fmi2OK);
+            }
+        }
+    });
+    assert_eq!(allocations.count_total, 0);
 }
