@@ -46,7 +46,9 @@ fn row(v: &ScalarVariable, items: &Items<'_>) -> Row {
     let declared = value.and_then(|value| value.declared_type.as_deref());
     let item = |value: &str| items.get(&(declared?, value.parse().ok()?)).copied();
     let start = text(value.and_then(|value| value.start.as_ref()));
-    let range = match value.map(|value| (&value.min, &value.max)) {
+    let bound = |bound: Option<&String>| bound.map(|bound| short(bound));
+    let bounds = value.map(|value| (bound(value.min.as_ref()), bound(value.max.as_ref())));
+    let range = match bounds {
         Some((Some(min), Some(max))) => format!("{min} to {max}"),
         Some((Some(min), None)) => format!("from {min}"),
         Some((None, Some(max))) => format!("to {max}"),
@@ -62,4 +64,34 @@ fn row(v: &ScalarVariable, items: &Items<'_>) -> Row {
         range,
         text(v.description.as_ref()),
     ]
+}
+
+/// A number as powers of ten where that is easier to read.
+fn short(number: &str) -> String {
+    match number.parse::<f64>() {
+        Ok(value) if number.len() > 5 && format!("{value:e}").len() < number.len() => {
+            format!("{value:e}")
+        }
+        _ => number.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_rows_of_zeros_become_powers_of_ten() {
+        for (number, expected) in [
+            ("1000000000", "1e9"),
+            ("-1000000000", "-1e9"),
+            ("0.000001", "1e-6"),
+            ("0.001", "0.001"),
+            ("1000", "1000"),
+            ("2147483647", "2147483647"),
+            ("x", "x"),
+        ] {
+            assert_eq!(short(number), expected);
+        }
+    }
 }

@@ -25,11 +25,19 @@ pub fn html(model: &Model<'_>, about: Option<&str>, has_icon: bool, licenses: &[
     } else {
         format!("{name}: {what}")
     };
+    let version = description
+        .version
+        .as_deref()
+        .map_or(String::new(), |version| {
+            format!("<br/>version {}", escape(version))
+        });
     [
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n",
         "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n",
         &format!("<title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n"),
-        &format!("<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}</p>\n</header>\n<main>\n"),
+        &format!(
+            "<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}{version}</p>\n</header>\n<main>\n"
+        ),
         about.unwrap_or_default().trim_end(),
         &use_of(description),
         &variables(description),
@@ -82,7 +90,7 @@ fn default_experiment(experiment: &DefaultExperiment) -> String {
     match known.len() {
         0 => String::new(),
         _ => format!(
-            "<li>The default experiment {}; other steps may be taken.</li>\n",
+            "<li>The default experiment {}.</li>\n",
             known.join(", ")
         ),
     }
@@ -166,7 +174,6 @@ fn identity(model: &ModelDescription, licenses: &[File]) -> String {
     let license: Vec<String> = license.into_iter().chain(links).collect();
     let text = |text: Option<&String>| text.map(|text| escape(text));
     let lines = [
-        ("Version", text(model.version.as_ref())),
         ("GUID", Some(escape(&model.guid))),
         ("Made by", text(model.generation_tool.as_ref())),
         ("Licence", (!license.is_empty()).then(|| license.join(", "))),
@@ -259,11 +266,11 @@ mod tests {
         for text in [
             "<title>A: x &lt; y &amp; &quot;z&quot;</title>",
             "(<code>u</code>) and the outputs (none)",
-            "<li>The default experiment stops at 2 s;",
+            "<li>The default experiment stops at 2 s.</li>",
             "<td>N</td><td>0</td>",
             "<td>Enumeration</td><td></td><td>round</td>",
             "<dt><code>round</code> = 3</dt><dd>a &lt; b</dd>",
-            "<dt>Version</dt><dd>1.2</dd>",
+            "<br/>version 1.2</p>",
             "<dt>GUID</dt><dd>{1}</dd>",
             "<dd>MIT, <a href=\"licenses/LICENSE-A&amp;B\">LICENSE-A&amp;B</a></dd>",
         ] {
