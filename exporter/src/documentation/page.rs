@@ -89,10 +89,7 @@ fn default_experiment(experiment: &DefaultExperiment) -> String {
         .collect();
     match known.len() {
         0 => String::new(),
-        _ => format!(
-            "<li>The default experiment {}.</li>\n",
-            known.join(", ")
-        ),
+        _ => format!("<li>The default experiment {}.</li>\n", known.join(", ")),
     }
 }
 
