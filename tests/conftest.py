@@ -19,9 +19,9 @@ def fmus() -> Path:
     """Export the FMUs from the sources as they are, once; returns the folder that they are in."""
     if shutil.which("cargo") is None:
         pytest.fail("`cargo` is not on the PATH: the FMUs cannot be exported", pytrace=False)
-    export = subprocess.run(
-        ["cargo", "fmu", "export"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    # Where cargo's target folder is elsewhere, so would be what is exported by default.
+    command = ["cargo", "fmu", "export", "--out", str(FMUS)]
+    export = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if export.returncode:
         pytest.fail(f"`cargo fmu export` failed:\n{export.stdout}{export.stderr}", pytrace=False)
     return FMUS

@@ -183,9 +183,10 @@ def test_info_shows_variables_capabilities_and_platforms(fmus: Path) -> None:
         r"^GUID +\{[0-9a-f-]{36}\}$",
         r"^experiment +start 0 s, stop 20 s, step 0.001 s$",
         r"^platforms +linux64$",
+        r"^documents +documentation/index.html model.png$",
         r"^  canHandleVariableCommunicationStepSize +true$",
         r"^  r +input +continuous +Real +rad +0 +set-point",
-        r"^  pid.kp +parameter +tunable +Real +N/rad +300 +0 to 1000000000 +proportional",
+        r"^  pid.kp +parameter +tunable +Real +N/rad +300 +0 to 1e9 +proportional",
         r"^  rbf.target +parameter +fixed +Enumeration +own +1 to 2 ",
     ):
         assert re.search(pattern, text, re.MULTILINE), pattern

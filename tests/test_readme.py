@@ -5,10 +5,12 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 from master import Component, System, simulate
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -97,3 +99,13 @@ def test_a_new_controller_is_one_file_away(own_controller: Path, fmus: Path) -> 
     # With kp e + kd de/dt dominant, e decays as exp(-kp t/kd): 0.0025 after 2 s.
     assert theta[-1] == pytest.approx(1.0, abs=0.05)
     assert np.max(theta) < 1.1
+
+
+def test_a_new_controller_has_a_page_without_a_word_about_it(own_controller: Path) -> None:
+    with zipfile.ZipFile(own_controller) as archive:
+        page = etree.fromstring(archive.read("documentation/index.html"))
+        assert "model.png" not in archive.namelist()
+    assert page.findtext(".//h1") == "Pd"
+    table = page.find(".//table[@id='variables']/tbody")
+    assert table is not None
+    assert [row[0].text for row in table] == ["r", "y", "u", "kp", "kd", "ts"]

@@ -3,15 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use clap::Args;
-use fmu_file::archive::{self, Entry};
+use fmu_file::archive::{self, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
 use crate::build::Build;
+use crate::documentation;
 use crate::library::{self, Library, Model};
 
 /// What to export, and for whom.
@@ -41,6 +43,21 @@ struct Binary {
     bytes: Vec<u8>,
 }
 
+/// The same, compressed.
+struct PackedBinary {
+    platform: Platform,
+    file: Packed,
+}
+
+impl Binary {
+    fn pack(&self) -> Result<PackedBinary> {
+        Ok(PackedBinary {
+            platform: self.platform,
+            file: Packed::program(&self.bytes)?,
+        })
+    }
+}
+
 /// Builds the models and writes their FMUs.
 pub fn export(options: &Options) -> Result<()> {
     let metadata = library::metadata()?;
@@ -68,23 +85,61 @@ pub fn export(options: &Options) -> Result<()> {
     let models = library::describe(&libraries, &metadata)?;
     let chosen = choose(&models, &options.models)?;
     check_prebuilt(&chosen, options, &prebuilt)?;
-    for library in &libraries {
-        let of_library: Vec<_> = chosen
+    let licenses = licenses(&metadata)?;
+    let documents = chosen
+        .iter()
+        .map(|model| documentation::files(model, &licenses))
+        .collect::<Result<Vec<_>>>()?;
+
+    // A binary takes a second to pack: each once, and beside the build of the next.
+    let (built, prebuilt) = thread::scope(|scope| {
+        let prebuilt: Vec<_> = prebuilt
             .iter()
-            .filter(|model| std::ptr::eq(model.library, library))
+            .map(|binary| scope.spawn(|| binary.pack()))
             .collect();
-        if of_library.is_empty() {
-            continue;
-        }
         let mut built = Vec::new();
-        for target in &targets {
-            built.push(build(library, target.as_deref(), &metadata)?);
+        for library in &libraries {
+            if of_library(library, &chosen).next().is_none() {
+                continue;
+            }
+            for target in &targets {
+                let binary = build(library, target.as_deref(), &metadata)?;
+                for model in of_library(library, &chosen) {
+                    check_guid(model, &binary.bytes)?;
+                }
+                built.push((library, scope.spawn(move || binary.pack())));
+            }
         }
-        for model in of_library {
-            write(model, built.iter().chain(&prebuilt), &metadata, &out)?;
-        }
+        let built = built
+            .into_iter()
+            .map(|(library, packing)| Ok((library, join(packing)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
+        anyhow::Ok((built, prebuilt))
+    })?;
+    for (model, documents) in chosen.iter().zip(&documents) {
+        let of_model = built
+            .iter()
+            .filter(|(library, _)| std::ptr::eq(*library, model.library))
+            .map(|(_, binary)| binary);
+        write(model, of_model.chain(&prebuilt), documents, &out)?;
     }
     Ok(())
+}
+
+/// The models that are in a library.
+fn of_library<'a, 'b>(
+    library: &'a Library,
+    models: &'b [&'b Model<'a>],
+) -> impl Iterator<Item = &'b Model<'a>> {
+    let models = models.iter().copied();
+    models.filter(move |model| std::ptr::eq(model.library, library))
+}
+
+fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
+    thread
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// The targets to build for: those asked for, else this machine (`None`), unless its binary is given.
@@ -243,23 +298,26 @@ fn build(library: &Library, target: Option<&str>, metadata: &Metadata) -> Result
 /// Writes the FMU of a model and says so.
 fn write<'a>(
     model: &Model<'_>,
-    binaries: impl Iterator<Item = &'a Binary>,
-    metadata: &Metadata,
+    binaries: impl Iterator<Item = &'a PackedBinary>,
+    documents: &[documentation::File],
     out: &Path,
 ) -> Result<()> {
     let name = model.name();
-    let mut entries = vec![Entry::text("modelDescription.xml", model.xml.as_bytes())];
+    let xml = Packed::text(model.xml.as_bytes())?;
+    let documents = documents
+        .iter()
+        .map(|(path, content)| Ok((path, Packed::text(content)?)))
+        .collect::<Result<Vec<_>>>()?;
+    let mut entries = vec![Entry::new(MODEL_DESCRIPTION, &xml)];
     let mut platforms = Vec::new();
-    for Binary { platform, bytes } in binaries {
-        check_guid(model, bytes)?;
-        entries.push(Entry::program(platform.binary(name), bytes));
+    for PackedBinary { platform, file } in binaries {
+        entries.push(Entry::new(platform.binary(name), file));
         platforms.push(platform.folder);
     }
-    let licenses = licenses(metadata)?;
     entries.extend(
-        licenses
+        documents
             .iter()
-            .map(|(name, text)| Entry::text(format!("documentation/licenses/{name}"), text)),
+            .map(|(path, file)| Entry::new(path.as_str(), file)),
     );
     let file = out.join(format!("{name}.fmu"));
     let size = archive::write(&file, &entries)?;
@@ -280,14 +338,14 @@ fn relative(file: &Path) -> &Path {
         .unwrap_or(file)
 }
 
-/// The licence files at the top of the workspace, by name.
-fn licenses(metadata: &Metadata) -> Result<Vec<(String, Vec<u8>)>> {
+/// The licence files at the top of the workspace, by their paths in the documentation.
+fn licenses(metadata: &Metadata) -> Result<Vec<documentation::File>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(&metadata.workspace_root)? {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
         if name.starts_with("LICENSE") && entry.file_type()?.is_file() {
-            found.push((name, fs::read(entry.path())?));
+            found.push((format!("licenses/{name}"), fs::read(entry.path())?));
         }
     }
     found.sort();

@@ -1,6 +1,6 @@
 //! `cargo fmu info`: what is in an FMU.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -8,7 +8,10 @@ use anyhow::{Context, Result, anyhow};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::text::plain;
 use fmu_file::xml;
-use model_description::schema::{ModelDescription, ScalarVariable, TypeDefinitions};
+use model_description::schema::ModelDescription;
+
+use crate::documentation::{ICON, PAGE};
+use crate::table;
 
 /// No cell is wider than this.
 const WIDEST: usize = 200;
@@ -59,6 +62,10 @@ fn header(model: &ModelDescription, archive: &Archive, out: &mut impl Write) -> 
         .filter_map(|file| file.strip_prefix("binaries/")?.split('/').next())
         .collect();
     let platforms: Vec<&str> = platforms.into_iter().collect();
+    let documents: Vec<&str> = [PAGE, ICON]
+        .into_iter()
+        .filter(|file| archive.names.iter().any(|name| name == file))
+        .collect();
     let lines = [
         ("model", Some(model.model_name.clone())),
         ("description", model.description.clone()),
@@ -69,6 +76,10 @@ fn header(model: &ModelDescription, archive: &Archive, out: &mut impl Write) -> 
         ("made by", model.generation_tool.clone()),
         ("experiment", experiment),
         ("platforms", Some(platforms.join(" "))),
+        (
+            "documents",
+            (!documents.is_empty()).then(|| documents.join(" ")),
+        ),
         ("size", Some(format!("{} KB", archive.size.div_ceil(1000)))),
     ];
     for (name, value) in lines {
@@ -94,27 +105,19 @@ fn capabilities(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
 }
 
 fn variables(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
-    const HEAD: [&str; 8] = [
-        "variable",
-        "causality",
-        "variability",
-        "type",
-        "unit",
-        "start",
-        "range",
-        "description",
-    ];
-    let mut rows = vec![HEAD.map(str::to_owned)];
-    let variables = &model.model_variables.variables;
-    let items = items(model.type_definitions.as_ref());
-    rows.extend(variables.iter().map(|v| row(v, &items)));
-    let mut widths = [0; HEAD.len()];
+    let cells = |row: table::Row| row.map(|cell| plain(&cell, WIDEST));
+    let head = table::HEAD.map(str::to_owned);
+    let rows: Vec<_> = [head]
+        .into_iter()
+        .chain(table::rows(model).map(cells))
+        .collect();
+    let mut widths = [0; table::HEAD.len()];
     for row in &rows {
         for (width, cell) in widths.iter_mut().zip(row) {
             *width = (*width).max(cell.chars().count());
         }
     }
-    writeln!(out, "\n{} variables", variables.len())?;
+    writeln!(out, "\n{} variables", rows.len() - 1)?;
     for row in &rows {
         let line: String = row
             .iter()
@@ -124,43 +127,4 @@ fn variables(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
         writeln!(out, "{}", line.trim_end())?;
     }
     Ok(())
-}
-
-/// Names of the items of enumerations, by the names of the types and the values of the items.
-type Items<'a> = HashMap<(&'a str, i32), &'a str>;
-
-fn items(types: Option<&TypeDefinitions>) -> Items<'_> {
-    let types = types.into_iter().flat_map(|types| &types.types);
-    let items = types.flat_map(|defined| {
-        let items = defined.enumeration.iter().flat_map(|e| &e.items);
-        items.map(|item| ((defined.name.as_str(), item.value), item.name.as_str()))
-    });
-    items.collect()
-}
-
-fn row(v: &ScalarVariable, items: &Items<'_>) -> [String; 8] {
-    let (kind, value) = v
-        .value()
-        .map_or(("", None), |(kind, value)| (kind, Some(value)));
-    let text = |text: Option<&String>| text.cloned().unwrap_or_default();
-    let declared = value.and_then(|value| value.declared_type.as_deref());
-    let item = |value: &str| items.get(&(declared?, value.parse().ok()?)).copied();
-    let start = text(value.and_then(|value| value.start.as_ref()));
-    let range = match value.map(|value| (&value.min, &value.max)) {
-        Some((Some(min), Some(max))) => format!("{min} to {max}"),
-        Some((Some(min), None)) => format!("from {min}"),
-        Some((None, Some(max))) => format!("to {max}"),
-        _ => String::new(),
-    };
-    [
-        v.name.clone(),
-        text(v.causality.as_ref()),
-        text(v.variability.as_ref()),
-        kind.to_owned(),
-        text(value.and_then(|value| value.unit.as_ref())),
-        item(&start).map_or(start.clone(), str::to_owned),
-        range,
-        text(v.description.as_ref()),
-    ]
-    .map(|cell| plain(&cell, WIDEST))
 }

@@ -1,6 +1,7 @@
 //! The libraries of a workspace that are made for export, and the models in them.
 
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
@@ -18,7 +19,10 @@ pub struct Library {
     pub package: String,
     /// Name of its library target.
     pub target: String,
-    describe: String,
+    /// Folder of the package.
+    pub folder: PathBuf,
+    /// Name of the program that describes its models.
+    pub describe: String,
 }
 
 /// A model, described.
@@ -70,6 +74,7 @@ fn library(package: &Package) -> Option<Library> {
     Some(Library {
         package: package.name.to_string(),
         target: target.name.clone(),
+        folder: package.manifest_path.parent()?.into(),
         describe: describe.name.clone(),
     })
 }

@@ -3,12 +3,14 @@
 
 mod build;
 mod completions;
+mod documentation;
 mod export;
 #[cfg(test)]
 mod fuzz;
 mod info;
 mod library;
 mod master;
+mod table;
 mod validate;
 
 use std::ffi::OsString;

@@ -1,41 +1,33 @@
 //! FMU files: zip archives, written the same for the same content, and read with care.
 
+mod packed;
 mod read;
 
 use std::io::{Cursor, Write};
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, DateTime, ZipWriter};
+use anyhow::{Context, Result, bail};
+use zip::ZipWriter;
 
 use crate::replace::Replacement;
 
+pub use packed::Packed;
 pub use read::{Archive, MODEL_DESCRIPTION};
 
 /// A file in an archive.
 pub struct Entry<'a> {
-    path: String,
-    content: &'a [u8],
-    mode: u32,
+    /// Its path in the archive.
+    pub path: String,
+    /// Its content.
+    pub file: &'a Packed,
 }
 
 impl<'a> Entry<'a> {
-    /// A file to be read.
-    pub fn text(path: impl Into<String>, content: &'a [u8]) -> Self {
+    /// A file at a path.
+    pub fn new(path: impl Into<String>, file: &'a Packed) -> Self {
         Self {
             path: path.into(),
-            content,
-            mode: 0o644,
-        }
-    }
-
-    /// A file to be loaded or run.
-    pub fn program(path: impl Into<String>, content: &'a [u8]) -> Self {
-        Self {
-            path: path.into(),
-            content,
-            mode: 0o755,
+            file,
         }
     }
 }
@@ -53,18 +45,14 @@ pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
     Ok(bytes.len() as u64)
 }
 
-/// Packs the entries in their order. Time stamps are those of an empty clock, so the same entries
-/// give the same bytes.
+/// Puts the entries together in their order.
 fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
-    for entry in entries {
-        let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .compression_level(Some(9))
-            .last_modified_time(DateTime::default())
-            .unix_permissions(entry.mode);
-        writer.start_file(entry.path.as_str(), options)?;
-        writer.write_all(entry.content)?;
+    for Entry { path, file } in entries {
+        if let Some(fault) = read::bad_name(path) {
+            bail!(fault);
+        }
+        file.copy(path, &mut writer)?;
     }
     Ok(writer.finish()?.into_inner())
 }
@@ -73,10 +61,15 @@ fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
 mod tests {
     use super::*;
 
-    fn entries() -> [Entry<'static>; 2] {
+    fn files() -> [Packed; 2] {
+        let (text, program) = (Packed::text(b"<a/>"), Packed::program(b"\x7fELF"));
+        [text.unwrap(), program.unwrap()]
+    }
+
+    fn entries([text, program]: &[Packed; 2]) -> [Entry<'_>; 2] {
         [
-            Entry::text("modelDescription.xml", b"<a/>"),
-            Entry::program("binaries/linux64/A.so", b"\x7fELF"),
+            Entry::new("modelDescription.xml", text),
+            Entry::new("binaries/linux64/A.so", program),
         ]
     }
 
@@ -84,7 +77,7 @@ mod tests {
     fn what_is_written_is_read_back_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("A.fmu");
-        let size = write(&file, &entries()).unwrap();
+        let size = write(&file, &entries(&files())).unwrap();
         let mut archive = Archive::open_sound(&file).unwrap();
         assert_eq!(archive.model_description().unwrap(), "<a/>");
         assert_eq!(
@@ -96,7 +89,26 @@ mod tests {
 
     #[test]
     fn the_same_content_gives_the_same_bytes() {
-        assert_eq!(zip(&entries()).unwrap(), zip(&entries()).unwrap());
+        assert_eq!(
+            zip(&entries(&files())).unwrap(),
+            zip(&entries(&files())).unwrap()
+        );
+    }
+
+    #[test]
+    fn modes_are_kept_under_every_name() {
+        let bytes = zip(&entries(&files())).unwrap();
+        let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
+        let mut mode = |index| archive.by_index(index).unwrap().unix_mode();
+        assert_eq!(mode(0), Some(0o100_644));
+        assert_eq!(mode(1), Some(0o100_755));
+    }
+
+    #[test]
+    fn a_name_that_no_importer_would_take_is_refused() {
+        let [text, _] = files();
+        let error = zip(&[Entry::new("../a", &text)]).unwrap_err();
+        assert!(error.to_string().contains("\"../a\""), "{error}");
     }
 
     #[test]
@@ -104,13 +116,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let taken = folder.path().join("A.fmu");
         std::fs::create_dir(&taken).unwrap();
-        assert!(write(&taken, &entries()).is_err());
+        assert!(write(&taken, &entries(&files())).is_err());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
     fn every_damaged_archive_is_refused_or_read() {
-        let sound = zip(&entries()).unwrap();
+        let sound = zip(&entries(&files())).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("A.fmu");
         for cut in 0..sound.len() {

@@ -220,7 +220,7 @@ fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) ->
 
 /// What is wrong with the name of a file: it must stay below the folder that it is unpacked to, on
 /// every system.
-fn bad_name(name: &str) -> Option<String> {
+pub(super) fn bad_name(name: &str) -> Option<String> {
     let first = name.split('/').next().unwrap_or_default();
     let what = if name.contains('\\') {
         "has a backslash, expected forward slashes"

@@ -1,0 +1,200 @@
+//! What a package says of a model, in `documentation/<MODEL>/`.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+
+use super::File;
+
+/// A fragment of HTML, the middle of the page. `<!-- include FILE -->` stands for the text of a file
+/// beside it.
+const ABOUT: &str = "about.html";
+/// The model's icon.
+const ICON: &str = "icon.png";
+/// What the export itself writes beside the other files.
+const TAKEN: [&str; 2] = ["index.html", "licenses"];
+
+const INCLUDE: &str = "<!-- include ";
+const INCLUDE_END: &str = " -->";
+const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// The files of a model; nothing without its folder.
+#[derive(Default)]
+pub struct Folder {
+    /// The middle of the page.
+    pub about: Option<String>,
+    /// The icon.
+    pub icon: Option<Vec<u8>>,
+    /// All other files, by their paths in the folder.
+    pub others: Vec<File>,
+}
+
+impl Folder {
+    /// Reads the folder, if it is there.
+    ///
+    /// # Errors
+    /// A file in it cannot be used.
+    pub fn read(path: &Path) -> Result<Self> {
+        let mut folder = Self::default();
+        if fs::symlink_metadata(path).is_err() {
+            return Ok(folder);
+        }
+        read(path, "", &mut folder.others)?;
+        folder.others.sort();
+        let about = folder.take(ABOUT);
+        folder.icon = folder.take(ICON);
+        folder.about = about
+            .map(|about| text(ABOUT, about).and_then(|about| folder.include(&about)))
+            .transpose()
+            .with_context(|| path.display().to_string())?;
+        if let Some(icon) = &folder.icon {
+            ensure!(
+                icon.starts_with(PNG),
+                "{} is not a PNG image, expected one",
+                path.join(ICON).display()
+            );
+        }
+        Ok(folder)
+    }
+
+    fn take(&mut self, name: &str) -> Option<Vec<u8>> {
+        let index = self.others.iter().position(|(other, _)| other == name)?;
+        Some(self.others.remove(index).1)
+    }
+
+    /// Puts files into a text at the places that name them. They are then not files of their own.
+    fn include(&mut self, about: &str) -> Result<String> {
+        let mut parts = about.split(INCLUDE);
+        let mut whole = parts.next().unwrap_or_default().to_owned();
+        for part in parts {
+            let (name, rest) = part.split_once(INCLUDE_END).with_context(|| {
+                format!("{ABOUT}: {INCLUDE:?} without {INCLUDE_END:?} after it")
+            })?;
+            let content = self.take(name).with_context(|| {
+                format!("{ABOUT}: {name:?} is included, expected this file beside it, named once")
+            })?;
+            whole += text(name, content)?.trim_end();
+            whole += rest;
+        }
+        Ok(whole)
+    }
+}
+
+fn text(name: &str, content: Vec<u8>) -> Result<String> {
+    String::from_utf8(content).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        anyhow::anyhow!("{name} is not UTF-8 from byte {at} on")
+    })
+}
+
+/// Reads all files below a folder but hidden ones; their names begin with `prefix`.
+fn read(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
+    let cannot = || format!("cannot read {}", folder.display());
+    for entry in fs::read_dir(folder).with_context(cannot)? {
+        let entry = entry.with_context(cannot)?;
+        let path = entry.path();
+        let Ok(name) = entry.file_name().into_string() else {
+            bail!("the file name {} is not UTF-8", path.display());
+        };
+        if name.starts_with('.') {
+            continue;
+        }
+        ensure!(
+            !prefix.is_empty() || !TAKEN.contains(&name.to_lowercase().as_str()),
+            "{} has a name that the export itself writes, expected another",
+            path.display()
+        );
+        let kind = entry.file_type().with_context(cannot)?;
+        if kind.is_dir() {
+            read(&path, &format!("{prefix}{name}/"), files)?;
+        } else if kind.is_file() {
+            let content =
+                fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            files.push((format!("{prefix}{name}"), content));
+        } else {
+            // A link could bring any file of this machine into the FMU.
+            bail!(
+                "{} is a symbolic link or a device, expected a file",
+                path.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(files: &[(&str, &[u8])]) -> Result<Folder> {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, content) in files {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, content).unwrap();
+        }
+        Folder::read(folder.path())
+    }
+
+    fn refusal(files: &[(&str, &[u8])]) -> String {
+        format!("{:#}", read(files).err().unwrap())
+    }
+
+    #[test]
+    fn a_model_may_have_no_folder() {
+        let folder = Folder::read(Path::new("nowhere")).unwrap();
+        assert!(folder.about.is_none() && folder.icon.is_none() && folder.others.is_empty());
+    }
+
+    #[test]
+    fn files_are_sorted_by_what_they_are() {
+        let folder = read(&[
+            ("b.svg", b"b"),
+            ("a/c.svg", b"c"),
+            (".hidden", b""),
+            ("icon.png", PNG),
+            ("about.html", b"<p>"),
+        ])
+        .unwrap();
+        assert_eq!(folder.about.as_deref(), Some("<p>"));
+        assert_eq!(folder.icon.as_deref(), Some(PNG));
+        let expected = [("a/c.svg", b"c"), ("b.svg", b"b")];
+        assert_eq!(
+            folder.others,
+            expected.map(|(name, content)| (name.to_owned(), content.to_vec()))
+        );
+    }
+
+    #[test]
+    fn an_included_file_becomes_part_of_the_page() {
+        let about = b"1 <!-- include a.svg --> 2 <!-- include b.svg --> 3 <!-- a comment -->";
+        let folder = read(&[("about.html", about), ("a.svg", b"A\n"), ("b.svg", b"B")]).unwrap();
+        assert_eq!(
+            folder.about.as_deref(),
+            Some("1 A 2 B 3 <!-- a comment -->")
+        );
+        assert!(folder.others.is_empty());
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named() {
+        let about = |text| refusal(&[("about.html", text)]);
+        assert!(about(b"ab\xff").ends_with("about.html is not UTF-8 from byte 2 on"));
+        assert!(about(b"<!-- include a.svg -->").contains("\"a.svg\""));
+        assert!(about(b"<!-- include ../a -->").contains("\"../a\""));
+        assert!(about(b"<!-- include a").contains("without \" -->\""));
+        assert!(refusal(&[("icon.png", b"GIF89a")]).contains("icon.png is not a PNG"));
+        assert!(refusal(&[("Index.html", b"")]).contains("Index.html has a name"));
+        assert!(refusal(&[("licenses/a", b"")]).contains("licenses has a name"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_symbolic_link_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", folder.path().join("a.svg")).unwrap();
+        let error = Folder::read(folder.path()).err().unwrap().to_string();
+        assert!(error.contains("a.svg is a symbolic link"), "{error}");
+    }
+}

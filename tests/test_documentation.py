@@ -1,0 +1,194 @@
+"""What every FMU says of itself: a page that needs nothing but a browser, licences, an icon."""
+
+import re
+import struct
+import zipfile
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+
+import fmpy
+import pytest
+from lxml import etree, html
+
+MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
+PAGE = "documentation/index.html"
+SIZE_OF_DOCUMENTATION = 9_000
+"""Of page and icon, compressed; the licences come on top."""
+
+each_model = pytest.mark.parametrize("model", MODELS)
+
+
+def content(fmus: Path, model: str, name: str) -> bytes:
+    """Return a file of an FMU."""
+    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
+        return archive.read(name)
+
+
+def names(fmus: Path, model: str) -> list[str]:
+    """Return the paths of an FMU's files."""
+    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
+        return archive.namelist()
+
+
+@pytest.fixture
+def page(fmus: Path, model: str) -> etree._Element:
+    """Return the page of a model, which is well-formed XML too: MathML and SVG with it."""
+    return etree.fromstring(content(fmus, model, PAGE))
+
+
+def plain_name(element: etree._Element) -> str:
+    """Return an element's name without its namespace."""
+    return etree.QName(element).localname
+
+
+def texts(element: etree._Element, path: str) -> list[str]:
+    """Return the texts of the elements of a path."""
+    return ["".join(found.itertext()).strip() for found in element.iterfind(path)]
+
+
+@each_model
+def test_page_licences_and_icon_are_there(fmus, model):
+    files = names(fmus, model)
+    assert PAGE in files
+    assert {"documentation/licenses/LICENSE-MIT", "documentation/licenses/LICENSE-APACHE"} <= {
+        *files
+    }
+    assert "model.png" in files
+    # All else that the folder of the model has is part of the page.
+    beside = [f for f in files if f.startswith("documentation/") and "/licenses/" not in f]
+    assert beside == [PAGE]
+
+
+@each_model
+def test_documentation_is_small(fmus, model):
+    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
+        sizes = [archive.getinfo(name).compress_size for name in (PAGE, "model.png")]
+    assert sum(sizes) <= SIZE_OF_DOCUMENTATION
+
+
+def test_every_model_has_an_icon_of_its_own(fmus):
+    icons = [content(fmus, model, "model.png") for model in MODELS]
+    assert len(set(icons)) == len(MODELS)
+    for icon in icons:
+        assert icon.startswith(b"\x89PNG\r\n\x1a\n")
+        assert struct.unpack(">II", icon[16:24]) == (256, 256)
+        assert b"tRNS" in icon, "the background is transparent"
+        assert len(icon) < 4_000
+
+
+@each_model
+def test_html_and_xml_agree_on_the_page(fmus, model, page):
+    # What closes itself in XML, but not in HTML, would swallow what follows.
+    as_html = html.document_fromstring(content(fmus, model, PAGE).decode())
+    assert [e.tag for e in as_html.iter("h1", "h2", "h3", "p", "li", "td", "th")] == [
+        e.tag for e in page.iter("h1", "h2", "h3", "p", "li", "td", "th")
+    ]
+    assert texts(as_html, ".//td") == texts(page, ".//td")
+
+
+@each_model
+def test_page_needs_no_network_and_no_script(page, fmus, model):
+    for element in page.iter(etree.Element):
+        assert plain_name(element) not in {"script", "iframe", "object", "embed", "link", "base"}
+        for attribute, value in element.attrib.items():
+            assert not attribute.startswith("on"), f"{attribute}={value}"
+            if attribute in {"src", "href", "data", "srcset"}:
+                assert "://" not in value, value
+    assert b"@import" not in content(fmus, model, PAGE)
+
+
+@each_model
+def test_links_lead_to_files_of_the_fmu(page, fmus, model):
+    files = names(fmus, model)
+    identifiers = [e.get("id") for e in page.iter(etree.Element) if e.get("id")]
+    assert len(identifiers) == len(set(identifiers))
+    links = [e.get("href") or e.get("src") for e in page.iter("a", "img")]
+    assert "licenses/LICENSE-MIT" in links
+    for link in links:
+        if link.startswith("#"):
+            assert link[1:] in identifiers
+        else:
+            path = PurePosixPath("documentation") / link
+            assert str(path).replace("documentation/../", "") in files, link
+    used = re.findall(r"url\(#([^)]+)\)", etree.tostring(page, encoding="unicode"))
+    assert {*used} <= {*identifiers}
+
+
+def rows(page: etree._Element) -> dict[str, list[str]]:
+    """Return the cells of the table of variables, by name."""
+    body = page.find(".//table[@id='variables']/tbody")
+    assert body is not None
+    return {row[0].text: ["".join(cell.itertext()) for cell in row[1:]] for row in body}
+
+
+@each_model
+def test_table_has_every_variable_as_the_xml_has_it(page, fmus, model):
+    table = rows(page)
+    variables = fmpy.read_model_description(fmus / f"{model}.fmu").modelVariables
+    assert list(table) == [v.name for v in variables]
+    for variable in variables:
+        causality, variability, kind, unit, start, bounds, about = table[variable.name]
+        assert causality == variable.causality
+        assert variability == variable.variability
+        assert kind == variable.type
+        assert unit == (variable.unit or "")
+        assert about == variable.description
+        if kind == "Enumeration":
+            (item,) = [i for i in variable.declaredType.items if i.value == variable.start]
+            assert start == item.name
+        else:
+            assert start == (variable.start or "")
+        if variable.min is not None and variable.max is not None:
+            expected = [float(variable.min), float(variable.max)]
+            assert [float(bound) for bound in bounds.split(" to ")] == expected
+
+
+@each_model
+def test_page_says_which_fmu_it_is(page, fmus, model):
+    description = fmpy.read_model_description(fmus / f"{model}.fmu")
+    text = "".join(page.itertext())
+    assert texts(page, ".//h1") == [model]
+    for expected in (description.description, description.guid, description.version):
+        assert expected in text
+
+
+@each_model
+def test_page_tells_what_the_reader_looks_for(page, model):
+    headings = texts(page, ".//h2")
+    for heading in ("What it is", "Equations", "Result", "Coupling", "Limits", "Variables"):
+        assert headings.count(heading) == 1
+    assert len(page.findall(".//math")) >= 4
+    assert len(page.findall(".//figure")) == 2
+
+
+@each_model
+def test_page_can_be_read_by_those_who_do_not_see_it(page, model):
+    assert page.get("lang") == "en"
+    assert page.find("head/title").text
+    levels = [int(e.tag[1]) for e in page.iter("h1", "h2", "h3", "h4")]
+    assert levels[0] == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+    pictures = [e for e in page.iter(etree.Element) if plain_name(e) == "svg"]
+    assert len(pictures) == 2
+    for picture in pictures:
+        assert picture.get("role") == "img"
+        assert len(picture.get("aria-label")) > 40
+    assert all("alt" in image.attrib for image in page.iter("img"))
+    assert all(cell.get("scope") in {"col", "row"} for cell in page.iter("th"))
+
+
+@each_model
+def test_text_has_no_forbidden_character(fmus, model):
+    text = content(fmus, model, PAGE).decode()
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffd\ufffe\uffff]", text)
+    assert "<!-- include" not in text
+
+
+@each_model
+def test_names_in_the_text_are_variables_or_models(page, fmus, model):
+    known = {v.name for name in MODELS
+             for v in fmpy.read_model_description(fmus / f"{name}.fmu").modelVariables}  # fmt: skip
+    known |= {name.split("[")[0] for name in known}
+    known |= {*MODELS, f"{model}.fmu", "own", "supervisor", "step", "sine", "square",
+              "linear", "nonlinear", "transfer_function"}  # fmt: skip
+    assert {*texts(page, ".//code")} <= known
