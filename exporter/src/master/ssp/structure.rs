@@ -12,6 +12,26 @@ use super::xml::Element;
 /// One name for all sets of start values: tools choose by the name, for all components at once.
 const PARAMETER_SET: &str = "initialValues";
 
+/// All at the root, where every tool bears them.
+const NAMESPACES: [(&str, &str); 4] = [
+    (
+        "xmlns:ssc",
+        "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    ),
+    (
+        "xmlns:ssd",
+        "http://ssp-standard.org/SSP1/SystemStructureDescription",
+    ),
+    (
+        "xmlns:ssv",
+        "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
+    ),
+    (
+        "xmlns:osp",
+        "http://opensimulationplatform.com/SSP/OSPAnnotations",
+    ),
+];
+
 const BASE_UNIT: [&str; 10] = [
     "kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset",
 ];
@@ -41,19 +61,10 @@ pub fn document(
         .listing("ssd:Elements", components)
         .listing("ssd:Connections", connections(&links, &faces, &layout))
         .holding(area("ssd:SystemGeometry", layout.extent));
-    Element::new("ssd:SystemStructureDescription")
-        .with(
-            "xmlns:ssc",
-            "http://ssp-standard.org/SSP1/SystemStructureCommon",
-        )
-        .with(
-            "xmlns:ssd",
-            "http://ssp-standard.org/SSP1/SystemStructureDescription",
-        )
-        .with(
-            "xmlns:ssv",
-            "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
-        )
+    let root = Element::new("ssd:SystemStructureDescription");
+    NAMESPACES
+        .into_iter()
+        .fold(root, |root, (name, uri)| root.with(name, uri))
         .with("version", "1.0")
         .with("name", name)
         // The standard has no place for the step.
@@ -267,12 +278,7 @@ fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element {
 /// The times, and the step where libcosim looks for it.
 fn experiment(description: &Description) -> Element {
     let step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(description.step));
-    let algorithm = Element::new("osp:Algorithm")
-        .with(
-            "xmlns:osp",
-            "http://opensimulationplatform.com/SSP/OSPAnnotations",
-        )
-        .holding(step);
+    let algorithm = Element::new("osp:Algorithm").holding(step);
     let annotation = Element::new("ssc:Annotation")
         .with("type", "com.opensimulationplatform")
         .holding(algorithm);
