@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import table1
 from master import FMUS, Component
+from sweeps import PROGRAM
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -24,6 +25,14 @@ def fmus() -> Path:
     if export.returncode:
         pytest.fail(f"`cargo fmu export` failed:\n{export.stdout}{export.stderr}", pytrace=False)
     return FMUS
+
+
+@pytest.fixture(scope="session")
+def program(fmus: Path) -> Path:
+    """Return the program with the native master; the FMUs are where its examples look for them."""
+    if not PROGRAM.exists():
+        pytest.fail(f"{PROGRAM} is missing: run `make master`", pytrace=False)
+    return PROGRAM
 
 
 @pytest.fixture

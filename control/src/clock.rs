@@ -15,11 +15,12 @@ pub const MOST_SAMPLES: f64 = 1e8;
 /// assert_eq!(clock.due(0.001, 0.0005), Ok(1));  // the instant 0.001
 /// assert_eq!(clock.due(0.0015, 0.0005), Ok(0)); // 0.002 belongs to the next step
 /// ```
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SampleClock {
     start: f64,
-    ts: f64,
+    /// Sample instants per second. Times are multiplied by it, as a division costs more.
+    rate: f64,
     /// Index of the next instant, once a step was taken: a whole number, exact up to 2^53.
     next: Option<f64>,
 }
@@ -43,12 +44,19 @@ impl core::fmt::Display for TooManySamples {
 
 impl core::error::Error for TooManySamples {}
 
+/// A clock that was not set: every step holds too many samples.
+impl Default for SampleClock {
+    fn default() -> Self {
+        Self::new(0.0, 0.0)
+    }
+}
+
 impl SampleClock {
     /// A clock whose first instant is `start` (s) and whose sample time is `ts` (s), positive.
     pub fn new(start: f64, ts: f64) -> Self {
         Self {
             start,
-            ts,
+            rate: 1.0 / ts,
             next: None,
         }
     }
@@ -58,19 +66,27 @@ impl SampleClock {
     /// # Errors
     /// [`TooManySamples`] when there are more than can be computed in reasonable time; the clock is
     /// then unchanged.
+    #[inline]
     pub fn due(&mut self, time: f64, step: f64) -> Result<u32, TooManySamples> {
+        let end = self.samples_to(time + step);
+        match self.next {
+            // The most frequent case, without the cost of rounding.
+            Some(next) if next < end && end <= next + 1.0 => {
+                self.next = Some(next + 1.0);
+                Ok(1)
+            }
+            _ => self.count(time, end),
+        }
+    }
+
+    /// As [`due`](Self::due), of any number of instants.
+    #[inline(never)]
+    fn count(&mut self, time: f64, end: f64) -> Result<u32, TooManySamples> {
         let next = match self.next {
             Some(next) => next,
             None => libm::ceil(self.samples_to(time)).max(0.0),
         };
-        let end = self.samples_to(time + step);
-        let samples = if end <= next {
-            0.0
-        } else if end <= next + 1.0 {
-            1.0 // the most frequent case, without the cost of rounding
-        } else {
-            libm::ceil(end - next)
-        };
+        let samples = libm::ceil(end - next).max(0.0);
         if samples > MOST_SAMPLES {
             return Err(TooManySamples { samples });
         }
@@ -80,8 +96,9 @@ impl SampleClock {
 
     /// The time from the start in sample times, less the tolerance: rounded up, it is the number of
     /// instants before `time`.
+    #[inline]
     fn samples_to(&self, time: f64) -> f64 {
-        (time - self.start) / self.ts - TOLERANCE
+        (time - self.start) * self.rate - TOLERANCE
     }
 }
 
@@ -140,6 +157,11 @@ mod tests {
     fn a_first_step_after_the_start_takes_only_its_own_instants() {
         let mut clock = SampleClock::new(0.0, 0.001);
         assert_eq!(clock.due(0.5, 0.001), Ok(1));
+    }
+
+    #[test]
+    fn a_clock_that_was_not_set_is_not_silent() {
+        assert!(SampleClock::default().due(0.0, 0.001).is_err());
     }
 
     #[test]

@@ -27,13 +27,15 @@ pub struct PidRbf<const N: usize> {
 impl<const N: usize> PidRbf<N> {
     /// Takes one sample (set-point `r`, measured angle `y`, its disturbance `d`, in rad) and returns
     /// the force u (N).
+    #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
         self.act(r, y, d);
-        self.network.learn(self.u);
+        self.network.descend(self.u_n - self.u);
         self.u
     }
 
     /// The control law (15) without learning.
+    #[inline(always)]
     fn act(&mut self, r: f64, y: f64, d: f64) {
         let u_p = self.pid.feedback(r, y, d);
         self.network.activate(r);
@@ -85,12 +87,35 @@ impl<const N: usize> Default for IpidRbf<N> {
 impl<const N: usize> IpidRbf<N> {
     /// Takes one sample as [`PidRbf::sample`] does; `u_supervisor` (N) is the force of the
     /// supervising loop at the same sample, used with [`Target::Supervisor`] only.
+    #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64, u_supervisor: f64) -> f64 {
         self.law.act(r, y, d);
-        self.law.network.learn(match self.target {
+        let target = match self.target {
             Target::Own => self.law.u,
             Target::Supervisor => u_supervisor,
-        });
+        };
+        self.law.network.descend(self.law.u_n - target);
         self.law.u
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_learns_the_force_by_the_output_that_it_gave() {
+        let mut law = PidRbf::<2>::default();
+        law.pid.gains.kp = 300.0;
+        (law.pid.ts, law.pid.u_max) = (0.001, 100.0);
+        (law.network.eta, law.network.alpha) = (0.3, 0.05);
+        for k in 0..100 {
+            let r = libm::sin(0.1 * f64::from(k));
+            let mut network = law.network;
+            network.activate(r);
+            let u = law.sample(r, 0.0, 0.0);
+            network.learn(u);
+            assert_eq!(law.network, network);
+        }
     }
 }

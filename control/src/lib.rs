@@ -45,6 +45,7 @@ pub use pid::Pid;
 pub use rbf::Rbf;
 
 /// Limits `u` (N) to `-u_max ..= u_max` (section 4: the actuator). NaN stays NaN.
+#[inline(always)]
 pub(crate) fn clip(u: f64, u_max: f64) -> f64 {
     // Not `f64::clamp`: it panics on a NaN limit, and `min`/`max` would hide a NaN of `u`.
     if u > u_max {

@@ -40,6 +40,7 @@ pub struct Terms {
 
 impl Terms {
     /// The terms of the next sample, whose error is `e` (rad), at the sample time `ts` (s).
+    #[inline(always)]
     fn next(self, e: f64, ts: f64, integral: Integral) -> Self {
         Self {
             x1: e,
@@ -98,12 +99,14 @@ impl Pid {
     }
 
     /// Takes one sample and returns the force u (N).
+    #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
         self.u = clip(self.feedback(r, y, d), self.u_max);
         self.u
     }
 
     /// Takes one sample of the error and returns `u_p` (N); `u` stays.
+    #[inline(always)]
     pub(crate) fn feedback(&mut self, r: f64, y: f64, d: f64) -> f64 {
         self.e = r - (y + d);
         let before = self.terms;

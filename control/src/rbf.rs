@@ -64,35 +64,42 @@ impl<const N: usize> Rbf<N> {
     }
 
     /// Activates the nodes: h_j = exp(-(r - c_j)^2 / (2 b_j^2)), equation (12).
+    #[inline(always)]
     pub fn activate(&mut self, r: f64) {
-        if r == self.input {
-            return; // a set-point mostly stays, and exponentials are most of a sample's cost
+        // A set-point mostly stays, and exponentials are most of a sample's cost.
+        if r != self.input {
+            self.activate_anew(r);
         }
-        for ((h, c), b) in self
-            .activations
-            .iter_mut()
-            .zip(self.centres)
-            .zip(self.widths)
-        {
-            let distance = r - c;
-            *h = libm::exp(-(distance * distance) / (2.0 * b * b));
+    }
+
+    #[inline(never)]
+    fn activate_anew(&mut self, r: f64) {
+        for j in 0..N {
+            let (distance, b) = (r - self.centres[j], self.widths[j]);
+            self.activations[j] = libm::exp(-(distance * distance) / (2.0 * b * b));
         }
         self.input = r;
     }
 
     /// The output u_n = sum w_j h_j, equation (14).
+    #[inline(always)]
     pub fn output(&self) -> f64 {
-        self.weights
-            .iter()
-            .zip(self.activations)
-            .map(|(w, h)| w * h)
-            .sum()
+        let mut sum = -0.0; // the neutral element of the sum of floats
+        for j in 0..N {
+            sum += self.weights[j] * self.activations[j];
+        }
+        sum
     }
 
     /// One step of gradient descent on (u_n - target)^2 / 2 with momentum, (18), (19):
     /// w(k) = w(k-1) - eta (u_n - target) h + alpha (w(k-1) - w(k-2)).
     pub fn learn(&mut self, target: f64) {
-        let gradient = self.output() - target;
+        self.descend(self.output() - target);
+    }
+
+    /// As [`learn`](Self::learn), for `gradient` = u_n - target of a known output u_n.
+    #[inline(always)]
+    pub(crate) fn descend(&mut self, gradient: f64) {
         for j in 0..N {
             let weight = self.weights[j];
             self.weights[j] = weight - self.eta * gradient * self.activations[j]

@@ -18,7 +18,7 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             let actual = port.of(components).causality;
             ensure!(
                 actual == expected,
-                "{} is connected as an {}, but is {}",
+                "{} is connected as {}, but is {}",
                 name(port),
                 text(expected),
                 text(actual)
@@ -64,8 +64,8 @@ fn channel(kind: Kind) -> Kind {
 
 fn text(causality: Causality) -> &'static str {
     match causality {
-        Causality::Input => "input",
-        Causality::Output => "output",
+        Causality::Input => "an input",
+        Causality::Output => "an output",
         Causality::Parameter => "a parameter",
         Causality::CalculatedParameter => "a calculated parameter",
         Causality::Local => "a local variable",

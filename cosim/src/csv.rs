@@ -3,7 +3,7 @@
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use fmu_file::replace::Replacement;
 
 use crate::Column;
@@ -21,8 +21,9 @@ impl Csv {
     /// Begins a file.
     ///
     /// # Errors
-    /// Its folder cannot be written to.
+    /// It is a folder, or its folder cannot be written to.
     pub fn create(path: &Path, columns: &[Column]) -> Result<Self> {
+        ensure!(!path.is_dir(), "{} is a folder", path.display());
         let mut csv = Self {
             file: BufWriter::new(Replacement::of(path)?),
             path: path.to_owned(),

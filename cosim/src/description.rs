@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde::Deserialize;
 
 use crate::Value;
@@ -117,7 +117,7 @@ impl Description {
     /// # Errors
     /// It is not a description: names line and key.
     pub fn parse(text: &str) -> Result<Self> {
-        Ok(toml::from_str(text)?)
+        toml::from_str(text).map_err(|error| anyhow!("{}", error.to_string().trim_end()))
     }
 
     /// The times of the simulation.

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use fmi::fmi2::import::Fmi2Import;
@@ -10,10 +11,11 @@ use fmi::traits::FmiImport;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::model::{Causality, Kind, Model, Variability};
 use fmu_file::platform::Platform;
-use fmu_file::value::{integer, real};
+use fmu_file::value::{boolean, integer, real};
 use fmu_file::xml::{self, Element};
 use quick_xml::escape::escape;
 
+use crate::guard::{self, guarded};
 use crate::messages;
 
 /// An FMU for co-simulation.
@@ -27,6 +29,9 @@ pub struct Fmu {
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
     import: Fmi2Import,
+    lost: AtomicBool,
+    /// Whether the FMU says that one process can have one instance of it only.
+    pub(crate) only_once: bool,
 }
 
 /// A variable of an FMU.
@@ -74,6 +79,8 @@ impl Fmu {
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
         check_identifier(identifier)?;
         check_binary(&archive, identifier)?;
+        let only_once = slave.attribute("canBeInstantiatedOnlyOncePerProcess");
+        let only_once = only_once.and_then(boolean).unwrap_or(false);
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path())?;
@@ -89,6 +96,7 @@ impl Fmu {
             .map(|(i, v)| (v.name.clone(), i))
             .collect();
         messages::collect();
+        guard::silence();
         Ok(Self {
             path: path.to_owned(),
             feedthrough: feedthrough(&model),
@@ -96,6 +104,8 @@ impl Fmu {
             index,
             units: units(&root),
             import,
+            lost: AtomicBool::new(false),
+            only_once,
         })
     }
 
@@ -145,14 +155,35 @@ impl Fmu {
     /// # Errors
     /// The binary cannot be loaded, or the FMU refuses; with its message.
     pub(crate) fn instantiate(&self, name: &str) -> Result<InstanceCS> {
-        InstanceCS::new(&self.import, name, false, false).map_err(|error| {
-            let said = messages::newest(name);
-            anyhow!(
-                "{} cannot be instantiated: {}",
-                self.path.display(),
-                said.unwrap_or_else(|| error.to_string())
-            )
-        })
+        let cannot = |reason: String| {
+            let path = self.path.display();
+            anyhow!("component {name}: {path} cannot be instantiated: {reason}")
+        };
+        if self.is_lost() {
+            return Err(cannot("a fatal error has broken it".into()));
+        }
+        messages::begin_call();
+        match guarded(|| InstanceCS::new(&self.import, name, false, true)) {
+            Ok(Ok(slave)) => Ok(slave),
+            Ok(Err(error)) => Err(cannot(messages::reason("fmi2Instantiate").unwrap_or_else(
+                || match error {
+                    fmi::Error::Instantiation => "the FMU logged no reason".into(),
+                    error => error.to_string(),
+                },
+            ))),
+            Err(outcome) => Err(cannot(format!("fmi2Instantiate {outcome}"))),
+        }
+    }
+
+    /// Gives the FMU up after a fatal error, which corrupts all of its instances: by the standard
+    /// nothing of it is called again, not even to free them.
+    pub(crate) fn lose(&self) {
+        self.lost.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the FMU was given up.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
     }
 }
 

@@ -1,11 +1,13 @@
 //! An instance of an FMU, and what is told when a call of it fails.
 
 use std::fmt;
+use std::sync::Arc;
 
 use anyhow::Result;
 use fmi::fmi2::instance::{CoSimulation, Common, InstanceCS};
 use fmi::fmi2::{Fmi2Error, Fmi2Res};
 
+use crate::guard::guarded;
 use crate::value::Typed;
 use crate::{Fmu, Variable, messages};
 
@@ -22,10 +24,18 @@ pub struct Failure {
     pub what: String,
     /// The communication point (s), once the simulation runs.
     pub time: Option<f64>,
-    /// `fmi2Discard`, `fmi2Error` or `fmi2Fatal`.
-    pub status: &'static str,
+    /// What the function did: `returned fmi2Error`.
+    pub outcome: String,
     /// What the FMU said about it.
     pub message: Option<String>,
+}
+
+impl Failure {
+    /// Adds the communication point.
+    pub(crate) fn at(mut self: Box<Self>, time: f64) -> Box<Self> {
+        self.time = Some(time);
+        self
+    }
 }
 
 impl fmt::Display for Failure {
@@ -34,11 +44,11 @@ impl fmt::Display for Failure {
         if let Some(time) = self.time {
             write!(f, " at t = {time:?} s")?;
         }
-        let message = self
-            .message
-            .as_deref()
-            .unwrap_or("the FMU logged no reason");
-        write!(f, ": {} returned {}: {message}", self.function, self.status)
+        write!(f, ": {} {}", self.function, self.outcome)?;
+        match &self.message {
+            Some(message) => write!(f, ": {message}"),
+            None => write!(f, "; the FMU logged no reason"),
+        }
     }
 }
 
@@ -50,19 +60,25 @@ pub(crate) type Called = Result<(), Box<Failure>>;
 /// A running FMU.
 pub(crate) struct Instance {
     name: String,
-    file_name: String,
-    /// None after a fatal error: by the standard the FMU is then not called again, not even freed.
+    fmu: Arc<Fmu>,
+    /// Some, until it is dropped.
     slave: Option<InstanceCS>,
-    time: Option<f64>,
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        if self.fmu.is_lost() {
+            std::mem::forget(self.slave.take());
+        }
+    }
 }
 
 impl Instance {
-    pub(crate) fn new(name: &str, fmu: &Fmu) -> Result<Self> {
+    pub(crate) fn new(name: &str, fmu: &Arc<Fmu>) -> Result<Self> {
         Ok(Self {
             name: name.to_owned(),
-            file_name: fmu.file_name(),
             slave: Some(fmu.instantiate(name)?),
-            time: None,
+            fmu: fmu.clone(),
         })
     }
 
@@ -74,35 +90,34 @@ impl Instance {
         what: impl FnOnce() -> String,
         call: impl FnOnce(&mut InstanceCS) -> Result<Fmi2Res, Fmi2Error>,
     ) -> Called {
-        let status = match &mut self.slave {
-            Some(slave) => match call(slave) {
-                Ok(_) => return Ok(()),
-                Err(error) => error,
-            },
-            None => Fmi2Error::Fatal,
+        let slave = self.slave.as_mut().expect("it is there until the drop");
+        messages::begin_call();
+        let outcome = match guarded(|| call(slave)) {
+            Ok(Ok(Fmi2Res::Warning)) => {
+                messages::warn(&self.name, function);
+                return Ok(());
+            }
+            Ok(Ok(_)) => return Ok(()),
+            Ok(Err(Fmi2Error::Discard)) => "returned fmi2Discard".to_owned(),
+            Ok(Err(Fmi2Error::Fatal)) => {
+                self.fmu.lose();
+                "returned fmi2Fatal".to_owned()
+            }
+            Ok(Err(_)) => "returned fmi2Error".to_owned(),
+            Err(outcome) => {
+                self.fmu.lose();
+                outcome
+            }
         };
-        Err(Box::new(self.failure(function, what(), &status)))
-    }
-
-    #[cold]
-    fn failure(&mut self, function: &'static str, what: String, status: &Fmi2Error) -> Failure {
-        let message = messages::newest(&self.name);
-        if matches!(status, Fmi2Error::Fatal) {
-            std::mem::forget(self.slave.take());
-        }
-        Failure {
+        Err(Box::new(Failure {
             component: self.name.clone(),
-            fmu: self.file_name.clone(),
+            fmu: self.fmu.file_name(),
             function,
-            what,
-            time: self.time,
-            status: match status {
-                Fmi2Error::Discard => "fmi2Discard",
-                Fmi2Error::Fatal => "fmi2Fatal",
-                _ => "fmi2Error",
-            },
-            message,
-        }
+            what: what(),
+            time: None,
+            outcome,
+            message: messages::reason(function),
+        }))
     }
 
     pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Called {
@@ -117,14 +132,13 @@ impl Instance {
                 s.set_boolean(&reference, &[i32::from(*v)])
             }),
             Typed::String(text) => self.call("fmi2SetString", what, |s| {
-                let text = std::ffi::CString::new(text.as_str()).map_err(|_| Fmi2Error::Error)?;
-                s.set_string(&reference, &[text]).map(|()| Fmi2Res::OK)
+                let done = s.set_string(&reference, std::slice::from_ref(text));
+                done.map(|()| Fmi2Res::OK)
             }),
         }
     }
 
     pub(crate) fn enter_initialization(&mut self, start: f64) -> Called {
-        self.time = Some(start);
         let what = || "initialization".to_owned();
         self.call("fmi2SetupExperiment", what, |s| {
             s.setup_experiment(None, start, None)
@@ -144,7 +158,6 @@ impl Instance {
 
     #[inline]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
-        self.time = Some(time);
         self.call(
             "fmi2DoStep",
             || format!("step of {step:?} s"),

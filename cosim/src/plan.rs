@@ -113,14 +113,23 @@ impl Plan {
         for component in &description.components {
             let name = &component.name;
             ensure!(
-                !name.is_empty() && !name.contains('.'),
-                "the component name {name:?} is empty or has a dot, which ends the name of a component"
+                !name.is_empty() && !name.contains(|c: char| c == '.' || c.is_control()),
+                "the component name {name:?} is refused; expected a text without dots and control characters"
             );
             ensure!(
                 components.iter().all(|other| other.name != *name),
                 "two components have the name {name}"
             );
-            components.push(planned(component, &mut fmus)?);
+            let new = planned(component, &mut fmus)?;
+            if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
+                ensure!(
+                    !new.fmu.only_once,
+                    "{} can have one instance only; {} and {name} are two",
+                    new.fmu.file_name(),
+                    other.name
+                );
+            }
+            components.push(new);
         }
         let links = description
             .connections
@@ -216,8 +225,8 @@ fn planned(component: &Component, fmus: &mut HashMap<PathBuf, Arc<Fmu>>) -> Resu
         .start
         .iter()
         .map(|(name, value)| {
-            let index = fmu.find(name)?;
             let full = format!("{}.{name}", component.name);
+            let index = fmu.find(name).with_context(|| full.clone())?;
             Ok((index, start(&fmu.variables[index], &full, value)?))
         })
         .collect::<Result<_>>()?;

@@ -1,8 +1,6 @@
 //! One run of a system.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
-use anyhow::{Result, bail};
+use anyhow::Result;
 use fmu_file::model::Kind;
 
 use crate::instance::{Called, Instance};
@@ -115,7 +113,7 @@ impl Readers {
 
 impl<'a> Simulation<'a> {
     pub(crate) fn new(plan: &'a Plan, starts: &[Start]) -> Result<Self> {
-        messages::take(); // those of a run before
+        messages(); // those of a run before are not wanted
         let (mut before, mut after) = (Readers::default(), Readers::default());
         for record in &plan.records {
             let sampled = plan.components[record.group.component].sampled;
@@ -133,7 +131,7 @@ impl<'a> Simulation<'a> {
             after,
             row: vec![0.0; plan.columns().len()],
         };
-        guarded(|| simulation.initialize(starts))?;
+        simulation.initialize(starts).map_err(|failure| *failure)?;
         Ok(simulation)
     }
 
@@ -143,8 +141,14 @@ impl<'a> Simulation<'a> {
                 instance.set(variable, value)?;
             }
         }
+        let start = self.plan.experiment.start;
+        self.initialize_at(start)
+            .map_err(|failure| failure.at(start))
+    }
+
+    fn initialize_at(&mut self, start: f64) -> Called {
         for instance in &mut self.instances {
-            instance.enter_initialization(self.plan.experiment.start)?;
+            instance.enter_initialization(start)?;
         }
         self.propagate()?;
         self.instances
@@ -184,8 +188,8 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// As [`Simulation::run`].
     pub fn run_while(mut self, observe: impl FnMut(f64, &[f64]) -> bool) -> Result<Vec<Message>> {
-        guarded(|| self.steps(observe))?;
-        Ok(messages::take())
+        self.steps(observe).map_err(|failure| *failure)?;
+        Ok(messages())
     }
 
     fn steps(&mut self, mut observe: impl FnMut(f64, &[f64]) -> bool) -> Called {
@@ -194,17 +198,24 @@ impl<'a> Simulation<'a> {
         let steps = experiment.steps().unwrap_or(0);
         for k in 0..steps {
             let time = experiment.time(k);
-            self.before.read(&mut self.instances, &mut self.row)?;
-            match self.plan.order {
-                Order::Sequential => self.step_sequentially(time, experiment.step)?,
-                Order::Parallel => self.step_in_parallel(time, experiment.step)?,
-            }
-            self.after.read(&mut self.instances, &mut self.row)?;
+            self.step(time, experiment.step)
+                .map_err(|failure| failure.at(time))?;
             if !observe(time, &self.row) {
                 break;
             }
         }
         self.instances.iter_mut().try_for_each(Instance::terminate)
+    }
+
+    /// Steps from a communication point to the next, and fills the row.
+    #[inline]
+    fn step(&mut self, time: f64, step: f64) -> Called {
+        self.before.read(&mut self.instances, &mut self.row)?;
+        match self.plan.order {
+            Order::Sequential => self.step_sequentially(time, step)?,
+            Order::Parallel => self.step_in_parallel(time, step)?,
+        }
+        self.after.read(&mut self.instances, &mut self.row)
     }
 
     #[inline]
@@ -228,20 +239,5 @@ impl<'a> Simulation<'a> {
         self.instances
             .iter_mut()
             .try_for_each(|instance| instance.step(time, step))
-    }
-}
-
-/// The crate `fmi` panics on a status that FMI does not have.
-fn guarded(work: impl FnOnce() -> Called) -> Result<()> {
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(done) => done.map_err(|failure| (*failure).into()),
-        Err(panic) => {
-            let text = panic.downcast_ref::<&str>().copied();
-            let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-            bail!(
-                "an FMU broke off the simulation: {}; expected a status of FMI 2.0",
-                text.unwrap_or("no reason")
-            )
-        }
     }
 }

@@ -1,5 +1,7 @@
 //! Start values: what a file or a command line gives, and what FMI wants.
 
+use std::ffi::CString;
+
 use anyhow::{Result, bail};
 use fmu_file::model::Kind;
 use serde::Deserialize;
@@ -8,7 +10,10 @@ use crate::Variable;
 
 /// A value as the user writes it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "expected a number, true, false or a text in quotes"
+)]
 pub enum Value {
     /// `true` or `false`.
     Boolean(bool),
@@ -30,7 +35,7 @@ pub enum Typed {
     /// Of a Boolean.
     Boolean(bool),
     /// Of a String.
-    String(String),
+    String(CString),
 }
 
 impl std::fmt::Display for Value {
@@ -50,7 +55,7 @@ impl std::fmt::Display for Typed {
             Self::Real(value) => write!(f, "{value:?}"),
             Self::Integer(value) => value.fmt(f),
             Self::Boolean(value) => value.fmt(f),
-            Self::String(value) => write!(f, "{value:?}"),
+            Self::String(value) => write!(f, "{:?}", value.to_string_lossy()),
         }
     }
 }
@@ -67,7 +72,7 @@ impl Value {
             Kind::Boolean => self.boolean().map(Typed::Boolean),
             Kind::Enumeration => self.item(&variable.items).map(Typed::Integer),
             Kind::String => match self {
-                Self::Text(text) => Some(Typed::String(text.clone())),
+                Self::Text(text) => CString::new(text.as_str()).ok().map(Typed::String),
                 _ => None,
             },
         };
@@ -124,9 +129,9 @@ impl Value {
 fn expected(variable: &Variable) -> String {
     match variable.kind {
         Kind::Real => "a number".into(),
-        Kind::Integer => "a whole number".into(),
+        Kind::Integer => "a whole number of 32 bits".into(),
         Kind::Boolean => "true or false".into(),
-        Kind::String => "a text".into(),
+        Kind::String => "a text in quotes, without a zero byte".into(),
         Kind::Enumeration => {
             let names: Vec<&str> = variable
                 .items

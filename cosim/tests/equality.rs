@@ -70,7 +70,7 @@ fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> (Vec<f64>, Vec<f
         errors.push(row[0]);
         forces.push(row[1]);
     });
-    assert_eq!(messages.unwrap(), []);
+    assert!(messages.unwrap().iter().all(|message| !message.warning));
     (errors, forces)
 }
 

@@ -4,8 +4,7 @@ use std::any::Any;
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use serde::{Deserialize, Serialize};
-
+use crate::life::Life;
 use crate::log::{Category, Log};
 use crate::model::{Kind, ModelError};
 use crate::phase::{self, Call, Phase};
@@ -14,13 +13,14 @@ use crate::slave::Slave;
 use crate::snapshot::Snapshot;
 use crate::values::{self, Value};
 
-/// How a call ended.
+/// How a call ended, numbered as in FMI, so that it costs nothing to hand on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
 pub(crate) enum Outcome {
-    Ok,
-    Discard,
-    Error,
-    Fatal,
+    Ok = 0,
+    Discard = 2,
+    Error = 3,
+    Fatal = 4,
 }
 
 /// Why a call failed.
@@ -39,57 +39,54 @@ impl From<Reason> for Failure {
     }
 }
 
-/// Where an instance stands in its life. With the model's values, that is all of its state.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Life {
-    phase: Phase,
-    start_time: f64,
-    stop_time: Option<f64>,
-    /// The current communication point (s), once a step was taken.
-    time: Option<f64>,
-    /// Whether values were set since the outputs were last initialized.
-    stale: bool,
-    /// Whether an input has a time derivative for the next step.
-    sloped: bool,
-}
-
-impl Life {
-    const NEW: Self = Self {
-        phase: Phase::Instantiated,
-        start_time: 0.0,
-        stop_time: None,
-        time: None,
-        stale: true,
-        sloped: false,
-    };
-
-    /// Whether the state of an instance in it can be saved: a dead one answers no call.
-    pub(crate) fn can_be_saved(&self) -> bool {
-        self.phase != Phase::Fatal
+impl Failure {
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn of_step(error: ModelError, time: f64, step: f64) -> Self {
+        let kind = error.kind();
+        let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
+        match kind {
+            Kind::Refused => Self::Refused(reason),
+            Kind::Discarded => Self::Discarded(reason),
+            Kind::Broken => Self::Broken(reason),
+        }
     }
 }
 
-/// An instance of a model, as the host holds it.
-pub(crate) struct Component {
+/// An instance of a model; `S` is its [`Slave`].
+pub(crate) struct Component<S: ?Sized = dyn Slave> {
     log: Log,
-    life: Life,
-    slave: Box<dyn Slave>,
+    pub(crate) life: Life,
+    pub(crate) slave: S,
 }
 
-impl Component {
-    pub(crate) fn new(log: Log, slave: Box<dyn Slave>) -> Self {
+impl<S> Component<S> {
+    pub(crate) fn new(log: Log, slave: S) -> Self {
         Self {
             log,
             life: Life::NEW,
             slave,
         }
     }
+}
 
+impl Component {
     /// Does the work of a call if the state allows it, and tells what went wrong.
     pub(crate) fn call(
         &mut self,
         call: &Call,
         work: impl FnOnce(&mut Self) -> Result<(), Failure>,
+    ) -> Outcome {
+        let mut work = Some(work);
+        self.guard(call, &mut |c| work.take().map_or(Ok(()), |work| work(c)))
+    }
+
+    /// As [`call`](Self::call): the code that all calls share.
+    #[inline(never)]
+    fn guard(
+        &mut self,
+        call: &Call,
+        work: &mut dyn FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Outcome {
         if !call.is_allowed(self.life.phase) {
             return self.refuse_in_this_phase(call);
@@ -97,7 +94,7 @@ impl Component {
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
             Ok(Ok(())) => Outcome::Ok,
             Ok(Err(failure)) => self.fail(call.name, failure),
-            Err(panic) => self.die(call.name, panic.as_ref()),
+            Err(panic) => self.die(call.name, panic),
         }
     }
 
@@ -126,7 +123,8 @@ impl Component {
     }
 
     #[cold]
-    fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
+    #[inline(never)]
+    pub(crate) fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
         match failure {
             Failure::Refused(reason) => self.refuse(name, reason),
             Failure::Discarded(reason) => {
@@ -143,7 +141,8 @@ impl Component {
     }
 
     #[cold]
-    fn die(&mut self, name: &str, panic: &(dyn Any + Send)) -> Outcome {
+    #[inline(never)]
+    pub(crate) fn die(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
         self.life.phase = Phase::Fatal;
         let text = panic
             .downcast_ref::<&str>()
@@ -219,78 +218,17 @@ impl Component {
         })
     }
 
-    pub(crate) fn do_step(&mut self, time: f64, step: f64) -> Outcome {
-        self.call(&phase::DO_STEP, |c| {
-            c.check_step(time, step)?;
-            if step == 0.0 {
-                return Ok(()); // event iterations of some hosts
-            }
-            c.slave.step(time, step).map_err(|error| {
-                let kind = error.kind();
-                let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
-                match kind {
-                    Kind::Refused => Failure::Refused(reason),
-                    Kind::Discarded => Failure::Discarded(reason),
-                    Kind::Broken => Failure::Broken(reason),
-                }
-            })?;
-            c.life.time = Some(time + step);
-            if c.life.sloped {
-                c.slave.clear_slopes();
-                c.life.sloped = false;
-            }
+    /// Checks a step; how the call ends if there is none to be taken.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
+        let mut due = false;
+        let outcome = self.call(&phase::DO_STEP, |c| {
+            c.life.check_step(time, step, &c.log)?;
+            due = step != 0.0; // 0: event iterations of some hosts
             Ok(())
-        })
-    }
-
-    fn check_step(&self, time: f64, step: f64) -> Result<(), Reason> {
-        if !step.is_finite() || step < 0.0 {
-            return Err(reason!(
-                "the communication step is {step:?}; expected a finite number of at least 0"
-            ));
-        }
-        if !time.is_finite() {
-            return Err(reason!(
-                "the communication point is {time:?}; expected a finite number"
-            ));
-        }
-        // Hosts add up or multiply times, and differ by rounding.
-        let tolerance = 1e-6 * step + 1e-9 * (1.0 + time.abs());
-        match self.life.time {
-            Some(end) if (time - end).abs() > tolerance => {
-                return Err(reason!(
-                    "the communication point is {time:?}; expected {end}, where the last step ended"
-                ));
-            }
-            Some(_) => {}
-            None => self.check_first_step(time, step, tolerance)?,
-        }
-        match self.life.stop_time {
-            Some(stop) if time + step > stop + tolerance => Err(reason!(
-                "the step ends at {:?}, past the stop time {stop:?}",
-                time + step
-            )),
-            _ => Ok(()),
-        }
-    }
-
-    /// A sampled loop may begin at its first sample instead of at the start time.
-    fn check_first_step(&self, time: f64, step: f64, tolerance: f64) -> Result<(), Reason> {
-        let start = self.life.start_time;
-        let late = time - start;
-        if late < -tolerance || late > step + tolerance {
-            return Err(reason!(
-                "the first communication point is {time:?}; expected the start time {start}"
-            ));
-        }
-        if late > tolerance {
-            self.log.send(Category::Warning, || {
-                format!(
-                    "fmi2DoStep: the first step begins at {time}, not at the start time {start}"
-                )
-            });
-        }
-        Ok(())
+        });
+        (!due).then_some(outcome)
     }
 
     /// Reads the values of the references.
@@ -304,7 +242,7 @@ impl Component {
             if c.life.phase == Phase::Initialization && c.life.stale {
                 c.refresh()?;
             }
-            Ok(values::get(c.slave.as_mut(), references, values)?)
+            Ok(values::get(&mut c.slave, references, values)?)
         })
     }
 
@@ -317,7 +255,7 @@ impl Component {
     ) -> Outcome {
         self.call(call, |c| {
             let running = c.life.phase == Phase::StepComplete;
-            values::set(c.slave.as_mut(), references, values, running)?;
+            values::set(&mut c.slave, references, values, running)?;
             c.life.stale |= !running;
             Ok(())
         })
@@ -325,9 +263,7 @@ impl Component {
 
     /// There are no String variables: refuses any reference to one.
     pub(crate) fn strings(&mut self, call: &Call, references: &[u32]) -> Outcome {
-        self.call(call, |c| {
-            Ok(values::no_string(c.slave.as_mut(), references)?)
-        })
+        self.call(call, |c| Ok(values::no_string(&mut c.slave, references)?))
     }
 
     /// Gives inputs their first time derivatives for the next step, all or none.
@@ -338,7 +274,7 @@ impl Component {
         values: &[f64],
     ) -> Outcome {
         self.call(&phase::INPUT_DERIVATIVES, |c| {
-            let slave = c.slave.as_mut();
+            let slave = &mut c.slave;
             values::set_slopes(slave, references, orders, values)?;
             c.life.sloped |= !references.is_empty();
             Ok(())
@@ -354,7 +290,7 @@ impl Component {
         derivative: &mut [f64],
     ) -> Outcome {
         self.call(&phase::DIRECTIONAL_DERIVATIVE, |c| {
-            let slave = c.slave.as_mut();
+            let slave = &mut c.slave;
             Ok(values::directional_derivative(
                 slave, unknowns, knowns, direction, derivative,
             )?)
@@ -363,17 +299,17 @@ impl Component {
 
     /// All that the future of the instance depends on.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot::new(self.life, self.slave.as_ref())
+        Snapshot::new(self.life, &self.slave)
     }
 
     /// Continues from a snapshot, of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
-        self.life = snapshot.restore(self.slave.as_mut())?;
+        self.life = snapshot.restore(&mut self.slave)?;
         Ok(())
     }
 
     pub(crate) fn slave(&self) -> &dyn Slave {
-        self.slave.as_ref()
+        &self.slave
     }
 
     /// The end of the last step taken (s).

@@ -37,13 +37,19 @@
 //! of arguments, the logger and the guard that stops a panic. The component reads and writes the
 //! model through its table. Only the first of these layers knows the C types of FMI 2.0, so that
 //! the entry points of another version can stand beside it.
+//!
+//! The three calls that a host makes at every step, to set Reals, step and get Reals, are made for
+//! each model anew. They do what is usual, with few checks that together let nothing pass that the
+//! component would refuse, and leave the rest to it.
 
+mod bound;
 mod component;
 #[cfg(feature = "describe")]
 mod description;
 pub mod fmi2;
 #[cfg(feature = "host")]
 pub mod host;
+mod life;
 mod log;
 mod model;
 mod phase;
@@ -52,6 +58,8 @@ mod slave;
 mod snapshot;
 mod values;
 
+#[doc(hidden)]
+pub use bound::scalars;
 #[cfg(feature = "describe")]
 pub use description::print_descriptions;
 pub use model::{Model, ModelError, finite};
@@ -64,7 +72,9 @@ pub use slave::Entry;
 macro_rules! export {
     ($($model:ty),+ $(,)?) => {
         /// The models of this library.
-        pub const MODELS: &[$crate::Entry] = &[$($crate::Entry::of::<$model>()),+];
+        pub const MODELS: &[$crate::Entry] = &[
+            $($crate::Entry::of::<$model, { $crate::scalars::<$model>() }>()),+
+        ];
 
         /// `fmi2Instantiate` (FMI 2.0.4, section 2.1.5).
         ///

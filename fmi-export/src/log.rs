@@ -122,10 +122,16 @@ impl Log {
 
     /// Sends a message, which is only made if somebody hears it.
     pub(crate) fn send(&self, category: Category, message: impl FnOnce() -> String) {
-        let Some(logger) = self.logger else { return };
-        if self.on & category as u8 == 0 {
-            return;
+        if let Some(logger) = self.logger
+            && self.on & category as u8 != 0
+        {
+            self.deliver(logger, category, &message());
         }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn deliver(&self, logger: fmi2CallbackLogger, category: Category, message: &str) {
         let status = match category {
             Category::Error => fmi2Status::fmi2Error,
             Category::Warning => fmi2Status::fmi2Warning,
@@ -139,7 +145,7 @@ impl Log {
             .map_or(c"logAll", |(_, name, _)| *name);
         // A zero inside would end the text early for the host; a message never holds one, but a
         // name that the host gave may be quoted.
-        let text = CString::new(message().replace('\0', " ")).unwrap_or_default();
+        let text = CString::new(message.replace('\0', " ")).unwrap_or_default();
         // SAFETY: the host gave this function to be called with these C types (FMI 2.0.4, section
         // 2.1.5); all texts end in zero and live through the call; the text is an argument of the
         // format "%s", never the format itself.

@@ -64,6 +64,8 @@ pub(crate) enum Kind {
 
 impl ModelError {
     /// An error after which the model cannot go on (`fmi2Error`).
+    #[cold]
+    #[inline(never)]
     pub fn new(reason: impl Display) -> Self {
         Self {
             reason: reason.to_string(),
@@ -73,6 +75,8 @@ impl ModelError {
 
     /// A step that the model never takes, such as one of a wrong size, and that left it as it was:
     /// the host may go on with another (`fmi2Error`).
+    #[cold]
+    #[inline(never)]
     pub fn refuse(reason: impl Display) -> Self {
         Self {
             kind: Kind::Refused,
@@ -82,6 +86,8 @@ impl ModelError {
 
     /// A step that could not be taken here, and left the model as it was: the host may restore an
     /// earlier state, and try a smaller one (`fmi2Discard`).
+    #[cold]
+    #[inline(never)]
     pub fn discard(reason: impl Display) -> Self {
         Self {
             kind: Kind::Discarded,

@@ -4,14 +4,14 @@ use std::any::Any;
 
 use model_description::guid::checksum;
 
-use crate::component::Life;
+use crate::life::Life;
 use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
 
 /// What the first bytes of a serialized state, and of a state in memory, are.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the form, to be raised when it changes.
-const VERSION: [u8; 4] = 1u32.to_le_bytes();
+const VERSION: [u8; 4] = 2u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 

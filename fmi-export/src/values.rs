@@ -1,24 +1,22 @@
 //! Reading and writing the values of a slave, and the reasons for which it is refused.
 
-use std::fmt::Display;
+use std::fmt;
 
 use model_description::{Causality, Domain, Info, Place, Variability};
 
 use crate::reason::{Reason, reason};
-use crate::slave::{Name, Scalar, Slave};
+use crate::slave::{Scalar, Slave};
 
 /// A type of FMI, as the host reads and writes it.
-pub(crate) trait Value: Copy + Display + 'static {
+pub(crate) trait Value: Copy + 'static {
     /// Name of the type.
     const TYPE: &'static str;
     /// The value that lives at a place, if it is of this type.
     fn read(place: &Place<'_>) -> Option<Self>;
-    /// Whether the value lies within the bounds of a variable of its type.
-    fn is_allowed(self, domain: &Domain) -> bool;
-    /// What values are allowed.
-    fn expected(self, domain: &Domain) -> String;
     /// Puts the value at a place of its type.
     fn write(self, place: Place<'_>);
+    /// The value, to be checked.
+    fn given(self) -> Given;
 }
 
 impl Value for f64 {
@@ -31,30 +29,14 @@ impl Value for f64 {
         }
     }
 
-    fn is_allowed(self, domain: &Domain) -> bool {
-        match domain {
-            Domain::Real { min, max, .. } => self.is_finite() && *min <= self && self <= *max,
-            _ => true,
-        }
-    }
-
-    fn expected(self, domain: &Domain) -> String {
-        let Domain::Real { min, max, unit, .. } = domain else {
-            return String::new();
-        };
-        let bounds = match (min.is_finite(), max.is_finite()) {
-            (true, true) => format!(" from {min} to {max}"),
-            (true, false) => format!(" of at least {min}"),
-            (false, true) => format!(" of at most {max}"),
-            (false, false) => String::new(),
-        };
-        format!("a finite number{bounds} [{}]", unit.name)
-    }
-
     fn write(self, place: Place<'_>) {
         if let Place::Real(value) = place {
             *value = self;
         }
+    }
+
+    fn given(self) -> Given {
+        Given::Real(self)
     }
 }
 
@@ -68,34 +50,14 @@ impl Value for i32 {
         }
     }
 
-    fn is_allowed(self, domain: &Domain) -> bool {
-        match domain {
-            Domain::Integer { range, .. } => range.0 <= self && self <= range.1,
-            Domain::Enumeration { items, .. } => {
-                usize::try_from(self).is_ok_and(|index| (1..=items.items.len()).contains(&index))
-            }
-            _ => true,
-        }
-    }
-
-    fn expected(self, domain: &Domain) -> String {
-        match domain {
-            Domain::Integer { range, .. } => {
-                format!("a whole number from {} to {}", range.0, range.1)
-            }
-            Domain::Enumeration { items, .. } => (1..)
-                .zip(items.items)
-                .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
-                .collect::<Vec<_>>()
-                .join(", "),
-            _ => String::new(),
-        }
-    }
-
     fn write(self, place: Place<'_>) {
         if let Place::Integer(value) = place {
             *value = self;
         }
+    }
+
+    fn given(self) -> Given {
+        Given::Integer(self)
     }
 }
 
@@ -103,12 +65,6 @@ impl Value for i32 {
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub(crate) struct Boolean(pub(crate) i32);
-
-impl Display for Boolean {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
 
 impl Value for Boolean {
     const TYPE: &'static str = "Boolean";
@@ -120,18 +76,92 @@ impl Value for Boolean {
         }
     }
 
-    fn is_allowed(self, _: &Domain) -> bool {
-        self.0 == 0 || self.0 == 1
-    }
-
-    fn expected(self, _: &Domain) -> String {
-        "0 (false) or 1 (true)".into()
-    }
-
     fn write(self, place: Place<'_>) {
         if let Place::Boolean(value) = place {
             *value = self.0 == 1;
         }
+    }
+
+    fn given(self) -> Given {
+        Given::Boolean(self.0)
+    }
+}
+
+/// A value of any type that the host gives.
+#[derive(Clone, Copy)]
+pub(crate) enum Given {
+    Real(f64),
+    Integer(i32),
+    Boolean(i32),
+}
+
+impl fmt::Display for Given {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Real(value) => value.fmt(f),
+            Self::Integer(value) | Self::Boolean(value) => value.fmt(f),
+        }
+    }
+}
+
+impl Given {
+    /// Whether a place is one for values of the type.
+    fn fits(self, place: &Place<'_>) -> bool {
+        matches!(
+            (self, place),
+            (Self::Real(_), Place::Real(_))
+                | (Self::Integer(_), Place::Integer(_))
+                | (Self::Boolean(_), Place::Boolean(_))
+        )
+    }
+
+    fn type_name(self) -> &'static str {
+        match self {
+            Self::Real(_) => f64::TYPE,
+            Self::Integer(_) => i32::TYPE,
+            Self::Boolean(_) => Boolean::TYPE,
+        }
+    }
+
+    /// Whether the value lies within the bounds of a variable of its type.
+    fn is_allowed(self, domain: &Domain) -> bool {
+        match (self, domain) {
+            (Self::Real(value), Domain::Real { min, max, .. }) => {
+                value.is_finite() && *min <= value && value <= *max
+            }
+            (Self::Integer(value), Domain::Integer { range, .. }) => {
+                range.0 <= value && value <= range.1
+            }
+            (Self::Integer(value), Domain::Enumeration { items, .. }) => {
+                usize::try_from(value).is_ok_and(|index| (1..=items.items.len()).contains(&index))
+            }
+            (Self::Boolean(value), _) => value == 0 || value == 1,
+            _ => true,
+        }
+    }
+}
+
+/// What values a variable may have.
+fn expected(domain: &Domain) -> String {
+    match domain {
+        Domain::Real { min, max, unit, .. } => {
+            let bounds = match (min.is_finite(), max.is_finite()) {
+                (true, true) => format!(" from {min} to {max}"),
+                (true, false) => format!(" of at least {min}"),
+                (false, true) => format!(" of at most {max}"),
+                (false, false) => String::new(),
+            };
+            format!("a finite number{bounds} [{}]", unit.name)
+        }
+        Domain::Integer { range, .. } => {
+            format!("a whole number from {} to {}", range.0, range.1)
+        }
+        Domain::Enumeration { items, .. } => (1..)
+            .zip(items.items)
+            .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
+            .collect::<Vec<_>>()
+            .join(", "),
+        Domain::Boolean { .. } => "0 (false) or 1 (true)".into(),
     }
 }
 
@@ -155,7 +185,7 @@ pub(crate) fn get<V: Value>(
 
 fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Reason> {
     match slave.find(reference) {
-        Some(scalar) => V::read(&scalar.place).ok_or_else(|| wrong_type::<V>(&scalar)),
+        Some(scalar) => V::read(&scalar.place).ok_or_else(|| wrong_type(&scalar, V::TYPE)),
         None => Err(unknown(slave, reference)),
     }
 }
@@ -168,27 +198,33 @@ pub(crate) fn set<V: Value>(
     running: bool,
 ) -> Result<(), Reason> {
     for (&reference, &value) in references.iter().zip(values) {
-        let Some(scalar) = slave.find(reference) else {
-            return Err(unknown(slave, reference));
-        };
-        if V::read(&scalar.place).is_none() {
-            return Err(wrong_type::<V>(&scalar));
-        }
-        let (name, domain) = (scalar.name(), &scalar.info.domain);
-        if let Some(why) = not_settable(scalar.info, running) {
-            return Err(reason!("{name} is {why}"));
-        }
-        if !value.is_allowed(domain) {
-            return Err(reason!(
-                "{name} = {value} is refused; expected {}",
-                value.expected(domain)
-            ));
-        }
+        check(slave, reference, value.given(), running)?;
     }
     for (&reference, &value) in references.iter().zip(values) {
         if let Some(scalar) = slave.find(reference) {
             value.write(scalar.place);
         }
+    }
+    Ok(())
+}
+
+/// Checks whether a value may be written.
+fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> Result<(), Reason> {
+    let Some(scalar) = slave.find(reference) else {
+        return Err(unknown(slave, reference));
+    };
+    if !value.fits(&scalar.place) {
+        return Err(wrong_type(&scalar, value.type_name()));
+    }
+    let (name, domain) = (scalar.name(), &scalar.info.domain);
+    if let Some(why) = not_settable(scalar.info, running) {
+        return Err(reason!("{name} is {why}"));
+    }
+    if !value.is_allowed(domain) {
+        return Err(reason!(
+            "{name} = {value} is refused; expected {}",
+            expected(domain)
+        ));
     }
     Ok(())
 }
@@ -303,13 +339,13 @@ fn unknown(slave: &dyn Slave, reference: u32) -> Reason {
 }
 
 #[cold]
-fn wrong_type<V: Value>(scalar: &Scalar<'_>) -> Reason {
+fn wrong_type(scalar: &Scalar<'_>, asked: &'static str) -> Reason {
     let actual = match scalar.info.domain {
         Domain::Real { .. } => "Real",
         Domain::Integer { .. } => "Integer",
         Domain::Boolean { .. } => "Boolean",
         Domain::Enumeration { .. } => "Enumeration, which is reached as Integer",
     };
-    let (name, asked): (Name, _) = (scalar.name(), V::TYPE);
+    let name = scalar.name();
     reason!("{name} is of type {actual}, not {asked}")
 }

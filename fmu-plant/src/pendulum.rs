@@ -168,11 +168,18 @@ impl Model for Pendulum {
         let last = Step {
             from: self.state,
             u: self.u,
-            step: snap(step, self.ts),
+            step: match &self.last {
+                Some(last) if last.step == step => step, // snapped, or not to be
+                _ => snap(step, self.ts),
+            },
         };
         self.advance(&last)?;
         self.last = Some(last);
         let State { x, v, theta, omega } = self.state;
+        // A sum is finite only if all its parts are; else they are looked at one by one.
+        if (theta + omega + x + v).is_finite() {
+            return Ok(());
+        }
         finite(&[("theta", theta), ("omega", omega), ("x", x), ("v", v)])
     }
 }

@@ -407,6 +407,17 @@ impl<M> Variable<M> {
         })
     }
 
+    /// Where the element `index` (from 0) of a Real lives in `model`; none if the variable is of
+    /// another type, or the model's array is shorter than the table says.
+    #[inline(always)]
+    pub fn real<'a>(&self, model: &'a mut M, index: usize) -> Option<&'a mut f64> {
+        match self.access {
+            Access::Real(access) => Some(access(model)),
+            Access::Reals(access) => access(model).get_mut(index),
+            Access::Integer(_) | Access::Boolean(_) => None,
+        }
+    }
+
     /// Sets the variable, if it has start values, to them.
     pub fn start(&self, model: &mut M) {
         for index in 0..self.info.count() {

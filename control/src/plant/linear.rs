@@ -30,6 +30,28 @@ struct Transition {
     ramp: Vector4<f64>,
 }
 
+impl Transition {
+    /// Written out, as the compiler does not unroll the loops of a product when it builds for size.
+    #[inline(always)]
+    fn apply(&self, state: &mut State, u: Force) {
+        let State { x, v, theta, omega } = *state;
+        let change = |i: usize| {
+            let row = |j: usize| self.increment[(i, j)];
+            row(0) * x
+                + row(1) * v
+                + row(2) * theta
+                + row(3) * omega
+                + self.held[i] * u.value
+                + self.ramp[i] * u.slope
+        };
+        // The increment is added last: at small steps the sum I + increment would lose its digits.
+        state.x = x + change(0);
+        state.v = v + change(1);
+        state.theta = theta + change(2);
+        state.omega = omega + change(3);
+    }
+}
+
 impl From<Parameters> for Linear {
     fn from(parameters: Parameters) -> Self {
         Self {
@@ -57,18 +79,19 @@ impl Linear {
     }
 
     /// Moves `state` on by `step` (s) under the force `u`.
+    #[inline(always)]
     pub fn advance(&mut self, state: &mut State, u: impl Into<Force>, step: f64) {
         // A key of the cache, not a comparison of times: any other step has another transition.
         if step != self.step {
-            self.transition = transition(&self.parameters, step);
-            self.step = step;
+            self.prepare(step);
         }
-        let Force { value, slope } = u.into();
-        let t = &self.transition;
-        let s = Vector4::new(state.x, state.v, state.theta, state.omega);
-        // The increment is added last: at small steps the sum I + increment would lose its digits.
-        let s = s + (t.increment * s + t.held * value + t.ramp * slope);
-        *state = into_state(&s);
+        self.transition.apply(state, u.into());
+    }
+
+    #[inline(never)]
+    fn prepare(&mut self, step: f64) {
+        self.transition = transition(&self.parameters, step);
+        self.step = step;
     }
 
     /// The derivative of the state after a step of `step` (s) by the force held over it, per N.
@@ -119,6 +142,20 @@ mod tests {
         theta: 0.05,
         omega: 0.1,
     };
+
+    #[test]
+    fn the_written_out_product_is_that_of_the_matrices() {
+        let t = transition(&Parameters::PAPER, 0.01);
+        let u = Force {
+            value: 3.0,
+            slope: -7.0,
+        };
+        let mut state = START;
+        t.apply(&mut state, u);
+        let s = Vector4::new(START.x, START.v, START.theta, START.omega);
+        let s = s + (t.increment * s + t.held * u.value + t.ramp * u.slope);
+        assert_eq!(state, into_state(&s));
+    }
 
     #[test]
     fn one_step_equals_many_small_ones() {

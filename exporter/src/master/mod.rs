@@ -1,7 +1,7 @@
 //! What the native master does: `simulate`, `table1`, `sweep`, `ssp`.
 //!
 //! The options are always here, so that help and completions know them. The work needs the feature
-//! `master`; without it, [`forward`] builds this program anew and hands the command on.
+//! `master`; without it, `forward` builds this program anew and hands the command on.
 
 #[cfg(not(feature = "master"))]
 pub mod forward;

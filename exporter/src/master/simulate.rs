@@ -91,8 +91,8 @@ mod run {
     use super::{Options, Order};
     use crate::master::table;
 
-    /// Steps between two looks at the progress: few enough to look smooth, and no brake.
-    const CHUNK: u64 = 1 << 12;
+    /// Between two looks at the progress: short enough to look smooth, and no brake.
+    const PERIOD: Duration = Duration::from_millis(50);
 
     /// Simulates the system, and says how it went.
     ///
@@ -129,10 +129,12 @@ mod run {
         });
         let elapsed = begin.elapsed();
         progress.bar.finish_and_clear();
-        let warnings = ended.map_err(|error| explain(error, csv.is_some()))?;
-        for warning in warnings.iter().filter(|message| message.warning) {
-            warn(warning);
-        }
+        let said = match &ended {
+            Ok(said) => said,
+            Err(_) => &cosim::messages(),
+        };
+        said.iter().filter(|message| message.warning).for_each(warn);
+        ended.map_err(|error| explain(error, csv.is_some()))?;
         let rows = csv.map(Csv::finish).transpose()?;
         report(out, plan.columns(), &last, plan.experiment(), elapsed)?;
         if let (Some(rows), Some(path)) = (rows, &options.csv) {
@@ -172,8 +174,12 @@ mod run {
         }
     }
 
-    fn warn(Message { instance, text, .. }: &Message) {
-        eprintln!("warning: {instance}: {text}");
+    fn warn(message: &Message) {
+        let Message { instance, text, .. } = message;
+        match message.times {
+            1 => eprintln!("warning: {instance}: {text}"),
+            times => eprintln!("warning: {instance}: {text} ({times} times)"),
+        }
     }
 
     fn report(
@@ -195,11 +201,17 @@ mod run {
         let simulated = time - experiment.start + experiment.step;
         writeln!(
             out,
-            "{simulated:.6} s in {:.3} ms: {:.0} times real time",
+            "{simulated:.6} s in {:.3} ms: {}",
             elapsed.as_secs_f64() * 1e3,
-            simulated / elapsed.as_secs_f64()
+            speed(simulated / elapsed.as_secs_f64())
         )?;
         Ok(())
+    }
+
+    /// How many times faster than real time it goes, which may be less than once.
+    fn speed(factor: f64) -> String {
+        let digits = if factor < 10.0 { 2 } else { 0 };
+        format!("{factor:.digits$} times real time")
     }
 
     /// A bar with the simulated time, and how many times faster than real time it goes.
@@ -207,6 +219,8 @@ mod run {
         bar: ProgressBar,
         experiment: Experiment,
         steps: u64,
+        /// The step at which to look at it again.
+        next: u64,
         begin: Instant,
     }
 
@@ -221,18 +235,21 @@ mod run {
                 bar,
                 experiment,
                 steps: 0,
+                next: 1,
                 begin: Instant::now(),
             })
         }
 
         fn tick(&mut self, time: f64) {
             self.steps += 1;
-            if self.steps.is_multiple_of(CHUNK) {
-                let factor = (time - self.experiment.start) / self.begin.elapsed().as_secs_f64();
+            if self.steps == self.next {
+                let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
+                let rate = self.steps as f64 / elapsed;
+                self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
                 let stop = self.experiment.stop;
-                self.bar.set_message(format!(
-                    "t = {time:.3} of {stop} s, {factor:.0} times real time"
-                ));
+                let speed = speed(rate * self.experiment.step);
+                self.bar
+                    .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
                 self.bar.set_position(self.steps);
             }
         }

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use cosim::{Description, Failure, Order, Plan, Start, Value};
+use cosim::{Description, Failure, Order, Plan, Simulation, Start, Value};
 use indicatif::{ProgressBar, ProgressStyle};
 use model_description::guid::checksum;
 use serde::Deserialize;
@@ -35,6 +35,7 @@ struct File {
     seed: u64,
     #[serde(default = "one")]
     draws: u64,
+    #[serde(default)]
     parameter: Vec<Parameter>,
     #[serde(default)]
     signals: Signals,
@@ -88,18 +89,18 @@ struct Study {
 /// # Errors
 /// What does not fit in the files; a start value that an FMU refuses; a file that cannot be written.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
-    let study = Study::new(options).with_context(|| options.sweep.display().to_string())?;
-    if options.plan {
-        return study.describe(out);
+    let file = || options.sweep.display().to_string();
+    let study = Study::new(options).with_context(file)?;
+    if let Some(rows) = &options.rows {
+        study.plan.check(rows.0.clone())?;
+        return study.execute(rows.0.clone(), options.threads, |line, _| {
+            Ok(io::stdout().lock().write_all(line.as_bytes())?)
+        });
     }
-    match &options.rows {
-        Some(rows) => {
-            study.plan.check(rows.0.clone())?;
-            study.execute(rows.0.clone(), options.threads, |line, _| {
-                Ok(io::stdout().lock().write_all(line.as_bytes())?)
-            })
-        }
-        None => study.write(options, out),
+    study.try_corners().with_context(file)?;
+    match options.plan {
+        true => study.describe(out),
+        false => study.write(options, out),
     }
 }
 
@@ -139,11 +140,19 @@ impl Study {
             plan,
             fingerprint,
         };
-        // The ends of the ranges fit, or the user is told before the first run.
-        for index in [0, study.plan.runs() - 1] {
+        for index in study.plan.corners() {
             study.starts(&study.plan.run(index)?)?;
         }
         Ok(study)
+    }
+
+    /// Has the FMUs take every listed value and the ends of every range, so that the user is told of
+    /// one that they refuse before the first run, and not hours later.
+    fn try_corners(&self) -> Result<()> {
+        for index in self.plan.corners() {
+            self.initialize(&self.plan.run(index)?)?;
+        }
+        Ok(())
     }
 
     fn starts(&self, run: &Run<'_>) -> Result<Vec<Start>> {
@@ -154,14 +163,18 @@ impl Study {
         )
     }
 
+    fn initialize(&self, run: &Run<'_>) -> Result<Simulation<'_>> {
+        let start = || {
+            let mut starts = self.set.clone();
+            starts.extend(self.starts(run)?);
+            self.system.simulate(&starts)
+        };
+        start().with_context(|| format!("run {}", run.index))
+    }
+
     /// One run, and its metrics. A run that an FMU breaks off diverged.
     fn simulate(&self, run: &Run<'_>) -> Result<[Cell; 9]> {
-        let mut starts = self.set.clone();
-        starts.extend(self.starts(run)?);
-        let simulation = self
-            .system
-            .simulate(&starts)
-            .with_context(|| format!("run {}", run.index))?;
+        let simulation = self.initialize(run)?;
         let mut metrics = Metrics::new(&self.metrics);
         let [r, y, e, u] = self.signals;
         let ended = simulation.run_while(|time, row| {

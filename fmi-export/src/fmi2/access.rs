@@ -2,67 +2,93 @@
 
 use super::{
     NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
-    fmi2ValueReference, slice, slice_mut, with,
+    fmi2ValueReference, instance, slice, slice_mut, with,
 };
+use crate::component::{Component, Outcome};
 use crate::phase::{self, Call};
 use crate::values::{Boolean, Value};
 
-/// # Safety
-/// As [`with`]; `references` and `values` are NULL or hold `n` elements.
-unsafe fn get<V: Value>(
-    call: &Call,
+/// `fmi2GetReal`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2GetReal(
     c: fmi2Component,
     references: *const fmi2ValueReference,
     n: usize,
-    values: *mut V,
+    values: *mut fmi2Real,
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        let arrays = slice(references, n).zip(slice_mut(values, n));
-        with(c, |component| match arrays {
-            Some((references, values)) => component.get(call, references, values),
-            None => component.refuse(call.name, NULL_ARRAY),
-        })
+        match instance(c) {
+            Some(instance) => instance.get_reals(references, n, values),
+            None => fmi2Status::fmi2Error,
+        }
+    }
+}
+
+/// `fmi2SetReal`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2SetReal(
+    c: fmi2Component,
+    references: *const fmi2ValueReference,
+    n: usize,
+    values: *const fmi2Real,
+) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match instance(c) {
+            Some(instance) => instance.set_reals(references, n, values),
+            None => fmi2Status::fmi2Error,
+        }
     }
 }
 
 /// # Safety
-/// As [`with`]; `references` and `values` are NULL or hold `n` elements.
-unsafe fn set<V: Value>(
+/// `references` and `values` are NULL or hold `n` elements.
+pub(super) unsafe fn get<V: Value>(
+    component: &mut Component,
     call: &Call,
-    c: fmi2Component,
+    references: *const fmi2ValueReference,
+    n: usize,
+    values: *mut V,
+) -> Outcome {
+    // SAFETY: the caller's promise.
+    match unsafe { slice(references, n).zip(slice_mut(values, n)) } {
+        Some((references, values)) => component.get(call, references, values),
+        None => component.refuse(call.name, NULL_ARRAY),
+    }
+}
+
+/// # Safety
+/// `references` and `values` are NULL or hold `n` elements.
+pub(super) unsafe fn set<V: Value>(
+    component: &mut Component,
+    call: &Call,
     references: *const fmi2ValueReference,
     n: usize,
     values: *const V,
-) -> fmi2Status {
+) -> Outcome {
     // SAFETY: the caller's promise.
-    unsafe {
-        let arrays = slice(references, n).zip(slice(values, n));
-        with(c, |component| match arrays {
-            Some((references, values)) => component.set(call, references, values),
-            None => component.refuse(call.name, NULL_ARRAY),
-        })
+    match unsafe { slice(references, n).zip(slice(values, n)) } {
+        Some((references, values)) => component.set(call, references, values),
+        None => component.refuse(call.name, NULL_ARRAY),
     }
 }
 
 /// No variable is a String, so the values are not looked at.
 ///
 /// # Safety
-/// As [`with`]; `references` is NULL or holds `n` elements.
+/// `references` is NULL or holds `n` elements.
 unsafe fn strings(
+    component: &mut Component,
     call: &Call,
-    c: fmi2Component,
     references: *const fmi2ValueReference,
     n: usize,
     _values: *const fmi2String,
-) -> fmi2Status {
+) -> Outcome {
     // SAFETY: the caller's promise.
-    unsafe {
-        let references = slice(references, n);
-        with(c, |component| match references {
-            Some(references) => component.strings(call, references),
-            None => component.refuse(call.name, NULL_ARRAY),
-        })
+    match unsafe { slice(references, n) } {
+        Some(references) => component.strings(call, references),
+        None => component.refuse(call.name, NULL_ARRAY),
     }
 }
 
@@ -78,18 +104,20 @@ macro_rules! entry_points {
                 values: $type,
             ) -> fmi2Status {
                 // SAFETY: the caller's promise; `Boolean` is a transparent `fmi2Boolean`.
-                unsafe { $access$(::<$value>)?(&phase::$call, c, references, n, values.cast()) }
+                unsafe {
+                    with(c, |component| {
+                        $access$(::<$value>)?(component, &phase::$call, references, n, values.cast())
+                    })
+                }
             }
         )*
     };
 }
 
 entry_points! {
-    fmi2GetReal(*mut fmi2Real) = get::<fmi2Real>(GET_REAL);
     fmi2GetInteger(*mut fmi2Integer) = get::<fmi2Integer>(GET_INTEGER);
     fmi2GetBoolean(*mut fmi2Boolean) = get::<Boolean>(GET_BOOLEAN);
     fmi2GetString(*mut fmi2String) = strings(GET_STRING);
-    fmi2SetReal(*const fmi2Real) = set::<fmi2Real>(SET_REAL);
     fmi2SetInteger(*const fmi2Integer) = set::<fmi2Integer>(SET_INTEGER);
     fmi2SetBoolean(*const fmi2Boolean) = set::<Boolean>(SET_BOOLEAN);
     fmi2SetString(*const fmi2String) = strings(SET_STRING);

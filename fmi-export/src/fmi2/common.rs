@@ -4,7 +4,8 @@ use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{
-    fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, slice, text, with,
+    Handle, fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, slice, text,
+    with,
 };
 use crate::component::Component;
 
@@ -28,9 +29,9 @@ pub unsafe extern "C" fn fmi2FreeInstance(c: fmi2Component) {
     }
     // SAFETY: not NULL, so by the caller's promise an instance that is not freed; `instantiate` made
     // the pointer from a box.
-    let component = unsafe { Box::from_raw(c.cast::<Component>()) };
+    let handle = unsafe { Box::from_raw(c.cast::<Handle>()) };
     // A model's destructor may panic too; then its memory is lost, and the host lives on.
-    let _ = catch_unwind(AssertUnwindSafe(|| drop(component)));
+    let _ = catch_unwind(AssertUnwindSafe(|| drop(handle)));
 }
 
 /// `fmi2SetDebugLogging`

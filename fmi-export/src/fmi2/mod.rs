@@ -12,6 +12,7 @@
 mod access;
 mod common;
 mod derivatives;
+mod instance;
 mod slave;
 mod state;
 mod types;
@@ -24,6 +25,7 @@ use std::sync::Once;
 pub use access::*;
 pub use common::*;
 pub use derivatives::*;
+pub(crate) use instance::Instance;
 pub use slave::*;
 pub use state::*;
 pub use types::*;
@@ -44,23 +46,27 @@ impl From<Outcome> for fmi2Status {
     }
 }
 
-/// The component behind the host's pointer; none for NULL.
+/// What the host's pointer points to.
+type Handle = Box<dyn Instance>;
+
+/// The instance behind the host's pointer; none for NULL.
 ///
 /// # Safety
 /// `component` is NULL or came from [`instantiate`], is not freed, and nobody else uses it now.
-unsafe fn component<'a>(component: fmi2Component) -> Option<&'a mut Component> {
-    // SAFETY: the caller's promise; `instantiate` made the pointer from a `Box<Component>`.
-    unsafe { component.cast::<Component>().as_mut() }
+#[inline(always)]
+unsafe fn instance<'a>(component: fmi2Component) -> Option<&'a mut Handle> {
+    // SAFETY: the caller's promise; `instantiate` made the pointer from a `Box<Handle>`.
+    unsafe { component.cast::<Handle>().as_mut() }
 }
 
 /// Calls the component behind the host's pointer; without one, there is nobody to tell.
 ///
 /// # Safety
-/// As [`component`].
+/// As [`instance`].
 unsafe fn with(pointer: fmi2Component, call: impl FnOnce(&mut Component) -> Outcome) -> fmi2Status {
     // SAFETY: the caller's promise.
-    match unsafe { component(pointer) } {
-        Some(component) => call(component).into(),
+    match unsafe { instance(pointer) } {
+        Some(instance) => call(instance.component()).into(),
         None => fmi2Status::fmi2Error,
     }
 }
@@ -133,7 +139,7 @@ pub unsafe fn instantiate(
             logging_on != fmi2False,
         );
         match choose(models, name, fmu_type, guid) {
-            Ok(model) => Some(Box::new(Component::new(log, model.create()))),
+            Ok(model) => Some(Box::new(model.create(log))),
             Err(reason) => {
                 log.send(Category::Error, || format!("fmi2Instantiate: {reason}"));
                 None
@@ -141,7 +147,7 @@ pub unsafe fn instantiate(
         }
     }));
     match made {
-        Ok(Some(component)) => Box::into_raw(component).cast(),
+        Ok(Some(handle)) => Box::into_raw(handle).cast(),
         _ => std::ptr::null_mut(),
     }
 }

@@ -196,6 +196,19 @@ impl Plan {
         Ok(Run { index, assignments })
     }
 
+    /// Runs in which every listed value stands and both ends of every range: those to try before a long
+    /// sweep is begun.
+    #[must_use]
+    pub fn corners(&self) -> Vec<u64> {
+        let mut corners = vec![0];
+        let mut runs = self.runs;
+        for parameter in &self.parameters {
+            runs /= parameter.count();
+            corners.extend(parameter.corners().map(|place| place * runs));
+        }
+        corners
+    }
+
     /// Checks that a range of runs, such as the share of a worker, lies in the plan.
     ///
     /// # Errors

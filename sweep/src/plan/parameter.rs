@@ -1,5 +1,7 @@
 //! A swept parameter: its variables and the values they take.
 
+use std::ops::Range;
+
 use serde::Deserialize;
 
 use super::draw::Draw;
@@ -81,6 +83,14 @@ impl Parameter {
             Values::List(values) => values.len() as u64,
             Values::Spaced { count, .. } => *count,
             _ => 1,
+        }
+    }
+
+    /// The places after the first of all listed values, or of the other end of a range.
+    pub(super) fn corners(&self) -> Range<u64> {
+        match &self.values {
+            Values::Spaced { count, .. } => count - 1..*count,
+            _ => 1..self.count(),
         }
     }
 

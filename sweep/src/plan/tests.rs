@@ -55,6 +55,42 @@ fn the_first_parameter_is_slowest_and_draws_are_fastest() {
 }
 
 #[test]
+fn corners_have_every_listed_value_and_the_ends_of_ranges() {
+    let plan = plan(
+        "draws = 3
+        [[parameter]]
+        variable = 'a'
+        values = [1, 2, 4]
+        [[parameter]]
+        variable = 'b'
+        from = 0
+        to = 9
+        count = 10
+        [[parameter]]
+        variable = 'c'
+        uniform = [0, 1]
+        [[parameter]]
+        variable = 'd'
+        values = ['x', 'y']",
+    );
+    let corner = |index: u64| {
+        let assignments = plan.run(index).unwrap().assignments;
+        [0, 1, 3].map(|place| assignments[place].1.to_string())
+    };
+    let corners: Vec<_> = plan.corners().into_iter().map(corner).collect();
+    assert_eq!(
+        corners,
+        [
+            ["1.0", "0.0", "x"],
+            ["2.0", "0.0", "x"],
+            ["4.0", "0.0", "x"],
+            ["1.0", "9.0", "x"],
+            ["1.0", "0.0", "y"],
+        ]
+    );
+}
+
+#[test]
 fn ranges_are_evenly_spaced_with_exact_ends() {
     let spaced = |keys: &str| numbers(&parameter(keys));
     assert_eq!(

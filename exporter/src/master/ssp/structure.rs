@@ -232,7 +232,7 @@ fn start(variable: &Variable, value: &Typed, fmu: &Fmu, terms: &mut Terms) -> El
         }
         Typed::Integer(value) => Element::new("ssv:Integer").with("value", value),
         Typed::Boolean(value) => Element::new("ssv:Boolean").with("value", value),
-        Typed::String(value) => Element::new("ssv:String").with("value", value),
+        Typed::String(value) => Element::new("ssv:String").with("value", value.to_string_lossy()),
     }
 }
 

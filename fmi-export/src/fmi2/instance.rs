@@ -1,0 +1,180 @@
+//! What the host's pointer leads to, and the three functions that a host calls at every step.
+//!
+//! These are made anew for every model, so that the compiler puts an author's step and access into
+//! them: an entry point is a jump to the function of its model, with the arguments as they are. The
+//! functions do what is usual between steps, and leave everything else to the [`Component`], which
+//! checks one thing after the other and finds the reason of a refusal.
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::asm;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::slice;
+
+use super::{access, fmi2Real, fmi2Status, fmi2ValueReference};
+use crate::Model;
+use crate::bound::Bound;
+use crate::component::{Component, Failure};
+use crate::phase::{self, Call, Phase};
+use crate::slave::Slave;
+
+/// An instance of any model.
+///
+/// The functions are those of C, which never unwind: else an entry point could not end in a jump.
+pub(crate) trait Instance {
+    /// What all calls but those below go to.
+    fn component(&mut self) -> &mut Component;
+
+    /// `fmi2GetReal`
+    ///
+    /// # Safety
+    /// `references` and `values` are NULL or hold `n` elements.
+    unsafe extern "C" fn get_reals(
+        &mut self,
+        references: *const fmi2ValueReference,
+        n: usize,
+        values: *mut fmi2Real,
+    ) -> fmi2Status;
+
+    /// `fmi2SetReal`
+    ///
+    /// # Safety
+    /// `references` and `values` are NULL or hold `n` elements.
+    unsafe extern "C" fn set_reals(
+        &mut self,
+        references: *const fmi2ValueReference,
+        n: usize,
+        values: *const fmi2Real,
+    ) -> fmi2Status;
+
+    /// `fmi2DoStep`
+    extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status;
+}
+
+impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
+    fn component(&mut self) -> &mut Component {
+        self
+    }
+
+    unsafe extern "C" fn get_reals(
+        &mut self,
+        references: *const fmi2ValueReference,
+        n: usize,
+        values: *mut fmi2Real,
+    ) -> fmi2Status {
+        align();
+        if self.is_usual(references, n, values) {
+            // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
+            let (references, values) = unsafe {
+                (
+                    slice::from_raw_parts(references, n),
+                    slice::from_raw_parts_mut(values, n),
+                )
+            };
+            let done = self.quickly(&phase::GET_REAL, |slave| {
+                slave.get_reals(references, values)
+            });
+            if let Some(status) = done {
+                return status;
+            }
+        }
+        // SAFETY: the caller's promise.
+        unsafe { access::get(self, &phase::GET_REAL, references, n, values) }.into()
+    }
+
+    unsafe extern "C" fn set_reals(
+        &mut self,
+        references: *const fmi2ValueReference,
+        n: usize,
+        values: *const fmi2Real,
+    ) -> fmi2Status {
+        align();
+        if self.is_usual(references, n, values) {
+            // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
+            let (references, values) = unsafe {
+                (
+                    slice::from_raw_parts(references, n),
+                    slice::from_raw_parts(values, n),
+                )
+            };
+            let done = self.quickly(&phase::SET_REAL, |slave| {
+                slave.set_reals(references, values)
+            });
+            if let Some(status) = done {
+                return status;
+            }
+        }
+        // SAFETY: the caller's promise.
+        unsafe { access::set(self, &phase::SET_REAL, references, n, values) }.into()
+    }
+
+    extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status {
+        align();
+        if !self.life.is_next_step(time, step)
+            && let Some(outcome) = self.component().refuse_step(time, step)
+        {
+            return outcome.into();
+        }
+        let taken = catch_unwind(AssertUnwindSafe(|| {
+            self.slave.step(time, step)?;
+            if Bound::<M, N>::HAS_SLOPES && self.life.sloped {
+                self.slave.clear_slopes();
+                self.life.sloped = false;
+            }
+            Ok(())
+        }));
+        match taken {
+            Ok(Ok(())) => {
+                self.life.time = Some(time + step);
+                fmi2Status::fmi2OK
+            }
+            Ok(Err(error)) => {
+                let failure = Failure::of_step(error, time, step);
+                self.component().fail(phase::DO_STEP.name, failure).into()
+            }
+            Err(panic) => {
+                let component = self.component();
+                component.die(phase::DO_STEP.name, panic).into()
+            }
+        }
+    }
+}
+
+impl<M: Model, const N: usize> Component<Bound<M, N>> {
+    /// Whether a get or set is one between steps, with something in its arrays.
+    #[inline(always)]
+    fn is_usual<V>(
+        &self,
+        references: *const fmi2ValueReference,
+        n: usize,
+        values: *const V,
+    ) -> bool {
+        self.life.phase == Phase::StepComplete
+            && n != 0
+            && !references.is_null()
+            && !values.is_null()
+    }
+
+    /// Does a part of a call that an author's code may end by a panic; none if it could not be done.
+    #[inline(always)]
+    fn quickly(
+        &mut self,
+        call: &Call,
+        work: impl FnOnce(&mut Bound<M, N>) -> bool,
+    ) -> Option<fmi2Status> {
+        match catch_unwind(AssertUnwindSafe(|| work(&mut self.slave))) {
+            Ok(done) => done.then_some(fmi2Status::fmi2OK),
+            Err(panic) => Some(self.component().die(call.name, panic).into()),
+        }
+    }
+}
+
+/// Lets the function begin at a multiple of 16 bytes, as it does unless it is built for size: else
+/// its speed depends on where the linker happens to put it.
+#[inline(always)]
+fn align() {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: a directive of the assembler, which fills a gap with instructions that do nothing.
+    unsafe {
+        asm!(".p2align 4", options(nomem, nostack, preserves_flags));
+    }
+}

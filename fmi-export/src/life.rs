@@ -1,0 +1,178 @@
+//! Where an instance stands in its life, and which steps it may take.
+
+use serde::{Deserialize, Serialize};
+
+use crate::log::{Category, Log};
+use crate::phase::Phase;
+use crate::reason::{Reason, reason};
+
+/// By how much (s) communication points may differ in any case.
+const LEAST_TOLERANCE: f64 = 1e-9;
+
+/// Where an instance stands in its life. With the model's values, that is all of its state.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Life {
+    pub(crate) phase: Phase,
+    pub(crate) start_time: f64,
+    pub(crate) stop_time: Option<f64>,
+    /// The current communication point (s), once a step was taken.
+    pub(crate) time: Option<f64>,
+    /// Whether values were set since the outputs were last initialized.
+    pub(crate) stale: bool,
+    /// Whether an input has a time derivative for the next step.
+    pub(crate) sloped: bool,
+}
+
+impl Life {
+    pub(crate) const NEW: Self = Self {
+        phase: Phase::Instantiated,
+        start_time: 0.0,
+        stop_time: None,
+        time: None,
+        stale: true,
+        sloped: false,
+    };
+
+    /// Whether the state of an instance in it can be saved: a dead one answers no call.
+    pub(crate) fn can_be_saved(&self) -> bool {
+        self.phase != Phase::Fatal
+    }
+
+    /// Whether a step is one of those that follow each other in a simulation, told by few
+    /// comparisons. [`check_step`](Self::check_step) allows it, and maybe others.
+    #[inline(always)]
+    pub(crate) fn is_next_step(&self, time: f64, step: f64) -> bool {
+        self.phase == Phase::StepComplete
+            && 0.0 < step
+            && step <= f64::MAX
+            && (self.time).is_some_and(|end| (time - end).abs() <= LEAST_TOLERANCE)
+            && (self.stop_time).is_none_or(|stop| time + step <= stop)
+    }
+
+    /// Checks a step; what is unusual about it goes to the log.
+    pub(crate) fn check_step(&self, time: f64, step: f64, log: &Log) -> Result<(), Reason> {
+        if !step.is_finite() || step < 0.0 {
+            return Err(reason!(
+                "the communication step is {step:?}; expected a finite number of at least 0"
+            ));
+        }
+        if !time.is_finite() {
+            return Err(reason!(
+                "the communication point is {time:?}; expected a finite number"
+            ));
+        }
+        // Hosts add up or multiply times, and differ by rounding.
+        let tolerance = 1e-6 * step + LEAST_TOLERANCE * (1.0 + time.abs());
+        match self.time {
+            Some(end) if (time - end).abs() > tolerance => {
+                return Err(reason!(
+                    "the communication point is {time:?}; expected {end}, where the last step ended"
+                ));
+            }
+            Some(_) => {}
+            None => self.check_first_step(time, step, tolerance, log)?,
+        }
+        match self.stop_time {
+            Some(stop) if time + step > stop + tolerance => Err(reason!(
+                "the step ends at {:?}, past the stop time {stop:?}",
+                time + step
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// A sampled loop may begin at its first sample instead of at the start time.
+    fn check_first_step(
+        &self,
+        time: f64,
+        step: f64,
+        tolerance: f64,
+        log: &Log,
+    ) -> Result<(), Reason> {
+        let start = self.start_time;
+        let late = time - start;
+        if late < -tolerance || late > step + tolerance {
+            return Err(reason!(
+                "the first communication point is {time:?}; expected the start time {start}"
+            ));
+        }
+        if late > tolerance {
+            log.send(Category::Warning, || {
+                format!(
+                    "fmi2DoStep: the first step begins at {time}, not at the start time {start}"
+                )
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::CString;
+
+    use super::*;
+
+    /// The life of an instance whose last step ended at 1 s, and that stops at 2 s.
+    const RUNNING: Life = Life {
+        phase: Phase::StepComplete,
+        stop_time: Some(2.0),
+        time: Some(1.0),
+        ..Life::NEW
+    };
+
+    fn is_allowed(life: &Life, time: f64, step: f64) -> bool {
+        let log = Log::new(None, std::ptr::null_mut(), CString::default(), false);
+        life.check_step(time, step, &log).is_ok()
+    }
+
+    #[test]
+    fn the_next_step_needs_no_closer_look() {
+        for (time, step) in [(1.0, 1e-3), (1.0 + 1e-12, 0.5), (1.0, 1.0)] {
+            assert!(RUNNING.is_next_step(time, step));
+        }
+    }
+
+    #[test]
+    fn what_needs_no_closer_look_would_be_allowed() {
+        let extremes = [0.0, 1e-300, 1e-9, 1.0, 1.0 + 1e-9, 1.1, 2.0, f64::MAX];
+        let others = [f64::INFINITY, f64::NAN, -1.0, f64::MIN];
+        let numbers: Vec<f64> = extremes.into_iter().chain(others).collect();
+        for &end in &numbers {
+            for stop_time in [None, Some(2.0), Some(f64::MAX)] {
+                let time = Some(end);
+                let life = Life {
+                    stop_time,
+                    time,
+                    ..RUNNING
+                };
+                for (&time, &step) in numbers
+                    .iter()
+                    .flat_map(|t| numbers.iter().map(move |h| (t, h)))
+                {
+                    assert!(
+                        !life.is_next_step(time, step) || is_allowed(&life, time, step),
+                        "{life:?} {time} {step}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_step_and_other_states_need_a_closer_look() {
+        let first = Life {
+            time: None,
+            ..RUNNING
+        };
+        assert!(!first.is_next_step(0.0, 0.1));
+        for phase in [
+            Phase::Initialization,
+            Phase::StepFailed,
+            Phase::Error,
+            Phase::Fatal,
+        ] {
+            assert!(!Life { phase, ..RUNNING }.is_next_step(1.0, 0.1));
+        }
+    }
+}

@@ -1,0 +1,111 @@
+"""Small sweeps by the native program, and what they have done so far."""
+
+import csv
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+
+PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
+"""Where `make master` puts the program."""
+
+SYSTEMS = ROOT / "examples" / "closed-loop"
+
+PATIENCE = 30
+"""How long something may take that takes a second on an idle machine [s]."""
+
+SHORT = """
+stop = 0.05
+seed = 3
+draws = 4
+
+[[parameter]]
+variable = "controller.previous_sample_terms"
+values = [true, false]
+
+[[parameter]]
+variable = "plant.model"
+values = ["linear", "nonlinear"]
+
+[[parameter]]
+variable = "controller.pid.kp"
+values = [200, 300]
+
+[[parameter]]
+variable = "plant.M"
+normal = [1.096, 0.1]
+"""
+"""32 runs, of values of every type."""
+
+LONG = """
+stop = 20.0
+
+[[parameter]]
+variable = "controller.pid.kp"
+from = 200
+to = 400
+count = 200
+"""
+"""200 runs of some milliseconds each: time enough to kill what does them."""
+
+
+def written(folder: Path, text: str, system: str = "pid-rbf") -> Path:
+    """Write a sweep of a system of the examples."""
+    file = folder / "sweep.toml"
+    file.write_text(f'system = "{SYSTEMS / system}.toml"\n{text}', encoding="utf-8")
+    return file
+
+
+def local(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
+    """Run a sweep by `cargo fmu sweep`, whatever its exit code."""
+    command = [PROGRAM, "sweep", sweep, "--out", out, *map(str, options)]
+    return subprocess.run(command, cwd=out.parent, capture_output=True, text=True, check=False)
+
+
+def printed(sweep: Path, *options: str) -> str:
+    """Return what `cargo fmu sweep` prints for a coordinator."""
+    command = [PROGRAM, "sweep", sweep, *options]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    """Read the rows of a CSV file."""
+    with out.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def expected(sweep: Path, suffix: str = ".csv") -> bytes:
+    """Return the table of a sweep that nobody disturbs."""
+    out = sweep.with_name(f"undisturbed{suffix}")
+    result = local(sweep, out)
+    assert result.returncode == 0, result.stderr
+    return out.read_bytes()
+
+
+def journal_of(out: Path) -> Path:
+    """Return the journal of a table."""
+    return out.with_name(f"{out.name}.part")
+
+
+def runs_in(journal: str) -> list[int]:
+    """Return the numbers of the runs in a journal, of whole lines."""
+    return [int(line.split(",", 1)[0]) for line in journal.split("\n")[2:-1]]
+
+
+def done(out: Path) -> list[int]:
+    """Return the runs that the journal of a table has by now."""
+    journal = journal_of(out)
+    return runs_in(journal.read_text(encoding="utf-8")) if journal.exists() else []
+
+
+def wait_until(condition: Callable[[], Any], process: subprocess.Popen | None = None) -> Any:
+    """Wait until the condition holds, while the process runs; returns what made it hold."""
+    patience = time.monotonic() + PATIENCE
+    while not (holds := condition()):
+        assert process is None or process.poll() is None, "it ended too early"
+        assert time.monotonic() < patience, "nothing happens"
+        time.sleep(0.002)
+    return holds

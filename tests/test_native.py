@@ -1,0 +1,344 @@
+"""The native master: bit for bit what FMPy's master computes, Table 1, its options, its output."""
+
+import csv
+import os
+import pty
+import re
+import shutil
+import subprocess
+import termios
+from pathlib import Path
+
+import master
+import numpy as np
+import pytest
+import table1
+from master import FMUS, TS, closed_loop
+from native import LOOPS, PROGRAM, ROOT, read_csv, refusal, run, simulate
+from table1 import Run
+
+FILES = {
+    ("Pid", "own"): "pid.toml",
+    ("PidRbf", "own"): "pid-rbf.toml",
+    ("IpidRbf", "own"): "ipid-rbf.toml",
+    ("IpidRbf", "supervisor"): "supervised.toml",
+}
+"""The example of each loop."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _exported(fmus: Path) -> None:
+    """Have the FMUs that the examples name."""
+
+
+# --- equality with FMPy's master ------------------------------------------------------------------
+
+
+def sets(loop: Run) -> list[str]:
+    """Return the options that excite an example as a run of Table 1."""
+    values = {"source.signal": loop.signal, "source.disturbance.amplitude": loop.disturbance}
+    if loop.signal in master.FREQUENCY:
+        values["source.frequency"] = master.FREQUENCY[loop.signal]
+    for component, weights in (("controller", loop.w0), ("supervisor", loop.supervisor_w0)):
+        for j, weight in enumerate(weights or (), start=1):
+            values[f"{component}.rbf.w0[{j}]"] = weight
+    return [f"--set={name}={value}" for name, value in values.items()]
+
+
+def assert_same_bits(computed: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
+    """Compare columns of the same names, where 0.0 is not -0.0."""
+    assert computed.keys() == expected.keys()
+    for name, column in expected.items():
+        differ = np.flatnonzero(computed[name].view(np.uint64) != column.view(np.uint64))
+        assert differ.size == 0, (name, differ[0], computed[name][differ[0]], column[differ[0]])
+
+
+@pytest.mark.parametrize(
+    "loop",
+    table1.runs(),
+    ids=lambda run: f"{run.controller}-{run.signal}-{run.disturbance}-{run.w0}",
+)
+def test_the_runs_of_table_1_have_the_bits_of_fmpy(loop, table_results, tmp_path):
+    expected = table_results[loop]
+    outputs = [f"--output={name}" for name in expected if name != "time"]
+    file = LOOPS / FILES[loop.controller, loop.target]
+    assert_same_bits(simulate(file, tmp_path, *sets(loop), *outputs), expected)
+
+
+@pytest.mark.parametrize("disturbance", [0.0, 1.0])
+@pytest.mark.parametrize("signal", ["step", "sine", "square"])
+def test_pid_rbf_alone_has_the_bits_of_the_supervisor(signal, disturbance, table_results, tmp_path):
+    """It is the loop that `supervised.toml` runs beside that of IPID-RBF."""
+    beside = table_results[Run("IpidRbf", signal, disturbance, "supervisor")]
+    expected = {"time": beside["time"]} | {
+        name: beside[name.replace("controller", "supervisor").replace("plant", "supervisor_plant")]
+        for name in ("controller.e", "controller.u", "plant.theta")
+    }
+    options = sets(Run("PidRbf", signal, disturbance))
+    outputs = [f"--output={name}" for name in expected if name != "time"]
+    assert_same_bits(simulate(LOOPS / "pid-rbf.toml", tmp_path, *options, *outputs), expected)
+
+
+VARIATIONS = [
+    # order, model of the plant, communication step [s]
+    ("parallel", "linear", TS),
+    ("sequential", "nonlinear", TS),
+    ("sequential", "transfer_function", TS),
+    ("sequential", "linear", 0.00025),
+    ("parallel", "nonlinear", 0.00025),
+]
+
+
+@pytest.mark.parametrize(("order", "model", "step"), VARIATIONS)
+@pytest.mark.parametrize(("controller", "target"), FILES)
+def test_every_output_has_the_bits_of_fmpy(controller, target, order, model, step, tmp_path):
+    steps = 1000
+    start = {"source.disturbance.start": 0.1, "source.disturbance.duration": 0.1}
+    if order == "parallel":
+        start |= {
+            f"{name}.previous_sample_terms": "false"
+            for name in ("controller", "supervisor")
+            if name == "controller" or target == "supervisor"
+        }
+    with closed_loop(
+        controller, "sine", 1.0, target=target, plant_model=model, overrides=start, fmus=FMUS
+    ) as system:
+        expected = master.simulate(system, TS, step, steps, order=order)
+    start["plant.model"] = model
+    if target == "supervisor":
+        start["supervisor_plant.model"] = model
+    computed = simulate(
+        LOOPS / FILES[controller, target], tmp_path,
+        *sets(Run(controller, "sine", 1.0, target)),
+        *(f"--set={name}={value}" for name, value in start.items()),
+        f"--order={order}", f"--step={step}", f"--stop={TS + (steps - 1) * step}",
+    )  # fmt: skip
+    assert np.any(computed["source.d"])
+    assert_same_bits(computed, expected)
+
+
+# --- Table 1 --------------------------------------------------------------------------------------
+
+
+def table(text: str) -> dict[tuple[str, ...], tuple[str, ...]]:
+    """Return (printed, expected, computed, verdict) by (row, disturbance, signal, controller)."""
+    cells = [re.split(" {2,}", line.strip()) for line in text.splitlines() if "  " in line]
+    head, *rows = [tuple(row) for row in cells]
+    assert head[:4] == ("row", "disturbance", "signal", "controller")
+    assert len({row[:4] for row in rows}) == len(rows)
+    return {row[:4]: row[4:] for row in rows}
+
+
+def test_table_1_is_reproduced(table_results):
+    result = run("table1", cwd=ROOT)
+    assert result.returncode == 0, result.stdout
+    rows = table(result.stdout)
+    entries = table1.entries()[:18]
+    assert rows.keys() == {entry.label for entry in entries}
+    for entry in entries:
+        printed, _, computed, verdict = rows[entry.label]
+        assert printed == entry.printed
+        assert entry.close(float(computed)), entry.label
+        assert float(computed) == float(f"{entry.computed(table_results[entry.run]):.9e}")
+        assert verdict == "ok"
+
+
+def test_a_missed_number_of_table_1_is_told(tmp_path):
+    shutil.copytree(FMUS, tmp_path, dirs_exist_ok=True)
+    shutil.copy(FMUS / "PidRbf.fmu", tmp_path / "Pid.fmu")
+    result = run("table1", "--fmus", tmp_path)
+    assert result.returncode == 1
+    for (*_, controller), (*_, verdict) in table(result.stdout).items():
+        assert verdict == ("MISSED" if controller == "Pid" else "ok")
+
+
+def test_table_1_says_which_fmus_it_misses(tmp_path):
+    said = refusal(tmp_path, "table1", "--fmus", "nowhere")
+    assert said.startswith("there is no folder nowhere; `cargo fmu export` writes")
+    shutil.copy(FMUS / "Pid.fmu", tmp_path)
+    said = refusal(tmp_path, "table1", "--fmus", tmp_path)
+    assert re.search(r"Pendulum\.fmu cannot be used: cannot open it: No such file", said)
+
+
+# --- options --------------------------------------------------------------------------------------
+
+PID = LOOPS / "pid.toml"
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "step", "steps"),
+    [(0.001, 0.02, 0.001, 20), (0, 1, 1 / 1024, 1025), (-0.5, 0.4, 0.3, 4), (2, 2, 0.1, 1)],
+)
+def test_the_times_are_those_of_the_options(start, stop, step, steps, tmp_path):
+    options = (f"--start={start}", f"--stop={stop}", f"--step={step}")
+    time = simulate(PID, tmp_path, *options)["time"]
+    np.testing.assert_array_equal(time, start + step * np.arange(steps))
+
+
+def test_set_reaches_every_type_of_parameter(tmp_path):
+    columns = simulate(
+        PID, tmp_path, "--stop=0.1", "--set=controller.u_max=7", "--set=plant.theta0=0.25",
+        "--set=plant.model=nonlinear", "--set=controller.previous_sample_terms=false",
+        "--set=source.amplitude=-2", "--set=source.amplitude=3",
+    )  # fmt: skip
+    assert np.abs(columns["controller.u"]).max() == 7
+    assert columns["plant.theta"][0] == 0.25
+    assert set(columns["source.r"]) == {3.0}, "the last of two counts"
+
+
+def test_output_chooses_the_columns_and_their_order(tmp_path):
+    names = ["source.r", "controller.u", "plant.theta", "controller.e"]
+    columns = simulate(PID, tmp_path, "--stop=0.1", *(f"--output={name}" for name in names))
+    assert list(columns) == ["time", *names]
+
+
+def test_fmus_are_taken_from_another_folder(tmp_path):
+    shutil.copytree(FMUS, tmp_path / "others")
+    shutil.copy(FMUS / "PidRbf.fmu", tmp_path / "others" / "Pid.fmu")
+    columns = simulate(PID, tmp_path, "--stop=0.1", "--fmus", tmp_path / "others")
+    assert "controller.rbf.w[1]" in columns
+
+
+def test_the_order_is_that_of_the_option(tmp_path):
+    """In parallel order the plant feels the first force one step later."""
+    first_move = {
+        order: np.flatnonzero(simulate(PID, tmp_path, f"--order={order}", "--stop=0.1")["plant.v"])[
+            0
+        ]
+        for order in ("sequential", "parallel")
+    }
+    assert first_move["parallel"] == first_move["sequential"] + 1
+
+
+def test_paths_in_a_file_are_seen_from_its_folder(tmp_path):
+    folder = tmp_path / "a" / "b"
+    folder.mkdir(parents=True)
+    (tmp_path / "target").symlink_to(FMUS.parent)
+    shutil.copy(PID, folder)
+    result = run("simulate", "a/b/pid.toml", "--stop=0.1", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+
+
+# --- output ---------------------------------------------------------------------------------------
+
+
+def test_the_summary_shows_last_values_with_units_and_the_speed(tmp_path):
+    result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
+    assert result.stderr == "", "no progress where there is no terminal"
+    head, *lines, speed, wrote = result.stdout.splitlines()
+    assert head.split() == ["output", "at", "t", "=", "0.5", "s", "unit"]
+    with (tmp_path / "out.csv").open(newline="") as file:
+        heads, *_, last = csv.reader(file)
+    expected = dict(zip(heads[1:], last[1:], strict=True))
+    assert len(lines) == len(expected)
+    for line in lines:
+        name, value, unit = line.split()
+        assert float(value) == float(f"{float(expected[f'{name} [{unit}]']):.9e}")
+    assert "plant.theta [rad]" in expected
+    assert "controller.u [N]" in expected
+    simulated, elapsed, factor = re.fullmatch(
+        r"([\d.]+) s in ([\d.]+) ms: ([\d.]+) times real time", speed
+    ).groups()
+    assert float(simulated) == 0.5
+    assert float(factor) == pytest.approx(0.5 / (float(elapsed) / 1e3), rel=0.01)
+    assert wrote == "wrote out.csv: 500 rows"
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+def test_csv_goes_to_a_device_too(tmp_path):
+    result = run("simulate", PID, "--stop=0.003", "--csv", "/dev/stdout", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    head, *rows = result.stdout.splitlines()[:4]
+    assert head.startswith("time [s],controller.")
+    assert [row.split(",")[0] for row in rows] == ["0.001", "0.002", "0.003"]
+
+
+def test_a_csv_file_that_exists_is_replaced_and_a_link_to_it_stays(tmp_path):
+    (tmp_path / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    run("simulate", PID, "--stop=0.003", "--csv", "link.csv", cwd=tmp_path)
+    assert (tmp_path / "link.csv").is_symlink()
+    assert len(read_csv(tmp_path / "real.csv")["time"]) == 3
+
+
+def test_a_reader_that_has_enough_is_no_error():
+    command = f"'{PROGRAM}' simulate '{PID}' --csv /dev/stdout | head -n 1"
+    result = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True
+    )
+    assert result.returncode == 0
+    assert result.stderr == ""
+    assert result.stdout.startswith("time [s],")
+
+
+def on_a_terminal(*arguments: object) -> str:
+    """Run the program with a terminal for stderr; returns what that shows."""
+    ours, its = pty.openpty()
+    termios.tcsetwinsize(its, (24, 120))
+    with subprocess.Popen(
+        [PROGRAM, *map(str, arguments)],
+        stdout=subprocess.DEVNULL,
+        stderr=its,
+        env=os.environ | {"TERM": "xterm"},
+    ) as process:
+        os.close(its)
+        shown = b""
+        try:
+            while some := os.read(ours, 4096):
+                shown += some
+        except OSError:  # how Linux ends it
+            pass
+    os.close(ours)
+    assert process.returncode == 0, shown
+    return shown.decode()
+
+
+def test_a_terminal_shows_the_progress():
+    shown = on_a_terminal("simulate", PID, "--step=0.00001", "--stop=5")
+    times = re.findall(r"t = ([\d.]+) of 5 s, ([\d.]+) times real time", shown)
+    assert len({time for time, _ in times}) > 2
+    assert all(0 < float(time) <= 5 and float(factor) > 0 for time, factor in times)
+
+
+# --- the program without the master ---------------------------------------------------------------
+
+
+def cargo_fmu(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run `cargo fmu`, which is built without the master."""
+    return subprocess.run(
+        ["cargo", "fmu", *map(str, arguments)],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", PID, "--stop=0.1", "--set=controller.u_max=7"),
+        ("simulate", PID, "--set=controller.pid.kpp=7"),
+        ("simulate", "missing.toml"),
+        ("simulate", PID, "--step=slow"),
+        ("table1", "--fmus=missing"),
+    ],
+    ids=str,
+)
+def test_commands_are_handed_on(arguments):
+    def without_speed(text: str) -> str:
+        return re.sub("in .* times real time", "", text)
+
+    direct, handed = run(*arguments, cwd=ROOT), cargo_fmu(*arguments)
+    assert handed.returncode == direct.returncode
+    assert handed.stderr == direct.stderr
+    assert without_speed(handed.stdout) == without_speed(direct.stdout)
+
+
+def test_without_libclang_it_says_what_to_do():
+    result = cargo_fmu("simulate", PID, LIBCLANG_PATH="/missing/libclang")
+    assert result.returncode == 1
+    assert result.stderr == (
+        "error: the master needs libclang at /missing/libclang; `make libclang` puts it there\n"
+    )

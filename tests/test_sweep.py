@@ -1,0 +1,515 @@
+"""`cargo fmu sweep`: its metrics beside FMPy's trajectories, its order, kills, and bad input."""
+
+import csv
+import io
+import math
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import sweeps
+from master import TS, MasterError, closed_loop, simulate, steps_until
+from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
+
+TOLERANCE = 1e-12
+"""Relative: sums of up to 20000 numbers, in another order."""
+
+BAND, LIMIT = 0.003, 1e3
+"""What counts as settled, relative to the set-point, and what as diverged [rad], by default."""
+
+
+def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
+    """Run a sweep, and return its rows."""
+    out = sweep.with_suffix(".csv")
+    result = local(sweep, out, *options)
+    assert result.returncode == 0, result.stderr
+    return table(out)
+
+
+def number(cell: str) -> float:
+    """Read a number; NaN where there is none."""
+    return float(cell) if cell else math.nan
+
+
+# --- metrics --------------------------------------------------------------------------------------
+
+
+def trajectory(
+    fmus: Path, controller: str, stop: float, overrides: Mapping[str, Any], **loop: Any
+) -> dict[str, np.ndarray]:
+    """Co-simulate a loop by FMPy, with names of the columns as the metrics use them."""
+    steps = steps_until(stop, TS, TS)
+    names = ["source.r", "plant.theta", "controller.e", "controller.u"]
+    with closed_loop(controller, overrides=overrides, fmus=fmus, **loop) as system:
+        results = simulate(system, TS, TS, steps, record=names)
+    return dict(zip("tryeu", results.values(), strict=True))
+
+
+def metrics(
+    t: np.ndarray, r: np.ndarray, y: np.ndarray, e: np.ndarray, u: np.ndarray
+) -> dict[str, float]:
+    """Compute the metrics of a trajectory that does not diverge, from whole columns."""
+    h = np.diff(t)
+    held = np.abs(e[:-1])  # a sample counts until the next one
+    jumps = np.count_nonzero(np.diff(r))
+    if jumps > 1:
+        height = np.max(np.abs(r))
+        excess = np.max(np.abs(y)) - height
+    else:
+        signed = r[-1] - (r[0] if jumps else y[0])
+        height = abs(signed)
+        excess = np.max((y - r[-1]) * np.sign(signed))
+    outside = ~(np.abs(e) <= BAND * np.abs(r))
+    last = max([0, *(np.flatnonzero(outside) + 1), *(np.flatnonzero(np.diff(r)) + 1)])
+    settles = last < len(t) and r[-1] == r[-2]
+    return {
+        "iae": math.fsum(held * h),
+        "ise": math.fsum(held**2 * h),
+        "itae": math.fsum((t[:-1] - t[0]) * held * h),
+        "overshoot": max(excess, 0) / height,
+        "settling_time": t[last] if settles else math.nan,
+        "largest_u": np.max(np.abs(u)),
+        "final_e": e[-1],
+    }
+
+
+def assert_metrics(row: Mapping[str, str], expected: Mapping[str, float]) -> None:
+    """Check the metrics of a row that has not diverged."""
+    assert (row["diverged"], row["diverged_at"]) == ("false", "")
+    computed = {name: number(row[name]) for name in expected}
+    assert computed == pytest.approx(expected, rel=TOLERANCE, abs=0, nan_ok=True)
+
+
+def test_metrics_of_steps_are_those_of_fmpys_trajectories(program, fmus, tmp_path):
+    """Every type of value; and as always the same order, the first parameter slowest."""
+    text = """
+        stop = 3.5
+        set = { "plant.theta0" = 0.05, "plant.model" = "nonlinear" }
+        [[parameter]]
+        variable = "source.amplitude"
+        values = [-0.5, 1]
+        [[parameter]]
+        variable = "controller.previous_sample_terms"
+        values = [true, false]
+        [[parameter]]
+        variable = "controller.pid.kp"
+        from = 200
+        to = 450
+        count = 3
+    """
+    rows = swept(sweeps.written(tmp_path, text))
+    grid = [
+        {"source.amplitude": a, "controller.previous_sample_terms": late, "controller.pid.kp": kp}
+        for a in (-0.5, 1.0)
+        for late in (True, False)
+        for kp in (200.0, 325.0, 450.0)
+    ]
+    assert [int(row["index"]) for row in rows] == list(range(len(grid)))
+    for row, values in zip(rows, grid, strict=True):
+        assert {name: row[name] for name in values} == {
+            name: str(value).lower() for name, value in values.items()
+        }
+        fixed = {"plant.theta0": 0.05, "plant.model": "nonlinear"}
+        loop = trajectory(fmus, "PidRbf", 3.5, {**fixed, **values})
+        assert_metrics(row, metrics(**loop))
+    settled = [row["settling_time"] != "" for row in rows]
+    assert any(settled)
+    assert not all(settled)
+    assert any(float(row["overshoot"]) > 0 for row in rows)
+
+
+def test_metrics_of_sine_and_square_wave_are_those_of_fmpys_trajectories(program, fmus, tmp_path):
+    text = """
+        stop = 12.0
+        set = { "source.frequency" = 0.2, "source.disturbance.amplitude" = 1 }
+        [[parameter]]
+        variable = "source.signal"
+        values = ["sine", "square"]
+    """
+    rows = swept(sweeps.written(tmp_path, text, "pid"))
+    assert len(rows) == 2
+    for row in rows:
+        overrides = {"source.frequency": 0.2}
+        loop = trajectory(
+            fmus, "Pid", 12.0, overrides, signal=row["source.signal"], disturbance=1.0
+        )
+        assert_metrics(row, metrics(**loop))
+    assert rows[0]["settling_time"] == "", "a sine never rests"
+
+
+def test_items_of_enumerations_may_be_numbers_and_variables_may_share_values(
+    program, fmus, tmp_path
+):
+    text = """
+        stop = 0.3
+        [[parameter]]
+        variable = "plant.model"
+        values = [2, 3]
+        [[parameter]]
+        variables = ["controller.rbf.w0[1]", "controller.rbf.w0[4]"]
+        values = [0, 1.5]
+    """
+    rows = swept(sweeps.written(tmp_path, text, "ipid-rbf"))
+    grid = [(model, w) for model in ("linear", "nonlinear") for w in (0.0, 1.5)]
+    for row, (model, w) in zip(rows, grid, strict=True):
+        overrides = {"controller.rbf.w0[1]": w, "controller.rbf.w0[4]": w}
+        loop = trajectory(fmus, "IpidRbf", 0.3, overrides, plant_model=model)
+        assert_metrics(row, metrics(**loop))
+
+
+# --- divergence -----------------------------------------------------------------------------------
+
+
+def test_a_pendulum_that_falls_is_told_with_the_time_and_does_not_stop_the_sweep(
+    program, fmus, tmp_path
+):
+    text = """
+        stop = 4.0
+        set = { "plant.theta0" = 0.1, "source.amplitude" = 0, "controller.pid.ki" = 0 }
+        [[parameter]]
+        variable = "controller.pid.kp"
+        values = [0, 300]
+        [[parameter]]
+        variable = "controller.pid.kd"
+        values = [0, 100]
+    """
+    rows = swept(sweeps.written(tmp_path, text, "pid"))
+    assert [row["diverged"] for row in rows] == ["true", "false", "false", "false"]
+    assert [row["diverged_at"] for row in rows[1:]] == ["", "", ""]
+    fixed = {"plant.theta0": 0.1, "source.amplitude": 0, "controller.pid.ki": 0}
+    overrides = {**fixed, "controller.pid.kp": 0, "controller.pid.kd": 0}
+    loop = trajectory(fmus, "Pid", 4.0, overrides)
+    beyond = np.flatnonzero(np.abs(loop["e"]) > LIMIT)[0]
+    assert 1 < loop["t"][beyond] < 4
+    assert float(rows[0]["diverged_at"]) == loop["t"][beyond]
+    sound = {name: column[:beyond] for name, column in loop.items()}
+    for name, value in metrics(**sound).items():
+        if name not in ("overshoot", "settling_time"):
+            assert float(rows[0][name]) == pytest.approx(value, rel=TOLERANCE), name
+    assert rows[0]["settling_time"] == ""
+
+
+def test_a_step_that_an_fmu_refuses_is_told_with_its_reason_and_time(program, fmus, tmp_path):
+    """Without a limit, the angle of the linear pendulum grows to what the FMU calls diverged."""
+    text = """
+        stop = 20.0
+        set = { "plant.theta0" = 0.1, "plant.g" = 1000, "controller.u_max" = 0 }
+        [[parameter]]
+        variable = "plant.b"
+        values = [0.1, 100]
+        [metrics]
+        limit = inf
+    """
+    out = tmp_path / "out.csv"
+    result = local(sweeps.written(tmp_path, text, "pid"), out)
+    assert result.returncode == 0, result.stderr
+    overrides = {"plant.theta0": 0.1, "plant.g": 1000, "controller.u_max": 0}
+    times = []
+    for row, friction in zip(table(out), (0.1, 100), strict=True):
+        assert row["diverged"] == "true"
+        with pytest.raises(MasterError) as refused:
+            trajectory(fmus, "Pid", 20.0, {**overrides, "plant.b": friction})
+        times.append(float(re.search(r"at t = ([0-9.]+) s", str(refused.value))[1]))
+        assert float(row["diverged_at"]) == pytest.approx(times[-1], abs=1e-9)
+    assert f"run 0: controller (Pid.fmu), step of 0.001 s at t = {times[0]}" in result.stdout
+
+
+def test_learning_far_above_the_limit_is_no_reason_to_stop(program, tmp_path):
+    text = """
+        stop = 20.0
+        set = { "plant.model" = "nonlinear" }
+        [[parameter]]
+        variable = "controller.rbf.eta"
+        values = [0.3, 10]
+    """
+    sound, ringing = swept(sweeps.written(tmp_path, text))
+    assert abs(float(sound["final_e"])) < 1e-5
+    assert ringing["diverged"] == "true" or abs(float(ringing["final_e"])) > 1e-3
+
+
+# --- order and random numbers ---------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, tmp_path):
+    sweep = sweeps.written(tmp_path, SHORT)
+    first = expected(sweep)
+    for threads in (1, 2, 5):
+        swept(sweep, "--threads", threads)
+        assert sweep.with_suffix(".csv").read_bytes() == first
+
+
+def test_draws_are_those_of_the_seed_at_every_point_of_the_grid(program, tmp_path):
+    def masses(seed: int) -> np.ndarray:
+        text = SHORT.replace("seed = 3", f"seed = {seed}").replace("draws = 4", "draws = 200")
+        rows = swept(sweeps.written(tmp_path, text.replace("stop = 0.05", "stop = 0.002")))
+        return np.array([float(row["plant.M"]) for row in rows]).reshape(8, 200)
+
+    one, other = masses(1), masses(2)
+    for points in (one, other):
+        assert np.all(points == points[0])
+        # The mean of 200 draws, and their deviation, within four of their own deviations
+        assert np.mean(points[0]) == pytest.approx(1.096, abs=4 * 0.1 / math.sqrt(200))
+        assert np.std(points[0]) == pytest.approx(0.1, abs=4 * 0.1 / math.sqrt(400))
+    assert np.all(one[0] != other[0])
+
+
+def test_rows_of_ranges_are_those_of_the_table(program, tmp_path):
+    sweep = sweeps.written(tmp_path, SHORT)
+    lines = expected(sweep).decode().splitlines(keepends=True)[1:]
+    ranges = [sweeps.printed(sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
+    found = "".join(ranges).splitlines(keepends=True)
+    assert sorted(found, key=lines.index) == lines
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def typed(name: str, cell: str) -> float | bool | str | None:
+    """Read a cell of CSV with the type that its column has in SHORT."""
+    if name in ("controller.previous_sample_terms", "diverged"):
+        return cell == "true"
+    if name == "plant.model":
+        return cell
+    return float(cell) if cell else None
+
+
+def test_parquet_holds_what_csv_holds(program, tmp_path):
+    sweep = sweeps.written(tmp_path, SHORT)
+    expected(sweep, ".parquet")
+    found = pyarrow.parquet.read_table(tmp_path / "undisturbed.parquet")
+    rows = csv.DictReader(io.StringIO(expected(sweep).decode()))
+    assert found.to_pylist() == [{name: typed(name, row[name]) for name in row} for row in rows]
+    types = {field.name: str(field.type) for field in found.schema}
+    assert (types["index"], types["plant.M"], types["diverged"]) == ("int64", "double", "bool")
+
+
+def test_a_killed_sweep_goes_on_where_it_was(program, tmp_path):
+    sweep = sweeps.written(tmp_path, LONG)
+    out = tmp_path / "out.csv"
+    for _ in range(4):
+        before = done(out)
+        with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out]) as process:
+            wait_until(lambda before=before: len(done(out)) > len(before) + 20, process)
+            process.kill()
+        after = done(out)
+        assert after[: len(before)] == before, "nothing is lost"
+        assert len(set(after)) == len(after) < 200, "nothing is done twice"
+    result = local(sweep, out)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith(f"{200 - len(after)} runs in ")
+    assert f"\n{len(after)} runs were done before\n" in result.stdout
+    assert not journal_of(out).exists()
+    assert out.read_bytes() == expected(sweep)
+
+
+def with_signals(text: str) -> str:
+    """Add signals to a sound parameter."""
+    return f"{PARAMETER}\n[signals]\n{text}"
+
+
+PARAMETER = '[[parameter]]\nvariable = "controller.pid.kp"\nvalues = [300]'
+
+BAD_SWEEP = {
+    "unknown component": (
+        PARAMETER.replace("controller", "controler"),
+        'controler.pid.kp: there is no component "controler"; did you mean controller?',
+    ),
+    "unknown variable": (
+        PARAMETER.replace("pid.kp", "pid.kpp"),
+        "controller.pid.kpp: PidRbf.fmu has no variable pid.kpp; did you mean pid.kp",
+    ),
+    "output": (PARAMETER.replace("pid.kp", "u"), "controller.u = 300 is refused: only inputs"),
+    "boolean for a Real": (
+        PARAMETER.replace("300", "true"),
+        "controller.pid.kp = true is refused; expected a number",
+    ),
+    "number for a Boolean": (
+        PARAMETER.replace("pid.kp", "previous_sample_terms"),
+        "controller.previous_sample_terms = 300 is refused; expected true or false",
+    ),
+    "unknown item, neither first nor last": (
+        '[[parameter]]\nvariable = "plant.model"\nvalues = ["linear", "cubic", "nonlinear"]',
+        'plant.model = "cubic" is refused; expected one of transfer_function, linear, nonlinear',
+    ),
+    "values of two types": (
+        PARAMETER.replace("300", '300, "high"'),
+        "controller.pid.kp: the value high, expected a number as the first one",
+    ),
+    "below the bound": (PARAMETER.replace("300", "-1"), "run 0: controller (PidRbf.fmu), pid.kp ="),
+    "out of bounds, neither first nor last": (
+        PARAMETER.replace("300", "300, 1e20, 200"),
+        "run 1: controller (PidRbf.fmu), pid.kp = 1e20: ",
+    ),
+    "out of bounds at the end of a range": (
+        PARAMETER.replace("values = [300]", "from = 0\nto = 2e9\ncount = 5"),
+        "run 4: controller (PidRbf.fmu), pid.kp = 2000000000.0: ",
+    ),
+    "start value out of bounds": (
+        f'set = {{ "plant.M" = -1 }}\n{PARAMETER}',
+        "run 0: plant (Pendulum.fmu), M = -1.0: ",
+    ),
+    "empty range": (
+        PARAMETER.replace("values = [300]", "from = 2\nto = 1\ncount = 5"),
+        "controller.pid.kp: to = 1.0, expected more than from = 2.0",
+    ),
+    "no values": (
+        PARAMETER.replace("values = [300]", ""),
+        "controller.pid.kp: no values, expected",
+    ),
+    "unknown key of a parameter": (
+        PARAMETER.replace("values", "value"),
+        "unknown field `value`, expected one of `variable`, `variables`, `values`",
+    ),
+    "unknown key": (f"stopp = 1\n{PARAMETER}", "unknown field `stopp`"),
+    "no parameter": ("", "no parameter, expected at least one [[parameter]]"),
+    "a variable twice": (
+        f"{PARAMETER}\n{PARAMETER}",
+        "controller.pid.kp stands twice, expected it in one parameter",
+    ),
+    "draws of nothing random": (
+        f"draws = 2\n{PARAMETER}",
+        "draws = 2, expected a random parameter",
+    ),
+    "unknown start value": (
+        f'set = {{ "plant.modell" = "linear" }}\n{PARAMETER}',
+        "plant.modell: Pendulum.fmu has no variable modell; did you mean model?",
+    ),
+    "wrong start value": (
+        f'set = {{ "plant.model" = "cubic" }}\n{PARAMETER}',
+        'plant.model = "cubic" is refused; expected one of transfer_function, linear, nonlinear',
+    ),
+    "unknown signal": (
+        with_signals('output = "plant.thetta"'),
+        "plant.thetta: Pendulum.fmu has no variable thetta; did you mean theta",
+    ),
+    "unknown key of signals": (
+        with_signals('measured = "plant.theta"'),
+        "unknown field `measured`",
+    ),
+    "negative band": (
+        f"{PARAMETER}\n[metrics]\nband = -1",
+        "band = -1.0, expected a finite number",
+    ),
+    "unknown order": (f'order = "gauss"\n{PARAMETER}', "unknown variant `gauss`"),
+    "step of 0": (f"step = 0\n{PARAMETER}", "the step is 0 s; expected a positive number"),
+    "stop before the start": (f"stop = 0\n{PARAMETER}", "the stop time 0 s lies before the start"),
+    "no TOML": ("stop = ", "TOML parse error at line 2"),
+}
+
+
+def complaint(sweep: Path, out: Path, *options: object) -> str:
+    """Return what is said of a sweep that cannot be done, which must leave nothing behind."""
+    before = sorted(sweep.parent.rglob("*"))
+    result = local(sweep, out, *options)
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("error: ") == 1, result.stderr
+    assert not result.stderr.endswith("\n\n")
+    assert result.stdout == ""
+    assert sorted(sweep.parent.rglob("*")) == before, "nothing is half-written"
+    return result.stderr
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_SWEEP.values(), ids=BAD_SWEEP.keys())
+def test_a_bad_sweep_is_answered_with_what_was_expected(program, tmp_path, text, message):
+    sweep = sweeps.written(tmp_path, text)
+    said = complaint(sweep, tmp_path / "out.csv")
+    assert said.startswith(f"error: {sweep}: ")
+    assert message in said
+
+
+def test_a_draw_that_an_fmu_refuses_ends_the_sweep_with_the_run_and_the_reason(program, tmp_path):
+    """A normal distribution around the least mass; the first draw of this seed lies above it."""
+    text = 'seed = 2\ndraws = 50\nstop = 0.01\n[[parameter]]\nvariable = "plant.M"\nnormal = [0, 1]'
+    sweep = sweeps.written(tmp_path, text)
+    out = tmp_path / "out.csv"
+    result = local(sweep, out)
+    assert result.returncode == 1
+    said = re.match(r"error: run (\d+): plant \(Pendulum\.fmu\), M = -[0-9.]+: ", result.stderr)
+    assert said
+    assert "expected a finite number from 0.000001 to 1000000 [kg]" in result.stderr
+    assert int(said[1]) not in done(out)
+    assert not out.exists()
+
+
+def test_bad_files_are_named(program, tmp_path):
+    sweep = sweeps.written(tmp_path, SHORT)
+    out = tmp_path / "out.csv"
+    assert "no.toml: cannot read it" in complaint(tmp_path / "no.toml", out)
+    assert "nowhere.toml: No such file" in complaint(sweep, out, "--system", "nowhere.toml")
+    assert "nowhere/PidRbf.fmu" in complaint(sweep, out, "--fmus", "nowhere")
+    assert "out.xlsx: expected a file named .csv or .parquet" in complaint(
+        sweep, tmp_path / "out.xlsx"
+    )
+    nowhere = tmp_path / "out.csv" / "out.csv"
+    out.write_text("a file, and no folder")
+    result = subprocess.run(
+        [PROGRAM, "sweep", sweep, "--out", nowhere], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"error: cannot open {nowhere}.part: Not a directory")
+    assert out.read_text() == "a file, and no folder"
+
+
+def test_a_journal_of_another_sweep_is_left_alone(program, tmp_path):
+    out = tmp_path / "out.csv"
+    sweep = sweeps.written(tmp_path, LONG)
+    with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out]) as process:
+        wait_until(lambda: len(done(out)) > 3, process)
+        process.kill()
+    journal = journal_of(out).read_bytes()
+    for change in (
+        lambda text: text.replace("stop = 20.0", "stop = 19.0"),
+        lambda text: text.replace("to = 400", "to = 401"),
+        lambda text: f"{text}\n[metrics]\nband = 0.004",
+        lambda text: f"set = {{ 'plant.M' = 2 }}\n{text}",
+    ):
+        said = complaint(sweeps.written(tmp_path, change(LONG)), out)
+        assert f"{journal_of(out)} belongs to another sweep: delete it or give another" in said
+        assert journal_of(out).read_bytes() == journal
+
+
+# --- the examples ---------------------------------------------------------------------------------
+
+
+def smaller(text: str) -> str:
+    """Reduce the numbers of values and draws of an example."""
+    text = re.sub(r"^count = .*", "count = 2", text, flags=re.MULTILINE)
+    return re.sub(r"^draws = .*", "draws = 5", text, flags=re.MULTILINE)
+
+
+def gains(rows: list[dict[str, str]]) -> None:
+    """Check eight corners of the grid of gains and learning rates."""
+    corners = [("100.0", "600.0"), ("20.0", "200.0"), ("0.01", "0.5")]
+    names = ["controller.pid.kp", "controller.pid.kd", "controller.rbf.eta"]
+    assert len(rows) == 8
+    for name, values in zip(names, corners, strict=True):
+        assert {row[name] for row in rows} == set(values)
+
+
+def robustness(rows: list[dict[str, str]]) -> None:
+    """Check that the same five pendulums stand with every learning rate."""
+    assert [row["controller.rbf.eta"] for row in rows] == ["0.1"] * 5 + ["0.2"] * 5 + ["0.3"] * 5
+    lengths = [float(row["plant.l"]) for row in rows]
+    assert lengths[:5] == lengths[5:10] == lengths[10:]
+    assert all(0.2 <= length <= 0.3 for length in lengths)
+    assert all(abs(float(row["final_e"])) < 0.01 for row in rows)
+
+
+@pytest.mark.parametrize("check", [gains, robustness])
+def test_the_examples_run(program, fmus, tmp_path, check: Callable[[list[dict[str, str]]], None]):
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    sweep = tmp_path / "examples" / "sweep" / f"{check.__name__}.toml"
+    sweep.write_text(smaller(sweep.read_text(encoding="utf-8")), encoding="utf-8")
+    check(swept(sweep, "--fmus", fmus))
+
+
+def test_every_example_is_tested():
+    names = {path.stem for path in (ROOT / "examples" / "sweep").iterdir()}
+    assert names == {gains.__name__, robustness.__name__}
