@@ -40,6 +40,7 @@ struct Package {
     file: PathBuf,
     structure: String,
     resources: Resources,
+    order: Order,
 }
 
 /// Writes the packages, once all of them are known to fit.
@@ -65,6 +66,11 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
         let size = package.write()?;
         let file = package.file.display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
+        if package.order == Order::Sequential {
+            eprintln!(
+                "warning: {file} cannot say that the system steps in sequential order; most tools step in parallel"
+            );
+        }
     }
     Ok(())
 }
@@ -94,12 +100,6 @@ fn package(file: &Path, description: &Description, folder: &Path) -> Result<Pack
     let plan = Plan::new(description)?;
     // The FMUs themselves say which start values they take.
     plan.simulate(&[])?;
-    if description.order == Order::Sequential {
-        eprintln!(
-            "warning: {}: its order of stepping is sequential, which a package cannot say; most tools step in parallel",
-            file.display()
-        );
-    }
     let mut resources = Resources::default();
     let places = plan
         .components()
@@ -111,6 +111,7 @@ fn package(file: &Path, description: &Description, folder: &Path) -> Result<Pack
         structure: structure::document(&name, description, &plan, &places)?,
         file: folder.join(format!("{name}.ssp")),
         resources,
+        order: description.order,
     })
 }
 
