@@ -49,6 +49,8 @@ pub struct Variable {
     pub variability: Variability,
     /// Its unit.
     pub unit: Option<String>,
+    /// The name of its type, if the FMU declares one.
+    pub declared_type: Option<String>,
     /// Names and numbers of the items, of an Enumeration.
     pub items: Vec<(String, i32)>,
 }
@@ -132,12 +134,18 @@ impl Fmu {
         bail!("{} has no variable {name}{hint}", self.file_name())
     }
 
+    /// What a unit is in base units, if the FMU says so: exponents, factor and offset by name, without
+    /// those that have their default.
+    pub fn unit(&self, name: &str) -> Option<&[(String, f64)]> {
+        self.units.get(name).map(Vec::as_slice)
+    }
+
     /// Whether two units, of this and of another FMU, are the same: by name, or by what they are
     /// in base units.
     pub(crate) fn same_unit(&self, unit: &str, other: &Self, of_other: &str) -> bool {
         unit == of_other
             || matches!(
-                (self.units.get(unit), other.units.get(of_other)),
+                (self.unit(unit), other.unit(of_other)),
                 (Some(a), Some(b)) if a == b
             )
     }
@@ -228,6 +236,7 @@ fn variables(model: &Model<'_>) -> Result<Vec<Variable>> {
                 causality: variable.causality,
                 variability: variable.variability,
                 unit: variable.unit().map(str::to_owned),
+                declared_type: variable.value.attribute("declaredType").map(str::to_owned),
                 items: variable.of_type.map(items).unwrap_or_default(),
             })
         })

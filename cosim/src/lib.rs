@@ -46,6 +46,6 @@ pub use description::{Component, Connection, Description, Experiment, Order};
 pub use fmu::{Fmu, Variable};
 pub use instance::Failure;
 pub use messages::{Message, messages};
-pub use plan::{Column, Plan, Start};
+pub use plan::{Column, Plan, Planned, Start};
 pub use simulation::Simulation;
-pub use value::Value;
+pub use value::{Typed, Value};

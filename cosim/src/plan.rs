@@ -23,10 +23,12 @@ pub struct Plan {
     columns: Vec<Column>,
 }
 
-/// A component, resolved.
-pub(crate) struct Planned {
-    pub(crate) name: String,
-    pub(crate) fmu: Arc<Fmu>,
+/// A component whose FMU is loaded.
+pub struct Planned {
+    /// Its name in the system.
+    pub name: String,
+    /// Its FMU, which components of the same file share.
+    pub fmu: Arc<Fmu>,
     pub(crate) sampled: bool,
     starts: Vec<(usize, Typed)>,
 }
@@ -85,6 +87,12 @@ impl Planned {
     /// The name of a variable in the system.
     pub(crate) fn name_of(&self, variable: usize) -> String {
         format!("{}.{}", self.name, self.fmu.variables[variable].name)
+    }
+
+    /// The start values of the description.
+    pub fn starts(&self) -> impl Iterator<Item = (&Variable, &Typed)> {
+        let starts = self.starts.iter();
+        starts.map(|(variable, value)| (&self.fmu.variables[*variable], value))
     }
 }
 
@@ -151,6 +159,11 @@ impl Plan {
         })
     }
 
+    /// The components, in their order.
+    pub fn components(&self) -> &[Planned] {
+        &self.components
+    }
+
     /// The recorded variables, in the order of a row.
     pub fn columns(&self) -> &[Column] {
         &self.columns
@@ -197,16 +210,11 @@ impl Plan {
         component: usize,
         others: &'a [Start],
     ) -> impl Iterator<Item = (&'a Variable, &'a Typed)> {
-        let planned = &self.components[component];
-        let own = planned
-            .starts
-            .iter()
-            .map(|(variable, value)| (*variable, value));
         let others = others
             .iter()
-            .filter(move |start| start.port.component == component);
-        own.chain(others.map(|start| (start.port.variable, &start.value)))
-            .map(|(variable, value)| (&planned.fmu.variables[variable], value))
+            .filter(move |start| start.port.component == component)
+            .map(|start| (start.port.of(&self.components), &start.value));
+        self.components[component].starts().chain(others)
     }
 }
 

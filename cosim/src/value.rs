@@ -27,10 +27,14 @@ pub enum Value {
 
 /// A value of the type that a variable has.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Typed {
+pub enum Typed {
+    /// Of a Real.
     Real(f64),
+    /// Of an Integer; of an Enumeration, the number of an item.
     Integer(i32),
+    /// Of a Boolean.
     Boolean(bool),
+    /// Of a String.
     String(CString),
 }
 

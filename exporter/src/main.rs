@@ -69,6 +69,15 @@ Example:
   cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv"
     )]
     Sweep(master::sweep::Options),
+    /// Write systems of coupled FMUs as packages for other tools (SSP 1.0)
+    #[command(
+        after_help = "A package does not say in which order a tool steps; most step all components in parallel.
+
+Examples:
+  cargo fmu ssp                             the loops of examples/ssp, to target/fmu
+  cargo fmu ssp my-system.toml --out packages"
+    )]
+    Ssp(master::ssp::Options),
     /// One test of a binary, in a process of its own
     #[command(hide = true)]
     Probe(validate::probe::Options),
@@ -119,8 +128,10 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
         }
         #[cfg(feature = "master")]
         Command::Sweep(options) => master::sweep::run(&options, &mut io::stdout())?,
+        #[cfg(feature = "master")]
+        Command::Ssp(options) => master::ssp::run(&options, &mut io::stdout().lock())?,
         #[cfg(not(feature = "master"))]
-        Command::Simulate(_) | Command::Table1(_) | Command::Sweep(_) => {
+        Command::Simulate(_) | Command::Table1(_) | Command::Sweep(_) | Command::Ssp(_) => {
             return master::forward::forward(std::env::args_os().skip(1));
         }
         Command::Probe(options) => validate::probe::run(&options)?,

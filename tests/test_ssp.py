@@ -1,0 +1,431 @@
+"""SSP packages: what the standard asks of them, and what importers that are not ours make of it."""
+
+import itertools
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from importers import by_ecos, by_fmpy, by_libcosim
+from lxml import etree
+from native import LOOPS, ROOT, compiled, description, pack, refusal, run, simulate, write_system
+
+SYSTEMS = ROOT / "examples" / "ssp"
+NAMES = ["pid", "pid-rbf", "ipid-rbf", "supervised"]
+STEP, STEPS = 0.001, 20_000
+
+SCHEMAS = Path(fmpy.__file__).parent / "ssp" / "schema"
+NS = {
+    part: f"http://ssp-standard.org/SSP1/SystemStructure{name}"
+    for part, name in [("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")]
+}
+
+TEXT = "1 < 2 & 'é'"
+
+
+@pytest.fixture(scope="session")
+def packages(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the packages of the loops of the paper; returns their folder."""
+    folder = tmp_path_factory.mktemp("packages")
+    written = run("ssp", "--out", folder, cwd=ROOT)
+    assert written.returncode == 0, written.stderr
+    assert written.stderr == ""
+    assert [line.split()[0] for line in written.stdout.splitlines()] == [
+        str(folder / f"{name}.ssp") for name in NAMES
+    ]
+    return folder
+
+
+@pytest.fixture(scope="session")
+def relay(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a package of FMUs with variables of every type, and units that are hard to say."""
+    folder = tmp_path_factory.mktemp("relay")
+    xml = description(u_unit="deg", y_unit="gon")
+    pack(folder / "Relay.fmu", xml, compiled(folder), **{TEXT: "1"})
+    start = {
+        "gain": -1e-7, "u": 0.1, "add": -3, "invert": True, "shape": "square", "file": TEXT,
+    }  # fmt: skip
+    system = write_system(
+        folder,
+        {"a & b": start, "b": {}},
+        ["a & b.m -> b.n", "b.m -> a & b.n", "a & b.c -> b.b"],
+        start=-0.5,
+        order="parallel",
+    )
+    written = run("ssp", system, "--out", folder, cwd=folder)
+    assert written.returncode == 0, written.stderr
+    return folder / "system.ssp"
+
+
+@pytest.fixture(params=[*NAMES, "relay"])
+def package(request: pytest.FixtureRequest, packages: Path) -> Path:
+    """Return one of the packages."""
+    if request.param == "relay":
+        return request.getfixturevalue("relay")
+    return packages / f"{request.param}.ssp"
+
+
+def structure(package: Path) -> etree._Element:
+    """Return the root of SystemStructure.ssd."""
+    with zipfile.ZipFile(package) as archive:
+        return etree.fromstring(archive.read("SystemStructure.ssd"))
+
+
+def elements(root: etree._Element, path: str) -> list[etree._Element]:
+    """Return the elements of a path such as ".//ssd:Component"."""
+    return root.findall(path, NS)
+
+
+def kind_of(element: etree._Element) -> tuple[str, dict[str, str]]:
+    """Return name and attributes of the element that says the type."""
+    return etree.QName(element[0]).localname, dict(element[0].attrib)
+
+
+# --- the standard ---------------------------------------------------------------------------------
+
+
+def test_a_package_is_valid_by_the_schemas_of_the_standard(package):
+    def check(schema: str, element: etree._Element) -> None:
+        etree.XMLSchema(file=SCHEMAS / f"SystemStructure{schema}.xsd").assertValid(element)
+
+    root = structure(package)
+    check("Description", root)
+    sets = elements(root, ".//ssv:ParameterSet")
+    assert sets
+    for parameters in sets:
+        check("ParameterValues", parameters)
+
+
+def test_a_package_holds_each_fmu_once_and_whole(package, packages, fmus):
+    with zipfile.ZipFile(package) as archive:
+        assert archive.testzip() is None
+        names = archive.namelist()
+        assert names[0] == "SystemStructure.ssd"
+        sources = {c.get("source") for c in elements(structure(package), ".//ssd:Component")}
+        assert sorted(names[1:]) == sorted(sources)
+        for name in names[1:]:
+            folder = fmus if package.parent == packages else package.parent
+            assert archive.read(name) == (folder / Path(name).name).read_bytes()
+
+
+def test_connectors_are_the_inputs_and_outputs_of_the_fmus_and_what_is_set(package, tmp_path):
+    with zipfile.ZipFile(package) as archive:
+        archive.extractall(tmp_path)
+    root = structure(package)
+    units = {u.get("name"): u[0].attrib for u in elements(root, "ssd:Units/ssc:Unit")}
+    enumerations = {
+        e.get("name"): [(item.get("name"), item.get("value")) for item in e]
+        for e in elements(root, "ssd:Enumerations/ssc:Enumeration")
+    }
+    for component in elements(root, ".//ssd:Component"):
+        model = fmpy.read_model_description(tmp_path / component.get("source"), validate=False)
+        variables = {v.name: v for v in model.modelVariables}
+        base_units = {u.name: u.baseUnit for u in model.unitDefinitions}
+        connectors = elements(component, "ssd:Connectors/ssd:Connector")
+        set_here = {p.get("name") for p in elements(component, ".//ssv:Parameter")}
+        assert [c.get("name") for c in connectors] == [
+            v.name
+            for causality in ("input", "output", "parameter")
+            for v in model.modelVariables
+            if v.causality == causality and (causality != "parameter" or v.name in set_here)
+        ]
+        for element in connectors + elements(component, ".//ssv:Parameter"):
+            variable = variables[element.get("name")]
+            kind, attributes = kind_of(element)
+            assert element.get("kind", variable.causality) == variable.causality
+            assert kind == variable.type
+            unit = variable.unit or (variable.declaredType and variable.declaredType.unit)
+            if unit and (base := base_units[unit]):
+                given = units[attributes["unit"]]
+                for part in "kg m s A K mol cd rad factor offset".split():
+                    default = 1 if part == "factor" else 0
+                    assert float(given.get(part, default)) == float(getattr(base, part))
+            else:
+                assert "unit" not in attributes
+            if kind == "Enumeration":
+                items = [(i.name, str(i.value)) for i in variable.declaredType.items]
+                assert enumerations[attributes["name"]] == items
+
+
+def test_connections_are_those_of_the_system_and_fit(packages):
+    root = structure(packages / "supervised.ssp")
+    kinds = {
+        (component.get("name"), connector.get("name")): connector.get("kind")
+        for component in elements(root, ".//ssd:Component")
+        for connector in elements(component, ".//ssd:Connector")
+    }
+    connections = set()
+    for c in elements(root, ".//ssd:Connection"):
+        start = (c.get("startElement"), c.get("startConnector"))
+        end = (c.get("endElement"), c.get("endConnector"))
+        assert (kinds[start], kinds[end]) == ("output", "input")
+        connections.add(f"{'.'.join(start)} -> {'.'.join(end)}")
+    assert connections == {
+        "source.r -> supervisor.r",
+        "source.d -> supervisor.d",
+        "supervisor_plant.theta -> supervisor.y",
+        "supervisor.u -> supervisor_plant.u",
+        "source.r -> controller.r",
+        "source.d -> controller.d",
+        "plant.theta -> controller.y",
+        "supervisor.u -> controller.u_supervisor",
+        "controller.u -> plant.u",
+    }
+    names = [c.get("name") for c in elements(root, ".//ssd:Component")]
+    assert names == ["supervisor", "supervisor_plant", "controller", "plant", "source"]
+
+
+def test_start_values_of_every_type_are_said_exactly(relay):
+    first, second = elements(structure(relay), ".//ssd:Component")
+    assert first.get("name") == "a & b"
+    assert {p.get("name"): kind_of(p) for p in elements(first, ".//ssv:Parameter")} == {
+        "add": ("Integer", {"value": "-3"}),
+        "file": ("String", {"value": TEXT}),
+        "gain": ("Real", {"value": "-1e-7"}),
+        "invert": ("Boolean", {"value": "true"}),
+        "shape": ("Enumeration", {"value": "square", "name": "Relay.Shape"}),
+        "u": ("Real", {"value": "0.1", "unit": "deg"}),
+    }
+    assert elements(second, ".//ssv:Parameter") == []
+
+
+def test_times_are_those_of_the_system(relay, packages):
+    def times(package: Path) -> dict[str, str]:
+        return dict(structure(package).find("ssd:DefaultExperiment", NS).attrib)
+
+    assert times(packages / "pid.ssp") == {"startTime": "0.0", "stopTime": "20.0"}
+    assert times(relay) == {"startTime": "-0.5", "stopTime": "1.0"}
+
+
+# --- the diagram ----------------------------------------------------------------------------------
+
+Box = tuple[float, float, float, float]
+
+
+def box(element: etree._Element) -> Box:
+    """Return left, bottom, right and top."""
+    return tuple(float(element.get(name)) for name in ("x1", "y1", "x2", "y2"))
+
+
+def overlap(a: Box, b: Box) -> bool:
+    """Whether two boxes have more than an edge in common; a line is a box without width."""
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def test_the_diagram_shows_everything_and_no_line_crosses_a_component(package):
+    root = structure(package)
+    frame = box(root.find("ssd:System/ssd:SystemGeometry", NS))
+    boxes, ends = {}, {}
+    for component in elements(root, ".//ssd:Component"):
+        name = component.get("name")
+        boxes[name] = x1, y1, x2, y2 = box(component.find("ssd:ElementGeometry", NS))
+        for connector in elements(component, ".//ssd:Connector"):
+            at = connector.find("ssd:ConnectorGeometry", NS)
+            x, y = float(at.get("x")), float(at.get("y"))
+            side = {"input": x == 0, "output": x == 1, "parameter": y == 0}
+            assert side[connector.get("kind")]
+            assert 0 <= x <= 1
+            assert 0 <= y <= 1
+            ends[name, connector.get("name")] = x1 + x * (x2 - x1), y1 + y * (y2 - y1)
+        assert len(set(ends.values())) == len(ends)
+    for name, a in boxes.items():
+        assert frame[0] < a[0] < a[2] < frame[2]
+        assert frame[1] < a[1] < a[3] < frame[3]
+        assert not any(overlap(a, b) for other, b in boxes.items() if other != name)
+
+    for c in elements(root, ".//ssd:Connection"):
+        line = c.find("ssd:ConnectionGeometry", NS)
+        points = [
+            ends[c.get("startElement"), c.get("startConnector")],
+            *zip(*(map(float, line.get(f"points{axis}").split()) for axis in "XY"), strict=True),
+            ends[c.get("endElement"), c.get("endConnector")],
+        ]
+        for (ax, ay), (bx, by) in itertools.pairwise(points):
+            assert ax == bx or ay == pytest.approx(by)
+            segment = min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
+            assert frame[0] < segment[0] <= segment[2] < frame[2]
+            assert frame[1] < segment[1] <= segment[3] < frame[3]
+            assert not any(overlap(segment, b) for b in boxes.values())
+
+
+# --- other importers ------------------------------------------------------------------------------
+
+Importer = Callable[[Path, float, int, Path], dict[str, np.ndarray]]
+
+IMPORTERS = [by_fmpy, by_ecos, by_libcosim]
+# Ecos and libcosim know no enumerations, and the supervised loop sets one.
+RUNS = [(by, name) for by in IMPORTERS for name in NAMES if by is by_fmpy or name != "supervised"]
+
+
+def assert_same_bits(by: Importer, package: Path, ours: dict[str, np.ndarray], fmus: Path) -> None:
+    """Compare what an importer computes with what the native master does."""
+    theirs = by(package, STEP, STEPS, fmus)
+    for column in ("plant.theta", "controller.u"):
+        np.testing.assert_array_equal(theirs[column], ours[column][:STEPS])
+
+
+@pytest.mark.parametrize(("importer", "name"), RUNS)
+def test_an_importer_gives_the_bits_of_the_native_master(importer, name, packages, fmus, tmp_path):
+    ours = simulate(SYSTEMS / f"{name}.toml", tmp_path)
+    assert_same_bits(importer, packages / f"{name}.ssp", ours, fmus)
+
+
+OTHER_VALUES = {
+    "controller": {
+        "pid.kp": 250, "rbf.eta": 0.2, "rbf.alpha": 0.1, "u_max": 80.5,
+        "previous_sample_terms": False,
+    },
+    "plant": {"m": 0.15, "l": 0.3},
+    # Between two samples, for some add up the time and some do not
+    "source": {
+        "amplitude": 0.5, "disturbance.amplitude": 0.1, "disturbance.start": 4.0005,
+        "disturbance.duration": 0.25,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("importer", IMPORTERS)
+def test_an_importer_takes_the_start_values(importer, packages, fmus, tmp_path):
+    text = (SYSTEMS / "pid-rbf.toml").read_text().replace("start = {", "# ")
+    for name, values in OTHER_VALUES.items():
+        start = ", ".join(f'"{key}" = {str(value).lower()}' for key, value in values.items())
+        head = f'name = "{name}"\n'
+        assert head in text
+        text = text.replace(head, f"{head}start = {{ {start} }}\n")
+    system = tmp_path / "other.toml"
+    system.write_text(text)
+    written = run("ssp", system, "--fmus", fmus, "--out", tmp_path)
+    assert written.returncode == 0, written.stderr
+    ours = simulate(system, tmp_path, "--fmus", fmus)
+    assert ours["controller.u"].max() == 80.5
+    assert_same_bits(importer, tmp_path / "other.ssp", ours, fmus)
+
+
+@pytest.mark.parametrize("importer", ["by_ecos", "by_libcosim"])
+def test_importers_without_enumerations_refuse_to_run_without_the_value(importer, packages, fmus):
+    """One raises an exception, the other ends the process; neither goes on with the default."""
+    package = packages / "supervised.ssp"
+    code = f"from pathlib import Path; from importers import {importer}; {importer}"
+    call = f"(Path({str(package)!r}), {STEP}, 1, Path({str(fmus)!r})); print('ran')"
+    python = [sys.executable, "-c", code + call]
+    done = subprocess.run(python, cwd=ROOT / "tests", capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "ran" not in done.stdout
+    assert "Enumeration" in done.stderr or "Unknown XML node in ssv:Parameter" in done.stderr
+
+
+# --- the loops of examples/ssp --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_pendulum_stands_and_the_force_does_not_ring(name, fmus, tmp_path):
+    results = simulate(SYSTEMS / f"{name}.toml", tmp_path)
+    half = STEPS // 2
+    assert np.all(np.abs(results["controller.e"][half:]) < 3e-3)
+    assert np.all(np.abs(np.diff(results["controller.u"][half:])) < 0.01)
+
+
+def test_with_the_terms_of_the_sample_before_a_network_would_ring(fmus, tmp_path):
+    setting = "controller.previous_sample_terms=true"
+    results = simulate(SYSTEMS / "pid-rbf.toml", tmp_path, "--set", setting)
+    assert np.max(np.abs(np.diff(results["controller.u"][STEPS // 2 :]))) > 1
+
+
+@pytest.mark.parametrize("name", ["pid", "pid-rbf"])
+def test_a_delay_by_the_order_is_one_by_the_terms_of_the_sample_before(name, fmus, tmp_path):
+    parallel = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--start", STEP)
+    sequential = simulate(LOOPS / f"{name}.toml", tmp_path)
+    np.testing.assert_array_equal(parallel["plant.theta"], sequential["plant.theta"])
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+def test_the_same_system_gives_the_same_bytes(packages, tmp_path):
+    first = (packages / "supervised.ssp").read_bytes()
+    written = run("ssp", SYSTEMS / "supervised.toml", "--out", tmp_path / "new/folder")
+    assert written.returncode == 0, written.stderr
+    assert (tmp_path / "new/folder/supervised.ssp").read_bytes() == first
+    assert [path.name for path in (tmp_path / "new/folder").iterdir()] == ["supervised.ssp"]
+
+
+def test_a_sequential_system_is_packaged_with_a_warning(fmus, tmp_path):
+    written = run("ssp", LOOPS / "pid.toml", "--out", tmp_path)
+    assert written.returncode == 0
+    assert "most tools step in parallel" in written.stderr
+    assert (tmp_path / "pid.ssp").exists()
+
+
+@pytest.fixture
+def folder(relay: Path, tmp_path: Path) -> Path:
+    """Return a folder with an FMU for systems."""
+    shutil.copy(relay.parent / "Relay.fmu", tmp_path)
+    return tmp_path
+
+
+UNSOUND = {
+    "unknown variable": ({"a": {"gian": 1}}, [], "did you mean gain?"),
+    "value of another type": ({"a": {"add": 0.5}}, [], "expected a whole number"),
+    "value that the FMU refuses": ({"a": {"u": 1, "u_max": 0}}, [], "u"),
+    "start value of an output": ({"a": {"y": 1}}, [], "only inputs and parameters"),
+    "unknown component": ({"a": {}}, ["b.y -> a.u"], "no component"),
+    "input as output": ({"a": {}, "b": {}}, ["a.u -> b.u"], "is connected as an output"),
+    "types": ({"a": {}, "b": {}}, ["a.m -> b.u"], "the types differ"),
+    "units": ({"a": {}, "b": {}}, ["a.y -> b.u"], "the units differ"),
+    "no step": ({"a": {}}, [], "the step is 0 s"),
+}
+
+
+@pytest.mark.parametrize("case", UNSOUND)
+def test_what_simulate_refuses_is_refused_with_the_same_words(case, folder):
+    components, connections, message = UNSOUND[case]
+    write_system(folder, components, connections, step=0.0 if case == "no step" else 0.25)
+    told = refusal(folder, "ssp", "system.toml", "--out", ".").removeprefix("system.toml: ")
+    assert message in told
+    simulated = refusal(folder, "simulate", "system.toml").removeprefix("system.toml: ")
+    assert told == simulated
+
+
+def test_a_missing_fmu_or_file_is_named(folder):
+    write_system(folder, {"a": {}})
+    (folder / "Relay.fmu").unlink()
+    assert "Relay.fmu" in refusal(folder, "ssp", "system.toml", "--out", ".")
+    assert "nowhere.toml" in refusal(folder, "ssp", "nowhere.toml", "--out", ".")
+    assert "nowhere" in refusal(folder, "ssp", "--fmus", "nowhere", "--out", ".")
+
+
+def test_nothing_is_written_when_one_system_of_two_is_refused(folder):
+    sound = write_system(folder, {"a": {}}).rename(folder / "sound.toml")
+    write_system(folder, {"a": {"gian": 1}})
+    assert "gian" in refusal(folder, "ssp", sound, "system.toml", "--out", ".")
+
+
+@pytest.mark.parametrize("out", ["system.toml", "system.toml/below", "/proc"])
+def test_a_folder_that_cannot_be_written_to_is_named(folder, out):
+    write_system(folder, {"a": {}})
+    assert out in refusal(folder, "ssp", "system.toml", "--out", out)
+
+
+def test_a_package_that_cannot_be_replaced_is_named(folder):
+    write_system(folder, {"a": {}})
+    (folder / "system.ssp").mkdir()
+    assert "system.ssp" in refusal(folder, "ssp", "system.toml", "--out", ".")
+
+
+def test_two_systems_of_one_name_are_refused(folder):
+    system = write_system(folder, {"a": {}})
+    assert "two of the systems" in refusal(folder, "ssp", system, "system.toml", "--out", ".")
+
+
+def test_two_fmus_of_one_name_are_refused(folder, fmus):
+    (folder / "other").mkdir()
+    shutil.copy(fmus / "Source.fmu", folder / "other" / "Relay.fmu")
+    system = write_system(folder, {"a": {}, "b": {}})
+    head, _, tail = system.read_text().rpartition("Relay.fmu")
+    system.write_text(f"{head}other/Relay.fmu{tail}")
+    assert "different FMUs" in refusal(folder, "ssp", "system.toml", "--out", ".")
