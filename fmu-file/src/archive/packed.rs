@@ -21,7 +21,15 @@ impl Packed {
     /// # Errors
     /// It cannot be compressed.
     pub fn text(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o644)
+        Self::new(content, 0o644, CompressionMethod::Deflated)
+    }
+
+    /// A file that is compressed already, as an FMU in a package of several.
+    ///
+    /// # Errors
+    /// It is too large for an archive.
+    pub fn stored(content: &[u8]) -> Result<Self> {
+        Self::new(content, 0o644, CompressionMethod::Stored)
     }
 
     /// A file to be loaded or run.
@@ -29,14 +37,15 @@ impl Packed {
     /// # Errors
     /// It cannot be compressed.
     pub fn program(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o755)
+        Self::new(content, 0o755, CompressionMethod::Deflated)
     }
 
     /// Its time stamp is that of an empty clock, so the same content gives the same bytes.
-    fn new(content: &[u8], mode: u32) -> Result<Self> {
+    fn new(content: &[u8], mode: u32, method: CompressionMethod) -> Result<Self> {
+        let level = (method == CompressionMethod::Deflated).then_some(LEVEL);
         let options = SimpleFileOptions::default()
-            .compression_method(CompressionMethod::Deflated)
-            .compression_level(Some(LEVEL))
+            .compression_method(method)
+            .compression_level(level)
             .last_modified_time(DateTime::default())
             .unix_permissions(mode);
         let mut writer = ZipWriter::new(Cursor::new(Vec::new()));

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use cosim::{Description, Order, Plan};
-use fmu_file::archive::{self, Entry};
+use fmu_file::archive::{self, Entry, Packed};
 use fmu_file::replace;
 
 use super::resources::Resources;
@@ -117,8 +117,8 @@ fn package(file: &Path, description: &Description, folder: &Path) -> Result<Pack
 
 impl Package {
     fn write(&self) -> Result<u64> {
-        let structure = Entry::text("SystemStructure.ssd", self.structure.as_bytes());
-        let entries: Vec<_> = [structure]
+        let structure = Packed::text(self.structure.as_bytes())?;
+        let entries: Vec<_> = [Entry::new("SystemStructure.ssd", &structure)]
             .into_iter()
             .chain(self.resources.entries())
             .collect();

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use fmu_file::archive::Entry;
+use fmu_file::archive::{Entry, Packed};
 
 /// FMUs by the names that they have in a package, each once.
 #[derive(Default)]
@@ -16,6 +16,7 @@ pub struct Resources {
 struct File {
     path: PathBuf,
     content: Vec<u8>,
+    packed: Packed,
 }
 
 impl Resources {
@@ -42,7 +43,13 @@ impl Resources {
             return Ok(place);
         }
         let path = fmu.to_owned();
-        self.files.insert(key, File { path, content });
+        let packed = Packed::stored(&content)?;
+        let file = File {
+            path,
+            content,
+            packed,
+        };
+        self.files.insert(key, file);
         Ok(place)
     }
 
@@ -50,7 +57,7 @@ impl Resources {
     pub fn entries(&self) -> impl Iterator<Item = Entry<'_>> {
         self.files
             .values()
-            .map(|file| Entry::text(format!("resources/{}", name(&file.path)), &file.content))
+            .map(|file| Entry::new(format!("resources/{}", name(&file.path)), &file.packed))
     }
 }
 
