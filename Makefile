@@ -9,7 +9,7 @@ INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 SECONDS ?= 60
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo test lint fmus master libclang bench portable valgrind fuzz clean
+.PHONY: demo test lint fmus master ssp libclang libtbb bench portable valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -17,8 +17,8 @@ demo: fmus
 	$(RUN) tests/report.py
 
 ## test: every test, of the Rust crates and through the FMUs
-test: lint fmus master portable
-	cargo test --locked --workspace
+test: lint fmus master portable libtbb
+	cargo test --locked --workspace --features exporter/master
 	cargo test --locked --package model-description --all-features
 	$(RUN) -m pytest
 
@@ -38,6 +38,10 @@ fmus: $(VENV)/.installed
 master: libclang
 	cargo build --locked --quiet --profile native --package exporter --features master
 
+## ssp: write the loops of the paper as SSP packages for other tools to target/fmu
+ssp: fmus master
+	cargo fmu ssp
+
 ## libclang: install what the native master needs to be built to target/libclang
 libclang: target/libclang/.installed
 
@@ -47,6 +51,10 @@ target/libclang/.installed: $(VENV)/.installed
 	ln -sf $$($(RUN) -c 'import clang; print(*clang.__path__)')/native/libclang.* $(@D)
 	ln -sfn $$($(CC) -print-file-name=include) $(@D)/include
 	touch $@
+
+## libtbb: install what Ecos needs, an importer of SSP packages that the tests run
+libtbb: $(VENV)/.installed
+	$(RUN) -c "import ecospy" 2>/dev/null || { apt-get update && apt-get install --yes libtbb12; }
 
 ## portable: write FMUs that load with glibc 2.17 and newer to target/portable
 portable: $(VENV)/.portable

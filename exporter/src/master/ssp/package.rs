@@ -32,9 +32,6 @@ const LOOPS: [(&str, &str); 4] = [
     ),
 ];
 
-/// Where the FMUs of these loops are, as seen from the folder of their files.
-const FMUS_OF_LOOPS: &str = "target/fmu";
-
 /// A package that can be written.
 struct Package {
     file: PathBuf,
@@ -48,11 +45,12 @@ struct Package {
 /// # Errors
 /// What does not fit in a system, as `simulate` says it; the folder cannot be written to.
 pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
+    let systems = systems(options)?;
     fs::create_dir_all(&options.out)
         .with_context(|| format!("cannot make the folder {}", options.out.display()))?;
     replace::check_writable(&options.out)?;
     let mut packages: Vec<Package> = Vec::new();
-    for (file, description) in systems(options)? {
+    for (file, description) in systems {
         let package = package(&file, &description, &options.out)
             .with_context(|| file.display().to_string())?;
         ensure!(
@@ -77,23 +75,32 @@ pub fn run(options: &Options, out: &mut impl Write) -> Result<()> {
 
 /// The systems, and the files that describe them.
 fn systems(options: &Options) -> Result<Vec<(PathBuf, Description)>> {
-    let mut systems = Vec::new();
-    for file in &options.systems {
-        systems.push((file.clone(), Description::read(file)?));
+    if options.systems.is_empty() {
+        let folder = options.fmus.as_deref();
+        return loops(folder.unwrap_or(Path::new("target/fmu")));
     }
-    if systems.is_empty() {
-        for (file, text) in LOOPS {
-            let mut description = Description::parse(text).context(file)?;
-            description.take_fmus_from(Path::new(FMUS_OF_LOOPS));
-            systems.push((file.into(), description));
-        }
-    }
-    if let Some(folder) = &options.fmus {
-        for (_, description) in &mut systems {
+    let read = |file: &PathBuf| {
+        let mut description = Description::read(file)?;
+        if let Some(folder) = &options.fmus {
             description.take_fmus_from(folder);
         }
-    }
-    Ok(systems)
+        Ok((file.clone(), description))
+    };
+    options.systems.iter().map(read).collect()
+}
+
+fn loops(fmus: &Path) -> Result<Vec<(PathBuf, Description)>> {
+    ensure!(
+        fmus.is_dir(),
+        "there is no folder {}; `cargo fmu export` writes the FMUs to target/fmu",
+        fmus.display()
+    );
+    let read = |(file, text): (&str, &str)| {
+        let mut description = Description::parse(text).context(file.to_owned())?;
+        description.take_fmus_from(fmus);
+        Ok((file.into(), description))
+    };
+    LOOPS.into_iter().map(read).collect()
 }
 
 fn package(file: &Path, description: &Description, folder: &Path) -> Result<Package> {

@@ -350,3 +350,18 @@ impl Terms {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_of_xml_schema_and_read_back_exactly() {
+        let texts = [0.1 + 0.2, -1e-300, 1e22, f64::INFINITY, -f64::INFINITY].map(real);
+        assert_eq!(
+            texts,
+            ["0.30000000000000004", "-1e-300", "1e22", "INF", "-INF"]
+        );
+        assert_eq!(real(f64::NAN), "NaN");
+    }
+}
