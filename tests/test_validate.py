@@ -354,7 +354,7 @@ def test_damaged_content_is_found(pid: Fmu, tmp_path: Path) -> None:
         for name, data in pid.items():
             archive.writestr(name, data)
     content = file.read_bytes()
-    at = content.index(b"LICENSE-MIT") + 200
+    at = content.index(b"documentation/licenses/LICENSE-MIT") + 200
     file.write_bytes(content[:at] + b"XXXX" + content[at + 4 :])
     check(findings(file), "LICENSE-MIT", "damaged")
 
