@@ -83,9 +83,7 @@ def panel_json(panel: Panel) -> dict[str, Any]:
                 "key": curve.key,
                 "style": curve.style,
                 "name": curve.name or STYLES[curve.style].name,
-                "marks": [
-                    [float(curve.x[k]), float(curve.y[k])] for k in panel.markers(index)
-                ],
+                "marks": [[float(curve.x[k]), float(curve.y[k])] for k in panel.markers(index)],
             }
             for index, curve in enumerate(panel.curves)
         ],

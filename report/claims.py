@@ -1,7 +1,7 @@
 """What the paper says, how it is measured, and whether it holds."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 from .numbers import number
@@ -87,12 +87,25 @@ class Claim:
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with what was found, and the verdict if IPID-RBF learns its own force, (29)."""
+    """A claim with what was found.
+
+    Parameters
+    ----------
+    claim, finding
+        What it says and what was measured.
+    own
+        The verdict if IPID-RBF learns its own force, (29).
+    number
+        Of the claim in its part of the page.
+    repeats
+        Whether its numbers are those of the claim before.
+    """
 
     claim: Claim
     finding: Finding
     own: Verdict
-    number: int = field(default=0)
+    number: int = 0
+    repeats: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -102,7 +115,9 @@ class Judged:
 
 def judged(claims: Sequence[Claim]) -> list[Judged]:
     """Measure claims."""
-    return [
-        Judged(claim, claim.measure("IPID-RBF"), claim.measure("IPID-RBF own").verdict, i)
-        for i, claim in enumerate(claims, start=1)
-    ]
+    found: list[Judged] = []
+    for i, claim in enumerate(claims, start=1):
+        finding, own = claim.measure("IPID-RBF"), claim.measure("IPID-RBF own").verdict
+        repeats = bool(found) and finding.table.cells() == found[-1].finding.table.cells()
+        found.append(Judged(claim, finding, own, i, repeats))
+    return found

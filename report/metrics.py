@@ -56,13 +56,14 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def overshoot(trace: Trace, height: float = 1.0) -> float:
-    """Return the largest excess of theta beyond a constant set-point, relative to the jump.
+def excess(trace: Trace) -> float:
+    """Return how far theta goes beyond a constant set-point [rad]; 0 if it stays on its side."""
+    return max(float(np.max((trace.theta - trace.r) * np.sign(trace.r))), 0.0)
 
-    0 if theta stays on its side. `height` is that of the jump [rad].
-    """
-    beyond = (trace.theta - trace.r) * np.sign(trace.r)
-    return max(float(np.max(beyond)), 0.0) / height
+
+def overshoot(trace: Trace, height: float = 1.0) -> float:
+    """Return the excess beyond a constant set-point, in percent of a jump of `height` [rad]."""
+    return 100 * excess(trace) / height
 
 
 def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> float:

@@ -16,9 +16,10 @@ def number(value: float, digits: int = 4) -> str:
     if value and not 1e-3 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPTS)}".replace("-", "−")
-    return f"{value:.{digits}g}".replace("-", "−") if abs(value) < 10**digits else f"{value:.0f}"
+    text = f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+    return text.replace("-", "−")
 
 
 def listing(values: list[float], unit: str) -> str:
     """Return numbers as an enumeration with their unit."""
-    return ", ".join(number(value) for value in values) + f" {unit}" if values else "none"
+    return ", ".join(number(value) for value in values) + f" {unit}".rstrip() if values else "none"

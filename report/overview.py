@@ -18,7 +18,14 @@ def panels(data: Data) -> list[list[Panel]]:
     return [
         [Panel(s, ANGLE, outputs(traces[s]), xlim=(0, END), ylim=(-1.6, 1.6)) for s in SIGNALS],
         [
-            Panel("", "|e| [rad]", absolute_errors(traces[s]), xlim=(0, END), ylim=(1e-6, 5), log_y=True)
+            Panel(
+                "",
+                "|e| [rad]",
+                absolute_errors(traces[s]),
+                xlim=(0, END),
+                ylim=(1e-6, 5),
+                log_y=True,
+            )
             for s in SIGNALS
         ],
     ]

@@ -2,7 +2,7 @@
 // Draws all figures by plotly from the data in the page, in the colours of the reader's scheme.
 (() => {
   const { columns, figures, styles } = JSON.parse(document.getElementById("data").textContent);
-  const ROW = 250, STACKED = 240, LEGEND = 34, TITLE = 26, NARROW = 620;
+  const ROW = 250, STACKED = 240, TITLE = 26, NARROW = 620;
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const printing = matchMedia("print");
 
@@ -67,6 +67,8 @@
     const element = document.getElementById("plot-" + figure.name);
     const width = element.clientWidth, colours = palette();
     const { found, total } = places(figure.rows, width);
+    const legendRows = Math.ceil((figure.legend.length * 118) / width);
+    const LEGEND = 10 + 24 * legendRows;
     const traces = [];
     const layout = {
       width, height: total + LEGEND + 8, margin: { l: 58, r: 10, t: LEGEND, b: 8, pad: 0 },
@@ -102,8 +104,7 @@
       }
       for (const curve of panel.curves) {
         const style = styles[curve.style], data = column(curve.key), color = style[colours.curves];
-        const shared = { xaxis: "x" + suffix, yaxis: "y" + suffix, legendgroup: curve.style + (curve.named || ""), showlegend: false };
-        shared.legendgroup = figure.legend.filter(([key, name]) => key === curve.style && name === curve.name).map(([key, name]) => key + name)[0];
+        const shared = { xaxis: "x" + suffix, yaxis: "y" + suffix, legendgroup: curve.style + curve.name, showlegend: false };
         traces.push({
           ...shared, x: data.x, y: data.y, mode: "lines", name: sub(curve.name),
           line: { color, width: style.width, dash: style.dash, simplify: false },

@@ -10,7 +10,8 @@ from ..scenarios import KINDS
 Values = Mapping[str, float]
 """A number by the kind of controller."""
 
-COLUMNS = ("PID", "PID-RBF", "IPID-RBF", "IPID-RBF, own target")
+COLUMNS = ("PID", "PID-RBF", "IPID-RBF", "own target")
+"""Heads of the tables; the last is IPID-RBF that learns its own force, (29)."""
 
 
 def by_kind(
@@ -22,9 +23,7 @@ def by_kind(
 
 def table(quantities: Mapping[str, Values]) -> Table:
     """Return a table with one column per controller; quantities by name and unit."""
-    rows = {
-        name: [values.get(kind, "") for kind in KINDS] for name, values in quantities.items()
-    }
+    rows = {name: [values.get(kind, "") for kind in KINDS] for name, values in quantities.items()}
     return Table(COLUMNS, rows)
 
 

@@ -20,8 +20,8 @@ def claims(data: Data) -> list[Claim]:
         for signal in ("step", "sine", "square")
     }
     over = {
-        "step [1]": by_kind(data, "step", 0.0, overshoot),
-        "square wave, of the jump [1]": by_kind(data, "square", 0.0, worst_overshoot),
+        "step [%]": by_kind(data, "step", 0.0, overshoot),
+        "square wave, of the jump [%]": by_kind(data, "square", 0.0, worst_overshoot),
     }
 
     def zero(ipid: str) -> Finding:

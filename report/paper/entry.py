@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ..claims import Claim
 from ..figure import Figure
 
-LOST = "(the caption is part of a picture in the text that this page was made from)"
+LOST = "(This figure’s caption is missing in the text that the quotations were taken from.)"
 """What stands for the captions of Figures 4 and 14, which the extracted text does not have."""
 
 

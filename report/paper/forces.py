@@ -415,9 +415,7 @@ def entries(data: Data) -> list[Entry]:
         Entry(
             9,
             sines,
-            _figure(
-                9, "sine", force_rows(data, "sine", 0.0, (0, 0.1), (-20, 105), (-20, 105))
-            ),
+            _figure(9, "sine", force_rows(data, "sine", 0.0, (0, 0.1), (-20, 105), (-20, 105))),
             sine(data),
         ),
         Entry(
@@ -432,11 +430,7 @@ def entries(data: Data) -> list[Entry]:
             _figure(
                 13,
                 "square wave",
-                [
-                    row
-                    for a in both
-                    for row in force_rows(data, "square", a, (4.9, 6.4), Y, Y)
-                ],
+                [row for a in both for row in force_rows(data, "square", a, (4.9, 6.4), Y, Y)],
                 disturbed=True,
             ),
             square_disturbed(data),

@@ -5,8 +5,8 @@ import table1
 
 from ..claims import Claim, Finding, judge
 from ..data import Data, Trace
-from ..figure import ANGLE, Curve, Figure
-from ..metrics import half_periods, iae, largest, overshoot, rms, settling
+from ..figure import Curve, Figure
+from ..metrics import excess, half_periods, iae, largest, overshoot, rms, settling
 from .compare import both_below_pid, by_kind, least, table
 from .curves import SHOWN, tracking_row, with_zoom
 from .entry import LOST, Entry
@@ -22,7 +22,7 @@ RING = 0.01
 
 
 def worst_overshoot(trace: Trace) -> float:
-    """Return the largest overshoot after the jumps of a square wave, relative to the jump."""
+    """Return the largest overshoot after the jumps of a square wave, in percent of the jump."""
     return max(overshoot(part, JUMP) for part in half_periods(trace))
 
 
@@ -36,13 +36,11 @@ def square(data: Data) -> list[Claim]:
     over = by_kind(data, "square", 0.0, worst_overshoot)
     settled = by_kind(data, "square", 0.0, slowest)
     area = by_kind(data, "square", 0.0, iae)
-    rows = {"overshoot, of the jump [1]": over, "settling ±0.3 % [s]": settled}
+    rows = {"overshoot, of the jump [%]": over, "settling ±0.3 % [s]": settled}
 
     def fastest(ipid: str) -> Finding:
         others = ["PID", "PID-RBF"]
-        return Finding(
-            judge(least(settled, ipid, others), least(over, ipid, others)), table(rows)
-        )
+        return Finding(judge(least(settled, ipid, others), least(over, ipid, others)), table(rows))
 
     def accurate(ipid: str) -> Finding:
         slower = settled["PID-RBF"] >= settled["PID"]
@@ -92,7 +90,9 @@ def step(data: Data) -> list[Claim]:
         return Finding(
             judge(least(settled, ipid, others) and least(area, ipid, others), accurate),
             table({"settling ±0.3 % [s]": settled, "IAE [rad s]": area, "|e(20 s)| [rad]": final}),
-            "" if accurate else "Its last error is not the smallest, in the paper’s Table 1 neither.",
+            ""
+            if accurate
+            else "Its last error is not the smallest, in the paper’s Table 1 neither.",
         )
 
     return [
@@ -100,7 +100,7 @@ def step(data: Data) -> list[Claim]:
             "“the amplitude oscillation of the RBF network supervisory control is smaller than that"
             " of the conventional PID control”",
             "PID-RBF and IPID-RBF overshoot less than PID",
-            lambda ipid: Finding(judge(both_below_pid(over, ipid)), table({"overshoot [1]": over})),
+            lambda ipid: Finding(judge(both_below_pid(over, ipid)), table({"overshoot [%]": over})),
         ),
         Claim(
             "“PID-RBF supervision control is stable after 3.8 s.”",
@@ -214,7 +214,7 @@ def step_disturbed(data: Data) -> list[Claim]:
 def beyond(trace: Trace) -> float:
     """Return how far theta goes beyond the set-point -1 between 5 s and 10 s [rad]."""
     after = trace.part(PULSE[0] + 0.002, 10.0)
-    return overshoot(after)
+    return excess(after)
 
 
 def swing_back(trace: Trace) -> float:
