@@ -137,7 +137,7 @@ def claims(data: Data) -> list[Claim]:
         ),
         Claim(
             "“The dynamic performance of the system can be improved by” kd",
-            "the overshoot falls as kd rises; wholly if the settling time falls too",
+            "read as more kd: the overshoot falls as kd rises; wholly if settling time too",
             damping,
         ),
         Claim(
@@ -147,7 +147,7 @@ def claims(data: Data) -> list[Claim]:
             lambda _: rule(["2 kp", "2 ki", "½ kd"], "overshoot [%]", over),
         ),
         Claim(
-            "“When the error of the response curve is large, kp should be reduced, ki should be"
+            "“When the error of the response curve is large, kp should be reduced, ki should"
             " reduced, and k d should be increased”",
             "the integral of |e| falls by each of the three; with a remark if by some of them",
             lambda _: rule(["½ kp", "½ ki", "2 kd"], "IAE [rad s]", area),
