@@ -4,18 +4,22 @@ import argparse
 import multiprocessing
 import os
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 from master import FMUS, MasterError
 
 from . import ROOT
+from .beyond import noise, sections
 from .claims import judged
 from .data import Data
 from .overview import write as write_overview
 from .page import Part, part_of, render
 from .paper import conclusions, figures, table
-from .printed import write_all
-from .scenarios import execute_all, paper_loops
+from .printed import start as start_figures
+from .scenarios import paper_loops, start
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,23 +57,47 @@ def cores() -> int:
 
 def run(options: argparse.Namespace) -> bool:
     """Make the report; returns whether all of Table 1 is reproduced."""
-    data = Data(execute_all(paper_loops(), options.fmus, cores()))
-    text, all_hold = table.text(data)
-    print(text)
-    parts = [part_of(entry) for entry in figures.entries(data)]
-    end = Part("conclusions", "Section 5", "", (), None, judged(conclusions.claims(data)))
-    beyond: list[Part] = []
-    options.out.mkdir(parents=True, exist_ok=True)
-    page = options.out / "index.html"
-    page.write_text(render(parts, end, table.lines(data), beyond), encoding="utf-8")
-    drawn = [part.figure for part in [*parts, *beyond] if part.figure]
-    with multiprocessing.get_context("spawn").Pool(cores()) as pool:
-        paths = write_all(drawn, options.out / "figures", pool)
-        pool.close()
-        pool.join()
-    write_overview(data, options.out / "closed-loop.png")
+    with workers() as pool:
+        data = Data(results(pool, options))
+        text, all_hold = table.text(data)
+        print(text, flush=True)
+        parts = [part_of(entry) for entry in figures.entries(data)]
+        end = Part("conclusions", "Section 5", "", (), None, judged(conclusions.claims(data)))
+        drawing = [start_writing(parts, options.out / "figures", pool)]
+        beyond = [] if options.only else sections.parts(data, options.fmus)
+        drawing.append(start_writing(beyond, options.out / "figures", pool))
+        page = options.out / "index.html"
+        page.write_text(render(parts, end, table.lines(data), beyond), encoding="utf-8")
+        write_overview(data, options.out / "closed-loop.png")
+        paths = [path for jobs in drawing for job in jobs for path in job.get()]
     print(f"\n{page}, and {len(paths)} files in {options.out / 'figures'}")
     return all_hold
+
+
+@contextmanager
+def workers() -> Iterator[Pool]:
+    """Return a pool of as many processes as there are cores."""
+    # Spawned, not forked: a fork would copy the locks of a threaded parent
+    with multiprocessing.get_context("spawn").Pool(cores()) as pool:
+        yield pool
+        # Leaving the context kills the workers; those that are done take their semaphores along
+        pool.close()
+        pool.join()
+
+
+def results(pool: Pool, options: argparse.Namespace) -> dict:
+    """Co-simulate all that is asked for."""
+    started = start(pool, paper_loops(), options.fmus)
+    if not options.only:
+        started |= start(pool, sections.loops() - started.keys(), options.fmus)
+        for job in noise.jobs():
+            started[job] = pool.apply_async(noise.execute, (job, options.fmus))
+    return {loop: run.get() for loop, run in started.items()}
+
+
+def start_writing(parts: Sequence[Part], folder: Path, pool: Pool) -> list[AsyncResult]:
+    """Have the figures of some parts written as SVG and PDF."""
+    return start_figures([part.figure for part in parts if part.figure], folder, pool)
 
 
 def main() -> int:

@@ -38,7 +38,10 @@ class Columns:
 
 
 def needed(panel: Panel, curve: Curve) -> np.ndarray:
-    """Return the samples that a panel needs of a curve, and one on each side of what it shows."""
+    """Return the samples that a panel needs of a curve, its extremes among them.
+
+    One more on each side of what the panel shows belongs to them.
+    """
     left, right = panel.x_range()
     inside = np.flatnonzero((curve.x >= left) & (curve.x <= right))
     part = slice(max(inside[0] - 1, 0), inside[-1] + 2)
@@ -49,7 +52,8 @@ def needed(panel: Panel, curve: Curve) -> np.ndarray:
     # What lies far off the scale needs no precision, only its course through the panel
     height = top - bottom
     y = np.clip(y, bottom - height, top + height)
-    return part.start + thinned(x, y, height / RESOLUTION)
+    kept = np.union1d(thinned(x, y, height / RESOLUTION), [np.argmin(y), np.argmax(y)])
+    return part.start + kept
 
 
 def pack(column: np.ndarray) -> str:

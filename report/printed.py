@@ -1,7 +1,7 @@
 """Figures for a paper: the same panels by Matplotlib, as SVG and PDF."""
 
 from collections.abc import Sequence
-from multiprocessing.pool import Pool
+from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 from matplotlib import rc_context
@@ -117,9 +117,8 @@ def write(figure: Figure, folder: Path) -> list[Path]:
     return paths
 
 
-def write_all(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[Path]:
-    """Write all figures in parallel, the largest first."""
+def start(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[AsyncResult]:
+    """Have the figures written, the largest first; each result is a list of paths."""
     folder.mkdir(parents=True, exist_ok=True)
     ordered = sorted(figures, key=lambda figure: -len(figure.rows))
-    jobs = [pool.apply_async(write, (figure, folder)) for figure in ordered]
-    return [path for job in jobs for path in job.get()]
+    return [pool.apply_async(write, (figure, folder)) for figure in ordered]

@@ -1,9 +1,8 @@
 """The loops that the figures show, and their co-simulation by the FMPy master."""
 
-import multiprocessing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 import numpy as np
@@ -121,13 +120,7 @@ def cost(loop: Loop) -> tuple[int, str]:
     return loop.steps * (5 if loop.target == "supervisor" else 3), repr(loop)
 
 
-def execute_all(loops: Iterable[Loop], fmus: Path, processes: int) -> dict[Loop, Columns]:
-    """Co-simulate in parallel, the longest loops first so that no core idles at the end."""
-    loops = sorted(set(loops), key=cost, reverse=True)
-    # Spawned, not forked: a fork would copy the locks of a threaded parent
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        results = pool.map(partial(execute, fmus=fmus), loops, chunksize=1)
-        # Leaving the context kills the workers; those that are done take their semaphores along
-        pool.close()
-        pool.join()
-    return dict(zip(loops, results, strict=True))
+def start(pool: Pool, loops: Iterable[Loop], fmus: Path) -> dict[Loop, AsyncResult]:
+    """Have the loops co-simulated, the longest first so that no core idles at the end."""
+    ordered = sorted(set(loops), key=cost, reverse=True)
+    return {loop: pool.apply_async(execute, (loop, fmus)) for loop in ordered}
