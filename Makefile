@@ -14,7 +14,7 @@ HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
 demo: fmus
-	$(RUN) tests/report.py
+	$(RUN) -m report --only paper
 
 ## test: every test, of the Rust crates and through the FMUs
 test: lint fmus master portable libtbb

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -52,3 +53,15 @@ def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
 def table_results(fmus: Path) -> dict[table1.Run, dict]:
     """Return the results of all runs that Table 1 needs."""
     return table1.execute_all(table1.runs(), fmus)
+
+
+@pytest.fixture(scope="session")
+def report_folder(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a report that was made for the tests."""
+    folder = tmp_path_factory.mktemp("report")
+    command = [sys.executable, "-m", "report", "--out", folder]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""
+    assert "MISSED" not in run.stdout
+    return folder

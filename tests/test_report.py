@@ -1,39 +1,273 @@
-"""The scripts that print Table 1 and draw the report."""
+"""The report: its Table 1, its numbers against independent ones, its files."""
 
+import csv
+import math
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-import report
+import reference
+import table1
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import etree, html
 
-NAMES = {"closed-loop"} | {
-    f"{signal}{suffix}" for signal in ("step", "sine", "square") for suffix in ("", "-disturbance")
+from report.claims import Verdict, judge
+from report.data import Trace
+from report.metrics import bursts, iae, ise, itae, overshoot, rise_time, settling, tone
+from report.numbers import number
+from report.thin import thinned
+
+ROOT = Path(__file__).resolve().parent.parent
+FIGURES = [2, *range(4, 22)]
+SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+# --- the page's numbers -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def page(report_folder: Path) -> html.HtmlElement:
+    return html.parse(str(report_folder / "index.html")).getroot()
+
+
+def value(text: str) -> float:
+    """Read a number as the page writes it: "9.810 · 10⁻⁴", "−0.5", "never"."""
+    mantissa, _, power = text.partition(" · 10")
+    if mantissa == "never":
+        return math.nan
+    return float(mantissa.translate(SUPERSCRIPTS)) * 10 ** int(power.translate(SUPERSCRIPTS) or 0)
+
+
+def cells(page: html.HtmlElement, part: str, quantity: str) -> dict[str, float]:
+    """Return a row of numbers by the heads of their columns."""
+    for row in page.xpath(f"//article[@id='{part}']//table[contains(@class, 'numbers')]//tbody/tr"):
+        if row[0].text_content() == quantity:
+            heads = row.getparent().getparent().xpath("thead/tr/th")
+            pairs = zip(heads[1:], row[1:], strict=True)
+            return {head.text_content(): value(cell.text_content()) for head, cell in pairs}
+    raise KeyError(quantity)
+
+
+def printed_lines(page: html.HtmlElement) -> list[list[str]]:
+    rows = page.xpath("//table[@class='table1']/tbody/tr")
+    return [[cell.text_content().strip() for cell in row] for row in rows]
+
+
+def test_table_1_is_that_of_the_data_file(page):
+    lines = printed_lines(page)
+    assert len(lines) == 18 + 4 + 2
+    with table1.DATA.open() as file:
+        rows = list(csv.DictReader(file))
+    computed = iter(lines)
+    for row in rows:
+        for column in ("e_pid", "e_pid_rbf", "e_ipid_rbf"):
+            line = next(computed)
+            assert line[0] == row["row"]
+            assert line[4].replace("−", "-") == row[f"{column}_printed"]
+            expected, found = row[f"{column}_expected"], float(line[5].replace("−", "-"))
+            if "|e|" in expected:
+                assert abs(found) < 1e-11
+            else:
+                # Row 2 of PID-RBF is a decayed transient that the last bits move
+                tolerance = 1e-2 if abs(float(expected)) < 1e-9 else 2e-5
+                assert found == pytest.approx(float(expected), rel=tolerance)
+
+
+def test_no_number_of_table_1_is_missed(page):
+    assert all("does not hold" not in line[7] for line in printed_lines(page))
+
+
+STEP = {
+    "PID": ("Pid", {}),
+    "PID-RBF": ("PidRbf", {}),
+    "IPID-RBF": ("IpidRbf", {"target": "supervisor"}),
+    "own target": ("IpidRbf", {}),
 }
 
 
-def test_draws_every_signal_with_and_without_disturbance(table_results, tmp_path):
-    paths = report.draw(table_results, tmp_path / "report")
-    assert {path.stem for path in paths} == NAMES
-    for path in paths:
-        assert path.read_bytes().startswith(b"\x89PNG")
-        assert path.stat().st_size > 20_000
+@pytest.mark.parametrize("kind", STEP)
+def test_step_response_is_that_of_an_independent_simulation(page, kind):
+    controller, options = STEP[kind]
+    run = reference.closed_loop(controller, **options)
+    e, theta, t = run["controller.e"], run["plant.theta"], run["time"]
+    outside = np.flatnonzero(np.abs(e) > 0.003)[-1]
+
+    def on_page(figure: str, quantity: str) -> float:
+        return cells(page, figure, quantity)[kind]
+
+    assert on_page("figure-6", "settling ±0.3 % [s]") == pytest.approx(t[outside + 1], abs=5e-4)
+    beyond = max(100 * (theta.max() - 1), 0)
+    assert on_page("figure-6", "overshoot [%]") == pytest.approx(beyond, rel=1e-3, abs=1e-9)
+    assert on_page("figure-16", "IAE [rad s]") == pytest.approx(np.abs(e).sum() / 1000, rel=1e-3)
+    assert on_page("figure-16", "ISE [rad² s]") == pytest.approx((e**2).sum() / 1000, rel=1e-3)
+    timed = (t * np.abs(e)).sum() / 1000
+    assert on_page("figure-16", "ITAE [rad s²]") == pytest.approx(timed, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["table1.py", "report.py"])
-def test_missing_fmus_are_answered_with_what_to_do(tmp_path, name):
-    path = Path(report.__file__).with_name(name)
-    command = [sys.executable, path, "--fmus", "nowhere"]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+def test_static_errors_of_the_pid_are_those_of_the_closed_form(page):
+    found = cells(page, "figure-2", "e(20 s) [rad]")
+    for name, ki in (("½ ki", 250), ("nominal", 500), ("2 ki", 1000)):
+        assert found[name] == pytest.approx(1 / (1 - ki / 0.98), rel=1e-3)
+
+
+def test_disturbed_sine_is_that_of_an_independent_simulation(page):
+    for amplitude in (1.0, 2.0):
+        e = reference.closed_loop("PidRbf", "sine", amplitude)["controller.e"]
+        row = cells(page, "figure-19", f"IAE, d = {amplitude:g} rad [rad s]")
+        assert row["PID-RBF"] == pytest.approx(np.abs(e).sum() / 1000, rel=1e-3)
+
+
+def test_the_summary_counts_every_verdict(page):
+    summary = [cell.text_content() for cell in page.xpath("//table[@class='summary']//td[last()]")]
+    claims = page.xpath("//section[@class='claim'][not(ancestor::section[@id='beyond'])]")
+    assert len(summary) == len(claims)
+    for verdict in Verdict:
+        counted = sum(verdict.sign in text for text in summary)
+        heading = page.xpath("//section[@id='summary']/p[1]")[0].text_content()
+        assert re.search(rf"{verdict.sign} {verdict.label}\s+{counted}\b", heading)
+
+
+# --- files --------------------------------------------------------------------------------------
+
+
+def test_every_figure_of_the_paper_is_there(page):
+    found = [part.get("id") for part in page.xpath("//section[@id='figures']/article")]
+    assert found == [f"figure-{number}" for number in FIGURES]
+
+
+def test_every_figure_is_described_and_captioned(page):
+    plots = page.xpath("//div[@class='plot']")
+    assert len(plots) >= len(FIGURES)
+    for plot in plots:
+        assert plot.get("role") == "img"
+        assert len(plot.get("aria-label")) > 40
+    for number_ in FIGURES:
+        assert page.xpath(f"//article[@id='figure-{number_}']//figcaption/p")[0].text_content()
+
+
+def test_every_link_leads_somewhere(page, report_folder):
+    targets = page.xpath("//@href")
+    ids = set(page.xpath("//@id"))
+    assert len(page.xpath("//@id")) == len(ids)
+    for target in targets:
+        if target.startswith("#"):
+            assert target[1:] in ids, target
+        elif not target.startswith("data:"):
+            assert (report_folder / target).is_file(), target
+
+
+def test_svg_and_pdf_files_parse(page, report_folder):
+    names = {plot.get("id").removeprefix("plot-") for plot in page.xpath("//div[@class='plot']")}
+    folder = report_folder / "figures"
+    assert {path.stem for path in folder.iterdir()} == names
+    for name in names:
+        drawing = etree.parse(str(folder / f"{name}.svg")).getroot()
+        assert drawing.tag.endswith("svg")
+        assert len(drawing.findall(".//{*}path")) > 20
+        pdf = (folder / f"{name}.pdf").read_bytes()
+        assert pdf.startswith(b"%PDF-")
+        assert pdf.rstrip().endswith(b"%%EOF")
+        assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
+
+
+def test_the_overview_is_drawn(report_folder):
+    assert (report_folder / "closed-loop.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_page_is_one_file_of_bearable_size(report_folder):
+    assert (report_folder / "index.html").stat().st_size < 12e6
+
+
+@pytest.mark.parametrize("command", [["tests/table1.py"], ["-m", "report"]])
+def test_missing_fmus_are_answered_with_what_to_do(command, tmp_path):
+    options = ["--fmus", "nowhere"]
+    if "report" in command:
+        options += ["--out", str(tmp_path)]
+    run = subprocess.run(
+        [sys.executable, *command, *options], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert run.returncode == 1
     assert "run `cargo fmu export`" in run.stderr
     assert "Traceback" not in run.stderr
 
 
-def test_scripts_work_from_any_directory(fmus, tmp_path):
-    command = [sys.executable, Path(report.__file__), "--out", "figures"]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    assert run.stderr == ""
-    assert "MISSED" not in run.stdout
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == NAMES
+# --- parts --------------------------------------------------------------------------------------
+
+
+def trace(e: np.ndarray, theta: np.ndarray | None = None, ts: float = 0.001) -> Trace:
+    """Return a trace at ts, 2 ts, ... with the error e and the set-point 1."""
+    t = ts * np.arange(1, len(e) + 1)
+    one = np.ones_like(e)
+    theta = 1 - e if theta is None else theta
+    return Trace("t", t, one, 0 * e, theta, e, one, one, None)
+
+
+def test_metrics_of_a_decaying_exponential_are_its_integrals():
+    t = 0.001 * np.arange(1, 30001)
+    decay = trace(np.exp(-t))
+    assert iae(decay) == pytest.approx(1, rel=1e-3)
+    assert ise(decay) == pytest.approx(1 / 2, rel=2e-3)
+    assert itae(decay) == pytest.approx(1, rel=1e-3)
+    assert settling(decay) == pytest.approx(-math.log(0.003), abs=2e-3)
+    assert rise_time(decay) == pytest.approx(math.log(9), abs=2e-3)
+    assert overshoot(decay) == 0
+
+
+def test_overshoot_of_a_second_order_system_is_that_of_its_damping():
+    damping, t = 0.3, 0.001 * np.arange(1, 20001)
+    damped = math.sqrt(1 - damping**2)
+    ringing = np.cos(damped * t) + damping / damped * np.sin(damped * t)
+    theta = 1 - np.exp(-damping * t) * ringing
+    expected = 100 * math.exp(-math.pi * damping / damped)
+    assert overshoot(trace(1 - theta, theta)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_bursts_that_are_close_are_one():
+    t = np.arange(0, 10, 0.001)
+    u = 100.0 * ((np.abs(t - 2) < 0.05) | (np.abs(t - 2.2) < 0.05) | (np.abs(t - 7) < 0.05))
+    assert bursts(t, u) == pytest.approx([1.951, 6.951], abs=1e-3)
+
+
+def test_tone_finds_the_frequency():
+    t = np.arange(0, 1, 0.001)
+    assert tone(np.sin(2 * np.pi * 50 * t) + 10 * t, 0.001) == pytest.approx(50, abs=1.1)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=300), st.floats(1e-3, 10))
+def test_thinned_curves_stay_within_the_tolerance_and_keep_their_peaks(y, tolerance):
+    y = np.array(y)
+    x = np.arange(len(y), dtype=float)
+    kept = thinned(x, y, tolerance)
+    assert kept[0] == 0
+    assert kept[-1] == len(y) - 1
+    assert np.all(np.diff(kept) > 0)
+    assert np.max(np.abs(np.interp(x, kept, y[kept]) - y)) <= tolerance * (1 + 1e-9)
+    assert y[kept].max() >= y.max() - tolerance
+    assert y[kept].min() <= y.min() + tolerance
+
+
+def test_verdicts_follow_from_their_parts():
+    assert judge(True) is judge(True, True) is Verdict.HOLDS
+    assert judge(True, False) is Verdict.REMARK
+    assert judge(False, True) is judge(False, False) is Verdict.FAILS
+
+
+@pytest.mark.parametrize(
+    ("x", "text"),
+    [
+        (0.0, "0"),
+        (3.0, "3"),
+        (-0.0019638, "−0.001964"),
+        (9.81e-4, "9.810 · 10⁻⁴"),
+        (-200601.0, "−200601"),
+        (1.41e6, "1.410 · 10⁶"),
+        (math.nan, "never"),
+        (118, "118"),
+    ],
+)
+def test_numbers_are_written_as_a_reader_wants_them(x, text):
+    assert number(x) == text

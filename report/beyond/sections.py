@@ -1,0 +1,19 @@
+"""All sections beyond the paper, in the page's order."""
+
+from pathlib import Path
+
+from ..data import Data
+from ..page import Part
+from ..scenarios import Loop
+from . import learning, noise, nonlinear, order, robustness, targets
+
+
+def loops() -> set[Loop]:
+    """Return the loops that the sections need of the FMPy master."""
+    return {loop for module in (targets, learning, order, nonlinear) for loop in module.loops()}
+
+
+def parts(data: Data, fmus: Path) -> list[Part]:
+    """Return the sections."""
+    modules = (targets, learning, order, robustness, noise, nonlinear)
+    return [module.part(data, fmus) for module in modules]

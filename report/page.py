@@ -1,0 +1,95 @@
+"""The page: one HTML file with its styles, its script, the plotting library and all data."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from plotly.offline import get_plotlyjs
+
+from .browser import RESOLUTION, page_json
+from .claims import Judged, Verdict, judged
+from .figure import Figure
+from .numbers import number
+from .paper.entry import Entry
+from .paper.table import Line
+
+ASSETS = Path(__file__).parent / "assets"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A figure of the paper or a section of our own, as the page shows it.
+
+    Parameters
+    ----------
+    anchor
+        Where links lead.
+    heading, caption, notes
+        Text above and below the figure.
+    figure
+        What is drawn, if anything.
+    judged
+        What was found.
+    """
+
+    anchor: str
+    heading: str
+    caption: str
+    notes: Sequence[str]
+    figure: Figure | None
+    judged: Sequence[Judged]
+
+
+def part_of(entry: Entry) -> Part:
+    """Return a figure of the paper as a part of the page."""
+    return Part(
+        entry.figure.name,
+        f"Figure {entry.number}. {entry.figure.title}",
+        entry.caption,
+        entry.notes,
+        entry.figure,
+        judged(entry.claims),
+    )
+
+
+def script_safe(value: Any) -> str:
+    """Return JSON that may stand within a script element."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+
+
+def render(
+    parts: Sequence[Part], conclusions: Part, lines: Sequence[Line], beyond: Sequence[Part]
+) -> str:
+    """Return the page as HTML."""
+    environment = Environment(
+        loader=FileSystemLoader(ASSETS),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = number
+    everything = [*parts, conclusions, *beyond]
+    figures = [part.figure for part in everything if part.figure]
+    return environment.get_template("page.html.j2").render(
+        parts=parts,
+        conclusions=conclusions,
+        lines=lines,
+        beyond=beyond,
+        verdicts=list(Verdict),
+        counts=_counts([*parts, conclusions]),
+        style=(ASSETS / "style.css").read_text(encoding="utf-8"),
+        script=(ASSETS / "page.js").read_text(encoding="utf-8"),
+        loop_svg=(ASSETS / "loop.svg").read_text(encoding="utf-8"),
+        plotly=get_plotlyjs().replace("</script", "<\\/script"),
+        data=script_safe(page_json(figures)),
+        resolution=RESOLUTION,
+    )
+
+
+def _counts(parts: Sequence[Part]) -> dict[Verdict, int]:
+    found = [one.verdict for part in parts for one in part.judged]
+    return {verdict: found.count(verdict) for verdict in Verdict}

@@ -1,0 +1,28 @@
+"""Fewer points for the same curve: every sample left out lies near the line between two kept."""
+
+import numpy as np
+
+
+def thinned(x: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the indices of the samples to keep, increasing, shape (kept,).
+
+    Between those kept, linear interpolation is off by at most `tolerance`, in the unit of y. The
+    sample that is worst off in each gap is kept first (Douglas and Peucker), so peaks stay.
+
+    Parameters
+    ----------
+    x, y
+        The curve, shape (n,) each, n >= 2; x increases, y is finite.
+    tolerance
+        Largest deviation.
+    """
+    keep = np.array([0, len(x) - 1])
+    while True:
+        deviation = np.abs(y - np.interp(x, x[keep], y[keep]))
+        gap = np.searchsorted(keep, np.arange(len(x)), side="right")
+        worst = np.maximum.reduceat(deviation, keep)
+        candidates = np.flatnonzero((deviation == worst[gap - 1]) & (deviation > tolerance))
+        if not candidates.size:
+            return keep
+        _, first = np.unique(gap[candidates], return_index=True)
+        keep = np.union1d(keep, candidates[first])
