@@ -9,12 +9,16 @@ INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 SECONDS ?= 60
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo test lint fmus master ssp libclang libtbb bench portable valgrind fuzz clean
+.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
 demo: fmus
 	$(RUN) -m report --only paper
+
+## report: all figures of the paper, and what goes beyond it, as a page in target/report
+report: fmus master
+	$(RUN) -m report
 
 ## test: every test, of the Rust crates and through the FMUs
 test: lint fmus master portable libtbb

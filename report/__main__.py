@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
-from master import FMUS, MasterError
+import table1
+from master import MasterError
 
 from . import ROOT
 from .beyond import noise, sections
@@ -24,20 +25,13 @@ from .scenarios import paper_loops, start
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m report",
-        description="Recompute the paper from the FMUs: prints Table 1, writes index.html, every"
-        " figure as SVG and PDF, and closed-loop.png.",
+    parser = table1.arguments(
+        "Recompute the paper from the FMUs: print Table 1, write index.html, every figure as SVG"
+        " and PDF, and closed-loop.png."
     )
+    parser.prog = "python -m report"
     add = parser.add_argument
     add("--only", choices=["paper"], help="leave out what goes beyond the paper")
-    add(
-        "--fmus",
-        type=Path,
-        default=FMUS,
-        metavar="DIR",
-        help="where the FMUs are (default: target/fmu of this project)",
-    )
     add(
         "--out",
         type=Path,

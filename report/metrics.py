@@ -10,6 +10,9 @@ from .data import Trace
 BURST = 50.0
 """A force beyond this, half of the limit, is a large adjustment [N]."""
 
+HOLD = 0.1
+"""How long an error must stay within its band to have settled [s]."""
+
 BURST_GAP = 0.25
 """Large adjustments that lie closer together than this are one [s]."""
 
@@ -70,9 +73,13 @@ def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> 
     """Return how long after the first sample |e| stays within `band` times the jump [s].
 
     The paper's k = 1 is its first sample after t = 0, so that a part that starts with a jump at
-    t = 0 counts from there. NaN if the error never stays within.
+    t = 0 counts from there. NaN if the error does not stay within for at least the last HOLD: one
+    that still swings through the band at the end has not settled.
     """
-    return settling_time(trace.t, trace.e, band * height) - (trace.t[0] - trace.ts)
+    settled = settling_time(trace.t, trace.e, band * height)
+    if settled > trace.t[-1] - HOLD:
+        return math.nan
+    return settled - (trace.t[0] - trace.ts)
 
 
 def rise_time(trace: Trace) -> float:

@@ -14,7 +14,12 @@ import table1
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
+from master import TS, closed_loop, simulate
 
+from report.beyond.eigenvalues import DELAYS, matrix
+from report.beyond.measurement import Measurement
+from report.beyond.native import SYSTEMS, both_plants, sweep
+from report.beyond.noise import Measured, execute
 from report.claims import Verdict, judge
 from report.data import Trace
 from report.metrics import bursts, iae, ise, itae, overshoot, rise_time, settling, tone
@@ -129,6 +134,78 @@ def test_the_summary_counts_every_verdict(page):
         counted = sum(verdict.sign in text for text in summary)
         heading = page.xpath("//section[@id='summary']/p[1]")[0].text_content()
         assert re.search(rf"{verdict.sign} {verdict.label}\s+{counted}\b", heading)
+
+
+# --- beyond the paper -----------------------------------------------------------------------------
+
+
+def test_learning_rate_limits_are_those_of_the_crate_control(page):
+    """control/tests/learning_rate.rs finds the same by its own matrix."""
+    found = cells(page, "beyond-learning", "largest stable η [1]")
+    for name, limit in (("0 samples", 0.582), ("1 sample", 0.324), ("2 samples", 0.205)):
+        assert found[name] == pytest.approx(limit, abs=1e-3)
+    radius = cells(page, "beyond-learning", "spectral radius at η = 0.30 [1]")
+    assert radius["2 samples"] == pytest.approx(1.0435, abs=1e-3)
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_matrix_moves_as_the_independent_controller_does(delay):
+    """At r = 1, without limit of the force, from a small deviation."""
+    A, state = matrix(delay, 0.3), np.zeros(9)
+    state[1] = deviation = 1e-6
+    controller = reference.Controller("PidRbf", previous_sample_terms=delay.previous_sample_terms)
+    controller.u_max = math.inf
+    plant, u = reference.Plant(), 0.0
+    plant.state[2] = deviation
+    for _ in range(300):
+        assert plant.theta == pytest.approx(state[1], rel=1e-6, abs=1e-6 * deviation)
+        before = u
+        # The angle is measured from the set-point; the nodes see r = 1
+        controller.sample(1.0, 1.0 + plant.theta)
+        u = controller.u
+        plant.step(before if delay.parallel else u, reference.TS)
+        state = A @ state
+
+
+@pytest.mark.parametrize(("factor", "held"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize(("kind", "controller"), [("PID", "Pid"), ("own target", "IpidRbf")])
+def test_largest_step_is_where_another_master_loses_the_pendulum(
+    page, fmus, kind, controller, factor, held
+):
+    amplitude = factor * cells(page, "beyond-nonlinear", "largest step [rad]")[kind]
+    overrides = {"source.amplitude": amplitude}
+    with closed_loop(controller, plant_model="nonlinear", overrides=overrides, fmus=fmus) as system:
+        error = simulate(system, TS, TS, 20000, record=["controller.e"])["controller.e"]
+    assert (np.max(np.abs(error)) < math.pi) == held
+
+
+def test_sweep_gives_the_numbers_of_the_figures(page, fmus):
+    areas = cells(page, "figure-6", "IAE [rad s]")
+    heads = {"IPID-RBF own": "own target"}
+    for kind in SYSTEMS:
+        names = both_plants(kind, "M")
+        metrics = sweep(kind, names, np.array([1.096]), {}, 1000.0, fmus)
+        assert metrics["iae"][0] == pytest.approx(areas[heads.get(kind, kind)], rel=1e-3)
+
+
+def test_measurement_without_delay_and_noise_changes_nothing(fmus):
+    job = Measured("PID-RBF", steps=500)
+    measured = execute(job, fmus)
+    with closed_loop("PidRbf", previous_sample_terms=False, fmus=fmus) as system:
+        plain = simulate(system, TS, TS, 500, record=["plant.theta"])
+    assert np.array_equal(measured["plant.theta"], plain["plant.theta"])
+
+
+def test_measurement_delays_by_whole_samples():
+    measurement = Measurement("m", delay=2)
+    seen = []
+    for k in range(5):
+        measurement.slave.fmi2SetReal(None, [0], 1, [float(k + 1)])
+        measurement.step(k * TS, TS)
+        values = [0.0]
+        measurement.slave.fmi2GetReal(None, [1], 1, values)
+        seen += values
+    assert seen == [0, 0, 1, 2, 3]
 
 
 # --- files --------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@
     const found = [];
     lines.forEach((panels, row) => {
       const weight = panels.reduce((sum, panel) => sum + panel.weight, 0);
-      const gap = panels.length > 1 ? 66 / width : 0;
+      const gap = panels.length > 1 ? 78 / width : 0;
       const free = 1 - gap * (panels.length - 1);
       let left = 0;
       for (const panel of panels) {
@@ -52,13 +52,16 @@
     return { found, total };
   }
 
+  // Distance of a logarithmic axis's ticks: some digits of each decade, or whole decades.
+  const logTick = (decades) => (decades < 2.2 ? "D2" : Math.ceil(decades / 6));
+
   function axis(colours, label, range, log, other) {
     return {
       title: { text: sub(label), standoff: 4, font: { size: 12 } },
       range: logged(range, log), type: log ? "log" : "linear", anchor: other,
       gridcolor: colours.grid, zeroline: false, linecolor: colours.soft, showline: true,
       ticks: "outside", ticklen: 4, tickcolor: colours.soft, tickfont: { size: 11 },
-      nticks: 6, exponentformat: "power", dtick: log ? Math.ceil((Math.log10(range[1] / range[0])) / 6) : undefined,
+      nticks: 6, exponentformat: "power", dtick: log ? logTick(Math.log10(range[1] / range[0])) : undefined,
       automargin: false,
     };
   }

@@ -26,7 +26,7 @@ LATE = 0.5
 RATES = np.geomspace(0.05, 2.5, 120)
 
 NAMES = {
-    delay: f"{delay.samples} samples"
+    delay: f"{delay.samples} sample{'' if delay.samples == 1 else 's'}"
     + (", parallel" if delay.parallel and delay.samples == 1 else "")
     for delay in DELAYS
 }
@@ -73,9 +73,9 @@ def part(data: Data, fmus: Path) -> Part:
         [
             statement(
                 "The closed loop limits the learning rate far below the bound that section 3.2"
-                " prints, 0 < η h < 2 (G Gᵀ)⁻¹, and the more so the later the plant feels the force",
-                "eigenvalues of the sampled loop at r = 1 against 2/|h|², the bound with G = h and u"
-                " held fixed; holds if every limit is below, and falls with the delay",
+                " prints, 0 < η h < 2 (G Gᵀ)⁻¹, and the more so the later the plant feels it",
+                "eigenvalues of the sampled loop at r = 1 against 2/|h|², the bound with G = h and"
+                " u held fixed; holds if every limit is below, and falls with the delay",
                 Finding(
                     judge(
                         max(limits.values()) < bound
@@ -154,7 +154,7 @@ def figure(data: Data, limits: dict[Delay, float], bound: float) -> Figure:
             RATES,
             np.array([spectral_radius(delay, eta) for eta in RATES]),
             style,
-            f"delay of {delay.samples} samples",
+            f"delay of {NAMES[delay]}",
         )
         for delay, style in styles.items()
     ]

@@ -97,7 +97,8 @@ def part(data: Data, fmus: Path) -> Part:
         kind: [late(results, Measured(kind, deviation)) for deviation in DEVIATIONS]
         for kind in MODELS
     }
-    off = {kind: [rms(t.theta - np.mean(t.theta)) for t in noise[kind]] for kind in MODELS}
+    quiet = {kind: late(results, Measured(kind)) for kind in MODELS}
+    off = {kind: [rms(t.theta - quiet[kind].theta) for t in noise[kind]] for kind in MODELS}
     force = {kind: [rms(np.diff(t.u)) for t in noise[kind]] for kind in MODELS}
     ring = {
         kind: [largest(np.diff(late(results, Measured(kind, delay=n)).u)) for n in DELAYS]
@@ -107,7 +108,7 @@ def part(data: Data, fmus: Path) -> Part:
     worse = max(off[kind][i] / off["PID"][i] - 1 for kind in MODELS for i in range(len(DEVIATIONS)))
     rows = {}
     for i, deviation in enumerate(DEVIATIONS):
-        rows[f"RMS of θ, noise {deviation:g} rad [rad]"] = [off[kind][i] for kind in MODELS]
+        rows[f"RMS of Δθ, noise {deviation:g} rad [rad]"] = [off[kind][i] for kind in MODELS]
         rows[f"RMS change of u, noise {deviation:g} rad [N]"] = [force[kind][i] for kind in MODELS]
     return section(
         "beyond-noise",
@@ -117,8 +118,8 @@ def part(data: Data, fmus: Path) -> Part:
             statement(
                 "Noise of the measured angle moves the pendulum under a network no more than under"
                 " the PID",
-                f"step, white noise, RMS of θ about its mean from 5 s to 8 s; holds if nowhere larger"
-                f" by {COMPARABLE:.0%} than under PID",
+                "step, white noise, RMS from 5 s to 8 s of what θ differs by from the same without"
+                f" noise; holds if nowhere larger by {COMPARABLE:.0%} than under PID",
                 Finding(
                     judge(worse < COMPARABLE),
                     Table(COLUMNS, rows),
@@ -168,7 +169,7 @@ def figure(off: dict[str, list[float]], ring: dict[str, list[float]]) -> Figure:
             [
                 Panel(
                     "noise",
-                    "RMS of θ [rad]",
+                    "RMS of Δθ [rad]",
                     [Curve(f"noise/{k}", x, np.array(v), k) for k, v in off.items()],
                     x_label="noise, standard deviation [rad]",
                     log_x=True,

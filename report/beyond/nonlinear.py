@@ -100,8 +100,8 @@ def part(data: Data, fmus: Path) -> Part:
             ),
             statement(
                 "At 20° the nonlinear pendulum behaves as the linear one",
-                "integral of |e| after a step, nonlinear against linear; holds if it differs by less"
-                " than 5 % at 20°, wholly if at 1 rad, the paper’s step, too",
+                "integral of |e| after a step, nonlinear against linear; holds if it differs by"
+                " less than 5 % at 20°, wholly if at 1 rad, the paper’s step, too",
                 Finding(
                     judge(np.max(np.abs(apart[:, 0])) < ALIKE, np.max(np.abs(apart)) < ALIKE),
                     Table(

@@ -69,7 +69,7 @@ def part(data: Data, fmus: Path) -> Part:
             ),
             statement(
                 "PID-RBF is well behaved but in parallel order with the terms of the sample before",
-                "step; holds if from 19 s on u changes by more than 1 N per sample in that case only",
+                "step; from 19 s on u changes by more than 1 N per sample in that case alone",
                 Finding(
                     judge(max(late[:3]) < RINGING < late[3]),
                     Table(["seq., now", "seq., prev.", "par., now", "par., prev."], rows),
