@@ -12,7 +12,7 @@ thread_local! {
 }
 
 /// Makes a call of an FMU; fails with what the function did that FMI 2.0 does not allow.
-#[inline]
+#[inline(always)]
 pub(crate) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     CALLING.set(true);
     let result = panic::catch_unwind(AssertUnwindSafe(call));

@@ -83,7 +83,7 @@ impl Instance {
     }
 
     /// Calls a function; `what` says for the user what it was called for.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn call(
         &mut self,
         function: &'static str,
@@ -92,7 +92,22 @@ impl Instance {
     ) -> Called {
         let slave = self.slave.as_mut().expect("it is there until the drop");
         messages::begin_call();
-        let outcome = match guarded(|| call(slave)) {
+        match guarded(|| call(slave)) {
+            Ok(Ok(Fmi2Res::OK)) => Ok(()),
+            outcome => self.explain(function, what, outcome),
+        }
+    }
+
+    /// What to make of a call that did not just go well.
+    #[cold]
+    #[inline(never)]
+    fn explain(
+        &mut self,
+        function: &'static str,
+        what: impl FnOnce() -> String,
+        outcome: Result<Result<Fmi2Res, Fmi2Error>, String>,
+    ) -> Called {
+        let outcome = match outcome {
             Ok(Ok(Fmi2Res::Warning)) => {
                 messages::warn(&self.name, function);
                 return Ok(());
