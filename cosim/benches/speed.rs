@@ -1,6 +1,5 @@
-//! What a step costs in process, and in a coupled loop by the native master. `bench/run.py` compares
-//! it with the C interface and others, and prints the table of the README. Needs the FMUs:
-//! `cargo fmu export`.
+//! What a step costs in process, and what opening an FMU costs. `bench/run.py` compares it with the C
+//! interface, and prints the table of the README. Needs the FMUs: `cargo fmu export`.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -8,12 +7,11 @@ use std::path::{Path, PathBuf};
 use control::pid::{Gains, Integral};
 use control::plant::{Linear, Parameters, State};
 use control::{IpidRbf, Pid, PidRbf, Rbf};
-use cosim::{Component, Connection, Description, Fmu, Order, Plan, Value};
+use cosim::Fmu;
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
 
 const TS: f64 = 0.001;
-const STEPS: f64 = 20_000.0;
 
 /// A signal that never stays, of a size that keeps everything far from denormal numbers.
 struct Signal {
@@ -162,49 +160,7 @@ fn nodes_of<const N: usize>(group: &mut Group<'_>) {
     });
 }
 
-/// The plant and PID-RBF, 20000 steps, from their instantiation to their end.
-fn coupled(criterion: &mut Criterion) {
-    let component = |name: &str, model: &str, start: &[(&str, f64)]| Component {
-        name: name.into(),
-        fmu: fmu_file(model),
-        sampled: None,
-        start: start
-            .iter()
-            .map(|(name, value)| ((*name).to_owned(), Value::Real(*value)))
-            .collect(),
-    };
-    let connection = |text: &str| Connection::try_from(text.to_owned()).unwrap();
-    let plan = Plan::new(&Description {
-        start: TS,
-        stop: STEPS * TS,
-        step: TS,
-        order: Order::Sequential,
-        components: vec![
-            component("controller", "PidRbf", &[("r", 1.0)]),
-            component("plant", "Pendulum", &[]),
-        ],
-        connections: vec![
-            connection("plant.theta -> controller.y"),
-            connection("controller.u -> plant.u"),
-        ],
-        outputs: vec!["controller.e".into()],
-    })
-    .unwrap();
-    let mut group = criterion.benchmark_group("coupled");
-    group.bench_function("20000 steps", |b| {
-        b.iter(|| {
-            let mut last = 0.0;
-            plan.simulate(&[])
-                .unwrap()
-                .run(|_, row| last = row[0])
-                .unwrap();
-            last
-        });
-    });
-    group.finish();
-}
-
-/// Opening an FMU file, which unpacks it, and making the instances of a loop.
+/// Opening an FMU file, which unpacks it.
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
     let file = fmu_file("PidRbf");
@@ -212,5 +168,5 @@ fn loading(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, steps, nodes, coupled, loading);
+criterion_group!(benches, steps, nodes, loading);
 criterion_main!(benches);
