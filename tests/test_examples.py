@@ -1,4 +1,4 @@
-"""The examples: the FMU in plain C is one like ours, and the benchmarks measure what they should."""
+"""The examples: the FMU in plain C is one like ours, and the benchmarks measure what they say."""
 
 import json
 import os
