@@ -11,7 +11,7 @@ from ..claims import Finding, Table, judge
 from ..data import Data, Trace, trace_of
 from ..figure import Curve, Figure, Panel
 from ..metrics import largest, rms
-from ..numbers import listing
+from ..numbers import listing, number
 from ..page import Part
 from .learning import RINGING
 from .measurement import Measurement
@@ -110,8 +110,12 @@ def part(data: Data, fmus: Path) -> Part:
     contrary = [d for d, larger in zip(DEVIATIONS, more, strict=True) if not larger]
     rows = {}
     for i, deviation in enumerate(DEVIATIONS):
-        rows[f"RMS of Δθ, noise {deviation:g} rad [rad]"] = [off[kind][i] for kind in MODELS]
-        rows[f"RMS change of u, noise {deviation:g} rad [N]"] = [force[kind][i] for kind in MODELS]
+        rows[f"RMS of Δθ, noise {number(deviation, 1)} rad [rad]"] = [
+            off[kind][i] for kind in MODELS
+        ]
+        rows[f"RMS change of u, noise {number(deviation, 1)} rad [N]"] = [
+            force[kind][i] for kind in MODELS
+        ]
     return section(
         "beyond-noise",
         "Noise and delay",
