@@ -115,7 +115,8 @@ def test_labels_of_axes_do_not_overlap(opened):
         const cross = (a, b) =>
             a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
         return [...document.querySelectorAll(".plot")].filter((plot) => {
-            const labels = plot.querySelectorAll(".xtick text, .ytick text, %s");
+            const labels = plot.querySelectorAll(
+                ".xtick text, .ytick text, .legendtext, .annotation-text, %s");
             const boxes = [...labels].map((label) => label.getBoundingClientRect());
             return boxes.some((a, i) => boxes.slice(i + 1).some((b) => cross(a, b)));
         }).map((plot) => plot.id);

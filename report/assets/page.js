@@ -2,7 +2,7 @@
 // Draws all figures by plotly from the data in the page, in the colours of the reader's scheme.
 (() => {
   const { columns, figures, styles } = JSON.parse(document.getElementById("data").textContent);
-  const ROW = 250, STACKED = 240, TITLE = 26, NARROW = 620;
+  const ROW = 250, STACKED = 240, TITLE = 26, NARROW = 620, MARGIN = 70;
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const printing = matchMedia("print");
 
@@ -52,6 +52,12 @@
     return { found, total };
   }
 
+  // How many lines plotly needs for the legend, whose entries it gives the width of the widest.
+  function legendRows(legend, width) {
+    const widest = Math.max(...legend.map(([, name]) => 50 + 7.6 * name.length));
+    return Math.ceil(legend.length / Math.max(1, Math.floor(width / widest)));
+  }
+
   // Distance of a logarithmic axis's ticks: some digits of each decade, or whole decades.
   const logTick = (decades) => (decades < 2.2 ? "D2" : Math.ceil(decades / 6));
 
@@ -70,8 +76,7 @@
     const element = document.getElementById("plot-" + figure.name);
     const width = element.clientWidth, colours = palette();
     const { found, total } = places(figure.rows, width);
-    const legendRows = Math.ceil((figure.legend.length * 118) / width);
-    const LEGEND = 10 + 24 * legendRows;
+    const LEGEND = 10 + 24 * legendRows(figure.legend, width - MARGIN);
     const traces = [];
     const layout = {
       width, height: total + LEGEND + 8, margin: { l: 58, r: 10, t: LEGEND, b: 8, pad: 0 },

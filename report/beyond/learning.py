@@ -25,11 +25,7 @@ LATE = 0.5
 
 RATES = np.geomspace(0.05, 2.5, 120)
 
-NAMES = {
-    delay: f"{delay.samples} sample{'' if delay.samples == 1 else 's'}"
-    + (", parallel" if delay.parallel and delay.samples == 1 else "")
-    for delay in DELAYS
-}
+NAMES = dict(zip(DELAYS, ("0 samples", "1 sample", "1, parallel", "2 samples"), strict=True))
 
 
 def loop(delay: Delay, eta: float, steps: int = 12000) -> Loop:

@@ -1,4 +1,7 @@
-"""All sections beyond the paper, in the page's order."""
+"""All sections beyond the paper, in the page's order.
+
+A section is a module with `loops()`, what it needs of the FMPy master, and `part(data, fmus)`.
+"""
 
 from pathlib import Path
 
