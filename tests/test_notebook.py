@@ -1,0 +1,192 @@
+"""The notebook runs, its numbers are right, and what is stored is what it gives."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+import reference
+from nbformat import NotebookNode
+from nbformat.v4 import new_code_cell
+from scipy.linalg import solve_discrete_are
+
+from examples.notebook.execute import NOTEBOOK, execute
+
+ROOT = Path(__file__).resolve().parent.parent
+
+PROBE = """
+import json
+
+runs = {**steps, **gains}
+columns = {name: {key: run[key].tolist() for key in run} for name, run in runs.items()}
+print(json.dumps({"K": K.tolist(), "runs": columns}))
+"""
+"""A cell that hands the numbers over as they are."""
+
+TS = reference.TS
+STEPS = 10000
+MODELS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF": "IpidRbf"}
+
+
+@cache
+def stored() -> NotebookNode:
+    """Return the notebook as it is in the repository."""
+    return nbformat.read(NOTEBOOK, as_version=4)
+
+
+def run(folder: Path) -> tuple[NotebookNode, dict]:
+    """Execute the notebook in `folder`; returns it, and what the probe at its end printed."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook.cells.append(new_code_cell(PROBE))
+    execute(notebook, folder)
+    probe = notebook.cells.pop()
+    return notebook, json.loads(probe.outputs[0].text)
+
+
+@pytest.fixture(scope="module")
+def executed(fmus: Path) -> tuple[NotebookNode, dict]:
+    """Execute the notebook in its own folder."""
+    return run(NOTEBOOK.parent)
+
+
+@pytest.fixture(scope="module")
+def numbers(executed) -> dict:
+    """Return the gain of the LQR and the columns of all runs."""
+    _, values = executed
+    columns = values["runs"].items()
+    values["runs"] = {name: {k: np.array(v) for k, v in run.items()} for name, run in columns}
+    return values
+
+
+def texts(notebook: NotebookNode) -> list[str]:
+    """Return what the cells print, and stand-ins for their plots, on any platform."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    printed = [output.get("text") or output.data["text/plain"] for output in outputs]
+    return [re.sub(r"^binaries/.*\n", "", text, flags=re.MULTILINE) for text in printed]
+
+
+def table(notebook: NotebookNode, header: str) -> dict[str, list[float]]:
+    """Return the numbers of a printed table, by what stands at the beginning of the row."""
+    (text,) = [text for text in texts(notebook) if text.startswith(header)]
+    rows = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()[1:]]
+    return {name: [float(cell.split()[0]) for cell in cells] for name, *cells in rows}
+
+
+# --- what is stored -----------------------------------------------------------------------------
+
+
+def test_stored_notebook_is_valid_executed_and_small() -> None:
+    nbformat.validate(stored())
+    code = [cell for cell in stored().cells if cell.cell_type == "code"]
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    assert NOTEBOOK.stat().st_size < 400_000
+
+
+def test_stored_notebook_names_no_machine_and_no_time() -> None:
+    text = "\n".join([cell.source for cell in stored().cells] + texts(stored()))
+    assert not re.search(r"/(home|root|tmp|Users|usr)/|[A-Z]:\\", text)
+    assert not any(cell.metadata for cell in stored().cells)
+    assert stored().metadata.language_info == {"name": "python"}
+
+
+def test_stored_outputs_are_those_of_a_run(executed) -> None:
+    notebook, _ = executed
+    assert texts(stored()) == texts(notebook)
+    assert sum("image/png" in output.get("data", {}) for cell in notebook.cells
+               for output in cell.get("outputs", [])) == 4  # fmt: skip
+
+
+def test_it_runs_from_the_root_too(executed) -> None:
+    notebook, numbers = executed
+    other, others = run(ROOT)
+    assert texts(other) == texts(notebook)
+    assert others["K"] == numbers["K"]
+
+
+# --- its numbers --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_closed_loop_is_that_of_the_reference(numbers, name) -> None:
+    expected = reference.closed_loop(
+        MODELS[name], start=0.0, steps=STEPS, previous_sample_terms=False
+    )
+    run = numbers["runs"][name]
+    np.testing.assert_allclose(run["plant.theta"], expected["plant.theta"], rtol=0, atol=1e-9)
+    assert run["plant.theta"][-1] == pytest.approx(1.0, abs=0.003)
+
+
+def feedback_model() -> tuple[np.ndarray, np.ndarray]:
+    """Return Ad (3, 3), Bd (3, 1) of (integral of theta, theta, omega) without friction."""
+    A, B = reference.linear_model()
+    A = A.copy()
+    A[:, 1] += reference.b * B  # u = b v + w
+    augmented = np.zeros((4, 4))
+    augmented[0, 1] = 1
+    augmented[1:3, 1:3], augmented[1:3, 3] = A[2:, 2:], B[2:]
+    phi = np.eye(4)
+    term = np.eye(4)
+    for n in range(1, 12):  # the series of exp, which 1 ms lets converge at once
+        term = term @ augmented * (TS / n)
+        phi += term
+    return phi[:3, :3], phi[:3, 3:]
+
+
+def test_gain_is_the_lqr_gain(numbers) -> None:
+    A, B = feedback_model()
+    Q, R = np.diag([1e6, 1e5, 1e3]), np.eye(1)
+    P = solve_discrete_are(A, B, Q, R)
+    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+    np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
+
+    # And it is what the Riccati recursion tends to
+    P = Q
+    for _ in range(20000):
+        P = Q + A.T @ P @ (A - B @ np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
+    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
+    np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
+    assert np.all(np.abs(np.linalg.eigvals(A - B * K)) < 1)
+
+
+def test_own_controller_stabilizes_as_in_numpy_alone(numbers) -> None:
+    plant, integral, theta = reference.Plant(), 0.0, []
+    for _ in range(STEPS):
+        _, v, angle, omega = plant.state
+        theta.append(angle)
+        e = angle - 1.0
+        u = reference.b * v - np.dot(numbers["K"], (integral, e, omega))
+        integral += e * TS * (abs(u) < 100)
+        plant.step(min(max(u, -100), 100), TS)
+    run = numbers["runs"]["LQR"]
+    np.testing.assert_allclose(run["plant.theta"], theta, rtol=0, atol=1e-9)
+    assert np.max(np.abs(run["controller.u"])) <= 100
+    assert run["plant.theta"][-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_gain_takes_effect_when_it_changes(numbers) -> None:
+    before, after, changed = (
+        numbers["runs"][name]["plant.theta"] for name in ("300", "600", "300, then 600")
+    )
+    # The force of the sample at 5 s is the first to differ, and the angle of the next
+    assert np.array_equal(changed[:5001], before[:5001])
+    assert np.max(np.abs(changed[5001:] - before[5001:])) > 0.1
+    np.testing.assert_allclose(changed[5001:], after[5001:], rtol=0, atol=0.01)
+
+
+def test_printed_tables_follow_from_the_runs(executed, numbers) -> None:
+    notebook, _ = executed
+    printed = table(notebook, " " * 11 + "settling")
+    assert list(printed) == [*MODELS, "LQR"]
+    for name, row in printed.items():
+        run = numbers["runs"][name]
+        t, e = run["time"], 1 - run["plant.theta"]
+        settled = t[max(k for k in range(STEPS) if abs(e[k]) > 0.003) + 1]
+        integrals = [sum(x) * TS for x in (abs(e), e * e, t * abs(e))]
+        expected = [settled, *integrals, max(run["plant.theta"]) - 1]
+        assert row == pytest.approx(expected, abs=6e-4), name
+    for name, row in table(notebook, "kp").items():
+        theta = numbers["runs"][name]["plant.theta"]
+        assert row == pytest.approx([max(theta[:5000]) - 1, -min(theta) - 1], abs=6e-4), name
