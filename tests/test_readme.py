@@ -1,37 +1,31 @@
 """What the README says is what happens: its commands, its Python, its page on a new controller."""
 
-import os
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
+import pages
 import pytest
 from lxml import etree
 from master import Component, System, simulate
+from pages import ROOT, blocks
 
-ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
 
 RUN_BY_CI = re.compile(r"make (demo|test)\b")
 
 
-def blocks(language: str, text: str = README) -> list[str]:
-    """Return the fenced blocks of a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
 def commands() -> list[str]:
     """Return the shell commands of the README but for those that CI runs as they stand."""
-    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    lines = [line for block in blocks("sh", README) for line in block.splitlines()]
     return [line for line in lines if not RUN_BY_CI.match(line)]
 
 
 def test_ci_runs_the_two_commands_of_the_first_screen() -> None:
-    first = blocks("sh")[0]
+    first = blocks("sh", README)[0]
     ci = (ROOT / ".ci" / "run").read_text()
     for command in ("make demo", "make test"):
         assert command in first
@@ -40,18 +34,16 @@ def test_ci_runs_the_two_commands_of_the_first_screen() -> None:
 
 @pytest.mark.parametrize("command", commands())
 def test_every_command_works(command: str, fmus: Path) -> None:
-    # The interpreter that has the packages, wherever it is.
-    command = command.replace("target/venv/bin/python", sys.executable)
-    subprocess.run(["bash", "-ec", command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    pages.run(command)
 
 
-@pytest.mark.parametrize("program", blocks("python"))
+@pytest.mark.parametrize("program", blocks("python", README))
 def test_every_program_works(program: str, fmus: Path) -> None:
     subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)
 
 
 def test_every_file_and_folder_it_names_exists() -> None:
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", README)
+    links = [link.partition("#")[0] for link in pages.links(README)]
     tree = re.findall(r"^(\S+/) {2,}", README, re.MULTILINE)
     assert links
     assert len(tree) >= 8
@@ -60,26 +52,20 @@ def test_every_file_and_folder_it_names_exists() -> None:
 
 
 @pytest.fixture(scope="module")
-def own_controller(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def own_controller() -> Path:
     """Follow the page on a new controller in a copy of the sources; returns its FMU."""
     page = README.split("## Your own controller")[1].split("\n## ")[0]
     file, lines = blocks("rust", page)
-    copy = tmp_path_factory.mktemp("project") / "project"
-    ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")
-    shutil.copytree(ROOT, copy, ignore=ignored)
+    copy = pages.project()
     path = re.search(r"`(fmu-controller/src/\w+\.rs)`", page)
     assert path
     (copy / path[1]).write_text(file)
-    library = copy / "fmu-controller" / "src" / "lib.rs"
-    text, count = re.subn(r"^fmi_export::export!\(.*\);$", lines, library.read_text(), flags=re.M)
-    assert count == 1, "lib.rs has one line that exports"
-    library.write_text(text)
+    pages.export_models(copy, lines)
 
     command = re.search(r"`(cargo fmu export \w+)`", page)
     assert command
-    environment = {**os.environ, "CARGO_TARGET_DIR": str(ROOT / "target" / "own-controller")}
-    subprocess.run(command[1].split(), cwd=copy, env=environment, check=True)
-    return ROOT / "target" / "own-controller" / "fmu" / "Pd.fmu"
+    pages.run(command[1], copy)
+    return copy / "target" / "fmu" / "Pd.fmu"
 
 
 def test_a_new_controller_is_one_file_away(own_controller: Path, fmus: Path) -> None:
