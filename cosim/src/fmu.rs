@@ -2,9 +2,11 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use fmi::fmi2::binding::Fmi2Binding;
 use fmi::fmi2::import::Fmi2Import;
 use fmi::fmi2::instance::InstanceCS;
 use fmi::traits::FmiImport;
@@ -28,6 +30,9 @@ pub struct Fmu {
     pub(crate) feedthrough: Vec<(usize, Option<Vec<usize>>)>,
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
+    /// Keeps the binary loaded between instances, each of which loads it for itself: else that of a
+    /// run after another would be mapped into memory anew. Before `import`, which removes the file.
+    loaded: OnceLock<Option<Fmi2Binding>>,
     import: Fmi2Import,
     lost: AtomicBool,
     /// Whether the FMU says that one process can have one instance of it only.
@@ -103,6 +108,7 @@ impl Fmu {
             variables,
             index,
             units: units(&root),
+            loaded: OnceLock::new(),
             import,
             lost: AtomicBool::new(false),
             only_once,
@@ -164,7 +170,13 @@ impl Fmu {
         }
         messages::begin_call();
         match guarded(|| InstanceCS::new(&self.import, name, false, true)) {
-            Ok(Ok(slave)) => Ok(slave),
+            Ok(Ok(slave)) => {
+                self.loaded.get_or_init(|| {
+                    let slave = self.import.model_description().co_simulation.as_ref()?;
+                    self.import.binding(&slave.model_identifier).ok()
+                });
+                Ok(slave)
+            }
             Ok(Err(error)) => Err(cannot(messages::reason("fmi2Instantiate").unwrap_or_else(
                 || match error {
                     fmi::Error::Instantiation => "the FMU logged no reason".into(),
