@@ -298,7 +298,7 @@ def ns(time: float) -> str:
 
 def ratio(ours: float, other: float) -> str:
     """Return how two costs compare, in words."""
-    return f"{ours / other:.2f} times" if ours > other else f"1/{other / ours:.3g}"
+    return f"{ours / other:.2f} times" if ours > other else f"1/{other / ours:.0f}"
 
 
 def table(results: Mapping) -> str:
@@ -322,11 +322,14 @@ def plot(results: Mapping, file: Path) -> None:
         lines = [line for line in results["many"] if line["fmu"] == model]
         counts, times = zip(*((line["instances"], line["min_ns"]) for line in lines), strict=True)
         label = "bare PID in C" if model == "CPid" else model
-        right.loglog(counts, times, marker=marker, label=label)
-    right.set(xlabel="instances, stepped in turn", ylabel="time per cycle from C [ns]")
+        right.semilogx(counts, times, marker=marker, label=label)
+    right.set(
+        xlabel="instances, stepped in turn", ylabel="time per cycle from C [ns]", ylim=(0, None)
+    )
     for axes in (left, right):
         axes.grid(visible=True, which="both", alpha=0.3)
-        axes.legend()
+    left.legend()
+    right.legend(loc="lower right", ncols=2)
     figure.savefig(file, dpi=150)
     plt.close(figure)
 
