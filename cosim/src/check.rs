@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use anyhow::{Result, bail, ensure};
 use fmu_file::model::{Causality, Kind};
 
-use crate::plan::{Link, Planned, Port};
+use crate::plan::{Link, Planned, Port, channel};
 
 /// Checks that every connection leads from an output to an input that it fits, and that no input has
 /// two.
@@ -52,14 +52,6 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
         ensure!(fed.insert(link.to), "{} is connected twice", name(link.to));
     }
     Ok(())
-}
-
-/// Enumerations are read and written as Integers.
-fn channel(kind: Kind) -> Kind {
-    match kind {
-        Kind::Enumeration => Kind::Integer,
-        other => other,
-    }
 }
 
 fn text(causality: Causality) -> &'static str {

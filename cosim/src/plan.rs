@@ -332,7 +332,7 @@ fn column(components: &[Planned], port: Port) -> Column {
 }
 
 /// The types that have functions of their own: an Enumeration is an Integer there.
-fn channel(kind: Kind) -> Kind {
+pub(crate) fn channel(kind: Kind) -> Kind {
     match kind {
         Kind::Enumeration => Kind::Integer,
         other => other,
