@@ -124,3 +124,18 @@ pub fn finite(values: &[(&str, f64)]) -> Result<(), ModelError> {
         ))),
     }
 }
+
+/// As the function [`finite`](fn@crate::finite), for a check at every step:
+/// `finite!("e": self.e, "u": self.u)`.
+///
+/// A sum is finite only if all its parts are; only else they are looked at one by one.
+#[macro_export]
+macro_rules! finite {
+    ($($name:literal: $value:expr),+ $(,)?) => {
+        if (0.0 $(+ $value)+).is_finite() {
+            Ok(())
+        } else {
+            $crate::finite(&[$(($name, $value)),+])
+        }
+    };
+}

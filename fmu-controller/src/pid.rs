@@ -35,10 +35,6 @@ impl Model for Pid {
         for _ in 0..self.clock.due(time, step).map_err(ModelError::discard)? {
             self.pid.sample(self.r, self.y, self.d);
         }
-        // A sum is finite only if all its parts are; else they are looked at one by one.
-        if (self.pid.e + self.pid.u_p).is_finite() {
-            return Ok(());
-        }
-        finite(&[("e", self.pid.e), ("u_p", self.pid.u_p)])
+        finite!("e": self.pid.e, "u_p": self.pid.u_p)
     }
 }

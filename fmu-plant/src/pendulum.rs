@@ -176,11 +176,7 @@ impl Model for Pendulum {
         self.advance(&last)?;
         self.last = Some(last);
         let State { x, v, theta, omega } = self.state;
-        // A sum is finite only if all its parts are; else they are looked at one by one.
-        if (theta + omega + x + v).is_finite() {
-            return Ok(());
-        }
-        finite(&[("theta", theta), ("omega", omega), ("x", x), ("v", v)])
+        finite!("theta": theta, "omega": omega, "x": x, "v": v)
     }
 }
 

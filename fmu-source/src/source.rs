@@ -103,11 +103,11 @@ impl Model for Source {
 
     fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
         self.update(start_time);
-        finite(&[("r", self.r), ("d", self.d)])
+        finite!("r": self.r, "d": self.d)
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         self.update(time + step);
-        finite(&[("r", self.r), ("d", self.d)])
+        finite!("r": self.r, "d": self.d)
     }
 }
