@@ -130,12 +130,14 @@ class Controller:
         kind: str,
         *,
         previous_sample_terms: bool = False,
+        anti_windup: bool = False,
         target: str = "own",
         w0: Sequence[float] = (0, 0, 0, 0),
         start: float = 0.0,
     ):
         self.kind = kind
         self.previous_sample_terms = previous_sample_terms
+        self.anti_windup = anti_windup
         self.target = target
         self.start = start
         self.kp, self.ki, self.kd = 300.0, 500.0, 100.0
@@ -158,12 +160,16 @@ class Controller:
         e = r - (y + d)
         now = (e, (e - self.e) / TS, self._sum(e))
         x1, x2, x3 = self.terms if self.previous_sample_terms else now
+        sum_before = self.terms[2]
         self.terms, self.e = now, e
         self.u_p = self.kp * x1 + self.kd * x2 + self.ki * x3
         if self.kind != "Pid":
             self.h = np.exp(-((r - self.c) ** 2) / (2 * self.b**2))
             self.u_n = float(self.w @ self.h)
         self.u = min(max(self.u_p + self.u_n, -self.u_max), self.u_max)
+        excess = self.u_p + self.u_n - self.u
+        if self.anti_windup and (excess > 0 < e or excess < 0 > e):
+            self.terms = (*now[:2], sum_before)
         if self.kind != "Pid":
             self._learn(u_supervisor if self.target == "supervisor" else self.u)
 

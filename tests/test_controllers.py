@@ -83,10 +83,10 @@ def assert_follows(probe: Probe, controller: reference.Controller, instants, row
 def variants() -> list[tuple[str, dict, dict]]:
     """Return (model, start values, arguments of the reference)."""
     found = []
-    for model, late in itertools.product(MODELS, (False, True)):
+    for model, late, held in itertools.product(MODELS, (False, True), (False, True)):
         for target in ("own", "supervisor") if model == "IpidRbf" else ("own",):
-            start = {"previous_sample_terms": late}
-            options = {"previous_sample_terms": late, "target": target}
+            start = {"previous_sample_terms": late, "anti_windup": held}
+            options = {**start, "target": target}
             if model != "Pid":
                 start |= {f"rbf.w0[{j}]": w for j, w in enumerate(W0, start=1)}
                 options["w0"] = W0
@@ -100,7 +100,9 @@ VARIANTS = pytest.mark.parametrize(
     ("model", "start", "options"),
     variants(),
     ids=[
-        f"{model}-{options['target']}" + "-previous" * options["previous_sample_terms"]
+        f"{model}-{options['target']}"
+        + "-previous" * options["previous_sample_terms"]
+        + "-anti_windup" * options["anti_windup"]
         for model, _, options in variants()
     ],
 )
@@ -211,7 +213,7 @@ def test_nodes_may_lie_elsewhere(instance, model):
     assert_follows(Probe(instance(model, start)), controller, instants, sequence(model, 300))
 
 
-FIXED = ["ts", "previous_sample_terms"]
+FIXED = ["ts", "previous_sample_terms", "anti_windup"]
 FIXED_OF_LEARNERS = ["rbf.c[1]", "rbf.b[4]", "rbf.w0[2]"]
 
 

@@ -86,6 +86,7 @@ PID = {
     "u_max": ("parameter", "tunable", "N", 100),
     "ts": ("parameter", "fixed", "s", 0.001),
     "previous_sample_terms": ("parameter", "fixed", bool, "false"),
+    "anti_windup": ("parameter", "fixed", bool, "false"),
 }
 PID_RBF = {
     **PID,

@@ -1,7 +1,7 @@
 //! PID-RBF (23), (24) and IPID-RBF (28), (29): a network that learns the control of a PID while it
 //! runs, until it gives the whole force alone and the PID's part is (nearly) zero.
 
-use crate::{Pid, Rbf, clip, pid::Integral};
+use crate::{Pid, Rbf, pid::Integral};
 
 /// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns this very sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -37,10 +37,9 @@ impl<const N: usize> PidRbf<N> {
     /// The control law (15) without learning.
     #[inline(always)]
     fn act(&mut self, r: f64, y: f64, d: f64) {
-        let u_p = self.pid.feedback(r, y, d);
         self.network.activate(r);
         self.u_n = self.network.output();
-        self.u = clip(u_p + self.u_n, self.pid.u_max);
+        self.u = self.pid.sample_beside(self.u_n, r, y, d);
     }
 }
 

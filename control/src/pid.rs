@@ -79,6 +79,10 @@ pub struct Pid {
     /// Whether `u(k)` is computed from the terms of sample k-1, as the paper's simulations of PID
     /// and PID-RBF do: one sample of delay.
     pub previous_sample_terms: bool,
+    /// Whether the sum of the error is kept from winding up: a sample whose force is limited does
+    /// not count in it if the error would drive the force further beyond the limit (conditional
+    /// integration; not in the paper).
+    pub anti_windup: bool,
     /// Output: the control error e = r - (y + d) of the last sample (rad).
     pub e: f64,
     /// Output: the PID's part of the force (N), not limited.
@@ -101,13 +105,14 @@ impl Pid {
     /// Takes one sample and returns the force u (N).
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
-        self.u = clip(self.feedback(r, y, d), self.u_max);
+        self.u = self.sample_beside(-0.0, r, y, d); // the neutral element of the sum of floats
         self.u
     }
 
-    /// Takes one sample of the error and returns `u_p` (N); `u` stays.
+    /// Takes one sample and returns the limited sum of `u_p` and of another force `u_n` (N); `u`
+    /// stays.
     #[inline(always)]
-    pub(crate) fn feedback(&mut self, r: f64, y: f64, d: f64) -> f64 {
+    pub(crate) fn sample_beside(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
         self.e = r - (y + d);
         let before = self.terms;
         self.terms = before.next(self.e, self.ts, self.integral);
@@ -117,7 +122,12 @@ impl Pid {
             self.terms
         };
         self.u_p = self.gains.kp * x.x1 + self.gains.kd * x.x2 + self.gains.ki * x.x3;
-        self.u_p
+        let force = self.u_p + u_n;
+        let u = clip(force, self.u_max);
+        if self.anti_windup && (force - u) * self.gains.ki * self.e > 0.0 {
+            self.terms.x3 = before.x3;
+        }
+        u
     }
 }
 
@@ -196,5 +206,84 @@ mod tests {
         assert_eq!(c.sample(-1.0, 0.0, 0.0), -100.0);
         assert!(c.u_p < -100.0);
         assert!(c.sample(f64::NAN, 0.0, 0.0).is_nan());
+    }
+
+    #[test]
+    fn without_anti_windup_the_sum_winds_up_beyond_the_limit() {
+        // e = 1 for 1 s, then -1: ki x3 climbs to 500 N and is back at 0 a second later.
+        let mut c = integrator(false);
+        run(&mut c, 1.0, 1000);
+        assert!((c.u_p - 500.0).abs() < 1e-9, "{}", c.u_p);
+        run(&mut c, -1.0, 700);
+        assert_eq!(c.u, 100.0);
+    }
+
+    #[test]
+    fn with_anti_windup_the_force_leaves_its_limit_at_once() {
+        for sign in [1.0, -1.0] {
+            let mut c = integrator(true);
+            run(&mut c, sign, 1000);
+            assert_eq!(c.u, sign * 100.0);
+            // The sum stopped at the limit, one sample's e ts = 0.5 N at most beyond it.
+            assert!((c.u_p.abs() - 100.0).abs() <= 0.5 + 1e-9, "{}", c.u_p);
+            run(&mut c, -sign, 2);
+            assert!(c.u.abs() < 100.0, "{}", c.u);
+        }
+    }
+
+    #[test]
+    fn anti_windup_changes_nothing_while_the_force_is_not_limited() {
+        let mut free = pid(Integral::Sum);
+        let mut kept = Pid {
+            anti_windup: true,
+            ..free
+        };
+        for k in 0..1000 {
+            let r = libm::sin(0.01 * f64::from(k));
+            let d = 0.3 * libm::cos(0.07 * f64::from(k));
+            assert_eq!(free.sample(r, 0.0, d), kept.sample(r, 0.0, d));
+        }
+        assert_eq!(free.terms, kept.terms);
+    }
+
+    #[test]
+    fn anti_windup_lets_an_error_count_that_drives_the_force_back() {
+        // The sum has filled; then a proportional part keeps the force at its limit, while the
+        // integral alone would have left it.
+        let mut c = integrator(true);
+        run(&mut c, 1.0, 100);
+        let sum = c.terms.x3;
+        c.gains.kp = -1e6;
+        c.sample(-1.0, 0.0, 0.0);
+        assert_eq!(c.u, 100.0);
+        assert!(c.terms.x3 < sum);
+    }
+
+    #[test]
+    fn anti_windup_looks_at_the_whole_force() {
+        let mut c = integrator(true);
+        assert_eq!(c.sample_beside(150.0, 1.0, 0.0, 0.0), 100.0);
+        assert_eq!(c.terms.x3, 0.0);
+        assert_eq!(c.sample_beside(-50.0, 1.0, 0.0, 0.0), -49.5);
+        assert_eq!(c.terms.x3, 0.001);
+    }
+
+    fn integrator(anti_windup: bool) -> Pid {
+        let mut pid = pid(Integral::Sum);
+        pid.gains = Gains {
+            ki: 500.0,
+            ..Gains::default()
+        };
+        Pid {
+            u_max: 100.0,
+            anti_windup,
+            ..pid
+        }
+    }
+
+    fn run(pid: &mut Pid, e: f64, samples: u32) {
+        for _ in 0..samples {
+            pid.sample(e, 0.0, 0.0);
+        }
     }
 }

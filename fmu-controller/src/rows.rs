@@ -47,6 +47,8 @@ macro_rules! pid_rows {
                 .about("sample time"),
             $Row::flag("previous_sample_terms", false, |m| &mut m.$($pid).+.previous_sample_terms)
                 .about("whether u(k) is computed from the error's terms of sample k-1"),
+            $Row::flag("anti_windup", false, |m| &mut m.$($pid).+.anti_windup)
+                .about("whether samples that would drive a limited force further stay out of the error's sum"),
             $($row),*
         ]
     };
