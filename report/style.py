@@ -46,5 +46,7 @@ STYLES = {
     "half": Style("half", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o", "circle-open"),
     "one": Style("as in the paper", "#202020", "#e8e8e8", (), 1.3),
     "double": Style("double", "#d07a00", "#f0a030", (6, 2), 1.5, "s", "square-open"),
+    "winding": Style("without anti-windup", "#d07a00", "#f0a030", (6, 2), 1.5, "s", "square-open"),
+    "held": Style("with anti-windup", "#0072b2", "#56b4e9", (), 1.4, "o", "circle-open"),
     "limit": Style("limit", "#a0a0a0", "#7d7d7d", (), 1.4),
 }

@@ -179,6 +179,24 @@ def test_largest_step_is_where_another_master_loses_the_pendulum(
     assert (np.max(np.abs(error)) < math.pi) == held
 
 
+@pytest.mark.parametrize(("kind", "controller"), [("PID", "Pid"), ("PID-RBF", "PidRbf")])
+@pytest.mark.parametrize("anti_windup", [False, True])
+def test_overshoot_under_a_low_limit_is_that_of_the_independent_controller(
+    page, kind, controller, anti_windup
+):
+    law = reference.Controller(
+        controller, previous_sample_terms=True, anti_windup=anti_windup, start=TS
+    )
+    law.u_max, plant, highest = 25.0, reference.Plant(), 0.0
+    for _ in range(4000):
+        law.sample(1.0, plant.theta)
+        plant.step(law.u, TS)
+        highest = max(highest, plant.theta)
+    found = cells(page, "beyond-windup", "overshoot at 25 N [%]")
+    head = f"{kind}, {'with' if anti_windup else 'without'}"
+    assert found[head] == pytest.approx(100 * (highest - 1), rel=1e-3)
+
+
 def test_sweep_gives_the_numbers_of_the_figures(page, fmus):
     areas = cells(page, "figure-6", "IAE [rad s]")
     heads = {"IPID-RBF own": "own target"}

@@ -8,15 +8,16 @@ from pathlib import Path
 from ..data import Data
 from ..page import Part
 from ..scenarios import Loop
-from . import learning, noise, nonlinear, order, robustness, targets
+from . import learning, noise, nonlinear, order, robustness, targets, windup
 
 
 def loops() -> set[Loop]:
     """Return the loops that the sections need of the FMPy master."""
-    return {loop for module in (targets, learning, order, nonlinear) for loop in module.loops()}
+    modules = (targets, learning, order, windup, nonlinear)
+    return {loop for module in modules for loop in module.loops()}
 
 
 def parts(data: Data, fmus: Path) -> list[Part]:
     """Return the sections."""
-    modules = (targets, learning, order, robustness, noise, nonlinear)
+    modules = (targets, learning, order, windup, robustness, noise, nonlinear)
     return [module.part(data, fmus) for module in modules]
