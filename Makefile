@@ -7,9 +7,11 @@ RUN := $(VENV)/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 
 SECONDS ?= 60
+BUILT ?= target/built
+MERGED ?= target/merged
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 
-.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable valgrind fuzz clean
+.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable merged valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -64,6 +66,13 @@ libtbb: $(VENV)/.installed
 portable: $(VENV)/.portable
 	PATH="$(abspath $(VENV)/bin):$$PATH" \
 		cargo fmu export --target $(HOST).2.17 --out target/portable
+
+## merged: join the FMUs that several machines wrote, target/built/*/*.fmu, to target/merged, with checksums
+merged:
+	rm -rf $(MERGED) && mkdir -p $(MERGED)
+	for fmu in $(sort $(notdir $(wildcard $(BUILT)/*/*.fmu))); do \
+		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
+	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
 
 ## valgrind: a C host of every FMU under valgrind, which must find nothing
 valgrind: fmus

@@ -252,7 +252,7 @@ def test_info_of_a_truncated_fmu(fmus: Path, tmp_path: Path) -> None:
 # --- help and completions -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [[], ["export"], ["info"], ["completions"]])
+@pytest.mark.parametrize("command", [[], ["export"], ["info"], ["merge"], ["completions"]])
 def test_help_has_examples(command: list[str]) -> None:
     text = cargo_fmu(*command, "--help").stdout
     assert "Usage: cargo fmu" in text

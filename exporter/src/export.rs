@@ -321,13 +321,18 @@ fn write<'a>(
     );
     let file = out.join(format!("{name}.fmu"));
     let size = archive::write(&file, &entries)?;
+    say_written(&file, size, &platforms);
+    Ok(())
+}
+
+/// Says which FMU was written, its size, and for which platforms it is.
+pub fn say_written(file: &Path, size: u64, platforms: &[&str]) {
     println!(
         "{}  {} KB  {}",
-        relative(&file).display(),
+        relative(file).display(),
         size.div_ceil(1000),
         platforms.join(" ")
     );
-    Ok(())
 }
 
 /// The path as seen from the current folder, if it lies below it.

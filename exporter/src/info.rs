@@ -1,12 +1,12 @@
 //! `cargo fmu info`: what is in an FMU.
 
-use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-use fmu_file::text::plain;
+use fmu_file::platform;
+use fmu_file::text::{about, plain};
 use fmu_file::xml;
 use model_description::schema::ModelDescription;
 
@@ -15,19 +15,13 @@ use crate::table;
 
 /// No cell is wider than this.
 const WIDEST: usize = 200;
-/// No reason is longer than this.
-const LONGEST: usize = 1000;
 
 /// Writes what is in an FMU.
 ///
 /// # Errors
 /// The file is not a sound FMU, or `out` cannot be written.
 pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
-    // The reason may quote the file.
-    let (archive, model) = read(file).map_err(|error| {
-        let reason = plain(&format!("{error:#}"), LONGEST);
-        anyhow!("{}: {reason}", file.display())
-    })?;
+    let (archive, model) = read(file).map_err(|error| about(file, &error))?;
     header(&model, &archive, out)?;
     capabilities(&model, out)?;
     variables(&model, out)?;
@@ -56,12 +50,7 @@ fn header(model: &ModelDescription, archive: &Archive, out: &mut impl Write) -> 
         .collect::<Vec<_>>()
         .join(", ")
     });
-    let platforms: BTreeSet<&str> = archive
-        .names
-        .iter()
-        .filter_map(|file| file.strip_prefix("binaries/")?.split('/').next())
-        .collect();
-    let platforms: Vec<&str> = platforms.into_iter().collect();
+    let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
     let documents: Vec<&str> = [PAGE, ICON]
         .into_iter()
         .filter(|file| archive.names.iter().any(|name| name == file))

@@ -1,4 +1,4 @@
-//! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, and checks them.
+//! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, joins and checks them.
 #![forbid(unsafe_code)]
 
 mod build;
@@ -10,6 +10,7 @@ mod fuzz;
 mod info;
 mod library;
 mod master;
+mod merge;
 mod table;
 mod validate;
 
@@ -20,7 +21,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-/// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, and checks them.
+/// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, joins and checks them.
 #[derive(Parser)]
 #[command(name = "cargo-fmu", bin_name = "cargo fmu", version)]
 struct Cli {
@@ -45,6 +46,17 @@ enum Command {
         /// The FMU, of any maker
         file: PathBuf,
     },
+    /// Join FMUs of one model that were built on several machines
+    #[command(
+        after_help = "The FMUs must be of one version of the model. A file that several have must be the same in all of
+them; only where it is documentation, that of the first is taken.
+
+Examples:
+  cargo fmu merge linux/Pid.fmu windows/Pid.fmu -o Pid.fmu
+  cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu
+                                            adds to an FMU what another one has"
+    )]
+    Merge(merge::Options),
     /// Check FMUs as an importer would, and run their binaries
     #[command(
         after_help = "Exit code: 1 if there is an error, 0 if there are warnings at most.
@@ -113,6 +125,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Export(options) => export::export(&options)?,
         Command::Info { file } => info::print(&file, &mut io::stdout().lock())?,
+        Command::Merge(options) => merge::merge(&options)?,
         Command::Validate(options) => {
             if !validate::validate(&options, &mut io::stdout().lock())? {
                 return Ok(ExitCode::FAILURE);

@@ -1,5 +1,6 @@
 //! Platforms: the folders of FMI 2.0 (section 2.3), and the binaries that belong in them.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -104,6 +105,15 @@ impl FromStr for Platform {
     }
 }
 
+/// The folders that are in `binaries/`, of the standard or not, by the names of an archive's files.
+pub fn folders<'a>(names: impl IntoIterator<Item = &'a String>) -> BTreeSet<&'a str> {
+    names
+        .into_iter()
+        .filter_map(|name| name.strip_prefix("binaries/")?.split_once('/'))
+        .map(|(folder, _)| folder)
+        .collect()
+}
+
 /// A binary that was built elsewhere: `PLATFORM=FILE`.
 #[derive(Debug, Clone)]
 pub struct Prebuilt {
@@ -154,6 +164,20 @@ mod tests {
         assert!(linux.check(b"\x7fELF\x01 rest").is_err());
         assert!(linux.check(b"MZ").is_err());
         assert!(linux.check(b"").is_err());
+    }
+
+    #[test]
+    fn folders_are_named_once() {
+        let names = [
+            "binaries/",
+            "binaries/win64/a.dll",
+            "binaries/linux64/",
+            "binaries/linux64/a.so",
+            "binaries/readme",
+            "sources/linux64/a.c",
+        ];
+        let names = names.map(String::from);
+        assert!(folders(&names).into_iter().eq(["linux64", "win64"]));
     }
 
     #[test]

@@ -1,5 +1,18 @@
 //! Text of others in messages.
 
+use std::path::Path;
+
+use anyhow::{Error, anyhow};
+
+/// No reason is longer than this.
+const LONGEST: usize = 1000;
+
+/// The error with the file that it is about, which its reason may quote.
+pub fn about(file: &Path, error: &Error) -> Error {
+    let reason = plain(&format!("{error:#}"), LONGEST);
+    anyhow!("{}: {reason}", file.display())
+}
+
 /// The text in quotes, on one line and not endless.
 pub fn quote(text: &str) -> String {
     const MOST: usize = 80;

@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashSet};
 
 use fmu_file::archive::Archive;
 use fmu_file::model::{Model, place};
-use fmu_file::platform::Platform;
+use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
 use super::finding::Findings;
@@ -28,11 +28,9 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
 /// Checks that each kind of the FMU has its sources, or its binary for each platform.
 pub fn check_binaries(model: &Model<'_>, archive: &mut Archive, findings: &mut Findings) {
     sources(model, archive, findings);
-    let folders: BTreeSet<String> = archive
-        .names
-        .iter()
-        .filter_map(|name| name.strip_prefix("binaries/")?.split_once('/'))
-        .map(|(folder, _)| folder.to_owned())
+    let folders: BTreeSet<String> = platform::folders(&archive.names)
+        .into_iter()
+        .map(str::to_owned)
         .collect();
     if folders.is_empty()
         && !model

@@ -1,8 +1,9 @@
 //! Compressed files, from which archives are put together.
 
-use std::io::{Cursor, Write};
+use std::io::{Cursor, Read, Write};
 
 use anyhow::Result;
+use zip::read::ZipFile;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
@@ -51,6 +52,13 @@ impl Packed {
         let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
         writer.start_file("file", options)?;
         writer.write_all(content)?;
+        Ok(Self(writer.finish()?.into_inner()))
+    }
+
+    /// A file of another archive, as it is packed there.
+    pub(super) fn of<R: Read>(file: ZipFile<'_, R>) -> Result<Self> {
+        let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
+        writer.raw_copy_file_rename(file, "file")?;
         Ok(Self(writer.finish()?.into_inner()))
     }
 

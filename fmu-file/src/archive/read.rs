@@ -8,6 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use zip::{CompressionMethod, ZipArchive, ZipReadOptions};
 
+use super::packed::Packed;
 use crate::text::quote;
 
 /// A model description larger than this is not read: it is damaged, or made to exhaust memory.
@@ -126,6 +127,26 @@ impl Archive {
             most >> 20
         );
         Ok(bytes)
+    }
+
+    /// A file, inflated.
+    ///
+    /// # Errors
+    /// It is damaged.
+    pub fn content(&mut self, index: usize) -> Result<Vec<u8>> {
+        let mut content = Vec::new();
+        self.copy(index, &mut content)
+            .with_context(|| format!("{} is damaged", quote(&self.names[index])))?;
+        Ok(content)
+    }
+
+    /// A file as it is packed, to go into another archive.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn packed(&mut self, index: usize) -> Result<Packed> {
+        Packed::of(self.zip.by_index_raw(index)?)
+            .with_context(|| format!("{} cannot be copied", quote(&self.names[index])))
     }
 
     /// Inflates every file, and returns what is wrong with those that are damaged.
