@@ -7,6 +7,7 @@ RUN := $(VENV)/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 
 SECONDS ?= 60
+REPORT ?= target/report
 BUILT ?= target/built
 MERGED ?= target/merged
 HOST := $(shell rustc -vV | sed -n "s/^host: //p")
@@ -18,9 +19,9 @@ HOST := $(shell rustc -vV | sed -n "s/^host: //p")
 demo: fmus
 	$(RUN) -m report --only paper
 
-## report: all figures of the paper, and what goes beyond it, as a page in target/report
+## report: all figures of the paper, and what goes beyond it, as a page in REPORT=target/report
 report: fmus master
-	$(RUN) -m report
+	$(RUN) -m report --out $(REPORT)
 
 ## test: every test, of the Rust crates and through the FMUs
 test: lint fmus master portable libtbb

@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -65,7 +64,7 @@ def table_results(fmus: Path) -> dict[table1.Run, dict]:
 def report_folder(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a report that was made for the tests."""
     folder = tmp_path_factory.mktemp("report")
-    command = [sys.executable, "-m", "report", "--out", folder]
+    command = ["make", "--silent", "report", f"REPORT={folder}"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
