@@ -14,7 +14,7 @@ use fmu_file::replace;
 use crate::binary::{Binary, PackedBinary};
 use crate::documentation;
 use crate::library::{self, Library, Model};
-use crate::toolchain::Target;
+use crate::toolchain::{self, Target};
 
 /// What to export, and for whom.
 #[derive(Args)]
@@ -25,7 +25,7 @@ pub struct Options {
     /// Folder that the FMUs are written to [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Build for this machine's Linux with glibc 2.17 or newer, by cargo-zigbuild
+    /// Build for this machine's processor and every Linux with glibc 2.17 or newer, by cargo-zigbuild
     #[arg(long)]
     portable: bool,
     /// Rust target to build for, once for each; this machine's without any. universal2-apple-darwin is
@@ -61,11 +61,6 @@ pub fn export(options: &Options) -> Result<()> {
         "no package of the workspace {} has models: a cdylib that depends on fmi-export, with a program that describes it",
         metadata.workspace_root
     );
-    if !options.targets.is_empty() || options.portable {
-        for way in targets.iter().flat_map(|target| &target.ways) {
-            eprintln!("{way}");
-        }
-    }
     let models = library::describe(&libraries, &metadata)?;
     let chosen = choose(&models, &options.models)?;
     check_prebuilt(&chosen, options, &prebuilt)?;
@@ -128,37 +123,38 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
 
 /// The targets to build for: those asked for, else this machine, unless its binary is given.
 fn targets(options: &Options) -> Result<Vec<Target>> {
-    let mut targets = Vec::new();
+    let mut names = options.targets.clone();
     if options.portable {
-        targets.push(Target::portable()?);
+        names.insert(0, toolchain::portable()?);
     }
-    for name in &options.targets {
-        targets.push(Target::named(name)?);
-    }
-    if targets.is_empty() {
+    check_platforms(options, &names)?;
+    if names.is_empty() {
         let host = Target::of_this_machine()?;
         let given = |b: &Prebuilt| host.platforms.contains(&b.platform);
-        if !options.binaries.iter().any(given) {
-            targets.push(host);
-        }
+        let is_given = options.binaries.iter().any(given);
+        return Ok(if is_given { vec![] } else { vec![host] });
     }
-    check_platforms(options, &targets)?;
+    let targets = names.iter().map(|name| Target::named(name));
+    let targets = targets.collect::<Result<Vec<_>>>()?;
+    for way in targets.iter().flat_map(|target| &target.ways) {
+        eprintln!("{way}");
+    }
     Ok(targets)
 }
 
-/// Checks that each platform has one binary.
-fn check_platforms(options: &Options, targets: &[Target]) -> Result<()> {
-    let prebuilt = options.binaries.iter().map(|b| b.platform);
-    let built = targets.iter().flat_map(|target| &target.platforms);
-    let mut platforms: Vec<Platform> = Vec::new();
-    for platform in prebuilt.chain(built.copied()) {
+/// Checks that no two binaries, given or built, are for one platform.
+fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
+    let mut platforms: Vec<Platform> = options.binaries.iter().map(|b| b.platform).collect();
+    for name in names {
+        platforms.extend(Platform::of_target(name)?);
+    }
+    for (index, platform) in platforms.iter().enumerate() {
         ensure!(
-            !platforms.contains(&platform),
-            "two binaries are asked for the platform {}, which has one; export the other to an FMU of its own, \
-             with another folder for --out",
+            !platforms[..index].contains(platform),
+            "two binaries are asked for the platform {}; export one of them to an FMU of its own, \
+             in another folder by --out",
             platform.folder
         );
-        platforms.push(platform);
     }
     Ok(())
 }

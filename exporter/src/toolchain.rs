@@ -28,8 +28,10 @@ pub struct Target {
 
 /// How a binary for one processor and system is built.
 pub struct Way {
-    /// As cargo or cargo-zigbuild takes it; this machine's without one.
-    target: Option<String>,
+    /// As cargo or cargo-zigbuild takes it.
+    target: String,
+    /// Whether cargo is told of it, or builds for this machine.
+    is_named: bool,
     toolchain: Toolchain,
     std_from_source: bool,
     by_zig: bool,
@@ -37,11 +39,16 @@ pub struct Way {
 
 impl Target {
     /// The target of this machine, in the way that needs a Rust toolchain only.
+    ///
+    /// # Errors
+    /// There is no toolchain, or FMI does not know this machine.
     pub fn of_this_machine() -> Result<Self> {
+        let host = host()?;
         Ok(Self {
-            platforms: Platform::of_target(&host()?)?,
+            platforms: Platform::of_target(&host)?,
             ways: vec![Way {
-                target: None,
+                target: host,
+                is_named: false,
                 toolchain: Toolchain::active(),
                 std_from_source: false,
                 by_zig: false,
@@ -49,17 +56,10 @@ impl Target {
         })
     }
 
-    /// The target of this machine for old systems, too.
-    pub fn portable() -> Result<Self> {
-        let host = host()?;
-        ensure!(
-            host.ends_with("-linux-gnu"),
-            "--portable builds for Linux with an old glibc, and this machine's target is {host}"
-        );
-        Self::named(&format!("{host}.{GLIBC}"))
-    }
-
     /// The target of a name: a Rust triple, perhaps with a glibc version behind it, or [`UNIVERSAL`].
+    ///
+    /// # Errors
+    /// What is missing to build for it.
     pub fn named(name: &str) -> Result<Self> {
         let parts = match name {
             UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
@@ -99,7 +99,8 @@ impl Way {
             })?;
         check_linker(target, triple, by_zig)?;
         Ok(Self {
-            target: Some(target.to_owned()),
+            target: target.to_owned(),
+            is_named: true,
             toolchain,
             std_from_source,
             by_zig,
@@ -118,14 +119,14 @@ impl Way {
                 build.env(variable, self.toolchain.program(program));
             }
         }
-        if let Some(target) = &self.target {
-            build.args(["--target", target]);
-            if is_apple(target) && env::var_os("MACOSX_DEPLOYMENT_TARGET").is_none() {
-                build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
-            }
+        if self.is_named {
+            build.args(["--target", &self.target]);
+        }
+        if is_apple(&self.target) {
+            build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
         }
         if self.std_from_source {
-            // Without std's printing of backtraces, which is larger than a model.
+            // Small: without the symbolizer of backtraces. Panics are caught without it.
             build
                 .args(["-Zbuild-std=std,panic_unwind"])
                 .args(["-Zbuild-std-features=panic-unwind"])
@@ -136,19 +137,18 @@ impl Way {
 
     /// What the compiler is told when it makes the shared library `lib{name}`.
     pub fn compiler_args(&self, name: &str) -> Vec<String> {
-        let target = self.target.as_deref().unwrap_or_default();
         let mut args = Vec::new();
-        if target.ends_with("-windows-gnu") {
+        if self.target.ends_with("-windows-gnu") {
             // The same bytes from every build.
             args.push("-Clink-arg=-Wl,--no-insert-timestamp".to_owned());
         }
-        if is_apple(target) {
+        if is_apple(&self.target) {
             // One library serves several models, so it keeps its own name.
             args.push(format!(
                 "-Clink-arg=-Wl,-install_name,@rpath/lib{name}.dylib"
             ));
         }
-        if is_apple(target) && self.by_zig {
+        if is_apple(&self.target) && self.by_zig {
             // What strips a finished library breaks its signature, without which ARM does not run it.
             args.extend(["-Cstrip=none", "-Clink-args=-Wl,-s -Wl,-x"].map(str::to_owned));
         }
@@ -163,9 +163,8 @@ impl Way {
 
 impl Display for Way {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let target = self.target.as_deref().unwrap_or("this machine");
         let toolchain = &self.toolchain;
-        write!(f, "{target}: {}", toolchain.version())?;
+        write!(f, "{}: {}", self.target, toolchain.version())?;
         if let Some(folder) = &toolchain.folder {
             write!(f, " of {}", folder.display())?;
         }
@@ -252,6 +251,19 @@ fn is_apple(target: &str) -> bool {
     target.contains("-apple-")
 }
 
+/// The name of this machine's target for old systems, too.
+///
+/// # Errors
+/// It is not Linux with glibc.
+pub fn portable() -> Result<String> {
+    let host = host()?;
+    ensure!(
+        host.ends_with("-linux-gnu"),
+        "--portable builds for Linux with an old glibc, and this machine's target is {host}"
+    );
+    Ok(format!("{host}.{GLIBC}"))
+}
+
 /// The triple of this machine.
 fn host() -> Result<String> {
     Toolchain::active()
@@ -285,4 +297,53 @@ fn check_linker(target: &str, triple: &str, by_zig: bool) -> Result<()> {
 fn runs(program: impl AsRef<OsStr>) -> bool {
     let found = Command::new(program).arg("--version").output();
     found.is_ok_and(|output| output.status.success())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn way(target: &str, by_zig: bool) -> Way {
+        Way {
+            target: target.into(),
+            is_named: true,
+            toolchain: Toolchain::active(),
+            std_from_source: false,
+            by_zig,
+        }
+    }
+
+    #[test]
+    fn a_library_for_macos_is_named_and_stripped_by_its_linker() {
+        let args = way("aarch64-apple-darwin", true).compiler_args("models");
+        assert!(args[0].ends_with("-install_name,@rpath/libmodels.dylib"));
+        assert!(args.contains(&"-Cstrip=none".to_owned()));
+        let by_apple = way("aarch64-apple-darwin", false).compiler_args("models");
+        assert_eq!(by_apple, args[..1]);
+        assert!(
+            way("x86_64-unknown-linux-gnu", true)
+                .compiler_args("models")
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn this_machine_has_what_it_needs() {
+        let host = host().unwrap();
+        let way = Way::to(&host).unwrap();
+        assert!(!way.std_from_source && !way.by_zig);
+        assert!(
+            way.to_string().starts_with(&format!("{host}: rustc 1.")),
+            "{way}"
+        );
+    }
+
+    #[test]
+    fn an_unknown_target_is_named() {
+        let error = Way::to("x86_64-nonsense-linux-gnu")
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(error.contains("x86_64-nonsense-linux-gnu"), "{error}");
+    }
 }
