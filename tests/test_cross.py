@@ -126,8 +126,8 @@ def test_no_binary_holds_a_path_of_the_machine(model):
 
 
 def test_a_build_in_another_folder_gives_the_same_bytes():
-    # Of one library, for Linux by zig, and for Windows with a standard library from source: to build
-    # for macOS, too, would take minutes more.
+    # One library, for Linux by zig and for Windows with a standard library from source; macOS, too,
+    # would take minutes more.
     copy = project("reproduced")
     program = ROOT / "target" / "debug" / "cargo-fmu"
     targets = ["--target=x86_64-unknown-linux-gnu.2.17", "--target=x86_64-pc-windows-gnu"]
