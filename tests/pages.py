@@ -35,13 +35,13 @@ def run_natively(command: str, folder: Path = ROOT) -> None:
     run(NATIVE.sub(f"{PROGRAM} ", command), folder)
 
 
-def project() -> Path:
+def project(name: str = "own-controller") -> Path:
     """Return a new copy of the sources, to be changed.
 
     It always lies at the same place, and its target folder is that of the copies before, so that
     cargo builds only what a page changes.
     """
-    target = ROOT / "target" / "own-controller"
+    target = ROOT / "target" / name
     copy = target / "project"
     shutil.rmtree(copy, ignore_errors=True)
     ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")

@@ -1,0 +1,269 @@
+"""What `make cross` writes: FMUs for Linux, Windows and macOS, read by their headers.
+
+Nothing here runs a binary of another system. The macOS binaries were never run.
+"""
+
+import os
+import re
+import struct
+import subprocess
+import sys
+import zipfile
+from hashlib import sha256
+from pathlib import Path
+
+import fmpy
+import lief
+import pytest
+from pages import ROOT, project
+from test_exporter import MODELS, cargo_fmu, refusal
+from test_package import FMI2_FUNCTIONS
+
+CROSS = ROOT / "target" / "cross"
+BINARIES = {
+    "linux64": "so",
+    "win64": "dll",
+    "darwin64": "dylib",
+    "aarch64-darwin": "dylib",
+}
+BINARIES_FOR_ARM = {"linux64": "so", "aarch64-linux": "so"}
+
+GLIBC = (2, 17)
+GLIBC_LIBRARIES = {
+    "libc.so.6", "libm.so.6", "libdl.so.2", "libpthread.so.0", "ld-linux-x86-64.so.2",
+    "ld-linux-aarch64.so.1",
+}  # fmt: skip
+
+# Every Windows that Rust supports has them in its system folder: the kernel's interface, its API
+# sets, and the C library that Windows itself uses. What MinGW adds, such as libgcc_s_seh-1.dll, it
+# has not.
+WINDOWS_LIBRARIES = {"kernel32.dll", "ntdll.dll", "msvcrt.dll"}
+WINDOWS_API_SET = re.compile(r"api-ms-win-core-[a-z0-9-]+\.dll")
+
+MACOS_LIBRARY = "/usr/lib/libSystem.B.dylib"
+# zig's linker knows no list of exports, so these are there, too. Nobody meets them: macOS looks a
+# symbol up in the library that it was found in when linked.
+MACOS_EXPORTS = re.compile(r"__mh_dylib_header|___dso_handle|_rust_eh_personality|__R.*EMPTY_PANIC")
+
+# Of the code signature that Apple's headers call CS_SuperBlob and CS_CodeDirectory
+SUPER_BLOB, CODE_DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
+
+lief.logging.disable()  # it tells of every table that a stripped library does not have
+
+each_model = pytest.mark.parametrize("model", MODELS)
+
+
+def fmu(model: str, folder: Path = CROSS) -> Path:
+    """Return the path of an FMU."""
+    file = folder / f"{model}.fmu"
+    assert file.exists(), f"{file} is missing: run `make cross`"
+    return file
+
+
+def read(file: Path, platform: str) -> bytes:
+    """Return the binary of a platform."""
+    extension = {**BINARIES, **BINARIES_FOR_ARM}[platform]
+    with zipfile.ZipFile(file) as archive:
+        return archive.read(f"binaries/{platform}/{file.stem}.{extension}")
+
+
+@pytest.fixture
+def windows(model: str) -> lief.PE.Binary:
+    """Return the library for Windows."""
+    return lief.PE.parse(list(read(fmu(model), "win64")))
+
+
+@pytest.fixture
+def macos(model: str) -> lief.MachO.FatBinary:
+    """Return the library for macOS, which has a part for each processor."""
+    return lief.MachO.parse(list(read(fmu(model), "darwin64")))
+
+
+# --- the packages ---------------------------------------------------------------------------------
+
+
+@each_model
+@pytest.mark.parametrize(
+    ("folder", "binaries"), [(CROSS, BINARIES), (CROSS / "aarch64", BINARIES_FOR_ARM)]
+)
+def test_an_fmu_holds_a_binary_for_each_platform(model, folder, binaries):
+    with zipfile.ZipFile(fmu(model, folder)) as archive:
+        names = {name for name in archive.namelist() if name.startswith("binaries/")}
+    assert names == {f"binaries/{name}/{model}.{ending}" for name, ending in binaries.items()}
+
+
+@each_model
+@pytest.mark.parametrize("folder", [CROSS, CROSS / "aarch64"])
+def test_the_description_is_that_of_the_plain_fmu(fmus, model, folder):
+    def description(file: Path) -> bytes:
+        with zipfile.ZipFile(file) as archive:
+            return archive.read("modelDescription.xml")
+
+    assert description(fmu(model, folder)) == description(fmus / f"{model}.fmu")
+    guid = fmpy.read_model_description(fmu(model, folder)).guid.encode()
+    binaries = BINARIES if folder == CROSS else BINARIES_FOR_ARM
+    assert all(guid in read(fmu(model, folder), platform) for platform in binaries)
+
+
+@each_model
+def test_both_folders_of_a_binary_hold_the_same(model):
+    assert read(fmu(model), "darwin64") == read(fmu(model), "aarch64-darwin")
+    arm = fmu(model, CROSS / "aarch64")
+    assert read(arm, "linux64") == read(arm, "aarch64-linux")
+
+
+@each_model
+def test_no_binary_holds_a_path_of_the_machine(model):
+    rustc = ["rustc", "--print", "sysroot"]
+    sysroot = subprocess.run(rustc, capture_output=True, text=True, check=True).stdout.strip()
+    folders = [ROOT, Path.home(), sysroot, "/usr/src", "/usr/lib/rustlib", "/tmp"]
+    folders += [os.environ[name] for name in ("CARGO_HOME", "RUSTUP_HOME") if name in os.environ]
+    for folder, binaries in ((CROSS, BINARIES), (CROSS / "aarch64", BINARIES_FOR_ARM)):
+        for platform in binaries:
+            content = read(fmu(model, folder), platform)
+            for path in folders:
+                assert os.fsencode(path) + b"/" not in content, f"{platform} holds {path}"
+
+
+def test_a_build_in_another_folder_gives_the_same_bytes():
+    # One library, for Linux by zig and for Windows with a standard library from source; macOS, too,
+    # would take minutes more.
+    copy = project("reproduced")
+    program = ROOT / "target" / "debug" / "cargo-fmu"
+    targets = ["--target=x86_64-unknown-linux-gnu.2.17", "--target=x86_64-pc-windows-gnu"]
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    export = subprocess.run(
+        [program, "export", "Source", *targets, "--out", copy],
+        cwd=copy, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert export.returncode == 0, export.stderr
+    for platform in ("linux64", "win64"):
+        assert read(copy / "Source.fmu", platform) == read(fmu("Source"), platform), platform
+
+
+# --- Linux ----------------------------------------------------------------------------------------
+
+
+@each_model
+@pytest.mark.parametrize(
+    ("folder", "processor"),
+    [(CROSS, lief.ELF.ARCH.X86_64), (CROSS / "aarch64", lief.ELF.ARCH.AARCH64)],
+)
+def test_linux_binary_is_for_its_processor_and_an_old_glibc(model, folder, processor):
+    binary = lief.ELF.parse(list(read(fmu(model, folder), "linux64")))
+    assert binary.header.machine_type == processor
+    assert set(binary.libraries) <= GLIBC_LIBRARIES
+    versions = [
+        requirement.name.removeprefix("GLIBC_")
+        for library in binary.symbols_version_requirement
+        for requirement in library.get_auxiliary_symbols()
+    ]
+    assert versions
+    assert max(tuple(map(int, version.split("."))) for version in versions) <= GLIBC
+    assert {symbol.name for symbol in binary.exported_symbols} == FMI2_FUNCTIONS
+
+
+# --- Windows --------------------------------------------------------------------------------------
+
+
+@each_model
+def test_windows_binary_is_a_library_for_x86_64(windows):
+    assert windows.header.machine == lief.PE.Header.MACHINE_TYPES.AMD64
+    assert windows.header.has_characteristic(lief.PE.Header.CHARACTERISTICS.DLL)
+
+
+@each_model
+def test_windows_binary_exports_the_functions_of_the_standard_and_nothing_else(windows):
+    assert {entry.name for entry in windows.get_export().entries} == FMI2_FUNCTIONS
+
+
+@each_model
+def test_windows_binary_needs_what_every_windows_has(windows):
+    names = {library.name.lower() for library in windows.imports}
+    assert names
+    assert {name for name in names if not WINDOWS_API_SET.fullmatch(name)} <= WINDOWS_LIBRARIES
+
+
+# --- macOS ----------------------------------------------------------------------------------------
+
+
+@each_model
+def test_macos_binary_is_a_library_for_both_processors(macos):
+    processors = [part.header.cpu_type for part in macos]
+    assert processors == [lief.MachO.Header.CPU_TYPE.X86_64, lief.MachO.Header.CPU_TYPE.ARM64]
+    for part in macos:
+        assert part.header.file_type == lief.MachO.Header.FILE_TYPE.DYLIB
+
+
+@each_model
+def test_macos_binary_runs_on_macos_11(macos):
+    for part in macos:
+        assert part.build_version.platform == lief.MachO.BuildVersion.PLATFORMS.MACOS
+        assert part.build_version.minos == [11, 0, 0]
+
+
+@each_model
+def test_macos_binary_is_named_and_needs_the_system_s_library_only(macos):
+    for part in macos:
+        (own, *needed) = part.libraries
+        assert own.command == lief.MachO.LoadCommand.TYPE.ID_DYLIB
+        assert re.fullmatch(r"@rpath/libfmu_\w+\.dylib", own.name)
+        assert [library.name for library in needed] == [MACOS_LIBRARY]
+
+
+@each_model
+def test_macos_binary_exports_the_functions_of_the_standard(macos):
+    for part in macos:
+        names = {entry.symbol.name for entry in part.dyld_info.exports if entry.symbol}
+        functions = {f"_{name}" for name in FMI2_FUNCTIONS}
+        assert names >= functions
+        assert all(MACOS_EXPORTS.fullmatch(name) for name in names - functions)
+
+
+@each_model
+def test_macos_binary_for_arm_is_signed_as_it_is(macos, model):
+    arm = macos.at(1)
+    signature = bytes(arm.code_signature.content)
+    magic, _, _, _, start = struct.unpack_from(">5I", signature)
+    assert magic == SUPER_BLOB
+    magic, _, _, flags, hashes, _, _, pages, length, size, kind, _, page = struct.unpack_from(
+        ">9I4B", signature, start
+    )
+    assert (magic, kind) == (CODE_DIRECTORY, SHA256)
+    assert flags & AD_HOC
+    # A library that is changed after it was signed, such as by stripping, has other hashes.
+    assert length == arm.code_signature.data_offset
+    code = read(fmu(model), "darwin64")[arm.fat_offset :][:length]
+    expected = [sha256(code[i : i + (1 << page)]).digest() for i in range(0, length, 1 << page)]
+    found = signature[start + hashes :][: pages * size]
+    assert found == b"".join(expected)
+
+
+# --- the commands ---------------------------------------------------------------------------------
+
+
+def test_info_names_every_platform():
+    assert re.search(
+        r"^platforms +aarch64-darwin darwin64 linux64 win64$",
+        cargo_fmu("info", fmu("Pid")).stdout,
+        re.MULTILINE,
+    )
+
+
+def test_validate_finds_no_fault():
+    result = cargo_fmu("validate", *(fmu(model) for model in MODELS))
+    assert result.returncode == 0, result.stdout
+    assert "warning:" not in result.stdout
+
+
+def test_validate_does_not_run_the_binary_of_another_processor():
+    result = cargo_fmu("validate", fmu("Pid", CROSS / "aarch64"))
+    assert result.returncode == 0, result.stdout
+    assert "another processor" in result.stdout
+
+
+def test_two_processors_of_linux_take_two_fmus(tmp_path):
+    targets = [f"--target={name}-unknown-linux-gnu.2.17" for name in ("x86_64", "aarch64")]
+    message = refusal("export", "Pid", *targets, "--out", tmp_path)
+    assert "linux64" in message
+    assert "--out" in message
