@@ -207,7 +207,7 @@ def test_macos_binary_is_named_and_needs_the_system_s_library_only(macos):
     for part in macos:
         (own, *needed) = part.libraries
         assert own.command == lief.MachO.LoadCommand.TYPE.ID_DYLIB
-        assert re.fullmatch(r"@rpath/libfmu_\w+\.dylib", own.name)
+        assert re.fullmatch(r"@rpath/fmu_\w+\.dylib", own.name)
         assert [library.name for library in needed] == [MACOS_LIBRARY]
 
 

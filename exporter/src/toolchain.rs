@@ -135,18 +135,20 @@ impl Way {
         build
     }
 
-    /// What the compiler is told when it makes the shared library `lib{name}`.
+    /// What the compiler is told when it makes the shared library `name`.
     pub fn compiler_args(&self, name: &str) -> Vec<String> {
         let mut args = Vec::new();
         if self.target.ends_with("-windows-gnu") {
             // The same bytes from every build.
             args.push("-Clink-arg=-Wl,--no-insert-timestamp".to_owned());
         }
+        if self.target.ends_with("-windows-msvc") {
+            // With the C runtime in it, which is not on every Windows.
+            args.push("-Ctarget-feature=+crt-static".to_owned());
+        }
         if is_apple(&self.target) {
-            // One library serves several models, so it keeps its own name.
-            args.push(format!(
-                "-Clink-arg=-Wl,-install_name,@rpath/lib{name}.dylib"
-            ));
+            // One library serves several models, so it has its own name.
+            args.push(format!("-Clink-arg=-Wl,-install_name,@rpath/{name}.dylib"));
         }
         if is_apple(&self.target) && self.by_zig {
             // What strips a finished library breaks its signature, without which ARM does not run it.
@@ -316,7 +318,7 @@ mod tests {
     #[test]
     fn a_library_for_macos_is_named_and_stripped_by_its_linker() {
         let args = way("aarch64-apple-darwin", true).compiler_args("models");
-        assert!(args[0].ends_with("-install_name,@rpath/libmodels.dylib"));
+        assert!(args[0].ends_with("-install_name,@rpath/models.dylib"));
         assert!(args.contains(&"-Cstrip=none".to_owned()));
         let by_apple = way("aarch64-apple-darwin", false).compiler_args("models");
         assert_eq!(by_apple, args[..1]);
