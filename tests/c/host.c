@@ -7,72 +7,17 @@
  *
  * The exit code is 0 if every call was answered as the standard asks; else the line is told. */
 
-#include <dlfcn.h>
 #include <math.h>
 #include <stdarg.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* --- what is used of FMI 2.0 ------------------------------------------------------------------ */
-
-typedef void *Component;
-typedef void *State;
-typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
-
-typedef struct {
-    void (*logger)(void *, const char *, Status, const char *, const char *, ...);
-    void *(*allocate)(size_t, size_t);
-    void (*release)(void *);
-    void (*step_finished)(void *, Status);
-    void *environment;
-} Callbacks;
-
-#define FUNCTIONS(F)                                                                              \
-    F(Component, Instantiate,                                                                     \
-      (const char *, int, const char *, const char *, const Callbacks *, int, int))               \
-    F(void, FreeInstance, (Component))                                                            \
-    F(const char *, GetVersion, (void))                                                           \
-    F(const char *, GetTypesPlatform, (void))                                                     \
-    F(Status, SetDebugLogging, (Component, int, size_t, const char *const *))                     \
-    F(Status, SetupExperiment, (Component, int, double, double, int, double))                     \
-    F(Status, EnterInitializationMode, (Component))                                               \
-    F(Status, ExitInitializationMode, (Component))                                                \
-    F(Status, Terminate, (Component))                                                             \
-    F(Status, Reset, (Component))                                                                 \
-    F(Status, GetReal, (Component, const unsigned *, size_t, double *))                           \
-    F(Status, GetInteger, (Component, const unsigned *, size_t, int *))                           \
-    F(Status, GetBoolean, (Component, const unsigned *, size_t, int *))                           \
-    F(Status, GetString, (Component, const unsigned *, size_t, const char **))                    \
-    F(Status, SetReal, (Component, const unsigned *, size_t, const double *))                     \
-    F(Status, SetInteger, (Component, const unsigned *, size_t, const int *))                     \
-    F(Status, SetBoolean, (Component, const unsigned *, size_t, const int *))                     \
-    F(Status, SetString, (Component, const unsigned *, size_t, const char *const *))              \
-    F(Status, GetFMUstate, (Component, State *))                                                  \
-    F(Status, SetFMUstate, (Component, State))                                                    \
-    F(Status, FreeFMUstate, (Component, State *))                                                 \
-    F(Status, SerializedFMUstateSize, (Component, State, size_t *))                               \
-    F(Status, SerializeFMUstate, (Component, State, char *, size_t))                              \
-    F(Status, DeSerializeFMUstate, (Component, const char *, size_t, State *))                    \
-    F(Status, GetDirectionalDerivative,                                                           \
-      (Component, const unsigned *, size_t, const unsigned *, size_t, const double *, double *))  \
-    F(Status, SetRealInputDerivatives,                                                            \
-      (Component, const unsigned *, size_t, const int *, const double *))                         \
-    F(Status, GetRealOutputDerivatives,                                                           \
-      (Component, const unsigned *, size_t, const int *, double *))                               \
-    F(Status, DoStep, (Component, double, double, int))                                           \
-    F(Status, CancelStep, (Component))                                                            \
-    F(Status, GetStatus, (Component, int, Status *))                                              \
-    F(Status, GetRealStatus, (Component, int, double *))                                          \
-    F(Status, GetBooleanStatus, (Component, int, int *))                                          \
-    F(Status, GetStringStatus, (Component, int, const char **))                                   \
-    F(Status, EnterEventMode, (Component))
+#include "host.h"
 
 #define DECLARE(result, name, arguments) static result(*name) arguments;
 FUNCTIONS(DECLARE)
-
-enum { CO_SIMULATION = 1, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
+DECLARE(Status, EnterEventMode, (Component))
 
 /* --- the host --------------------------------------------------------------------------------- */
 
@@ -91,25 +36,6 @@ static size_t count;
 static unsigned messages;
 
 static const double H = 0.001;
-
-#define CHECK(condition) check((condition) != 0, #condition, __LINE__)
-#define EXPECT(status, call) expect((status), (call), #call, __LINE__)
-
-static void check(int holds, const char *what, int line)
-{
-    if (!holds) {
-        fprintf(stderr, "host.c:%d: not true: %s\n", line, what);
-        exit(1);
-    }
-}
-
-static void expect(Status expected, Status status, const char *call, int line)
-{
-    if (status != expected) {
-        fprintf(stderr, "host.c:%d: %d instead of %d: %s\n", line, status, expected, call);
-        exit(1);
-    }
-}
 
 /* Formats every message, so that every byte of it is read. */
 static void logger(void *environment, const char *instance, Status status, const char *category,
@@ -424,15 +350,10 @@ static const struct {
 
 static void *loaded(const char *path)
 {
-    void *library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!library) {
-        fprintf(stderr, "%s\n", dlerror());
-        exit(2);
-    }
-#define LOAD(result, name, arguments)                                                             \
-    *(void **)&name = dlsym(library, "fmi2" #name);                                               \
-    CHECK(name);
+    void *library = load_library(path);
+#define LOAD(result, name, arguments) *(void **)&name = find_function(library, "fmi2" #name);
     FUNCTIONS(LOAD)
+    LOAD(Status, EnterEventMode, (Component))
     return library;
 }
 
@@ -459,5 +380,6 @@ int main(int argc, char **argv)
             found = 1;
         }
     CHECK(found);
-    return dlclose(library);
+    unload_library(library);
+    return 0;
 }
