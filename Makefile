@@ -65,7 +65,7 @@ portable: $(VENV)/.portable
 	PATH="$(abspath $(VENV)/bin):$$PATH" \
 		cargo fmu export --target $(HOST).2.17 --out target/portable
 
-## valgrind: a C host of every FMU under valgrind, which must find nothing
+## valgrind: the hosts in C under valgrind, which must find nothing
 valgrind: fmus
 	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
 	$(RUN) -m pytest -m valgrind

@@ -5,7 +5,8 @@
  * A VARIABLE is its type (r, i, b), its value reference, and, if it can be set, a value for it:
  * r0=1.5 i16=2 r1. SCENARIO is one of the names at the end of this file.
  *
- * The exit code is 0 if every call was answered as the standard asks; else the line is told. */
+ * The exit code is 0 if every call was answered as the standard asks; else the line is told. What
+ * the FMU says of a fatal failure is printed. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -48,6 +49,8 @@ static void logger(void *environment, const char *instance, Status status, const
     va_end(arguments);
     CHECK(environment == &messages && status <= FATAL);
     CHECK(strlen(instance) + strlen(category) + strlen(text) > 0);
+    if (status == FATAL)
+        printf("[%s] %s\n", category, text);
     ++messages;
 }
 
@@ -69,7 +72,7 @@ static void initialize(Component c, double time)
 
 static Status set(Component c, const Variable *v)
 {
-    const int number = (int)v->value;
+    const int number = v->type == 'r' ? 0 : (int)v->value; /* NaN is no int */
     switch (v->type) {
     case 'r': return SetReal(c, &v->reference, 1, &v->value);
     case 'i': return SetInteger(c, &v->reference, 1, &number);
@@ -336,6 +339,26 @@ static void trouble(void)
     FreeInstance(c);
 }
 
+/* The start values of the variables make the model panic in its first step. */
+static void panic(void)
+{
+    Component c = made(0), other = made(0);
+    set_all(c);
+    initialize(c, 0.0);
+    initialize(other, 0.0);
+    EXPECT(FATAL, DoStep(c, 0.0, H, 1));
+    EXPECT(FATAL, Reset(c));
+    EXPECT(FATAL, DoStep(c, 0.0, H, 1));
+    steps(other, 0, 10);
+    FreeInstance(c);
+    get_all(other);
+    FreeInstance(other);
+    c = made(0);
+    initialize(c, 0.0);
+    steps(c, 0, 10);
+    FreeInstance(c);
+}
+
 static const struct {
     const char *name;
     void (*run)(void);
@@ -344,6 +367,7 @@ static const struct {
     {"fmu_state", fmu_state},         {"damaged_bytes", damaged_bytes},
     {"bad_arguments", bad_arguments}, {"two_instances", two_instances},
     {"reset", reset},                 {"trouble", trouble},
+    {"panic", panic},
 };
 
 /* --- main ------------------------------------------------------------------------------------- */
