@@ -6,10 +6,13 @@ VENV := target/venv
 RUN := $(VENV)/bin/python
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
 
-SECONDS ?= 60
-HOST := $(shell rustc -vV | sed -n "s/^host: //p")
+# cargo-zigbuild, and the Python that has zig.
+WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
+RUST_SOURCES := lib/rustlib/src/rust/library
 
-.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable valgrind fuzz clean
+SECONDS ?= 60
+
+.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable cross cross-tools valgrind fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -21,7 +24,7 @@ report: fmus master
 	$(RUN) -m report
 
 ## test: every test, of the Rust crates and through the FMUs
-test: lint fmus master portable libtbb
+test: lint fmus master portable cross libtbb
 	cargo test --locked --workspace --features exporter/master
 	cargo test --locked --package model-description --all-features
 	$(RUN) -m pytest
@@ -62,8 +65,22 @@ libtbb: $(VENV)/.installed
 
 ## portable: write FMUs that load with glibc 2.17 and newer to target/portable
 portable: $(VENV)/.portable
-	PATH="$(abspath $(VENV)/bin):$$PATH" \
-		cargo fmu export --target $(HOST).2.17 --out target/portable
+	$(WITH_ZIG) cargo fmu export --portable --out target/portable
+
+## cross: write FMUs for Linux, Windows and macOS to target/cross, for Linux on ARM to target/cross/aarch64
+cross: cross-tools
+	$(WITH_ZIG) cargo fmu export --target x86_64-unknown-linux-gnu.2.17 \
+		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
+	$(WITH_ZIG) cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
+
+## cross-tools: install a linker for Windows, and the standard library of Rust for other systems or its sources
+cross-tools: $(VENV)/.portable
+	command -v x86_64-w64-mingw32-gcc >/dev/null \
+		|| { apt-get update && apt-get install --yes gcc-mingw-w64-x86-64; }
+	test -d "$$(rustc --print sysroot)/$(RUST_SOURCES)" || test -d /usr/$(RUST_SOURCES) \
+		|| rustup target add x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu x86_64-pc-windows-gnu \
+			x86_64-apple-darwin aarch64-apple-darwin \
+		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src; }
 
 ## valgrind: the hosts in C under valgrind, which must find nothing
 valgrind: fmus

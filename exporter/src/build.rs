@@ -44,9 +44,15 @@ impl Build {
         self
     }
 
-    /// Keeps paths of this machine out of the binary: the folders of dependencies and of the
-    /// workspace are cut from the places that panics name.
-    pub fn without_local_paths(&mut self, metadata: &Metadata) -> &mut Self {
+    /// Sets a variable of the environment.
+    pub fn env(&mut self, name: &str, value: impl AsRef<OsStr>) -> &mut Self {
+        self.command.env(name, value);
+        self
+    }
+
+    /// Keeps paths of this machine out of the binary: the folders of dependencies, of the workspace
+    /// and of the standard library's sources are cut from the places that panics name.
+    pub fn without_local_paths(&mut self, metadata: &Metadata, std: Option<&Path>) -> &mut Self {
         const SEPARATOR: &str = "\x1f";
         let mut flags: Vec<String> = match std::env::var("CARGO_ENCODED_RUSTFLAGS") {
             Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
@@ -71,9 +77,8 @@ impl Build {
             "--remap-path-prefix={}=workspace",
             metadata.workspace_root
         ));
-        self.command
-            .env("CARGO_ENCODED_RUSTFLAGS", flags.join(SEPARATOR));
-        self
+        flags.extend(std.map(|folder| format!("--remap-path-prefix={}=rust", folder.display())));
+        self.env("CARGO_ENCODED_RUSTFLAGS", flags.join(SEPARATOR))
     }
 
     /// Runs cargo to its end; it has about so many packages to build.

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -12,9 +11,10 @@ use fmu_file::archive::{self, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::build::Build;
+use crate::binary::{Binary, PackedBinary};
 use crate::documentation;
 use crate::library::{self, Library, Model};
+use crate::toolchain::Target;
 
 /// What to export, and for whom.
 #[derive(Args)]
@@ -25,37 +25,16 @@ pub struct Options {
     /// Folder that the FMUs are written to [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Rust target to build for, once for each; this machine's without any. With a glibc version
-    /// behind it (x86_64-unknown-linux-gnu.2.17), cargo-zigbuild builds it
+    /// Build for this machine's Linux with glibc 2.17 or newer, by cargo-zigbuild
+    #[arg(long)]
+    portable: bool,
+    /// Rust target to build for, once for each; this machine's without any. universal2-apple-darwin is
+    /// both processors of macOS; a glibc version may follow a triple (x86_64-unknown-linux-gnu.2.28)
     #[arg(long = "target", value_name = "TRIPLE")]
     targets: Vec<String>,
     /// Shared library that was built elsewhere, for a platform folder of FMI: linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     binaries: Vec<Prebuilt>,
-}
-
-/// Builds for a given version of glibc.
-const ZIGBUILD: &str = "cargo-zigbuild";
-
-/// A shared library for one platform.
-struct Binary {
-    platform: Platform,
-    bytes: Vec<u8>,
-}
-
-/// The same, compressed.
-struct PackedBinary {
-    platform: Platform,
-    file: Packed,
-}
-
-impl Binary {
-    fn pack(&self) -> Result<PackedBinary> {
-        Ok(PackedBinary {
-            platform: self.platform,
-            file: Packed::program(&self.bytes)?,
-        })
-    }
 }
 
 /// Builds the models and writes their FMUs.
@@ -73,7 +52,7 @@ pub fn export(options: &Options) -> Result<()> {
     let prebuilt = options
         .binaries
         .iter()
-        .map(read)
+        .map(Binary::read)
         .collect::<Result<Vec<_>>>()?;
 
     let libraries = library::libraries(&metadata);
@@ -82,6 +61,11 @@ pub fn export(options: &Options) -> Result<()> {
         "no package of the workspace {} has models: a cdylib that depends on fmi-export, with a program that describes it",
         metadata.workspace_root
     );
+    if !options.targets.is_empty() || options.portable {
+        for way in targets.iter().flat_map(|target| &target.ways) {
+            eprintln!("{way}");
+        }
+    }
     let models = library::describe(&libraries, &metadata)?;
     let chosen = choose(&models, &options.models)?;
     check_prebuilt(&chosen, options, &prebuilt)?;
@@ -103,9 +87,9 @@ pub fn export(options: &Options) -> Result<()> {
                 continue;
             }
             for target in &targets {
-                let binary = build(library, target.as_deref(), &metadata)?;
+                let binary = Binary::build(library, target, &metadata)?;
                 for model in of_library(library, &chosen) {
-                    check_guid(model, &binary.bytes)?;
+                    binary.check_guid(model)?;
                 }
                 built.push((library, scope.spawn(move || binary.pack())));
             }
@@ -142,93 +126,41 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
         .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// The targets to build for: those asked for, else this machine (`None`), unless its binary is given.
-fn targets(options: &Options) -> Result<Vec<Option<String>>> {
-    let host = Platform::of_target(&host()?)?;
+/// The targets to build for: those asked for, else this machine, unless its binary is given.
+fn targets(options: &Options) -> Result<Vec<Target>> {
+    let mut targets = Vec::new();
+    if options.portable {
+        targets.push(Target::portable()?);
+    }
+    for name in &options.targets {
+        targets.push(Target::named(name)?);
+    }
+    if targets.is_empty() {
+        let host = Target::of_this_machine()?;
+        let given = |b: &Prebuilt| host.platforms.contains(&b.platform);
+        if !options.binaries.iter().any(given) {
+            targets.push(host);
+        }
+    }
+    check_platforms(options, &targets)?;
+    Ok(targets)
+}
+
+/// Checks that each platform has one binary.
+fn check_platforms(options: &Options, targets: &[Target]) -> Result<()> {
+    let prebuilt = options.binaries.iter().map(|b| b.platform);
+    let built = targets.iter().flat_map(|target| &target.platforms);
     let mut platforms: Vec<Platform> = Vec::new();
-    let mut add = |platform: Platform| {
+    for platform in prebuilt.chain(built.copied()) {
         ensure!(
             !platforms.contains(&platform),
-            "two binaries are asked for the platform {}",
+            "two binaries are asked for the platform {}, which has one; export the other to an FMU of its own, \
+             with another folder for --out",
             platform.folder
         );
         platforms.push(platform);
-        Ok(())
-    };
-    for prebuilt in &options.binaries {
-        add(prebuilt.platform)?;
-    }
-    if options.targets.is_empty() {
-        let given = options.binaries.iter().any(|b| b.platform == host);
-        return Ok(if given { vec![] } else { vec![None] });
-    }
-    for target in &options.targets {
-        add(Platform::of_target(target)?)?;
-        check_toolchain(target)?;
-    }
-    Ok(options.targets.iter().cloned().map(Some).collect())
-}
-
-/// The triple of a target without the glibc version that cargo-zigbuild reads, and whether it has one.
-fn triple(target: &str) -> (&str, bool) {
-    match target.split_once('.') {
-        Some((triple, _)) => (triple, true),
-        None => (target, false),
-    }
-}
-
-fn rustc() -> Command {
-    Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
-}
-
-fn host() -> Result<String> {
-    let output = rustc()
-        .arg("-vV")
-        .output()
-        .context("cannot run rustc; is a Rust toolchain installed?")?;
-    String::from_utf8_lossy(&output.stdout)
-        .lines()
-        .find_map(|line| line.strip_prefix("host: "))
-        .map(str::to_owned)
-        .context("rustc -vV does not name its host")
-}
-
-/// Checks that the toolchain can build for a target.
-fn check_toolchain(target: &str) -> Result<()> {
-    let (triple, zig) = triple(target);
-    let output = rustc()
-        .args(["--print", "target-libdir", "--target", triple])
-        .output()?;
-    ensure!(
-        output.status.success(),
-        "the Rust toolchain does not know the target {triple}; `rustc --print target-list` has all"
-    );
-    let folder = String::from_utf8_lossy(&output.stdout);
-    ensure!(
-        Path::new(folder.trim()).is_dir(),
-        "the toolchain has no standard library for the target {triple}; `rustup target add {triple}` installs it"
-    );
-    if zig {
-        let found = Command::new(ZIGBUILD).arg("--version").output();
-        ensure!(
-            found.is_ok_and(|output| output.status.success()),
-            "the target {target} names a glibc version, for which cargo-zigbuild is needed; `pip install cargo-zigbuild ziglang` installs it"
-        );
     }
     Ok(())
-}
-
-fn read(prebuilt: &Prebuilt) -> Result<Binary> {
-    let file = prebuilt.file.display();
-    let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
-    prebuilt
-        .platform
-        .check(&bytes)
-        .with_context(|| format!("{file} cannot be used"))?;
-    Ok(Binary {
-        platform: prebuilt.platform,
-        bytes,
-    })
 }
 
 /// The models of the given names, or all.
@@ -249,50 +181,12 @@ fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b M
 fn check_prebuilt(chosen: &[&Model<'_>], options: &Options, prebuilt: &[Binary]) -> Result<()> {
     for model in chosen {
         for (option, binary) in options.binaries.iter().zip(prebuilt) {
-            check_guid(model, &binary.bytes)
+            binary
+                .check_guid(model)
                 .with_context(|| format!("{} cannot be used", option.file.display()))?;
         }
     }
     Ok(())
-}
-
-/// Checks that a binary holds the interface of the model: it keeps its GUID as text.
-fn check_guid(model: &Model<'_>, binary: &[u8]) -> Result<()> {
-    let guid = model.description.guid.as_bytes();
-    ensure!(
-        binary.windows(guid.len()).any(|window| window == guid),
-        "it does not hold the model {} with the interface {}; was it built from another version?",
-        model.name(),
-        model.description.guid
-    );
-    Ok(())
-}
-
-/// Builds the shared library for a target, or for this machine.
-fn build(library: &Library, target: Option<&str>, metadata: &Metadata) -> Result<Binary> {
-    let title = format!("building {}", library.package);
-    let mut build = match target {
-        Some(target) if triple(target).1 => Build::by(ZIGBUILD, &title, "rustc"),
-        _ => Build::new(&title, "rustc"),
-    };
-    // As `cdylib` alone it is optimized across its dependencies, which is not done beside an rlib.
-    build
-        .args(["--release", "--lib", "--crate-type", "cdylib"])
-        .args(["--package", &library.package]);
-    if let Some(target) = target {
-        build.args(["--target", target]);
-    }
-    let platform = match target {
-        Some(target) => Platform::of_target(target)?,
-        None => Platform::of_target(&host()?)?,
-    };
-    let file = build
-        .without_local_paths(metadata)
-        .run(metadata.packages.len())?
-        .shared_library(&library.target, platform.extension)
-        .with_context(|| format!("cargo built no shared library of {}", library.package))?;
-    let bytes = fs::read(&file).with_context(|| format!("cannot read {}", file.display()))?;
-    Ok(Binary { platform, bytes })
 }
 
 /// Writes the FMU of a model and says so.
@@ -310,9 +204,15 @@ fn write<'a>(
         .collect::<Result<Vec<_>>>()?;
     let mut entries = vec![Entry::new(MODEL_DESCRIPTION, &xml)];
     let mut platforms = Vec::new();
-    for PackedBinary { platform, file } in binaries {
-        entries.push(Entry::new(platform.binary(name), file));
-        platforms.push(platform.folder);
+    for PackedBinary {
+        platforms: of_binary,
+        file,
+    } in binaries
+    {
+        for platform in of_binary {
+            entries.push(Entry::new(platform.binary(name), file));
+            platforms.push(platform.folder);
+        }
     }
     entries.extend(
         documents

@@ -1,6 +1,7 @@
 //! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, and checks them.
 #![forbid(unsafe_code)]
 
+mod binary;
 mod build;
 mod completions;
 mod documentation;
@@ -11,6 +12,7 @@ mod info;
 mod library;
 mod master;
 mod table;
+mod toolchain;
 mod validate;
 
 use std::ffi::OsString;
@@ -34,8 +36,11 @@ enum Command {
     #[command(after_help = "Examples:
   cargo fmu export                          all models, for this machine, to target/fmu
   cargo fmu export Pid Pendulum --out fmus  two of them, to another folder
-  cargo fmu export --target x86_64-unknown-linux-gnu.2.17
-                                            for glibc 2.17 and newer (needs cargo-zigbuild)
+  cargo fmu export --portable               for every Linux with glibc 2.17 or newer
+  cargo fmu export --portable --target x86_64-pc-windows-gnu --target universal2-apple-darwin
+                                            for Linux, Windows and macOS
+  cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out aarch64
+                                            for Linux on ARM
   cargo fmu export Pid --binary win64=fmu_controller.dll
                                             with a binary that was built elsewhere")]
     Export(export::Options),

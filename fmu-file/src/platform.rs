@@ -1,5 +1,6 @@
 //! Platforms: the folders of FMI 2.0 (section 2.3), and the binaries that belong in them.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -21,13 +22,19 @@ const ELF_32: &[&[u8]] = &[b"\x7fELF\x01"];
 const PE: &[&[u8]] = &[b"MZ"];
 const MACH_O: &[&[u8]] = &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"];
 
-const PLATFORMS: [Platform; 5] = [
+const PLATFORMS: [Platform; 8] = [
     platform("linux64", "so", ELF_64),
     platform("linux32", "so", ELF_32),
     platform("win64", "dll", PE),
     platform("win32", "dll", PE),
     platform("darwin64", "dylib", MACH_O),
+    platform("aarch64-linux", "so", ELF_64),
+    platform("aarch64-windows", "dll", PE),
+    platform("aarch64-darwin", "dylib", MACH_O),
 ];
+
+/// The name of a target that is two, x86-64 and ARM, in one file.
+pub const UNIVERSAL: &str = "universal2-apple-darwin";
 
 const fn platform(
     folder: &'static str,
@@ -42,22 +49,33 @@ const fn platform(
 }
 
 impl Platform {
-    /// The platform of a Rust target triple; a suffix with a glibc version is allowed.
-    pub fn of_target(triple: &str) -> Result<Self> {
-        let bits = match triple.split('-').next().unwrap_or_default() {
+    /// The platforms of a Rust target triple; a suffix with a glibc version is allowed.
+    ///
+    /// For ARM there are two. Since 2.0.4 the standard leaves it the names of FMI 3.0, but importers
+    /// such as FMPy look where the system's other binaries are.
+    pub fn of_target(triple: &str) -> Result<Vec<Self>> {
+        let processor = triple.split('-').next().unwrap_or_default();
+        let bits = match processor {
             "i586" | "i686" | "arm" | "armv7" => "32",
             _ => "64",
         };
-        let system = if triple.contains("-linux-") {
-            "linux"
+        let (short, system) = if triple.contains("-linux-") {
+            ("linux", "linux")
         } else if triple.contains("-windows-") {
-            "win"
+            ("win", "windows")
         } else if triple.contains("-apple-darwin") {
-            "darwin"
+            ("darwin", "darwin")
         } else {
             bail!("FMI 2.0 has no platform folder for the target {triple}");
         };
-        Self::from_str(&format!("{system}{bits}"))
+        let mut folders = vec![format!("{short}{bits}")];
+        if processor == "aarch64" || triple == UNIVERSAL {
+            folders.push(format!("aarch64-{system}"));
+        }
+        folders
+            .iter()
+            .map(|folder| folder.parse())
+            .collect::<Result<_>>()
             .with_context(|| format!("FMI 2.0 has no platform folder for the target {triple}"))
     }
 
@@ -76,8 +94,8 @@ impl Platform {
         format!("binaries/{}/{identifier}.{}", self.folder, self.extension)
     }
 
-    /// Length of what [`Platform::check`] looks at.
-    pub const HEAD: u64 = 8;
+    /// Length of what [`Platform::check`] and [`is_for_this_processor`] look at.
+    pub const HEAD: u64 = 20;
 
     /// Checks that the bytes are a binary of the platform's format.
     pub fn check(&self, binary: &[u8]) -> Result<()> {
@@ -88,6 +106,21 @@ impl Platform {
         );
         Ok(())
     }
+}
+
+/// Whether a binary for this machine's platform is for its processor, too: `linux64` holds binaries for
+/// ARM as well as for x86-64. Only the header of ELF is read.
+pub fn is_for_this_processor(binary: &[u8]) -> bool {
+    const MACHINE: Range<usize> = 18..20;
+    let machine: u16 = match std::env::consts::ARCH {
+        "x86_64" => 62,
+        "aarch64" => 183,
+        _ => return true,
+    };
+    let field = binary
+        .get(MACHINE)
+        .filter(|_| binary.starts_with(b"\x7fELF"));
+    field.is_none_or(|field| field == machine.to_le_bytes())
 }
 
 impl FromStr for Platform {
@@ -133,16 +166,20 @@ mod tests {
 
     #[test]
     fn targets_have_the_folders_of_the_standard() {
-        for (triple, folder) in [
+        for (triple, expected) in [
             ("x86_64-unknown-linux-gnu", "linux64"),
             ("x86_64-unknown-linux-gnu.2.17", "linux64"),
+            ("aarch64-unknown-linux-gnu.2.17", "linux64 aarch64-linux"),
             ("i686-unknown-linux-gnu", "linux32"),
             ("x86_64-pc-windows-msvc", "win64"),
             ("i686-pc-windows-gnu", "win32"),
             ("x86_64-apple-darwin", "darwin64"),
-            ("aarch64-apple-darwin", "darwin64"),
+            ("aarch64-apple-darwin", "darwin64 aarch64-darwin"),
+            (UNIVERSAL, "darwin64 aarch64-darwin"),
         ] {
-            assert_eq!(Platform::of_target(triple).unwrap().folder, folder);
+            let folders = Platform::of_target(triple).unwrap();
+            let folders: Vec<_> = folders.iter().map(|platform| platform.folder).collect();
+            assert_eq!(folders.join(" "), expected);
         }
         assert!(Platform::of_target("thumbv7em-none-eabihf").is_err());
     }
@@ -154,6 +191,16 @@ mod tests {
         assert!(linux.check(b"\x7fELF\x01 rest").is_err());
         assert!(linux.check(b"MZ").is_err());
         assert!(linux.check(b"").is_err());
+    }
+
+    #[test]
+    fn elf_tells_its_processor() {
+        let elf =
+            |machine: u8| [b"\x7fELF\x02\x01\x01".as_slice(), &[0; 11], &[machine, 0]].concat();
+        let (intel, arm) = (cfg!(target_arch = "x86_64"), cfg!(target_arch = "aarch64"));
+        assert_eq!(is_for_this_processor(&elf(62)), intel || !arm);
+        assert_eq!(is_for_this_processor(&elf(183)), arm || !intel);
+        assert!(is_for_this_processor(b"MZ"));
     }
 
     #[test]

@@ -14,7 +14,7 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::model::Model;
-use fmu_file::platform::Platform;
+use fmu_file::platform::{Platform, is_for_this_processor};
 
 use super::finding::Findings;
 use probe::{Kind, Probe};
@@ -51,6 +51,16 @@ pub fn check(model: &Model<'_>, archive: &mut Archive, limit: Duration, findings
                 "there is none for this machine ({}), so none was run",
                 platform.folder
             ),
+        );
+        return;
+    }
+    if let Some((_, binary)) = kinds.iter().find(|(_, binary)| {
+        let head = archive.head(binary, Platform::HEAD);
+        head.is_ok_and(|head| !is_for_this_processor(&head))
+    }) {
+        findings.warning(
+            binary,
+            "it is for another processor than this machine's, so none was run",
         );
         return;
     }

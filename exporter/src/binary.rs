@@ -1,0 +1,118 @@
+//! Shared libraries of models: built, joined or given, checked, and packed.
+
+use std::fs;
+
+use anyhow::{Context, Result, ensure};
+use cargo_metadata::Metadata;
+use fat_macho::FatWriter;
+use fmu_file::archive::Packed;
+use fmu_file::platform::{Platform, Prebuilt};
+
+use crate::library::{Library, Model};
+use crate::toolchain::{Target, Way};
+
+/// A shared library, for one platform or several.
+pub struct Binary {
+    platforms: Vec<Platform>,
+    bytes: Vec<u8>,
+}
+
+/// The same, compressed.
+pub struct PackedBinary {
+    /// The platforms that it is for.
+    pub platforms: Vec<Platform>,
+    /// Its content.
+    pub file: Packed,
+}
+
+impl Binary {
+    /// Builds a library for a target.
+    ///
+    /// # Errors
+    /// What the compiler said.
+    pub fn build(library: &Library, target: &Target, metadata: &Metadata) -> Result<Self> {
+        let mut parts = target
+            .ways
+            .iter()
+            .map(|way| build(library, way, target.platforms[0].extension, metadata))
+            .collect::<Result<Vec<_>>>()?;
+        let bytes = match parts.len() {
+            1 => parts.remove(0),
+            _ => join(parts).context("cannot join the parts of a universal binary")?,
+        };
+        Ok(Self {
+            platforms: target.platforms.clone(),
+            bytes,
+        })
+    }
+
+    /// Reads a binary that was built elsewhere.
+    ///
+    /// # Errors
+    /// It cannot be read, or is of another platform's format.
+    pub fn read(prebuilt: &Prebuilt) -> Result<Self> {
+        let file = prebuilt.file.display();
+        let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
+        prebuilt
+            .platform
+            .check(&bytes)
+            .with_context(|| format!("{file} cannot be used"))?;
+        Ok(Self {
+            platforms: vec![prebuilt.platform],
+            bytes,
+        })
+    }
+
+    /// Checks that the binary holds the interface of a model: it keeps its GUID as text.
+    ///
+    /// # Errors
+    /// It does not.
+    pub fn check_guid(&self, model: &Model<'_>) -> Result<()> {
+        let guid = model.description.guid.as_bytes();
+        ensure!(
+            self.bytes.windows(guid.len()).any(|window| window == guid),
+            "it does not hold the model {} with the interface {}; was it built from another version?",
+            model.name(),
+            model.description.guid
+        );
+        Ok(())
+    }
+
+    /// Compresses the binary.
+    ///
+    /// # Errors
+    /// It is too large for an archive.
+    pub fn pack(&self) -> Result<PackedBinary> {
+        Ok(PackedBinary {
+            platforms: self.platforms.clone(),
+            file: Packed::program(&self.bytes)?,
+        })
+    }
+}
+
+/// Builds a library in one way.
+fn build(library: &Library, way: &Way, extension: &str, metadata: &Metadata) -> Result<Vec<u8>> {
+    // As `cdylib` alone it is optimized across its dependencies, which is not done beside an rlib.
+    let file = way
+        .cargo_rustc(&format!("building {}", library.package))
+        .args(["--release", "--lib", "--crate-type", "cdylib"])
+        .args(["--package", &library.package])
+        .without_local_paths(metadata, way.sources().as_deref())
+        .args(["--"])
+        .args(way.compiler_args(&library.target))
+        .run(metadata.packages.len())?
+        .shared_library(&library.target, extension)
+        .with_context(|| format!("cargo built no shared library of {}", library.package))?;
+    fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
+}
+
+/// Joins binaries for macOS, each for a processor of its own, to one.
+fn join(parts: Vec<Vec<u8>>) -> Result<Vec<u8>> {
+    let mut writer = FatWriter::new();
+    for part in parts {
+        writer.add(part)?;
+    }
+    let mut bytes = Vec::new();
+    writer.write_to(&mut bytes)?;
+    Ok(bytes)
+}

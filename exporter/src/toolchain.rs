@@ -1,0 +1,288 @@
+//! How a target is built: by which toolchain, with which standard library, and by which linker.
+
+use std::env::{self, consts::EXE_SUFFIX};
+use std::ffi::{OsStr, OsString};
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use fmu_file::platform::{Platform, UNIVERSAL};
+
+use crate::build::Build;
+
+/// Links for a given version of glibc, and for macOS on other systems.
+const ZIGBUILD: &str = "cargo-zigbuild";
+/// What a portable Linux binary asks for at most: that of CentOS 7.
+const GLIBC: &str = "2.17";
+/// The oldest macOS that runs on ARM.
+const MACOS: &str = "11.0";
+
+/// What is built for one or several platforms of an FMU.
+pub struct Target {
+    /// Where its binary goes.
+    pub platforms: Vec<Platform>,
+    /// How its binary is built: one way, or two whose binaries are joined.
+    pub ways: Vec<Way>,
+}
+
+/// How a binary for one processor and system is built.
+pub struct Way {
+    /// As cargo or cargo-zigbuild takes it; this machine's without one.
+    target: Option<String>,
+    toolchain: Toolchain,
+    std_from_source: bool,
+    by_zig: bool,
+}
+
+impl Target {
+    /// The target of this machine, in the way that needs a Rust toolchain only.
+    pub fn of_this_machine() -> Result<Self> {
+        Ok(Self {
+            platforms: Platform::of_target(&host()?)?,
+            ways: vec![Way {
+                target: None,
+                toolchain: Toolchain::active(),
+                std_from_source: false,
+                by_zig: false,
+            }],
+        })
+    }
+
+    /// The target of this machine for old systems, too.
+    pub fn portable() -> Result<Self> {
+        let host = host()?;
+        ensure!(
+            host.ends_with("-linux-gnu"),
+            "--portable builds for Linux with an old glibc, and this machine's target is {host}"
+        );
+        Self::named(&format!("{host}.{GLIBC}"))
+    }
+
+    /// The target of a name: a Rust triple, perhaps with a glibc version behind it, or [`UNIVERSAL`].
+    pub fn named(name: &str) -> Result<Self> {
+        let parts = match name {
+            UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
+            _ => vec![name],
+        };
+        Ok(Self {
+            platforms: Platform::of_target(name)?,
+            ways: parts.into_iter().map(Way::to).collect::<Result<_>>()?,
+        })
+    }
+}
+
+impl Way {
+    /// The way to a target that this machine offers.
+    fn to(target: &str) -> Result<Self> {
+        let (triple, glibc) = match target.split_once('.') {
+            Some((triple, version)) => (triple, Some(version)),
+            None => (target, None),
+        };
+        let by_zig = glibc.is_some() || is_apple(triple) && !cfg!(target_os = "macos");
+        ensure!(
+            Toolchain::active().folder_of_std(triple).is_some(),
+            "the Rust toolchain does not know the target {triple}; `rustc --print target-list` has all"
+        );
+        let (toolchain, std_from_source) = Toolchain::all()
+            .find_map(|toolchain| {
+                let folder = toolchain.folder_of_std(triple)?;
+                let from_source = !folder.is_dir();
+                (!from_source || toolchain.has_sources()).then_some((toolchain, from_source))
+            })
+            .with_context(|| {
+                format!(
+                    "no toolchain has a standard library for the target {triple}; `rustup target add {triple}` \
+                     installs it, and `rustup component add rust-src`, or Debian's packages rustc-web, cargo-web \
+                     and rust-web-src, what it can be built from"
+                )
+            })?;
+        check_linker(target, triple, by_zig)?;
+        Ok(Self {
+            target: Some(target.to_owned()),
+            toolchain,
+            std_from_source,
+            by_zig,
+        })
+    }
+
+    /// `cargo rustc` for the target.
+    pub fn cargo_rustc(&self, title: &str) -> Build {
+        let mut build = if self.by_zig {
+            Build::by(ZIGBUILD, title, "rustc")
+        } else {
+            Build::by(self.toolchain.program("cargo"), title, "rustc")
+        };
+        if self.toolchain.folder.is_some() {
+            for (variable, program) in [("CARGO", "cargo"), ("RUSTC", "rustc")] {
+                build.env(variable, self.toolchain.program(program));
+            }
+        }
+        if let Some(target) = &self.target {
+            build.args(["--target", target]);
+            if is_apple(target) && env::var_os("MACOSX_DEPLOYMENT_TARGET").is_none() {
+                build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
+            }
+        }
+        if self.std_from_source {
+            // Without std's printing of backtraces, which is larger than a model.
+            build
+                .args(["-Zbuild-std=std,panic_unwind"])
+                .args(["-Zbuild-std-features=panic-unwind"])
+                .env("RUSTC_BOOTSTRAP", "1");
+        }
+        build
+    }
+
+    /// What the compiler is told when it makes the shared library `lib{name}`.
+    pub fn compiler_args(&self, name: &str) -> Vec<String> {
+        let target = self.target.as_deref().unwrap_or_default();
+        let mut args = Vec::new();
+        if target.ends_with("-windows-gnu") {
+            // The same bytes from every build.
+            args.push("-Clink-arg=-Wl,--no-insert-timestamp".to_owned());
+        }
+        if is_apple(target) {
+            // One library serves several models, so it keeps its own name.
+            args.push(format!(
+                "-Clink-arg=-Wl,-install_name,@rpath/lib{name}.dylib"
+            ));
+        }
+        if is_apple(target) && self.by_zig {
+            // What strips a finished library breaks its signature, without which ARM does not run it.
+            args.extend(["-Cstrip=none", "-Clink-args=-Wl,-s -Wl,-x"].map(str::to_owned));
+        }
+        args
+    }
+
+    /// The folder that the sources of the standard library would be in.
+    pub fn sources(&self) -> Option<PathBuf> {
+        self.toolchain.sources()
+    }
+}
+
+impl Display for Way {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let target = self.target.as_deref().unwrap_or("this machine");
+        let toolchain = &self.toolchain;
+        write!(f, "{target}: {}", toolchain.version())?;
+        if let Some(folder) = &toolchain.folder {
+            write!(f, " of {}", folder.display())?;
+        }
+        f.write_str(match self.std_from_source {
+            true => ", standard library built from source",
+            false => ", standard library of the toolchain",
+        })?;
+        match self.by_zig {
+            true => write!(f, ", {ZIGBUILD}"),
+            false => Ok(()),
+        }
+    }
+}
+
+/// A compiler and its cargo, of one version.
+struct Toolchain {
+    /// Where they are; without one they are those that run this program.
+    folder: Option<PathBuf>,
+}
+
+impl Toolchain {
+    fn active() -> Self {
+        Self { folder: None }
+    }
+
+    /// The active one, and those that PATH leads to, such as the system's beside rustup's.
+    fn all() -> impl Iterator<Item = Self> {
+        let path = env::var_os("PATH").unwrap_or_default();
+        let folders: Vec<_> = env::split_paths(&path).collect();
+        let installed = folders.into_iter().map(|folder| Self {
+            folder: Some(folder),
+        });
+        [Self::active()]
+            .into_iter()
+            .chain(installed.filter(|toolchain| {
+                ["cargo", "rustc"]
+                    .into_iter()
+                    .all(|program| Path::new(&toolchain.program(program)).is_file())
+            }))
+    }
+
+    /// The path of `cargo` or `rustc`.
+    fn program(&self, name: &str) -> OsString {
+        match &self.folder {
+            Some(folder) => folder.join(format!("{name}{EXE_SUFFIX}")).into(),
+            None => env::var_os(name.to_uppercase()).unwrap_or_else(|| name.into()),
+        }
+    }
+
+    /// What the compiler prints, if it succeeds.
+    fn rustc(&self, args: &[&str]) -> Option<String> {
+        let output = Command::new(self.program("rustc"))
+            .args(args)
+            .output()
+            .ok()?;
+        let text = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+        output.status.success().then_some(text)
+    }
+
+    /// Name and number of the version.
+    fn version(&self) -> String {
+        let text = self.rustc(&["--version"]).unwrap_or_default();
+        text.split(" (").next().unwrap_or_default().to_owned()
+    }
+
+    /// Where the standard library for a target is or would be; none if the target is not known.
+    fn folder_of_std(&self, triple: &str) -> Option<PathBuf> {
+        self.rustc(&["--print", "target-libdir", "--target", triple])
+            .map(Into::into)
+    }
+
+    fn sources(&self) -> Option<PathBuf> {
+        let sysroot: PathBuf = self.rustc(&["--print", "sysroot"])?.into();
+        Some(sysroot.join("lib/rustlib/src/rust"))
+    }
+
+    fn has_sources(&self) -> bool {
+        self.sources()
+            .is_some_and(|sources| sources.join("library/Cargo.lock").is_file())
+    }
+}
+
+fn is_apple(target: &str) -> bool {
+    target.contains("-apple-")
+}
+
+/// The triple of this machine.
+fn host() -> Result<String> {
+    Toolchain::active()
+        .rustc(&["-vV"])
+        .context("cannot run rustc; is a Rust toolchain installed?")?
+        .lines()
+        .find_map(|line| line.strip_prefix("host: "))
+        .map(str::to_owned)
+        .context("rustc -vV does not name its host")
+}
+
+/// Checks that the linker of a target is there, if it is none that comes with the system or with Rust.
+fn check_linker(target: &str, triple: &str, by_zig: bool) -> Result<()> {
+    if by_zig {
+        ensure!(
+            runs(ZIGBUILD),
+            "the target {target} is linked by cargo-zigbuild, which is missing; `pip install cargo-zigbuild ziglang` installs it"
+        );
+    } else if let Some(processor) = triple.strip_suffix("-pc-windows-gnu")
+        && !cfg!(windows)
+    {
+        let linker = format!("{processor}-w64-mingw32-gcc");
+        ensure!(
+            runs(&linker),
+            "the target {target} is linked by {linker}, which is missing; it is MinGW-w64, Debian's package gcc-mingw-w64"
+        );
+    }
+    Ok(())
+}
+
+fn runs(program: impl AsRef<OsStr>) -> bool {
+    let found = Command::new(program).arg("--version").output();
+    found.is_ok_and(|output| output.status.success())
+}
