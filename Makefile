@@ -12,7 +12,8 @@ RUST_SOURCES := lib/rustlib/src/rust/library
 
 SECONDS ?= 60
 
-.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable cross cross-tools valgrind fuzz clean
+.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable cross cross-tools \
+	valgrind elsewhere fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -86,6 +87,13 @@ cross-tools: $(VENV)/.portable
 valgrind: fmus
 	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
 	$(RUN) -m pytest -m valgrind
+
+## elsewhere: the hosts in C on Windows and on Linux on ARM, which Wine and qemu emulate
+elsewhere: fmus cross
+	command -v wine >/dev/null || { apt-get update && apt-get install --yes wine wine64; }
+	command -v qemu-aarch64 >/dev/null && test -d /usr/aarch64-linux-gnu/lib \
+		|| { apt-get update && apt-get install --yes qemu-user libc6-arm64-cross; }
+	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere
 
 ## bench: what the FMUs and the native master cost, as a table and plots in target/bench
 bench: fmus master $(VENV)/.bench

@@ -1,17 +1,21 @@
-"""Where the hosts in C run: here, and under valgrind."""
+"""Where the hosts in C run: here, under valgrind, and on other platforms, which are emulated."""
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
 from master import FMUS
 from slave import Fmu, unpack
 
 SOURCES = Path(__file__).parent / "c"
+
+CROSS = FMUS.parent / "cross"
+"""Where `make cross` writes FMUs for other platforms."""
 
 SECONDS = 300
 """Time that one run may take."""
@@ -83,6 +87,35 @@ def _call(*command: str | Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+class Wine(Machine):
+    """Windows, as far as Wine is it.
+
+    Wine 8.0 lacks bcryptprimitives.dll, which gives Rust the seed of a HashMap; FMUs have none.
+    """
+
+    @contextmanager
+    def started(self, folder: Path) -> Iterator[None]:
+        """Make a Windows of its own, and end all of it at the end."""
+        with super().started(folder), pytest.MonkeyPatch.context() as environment:
+            for name, value in {
+                "WINEPREFIX": str(folder / "wine"),
+                "WINEARCH": "win64",
+                "WINEDEBUG": "-all",
+                "WINEDLLOVERRIDES": "mscoree,mshtml,winemenubuilder.exe=",  # nothing to install
+                "DISPLAY": "",
+            }.items():
+                environment.setenv(name, value)
+            try:
+                _call("wine", "wineboot", "--init").check_returncode()
+                yield
+            finally:
+                _call("wineserver", "--kill")  # fails if it has ended by itself
+
+    def path(self, file: Path) -> str:
+        """Return what its programs call a file: all of this machine's are on the drive Z."""
+        return str(PureWindowsPath(f"Z:{file}"))
+
+
 NATIVE = Machine("native", remedy="a C compiler is needed")
 
 VALGRIND = Machine(
@@ -94,7 +127,27 @@ VALGRIND = Machine(
     ),
 )  # fmt: skip
 
+WINDOWS = Wine(
+    "windows",
+    compiler=("x86_64-w64-mingw32-gcc",),
+    emulator=("wine",),
+    libraries=(),
+    fmus=CROSS,
+    platform="win64",
+    target="x86_64-pc-windows-gnu",
+)
+
+ARM = Machine(
+    "arm",
+    compiler=(sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-gnu.2.17"),
+    emulator=("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"),
+    fmus=CROSS / "aarch64",
+    target="aarch64-unknown-linux-gnu.2.17",
+)
+
 MACHINES = [
     NATIVE,
     pytest.param(VALGRIND, marks=pytest.mark.valgrind),
+    pytest.param(WINDOWS, marks=pytest.mark.elsewhere),
+    pytest.param(ARM, marks=pytest.mark.elsewhere),
 ]

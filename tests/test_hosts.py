@@ -1,6 +1,7 @@
-"""Hosts in C use the FMUs; under valgrind, without a bad access or a leak.
+"""Hosts in C use the FMUs: here; under valgrind, which finds nothing; and on other platforms.
 
-The runs under valgrind take a minute and are left out unless `pytest -m valgrind` asks for them.
+Runs under valgrind and on other platforms are left out unless `pytest -m valgrind` or
+`pytest -m elsewhere` asks for them.
 """
 
 import functools

@@ -1,4 +1,5 @@
-/* A host of FMI 2.0 co-simulation FMUs that uses them well and badly, to be run under valgrind.
+/* A host of FMI 2.0 co-simulation FMUs that uses them well and badly, to be run under
+ * valgrind and on other platforms.
  *
  * usage: host LIBRARY GUID SCENARIO [VARIABLE...]
  *
