@@ -86,14 +86,14 @@ cross-tools: $(VENV)/.portable
 ## valgrind: the hosts in C under valgrind, which must find nothing
 valgrind: fmus
 	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
-	$(RUN) -m pytest -m valgrind
+	$(RUN) -m pytest -m valgrind tests/test_hosts.py
 
 ## elsewhere: the hosts in C on Windows and on Linux on ARM, which Wine and qemu emulate
 elsewhere: fmus cross
 	command -v wine >/dev/null || { apt-get update && apt-get install --yes wine wine64; }
 	command -v qemu-aarch64 >/dev/null && test -d /usr/aarch64-linux-gnu/lib \
 		|| { apt-get update && apt-get install --yes qemu-user libc6-arm64-cross; }
-	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere
+	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_hosts.py
 
 ## bench: what the FMUs and the native master cost, as a table and plots in target/bench
 bench: fmus master $(VENV)/.bench
