@@ -16,7 +16,7 @@ BUILT ?= target/built
 MERGED ?= target/merged
 
 .PHONY: demo report test lint fmus master ssp libclang libtbb bench portable cross cross-tools merged \
-	valgrind fuzz clean
+	valgrind elsewhere fuzz clean
 .DEFAULT_GOAL := demo
 
 ## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
@@ -28,7 +28,7 @@ report: fmus master
 	$(RUN) -m report --out $(REPORT)
 
 ## test: every test, of the Rust crates and through the FMUs
-test: lint fmus master portable cross libtbb
+test: lint fmus master portable libtbb
 	cargo test --locked --workspace --features exporter/master
 	cargo test --locked --package model-description --all-features
 	$(RUN) -m pytest
@@ -93,10 +93,17 @@ merged:
 		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
 	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
 
-## valgrind: a C host of every FMU under valgrind, which must find nothing
+## valgrind: the hosts in C under valgrind, which must find nothing
 valgrind: fmus
 	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
-	$(RUN) -m pytest -m valgrind
+	$(RUN) -m pytest -m valgrind tests/test_hosts.py
+
+## elsewhere: the binaries for other platforms; the hosts in C on those that Wine and qemu emulate
+elsewhere: fmus cross
+	command -v wine >/dev/null || { apt-get update && apt-get install --yes wine wine64; }
+	command -v qemu-aarch64 >/dev/null && test -d /usr/aarch64-linux-gnu/lib \
+		|| { apt-get update && apt-get install --yes qemu-user libc6-arm64-cross; }
+	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
 ## bench: what the FMUs and the native master cost, as a table and plots in target/bench
 bench: fmus master $(VENV)/.bench

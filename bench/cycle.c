@@ -36,32 +36,7 @@
 #include <string.h>
 #include <time.h>
 
-/* --- what is used of FMI 2.0 ------------------------------------------------------------------ */
-
-typedef void *Component;
-typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
-enum { CO_SIMULATION = 1 };
-
-typedef struct {
-    void (*logger)(void *, const char *, Status, const char *, const char *, ...);
-    void *(*allocate)(size_t, size_t);
-    void (*release)(void *);
-    void (*step_finished)(void *, Status);
-    void *environment;
-} Callbacks;
-
-#define FUNCTIONS(F)                                                                              \
-    F(Component, Instantiate,                                                                     \
-      (const char *, int, const char *, const char *, const Callbacks *, int, int))               \
-    F(void, FreeInstance, (Component))                                                            \
-    F(Status, SetupExperiment, (Component, int, double, double, int, double))                     \
-    F(Status, EnterInitializationMode, (Component))                                               \
-    F(Status, ExitInitializationMode, (Component))                                                \
-    F(Status, Terminate, (Component))                                                             \
-    F(Status, SetReal, (Component, const unsigned *, size_t, const double *))                     \
-    F(Status, SetInteger, (Component, const unsigned *, size_t, const int *))                     \
-    F(Status, GetReal, (Component, const unsigned *, size_t, double *))                           \
-    F(Status, DoStep, (Component, double, double, int))
+#include "../tests/c/fmi2.h"
 
 /* --- the FMUs of the command line ------------------------------------------------------------- */
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any, NamedTuple, Self
 from xml.etree import ElementTree
 
@@ -236,10 +236,13 @@ _unpacked = TemporaryDirectory(prefix="c-interface-")
 
 
 @functools.cache
-def unpack(fmus: Path, model: str) -> Fmu:
+def unpack(fmus: Path, model: str, platform: str = "linux64") -> Fmu:
     """Unpack an FMU of the folder `fmus` and read its model description."""
+    extension = "dll" if platform.startswith("win") else "so"
     with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
-        binary = package.extract(f"binaries/linux64/{model}.so", Path(_unpacked.name) / model)
+        binary = package.extract(
+            f"binaries/{platform}/{model}.{extension}", mkdtemp(dir=_unpacked.name)
+        )
         xml = ElementTree.fromstring(package.read("modelDescription.xml"))
     sizes = {
         kind.get("name"): len(kind.findall("Enumeration/Item"))

@@ -50,6 +50,8 @@ SUPER_BLOB, CODE_DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
 
 lief.logging.disable()  # it tells of every table that a stripped library does not have
 
+pytestmark = pytest.mark.elsewhere
+
 each_model = pytest.mark.parametrize("model", MODELS)
 
 

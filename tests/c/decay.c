@@ -6,9 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef void *Component;
-typedef const unsigned *References;
-enum { OK, WARNING, DISCARD, ERROR };
+#include "fmi2.h"
+
 enum { X, DER_X, U, Y };
 
 typedef struct {

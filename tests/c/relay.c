@@ -13,16 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef const unsigned *References;
-typedef struct {
-    void (*logger)(void *, const char *, int, const char *, const char *, ...);
-    void *(*allocate)(size_t, size_t);
-    void (*release)(void *);
-    void (*step_finished)(void *, int);
-    void *environment;
-} Callbacks;
+#include "fmi2.h"
 
-enum { OK, WARNING, DISCARD, ERROR, FATAL };
 enum { TIME, U, Y, GAIN, STATUS_TIME, NUMBER, U_MAX, REALS };
 enum { COUNT, N, M, ADD, STATUS, LOGGED, SHAPE, CHOICE, INTEGERS };
 enum { ODD, B, C, INVERT, DIRECT, BOOLEANS };

@@ -1,0 +1,62 @@
+/* What the programs in C use of FMI 2.0. */
+#ifndef FMI2_H
+#define FMI2_H
+
+#include <stddef.h>
+
+typedef void *Component;
+typedef void *State;
+typedef const unsigned *References;
+typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
+
+typedef struct {
+    void (*logger)(void *, const char *, Status, const char *, const char *, ...);
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void (*step_finished)(void *, Status);
+    void *environment;
+} Callbacks;
+
+enum { CO_SIMULATION = 1, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
+
+/* The functions that a host of co-simulation FMUs calls: their result, name and arguments. */
+#define FUNCTIONS(F)                                                                              \
+    F(Component, Instantiate,                                                                     \
+      (const char *, int, const char *, const char *, const Callbacks *, int, int))               \
+    F(void, FreeInstance, (Component))                                                            \
+    F(const char *, GetVersion, (void))                                                           \
+    F(const char *, GetTypesPlatform, (void))                                                     \
+    F(Status, SetDebugLogging, (Component, int, size_t, const char *const *))                     \
+    F(Status, SetupExperiment, (Component, int, double, double, int, double))                     \
+    F(Status, EnterInitializationMode, (Component))                                               \
+    F(Status, ExitInitializationMode, (Component))                                                \
+    F(Status, Terminate, (Component))                                                             \
+    F(Status, Reset, (Component))                                                                 \
+    F(Status, GetReal, (Component, References, size_t, double *))                                 \
+    F(Status, GetInteger, (Component, References, size_t, int *))                                 \
+    F(Status, GetBoolean, (Component, References, size_t, int *))                                 \
+    F(Status, GetString, (Component, References, size_t, const char **))                          \
+    F(Status, SetReal, (Component, References, size_t, const double *))                           \
+    F(Status, SetInteger, (Component, References, size_t, const int *))                           \
+    F(Status, SetBoolean, (Component, References, size_t, const int *))                           \
+    F(Status, SetString, (Component, References, size_t, const char *const *))                    \
+    F(Status, GetFMUstate, (Component, State *))                                                  \
+    F(Status, SetFMUstate, (Component, State))                                                    \
+    F(Status, FreeFMUstate, (Component, State *))                                                 \
+    F(Status, SerializedFMUstateSize, (Component, State, size_t *))                               \
+    F(Status, SerializeFMUstate, (Component, State, char *, size_t))                              \
+    F(Status, DeSerializeFMUstate, (Component, const char *, size_t, State *))                    \
+    F(Status, GetDirectionalDerivative,                                                           \
+      (Component, References, size_t, References, size_t, const double *, double *))              \
+    F(Status, SetRealInputDerivatives,                                                            \
+      (Component, References, size_t, const int *, const double *))                               \
+    F(Status, GetRealOutputDerivatives,                                                           \
+      (Component, References, size_t, const int *, double *))                                     \
+    F(Status, DoStep, (Component, double, double, int))                                           \
+    F(Status, CancelStep, (Component))                                                            \
+    F(Status, GetStatus, (Component, int, Status *))                                              \
+    F(Status, GetRealStatus, (Component, int, double *))                                          \
+    F(Status, GetBooleanStatus, (Component, int, int *))                                          \
+    F(Status, GetStringStatus, (Component, int, const char **))
+
+#endif

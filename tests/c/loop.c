@@ -1,0 +1,181 @@
+/* Couples FMI 2.0 co-simulation FMUs in sequential order, as tests/coupling.py does, on any platform.
+ *
+ * usage: loop FILE STEPS COMPONENT... with the times 0.001 s, 0.002 s, ...
+ *
+ * A COMPONENT is `LIBRARY GUID KIND WORD... .`, where KIND is `sampled` for one whose outputs after
+ * a step belong to the beginning of the step, else `continuous`, and a WORD is one of
+ *
+ *     r3=0.5 i1=2 b4=1   a start value, by type and value reference
+ *     r0<2.1             a Real input, and the component (from 0) and Real output that feed it
+ *     r7                 a Real output that is recorded
+ *
+ * FILE gets a row of doubles for every communication point. At half the time every component is
+ * replaced by a new instance, which goes on from the bytes of its state. */
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "host.h"
+
+enum { MOST = 64 };
+
+typedef struct {
+    unsigned input, output;
+    size_t component;
+} Link;
+
+typedef struct {
+    const char *guid;
+    int sampled;
+    Link links[MOST];
+    unsigned outputs[MOST];
+    size_t n_links, n_outputs;
+    double row[MOST];
+    void *library;
+    Component instance;
+#define MEMBER(result, name, arguments) result(*name) arguments;
+    FUNCTIONS(MEMBER)
+} Fmu;
+
+static Fmu fmus[MOST];
+static size_t n_fmus;
+
+static const double TS = 0.001;
+
+static void logger(void *environment, const char *instance, Status status, const char *category,
+                   const char *format, ...) {
+    (void)environment, (void)status;
+    va_list arguments;
+    va_start(arguments, format);
+    fprintf(stderr, "%s: [%s] ", instance, category);
+    vfprintf(stderr, format, arguments);
+    fputc('\n', stderr);
+    va_end(arguments);
+}
+
+static const Callbacks callbacks = {logger, NULL, NULL, NULL, NULL};
+
+static Component instantiate(const Fmu *fmu) {
+    Component c = fmu->Instantiate("loop", CO_SIMULATION, fmu->guid, NULL, &callbacks, 0, 0);
+    CHECK(c);
+    return c;
+}
+
+/* --- the components of the command line ------------------------------------------------------- */
+
+static void start(const Fmu *fmu, char type, unsigned reference, const char *value) {
+    const double real = strtod(value, NULL);
+    const int number = type == 'r' ? 0 : (int)real;
+    switch (type) {
+    case 'r': EXPECT(OK, fmu->SetReal(fmu->instance, &reference, 1, &real)); break;
+    case 'i': EXPECT(OK, fmu->SetInteger(fmu->instance, &reference, 1, &number)); break;
+    default: EXPECT(OK, fmu->SetBoolean(fmu->instance, &reference, 1, &number));
+    }
+}
+
+static void understand(Fmu *fmu, const char *word) {
+    char *rest;
+    const unsigned reference = (unsigned)strtoul(word + 1, &rest, 10);
+    CHECK(fmu->n_links < MOST && fmu->n_outputs < MOST);
+    if (*rest == '=') {
+        start(fmu, word[0], reference, rest + 1);
+    } else if (*rest == '<') {
+        Link *link = &fmu->links[fmu->n_links++];
+        link->input = reference;
+        link->component = strtoul(rest + 1, &rest, 10);
+        link->output = (unsigned)strtoul(rest + 1, NULL, 10);
+    } else {
+        fmu->outputs[fmu->n_outputs++] = reference;
+    }
+}
+
+/* Makes a component of its words, and returns what follows their end. */
+static char **add(char **words) {
+    CHECK(n_fmus < MOST);
+    Fmu *fmu = &fmus[n_fmus++];
+    fmu->library = load_library(words[0]);
+#define LOAD(result, name, arguments)                                                             \
+    *(void **)&fmu->name = find_function(fmu->library, "fmi2" #name);
+    FUNCTIONS(LOAD)
+    fmu->guid = words[1];
+    fmu->sampled = !strcmp(words[2], "sampled");
+    fmu->instance = instantiate(fmu);
+    for (words += 3; strcmp(*words, "."); words++) understand(fmu, *words);
+    return words + 1;
+}
+
+/* --- the master algorithm --------------------------------------------------------------------- */
+
+static void initialize(const Fmu *fmu) {
+    EXPECT(OK, fmu->SetupExperiment(fmu->instance, 0, 0, TS, 0, 0));
+    EXPECT(OK, fmu->EnterInitializationMode(fmu->instance));
+    EXPECT(OK, fmu->ExitInitializationMode(fmu->instance));
+}
+
+static void feed(const Fmu *fmu, const Link *link) {
+    const Fmu *from = &fmus[link->component];
+    double value;
+    EXPECT(OK, from->GetReal(from->instance, &link->output, 1, &value));
+    EXPECT(OK, fmu->SetReal(fmu->instance, &link->input, 1, &value));
+}
+
+static void step(const Fmu *fmu, double time) {
+    for (size_t i = 0; i < fmu->n_links; i++) feed(fmu, &fmu->links[i]);
+    EXPECT(OK, fmu->DoStep(fmu->instance, time, TS, 1));
+}
+
+static void record(int sampled) {
+    for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++)
+        if (fmu->sampled == sampled)
+            EXPECT(OK, fmu->GetReal(fmu->instance, fmu->outputs, fmu->n_outputs, fmu->row));
+}
+
+static void write_row(FILE *file) {
+    for (const Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++)
+        CHECK(fwrite(fmu->row, sizeof(double), fmu->n_outputs, file) == fmu->n_outputs);
+}
+
+/* Replaces the instance by a new one, with nothing but the bytes of its state. */
+static void move(Fmu *fmu) {
+    State state = NULL;
+    size_t size;
+    EXPECT(OK, fmu->GetFMUstate(fmu->instance, &state));
+    EXPECT(OK, fmu->SerializedFMUstateSize(fmu->instance, state, &size));
+    char *bytes = malloc(size);
+    EXPECT(OK, fmu->SerializeFMUstate(fmu->instance, state, bytes, size));
+    EXPECT(OK, fmu->FreeFMUstate(fmu->instance, &state));
+    fmu->FreeInstance(fmu->instance);
+    fmu->instance = instantiate(fmu);
+    EXPECT(OK, fmu->DeSerializeFMUstate(fmu->instance, bytes, size, &state));
+    EXPECT(OK, fmu->SetFMUstate(fmu->instance, state));
+    EXPECT(OK, fmu->FreeFMUstate(fmu->instance, &state));
+    free(bytes);
+}
+
+static void end(const Fmu *fmu) {
+    EXPECT(OK, fmu->Terminate(fmu->instance));
+    fmu->FreeInstance(fmu->instance);
+    unload_library(fmu->library);
+}
+
+int main(int n_words, char **words) {
+    CHECK(n_words > 3);
+    FILE *file = fopen(words[1], "wb");
+    CHECK(file);
+    const size_t steps = strtoul(words[2], NULL, 10);
+    for (char **rest = words + 3; rest < words + n_words;) rest = add(rest);
+    for (size_t i = 0; i < n_fmus; i++) initialize(&fmus[i]);
+    for (size_t k = 0; k < steps; k++) {
+        if (k == steps / 2)
+            for (size_t i = 0; i < n_fmus; i++) move(&fmus[i]);
+        record(0);
+        for (size_t i = 0; i < n_fmus; i++) step(&fmus[i], TS + (double)k * TS);
+        record(1);
+        write_row(file);
+    }
+    for (size_t i = 0; i < n_fmus; i++) end(&fmus[i]);
+    CHECK(!fclose(file));
+    return 0;
+}
