@@ -41,8 +41,8 @@ WINDOWS_LIBRARIES = {"kernel32.dll", "ntdll.dll", "msvcrt.dll"}
 WINDOWS_API_SET = re.compile(r"api-ms-win-core-[a-z0-9-]+\.dll")
 
 MACOS_LIBRARY = "/usr/lib/libSystem.B.dylib"
-# zig's linker knows no list of exports, so these are there, too. Nobody meets them: macOS looks a
-# symbol up in the library that it was found in when linked.
+# zig's linker exports these of itself, and what a standard library that comes with a toolchain does
+# not hide. Nobody meets them: macOS looks a symbol up in the library that it was found in before.
 MACOS_EXPORTS = re.compile(r"__mh_dylib_header|___dso_handle|_rust_eh_personality|__R.*EMPTY_PANIC")
 
 # Of the code signature that Apple's headers call CS_SuperBlob and CS_CodeDirectory

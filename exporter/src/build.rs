@@ -12,10 +12,14 @@ use anyhow::{Context, Result, bail};
 use cargo_metadata::{Artifact, CrateType, Message, Metadata};
 use indicatif::{ProgressBar, ProgressStyle};
 
+const ENCODED_RUSTFLAGS: &str = "CARGO_ENCODED_RUSTFLAGS";
+const SEPARATOR: &str = "\x1f";
+
 /// A run of cargo that builds something.
 pub struct Build {
     title: String,
     command: Command,
+    rustflags: Vec<String>,
 }
 
 /// What a build made.
@@ -35,6 +39,7 @@ impl Build {
         Self {
             title: title.into(),
             command,
+            rustflags: inherited_rustflags(),
         }
     }
 
@@ -50,35 +55,28 @@ impl Build {
         self
     }
 
+    /// Adds flags for the compiler, for every package.
+    pub fn rustflags(&mut self, flags: impl IntoIterator<Item = String>) -> &mut Self {
+        self.rustflags.extend(flags);
+        self.env(ENCODED_RUSTFLAGS, self.rustflags.join(SEPARATOR))
+    }
+
     /// Keeps paths of this machine out of the binary: the folders of dependencies, of the workspace
     /// and of the standard library's sources are cut from the places that panics name.
     pub fn without_local_paths(&mut self, metadata: &Metadata, std: Option<&Path>) -> &mut Self {
-        const SEPARATOR: &str = "\x1f";
-        let mut flags: Vec<String> = match std::env::var("CARGO_ENCODED_RUSTFLAGS") {
-            Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
-            _ => std::env::var("RUSTFLAGS")
-                .unwrap_or_default()
-                .split_whitespace()
-                .map(str::to_owned)
-                .collect(),
-        };
         let folders: BTreeSet<_> = metadata
             .packages
             .iter()
             .filter(|package| package.source.is_some())
             .filter_map(|package| package.manifest_path.parent()?.parent())
+            .map(|folder| (folder.as_std_path(), "crates"))
             .collect();
-        flags.extend(
-            folders
-                .iter()
-                .map(|folder| format!("--remap-path-prefix={folder}=crates")),
-        );
-        flags.push(format!(
-            "--remap-path-prefix={}=workspace",
-            metadata.workspace_root
-        ));
-        flags.extend(std.map(|folder| format!("--remap-path-prefix={}=rust", folder.display())));
-        self.env("CARGO_ENCODED_RUSTFLAGS", flags.join(SEPARATOR))
+        let workspace = (metadata.workspace_root.as_std_path(), "workspace");
+        let folders = folders.into_iter().chain([workspace]);
+        let folders = folders.chain(std.map(|folder| (folder, "rust")));
+        self.rustflags(
+            folders.map(|(path, name)| format!("--remap-path-prefix={}={name}", path.display())),
+        )
     }
 
     /// Runs cargo to its end; it has about so many packages to build.
@@ -122,6 +120,18 @@ impl Build {
             bail!("{} failed:\n{}", self.title, diagnostics.trim_end());
         }
         Ok(Artifacts(artifacts))
+    }
+}
+
+/// The flags that the user gives to every build.
+fn inherited_rustflags() -> Vec<String> {
+    match std::env::var(ENCODED_RUSTFLAGS) {
+        Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
+        _ => std::env::var("RUSTFLAGS")
+            .unwrap_or_default()
+            .split_whitespace()
+            .map(str::to_owned)
+            .collect(),
     }
 }
 

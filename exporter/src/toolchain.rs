@@ -131,6 +131,10 @@ impl Way {
                 .args(["-Zbuild-std=std,panic_unwind"])
                 .args(["-Zbuild-std-features=panic-unwind"])
                 .env("RUSTC_BOOTSTRAP", "1");
+            if is_apple(&self.target) {
+                // zig's linker exports what is not hidden, whatever is asked for.
+                build.rustflags(["-Zdefault-visibility=hidden".to_owned()]);
+            }
         }
         build
     }
