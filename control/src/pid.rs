@@ -113,6 +113,26 @@ impl Pid {
     /// stays.
     #[inline(always)]
     pub(crate) fn sample_beside(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+        if self.anti_windup {
+            return self.sample_without_windup(u_n, r, y, d);
+        }
+        self.sample_limited(u_n, r, y, d)
+    }
+
+    // Apart: in line it costs a cycle of the FMU 6 ns also where it is off.
+    #[inline(never)]
+    fn sample_without_windup(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+        let sum = self.terms.x3;
+        let u = self.sample_limited(u_n, r, y, d);
+        let excess = self.u_p + u_n - u;
+        if excess * self.gains.ki * self.e > 0.0 {
+            self.terms.x3 = sum;
+        }
+        u
+    }
+
+    #[inline(always)]
+    fn sample_limited(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
         self.e = r - (y + d);
         let before = self.terms;
         self.terms = before.next(self.e, self.ts, self.integral);
@@ -122,12 +142,7 @@ impl Pid {
             self.terms
         };
         self.u_p = self.gains.kp * x.x1 + self.gains.kd * x.x2 + self.gains.ki * x.x3;
-        let force = self.u_p + u_n;
-        let u = clip(force, self.u_max);
-        if self.anti_windup && (force - u) * self.gains.ki * self.e > 0.0 {
-            self.terms.x3 = before.x3;
-        }
-        u
+        clip(self.u_p + u_n, self.u_max)
     }
 }
 
