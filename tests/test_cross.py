@@ -127,20 +127,30 @@ def test_no_binary_holds_a_path_of_the_machine(model):
                 assert os.fsencode(path) + b"/" not in content, f"{platform} holds {path}"
 
 
-def test_a_build_in_another_folder_gives_the_same_bytes():
-    # One library, for Linux by zig and for Windows with a standard library from source; macOS, too,
-    # would take minutes more.
+@pytest.mark.parametrize(
+    ("folder", "binaries", "targets"),
+    [
+        (
+            CROSS,
+            BINARIES,
+            "x86_64-unknown-linux-gnu.2.17 x86_64-pc-windows-gnu universal2-apple-darwin",
+        ),
+        (CROSS / "aarch64", BINARIES_FOR_ARM, "aarch64-unknown-linux-gnu.2.17"),
+    ],
+    ids=["cross", "aarch64"],
+)
+def test_a_build_in_another_folder_gives_the_same_bytes(folder, binaries, targets):
     copy = project("reproduced")
     program = ROOT / "target" / "debug" / "cargo-fmu"
-    targets = ["--target=x86_64-unknown-linux-gnu.2.17", "--target=x86_64-pc-windows-gnu"]
+    options = [f"--target={target}" for target in targets.split()]
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     export = subprocess.run(
-        [program, "export", "Source", *targets, "--out", copy],
+        [program, "export", "Source", *options, "--out", copy],
         cwd=copy, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert export.returncode == 0, export.stderr
-    for platform in ("linux64", "win64"):
-        assert read(copy / "Source.fmu", platform) == read(fmu("Source"), platform), platform
+    for platform in binaries:
+        assert read(copy / "Source.fmu", platform) == read(fmu("Source", folder), platform)
 
 
 # --- Linux ----------------------------------------------------------------------------------------
