@@ -15,11 +15,11 @@ from pathlib import Path
 import fmpy
 import lief
 import pytest
+from machines import CROSS
 from pages import ROOT, project
 from test_exporter import MODELS, cargo_fmu, refusal
 from test_package import FMI2_FUNCTIONS
 
-CROSS = ROOT / "target" / "cross"
 BINARIES = {
     "linux64": "so",
     "win64": "dll",

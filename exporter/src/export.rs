@@ -200,13 +200,9 @@ fn write<'a>(
         .collect::<Result<Vec<_>>>()?;
     let mut entries = vec![Entry::new(MODEL_DESCRIPTION, &xml)];
     let mut platforms = Vec::new();
-    for PackedBinary {
-        platforms: of_binary,
-        file,
-    } in binaries
-    {
-        for platform in of_binary {
-            entries.push(Entry::new(platform.binary(name), file));
+    for binary in binaries {
+        for platform in &binary.platforms {
+            entries.push(Entry::new(platform.binary(name), &binary.file));
             platforms.push(platform.folder);
         }
     }

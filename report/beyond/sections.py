@@ -10,14 +10,14 @@ from ..page import Part
 from ..scenarios import Loop
 from . import learning, noise, nonlinear, order, robustness, targets, windup
 
+MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)
+
 
 def loops() -> set[Loop]:
     """Return the loops that the sections need of the FMPy master."""
-    modules = (targets, learning, order, windup, nonlinear)
-    return {loop for module in modules for loop in module.loops()}
+    return {loop for module in MODULES for loop in module.loops()}
 
 
 def parts(data: Data, fmus: Path) -> list[Part]:
     """Return the sections."""
-    modules = (targets, learning, order, windup, robustness, noise, nonlinear)
-    return [module.part(data, fmus) for module in modules]
+    return [module.part(data, fmus) for module in MODULES]

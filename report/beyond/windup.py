@@ -9,7 +9,7 @@ from ..data import Data, Trace
 from ..figure import ANGLE, FORCE, Curve, Figure, Panel
 from ..metrics import iae, largest, overshoot
 from ..page import Part
-from ..paper.curves import curve
+from ..paper.curves import curve, outputs
 from ..scenarios import Loop
 from .section import section, statement
 
@@ -41,6 +41,9 @@ SAME = 1e-6
 
 STYLES = {False: "winding", True: "held"}
 
+Overshoots = dict[tuple[str, bool], list[float]]
+"""Those of a controller without or with anti-windup, under each of LIMITS [%]."""
+
 
 def loop(kind: str, limit: float, anti_windup: bool) -> Loop:
     """Return the step response of a controller under a limit of the force [N]."""
@@ -67,11 +70,12 @@ def part(data: Data, fmus: Path) -> Part:
         for kind in CONTROLLERS
         for on in STYLES
     }
+    above = {(k, on): [overshoot(t) for t in steps[k, on]] for k in SUMMING for on in STYLES}
     return section(
         "beyond-windup",
         "Windup",
-        figure(steps),
-        [winding(steps), printed(data), nothing_to_wind(steps)],
+        figure({style: steps["PID", on][0] for on, style in STYLES.items()}, above),
+        [winding(above), printed(data), nothing_to_wind(steps)],
         (
             "The parameter anti_windup, off by default: a sample whose force is limited does not"
             " count in the sum of the error if the error would drive the force further beyond its"
@@ -80,9 +84,8 @@ def part(data: Data, fmus: Path) -> Part:
     )
 
 
-def winding(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
+def winding(above: Overshoots) -> Claim:
     """Return the statement on the overshoot over the limit."""
-    above = {key: [overshoot(trace) for trace in steps[key]] for key in steps if key[0] in SUMMING}
     rows = {
         f"overshoot at {limit:g} N [%]": [values[i] for values in above.values()]
         for i, limit in enumerate(LIMITS)
@@ -150,25 +153,16 @@ def nothing_to_wind(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
     )
 
 
-def figure(steps: dict[tuple[str, bool], list[Trace]]) -> Figure:
-    """Return a step under a low limit, and the overshoot over the limit."""
-    low = {on: steps["PID", on][0] for on in STYLES}
-    first = low[False]
-    reference = Curve(f"r/{first.key}", first.t, first.r, "r")
-    angles = [curve(trace, "theta", STYLES[on]) for on, trace in low.items()]
-    forces = [curve(trace, "u", STYLES[on]) for on, trace in low.items()]
+def figure(low: dict[str, Trace], above: Overshoots) -> Figure:
+    """Return steps of the PID under the lowest limit, by style, and the overshoots."""
+    forces = [curve(trace, "u", style) for style, trace in low.items()]
     shown = (0.0, 2.0)
     over = [
         Panel(
             f"{kind}: overshoot",
             "overshoot [%]",
             [
-                Curve(
-                    f"windup/{kind}/{on}",
-                    np.array(LIMITS),
-                    np.array([overshoot(trace) for trace in steps[kind, on]]),
-                    style,
-                )
+                Curve(f"windup/{kind}/{on}", np.array(LIMITS), np.array(above[kind, on]), style)
                 for on, style in STYLES.items()
             ],
             x_label="limit of the force [N]",
@@ -182,7 +176,7 @@ def figure(steps: dict[tuple[str, bool], list[Trace]]) -> Figure:
         " and without anti-windup; below, the overshoot of PID and PID-RBF over the limit.",
         [
             [
-                Panel(f"PID, at most {LOW:g} N", ANGLE, [reference, *angles], xlim=shown),
+                Panel(f"PID, at most {LOW:g} N", ANGLE, outputs(low), xlim=shown),
                 Panel("its force", FORCE, forces, xlim=shown),
             ],
             over,
