@@ -29,8 +29,8 @@ report: fmus master
 
 ## test: every test, of the Rust crates and through the FMUs
 test: lint fmus master portable libtbb
-	cargo test --locked --workspace --features exporter/master
-	cargo test --locked --package model-description --all-features
+	cargo test --locked --workspace --features cargo-fmu/master
+	cargo test --locked --package fmu-description --all-features
 	$(RUN) -m pytest
 
 ## lint: formatting, lints and documentation, without a warning
@@ -47,7 +47,7 @@ fmus: $(VENV)/.installed
 
 ## master: build the native master, which `cargo fmu simulate` and others then use at once
 master: libclang
-	cargo build --locked --quiet --profile native --package exporter --features master
+	cargo build --locked --quiet --profile native --package cargo-fmu --features master
 
 ## ssp: write the loops of the paper as SSP packages for other tools to target/fmu
 ssp: fmus master
@@ -111,7 +111,7 @@ bench: fmus master $(VENV)/.bench
 
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
 fuzz: fmus
-	FUZZ_SECONDS=$(SECONDS) cargo test --locked --profile fuzz --package exporter fuzz -- --nocapture
+	FUZZ_SECONDS=$(SECONDS) cargo test --locked --profile fuzz --package cargo-fmu fuzz -- --nocapture
 	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
 		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
 

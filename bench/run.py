@@ -217,7 +217,7 @@ def measure(quick: bool) -> dict:
         results["life"] = host("life", 1000 if quick else 10_000, max(repeats // 5, 3), all_fmus)
         results["many"] = host("many", 5 * cycles, max(repeats // 5, 3), all_fmus)
         say("in process, loading")
-        bench = ["cargo", "bench", "--quiet", "--profile", "native", "--package", "cosim"]
+        bench = ["cargo", "bench", "--quiet", "--profile", "native", "--package", "fmu-cosim"]
         run([*bench, "--bench", "speed", "--", *rust])
         say("coupled runs")
         results["coupled"] = coupled(2 if quick else 10)

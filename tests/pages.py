@@ -53,6 +53,6 @@ def project(name: str = "own-controller") -> Path:
 def export_models(copy: Path, lines: str) -> None:
     """Replace the line by which the controllers are exported."""
     library = copy / "fmu-controller" / "src" / "lib.rs"
-    text, count = re.subn(r"^fmi_export::export!\(.*\);$", lines, library.read_text(), flags=re.M)
+    text, count = re.subn(r"^fmu_export::export!\(.*\);$", lines, library.read_text(), flags=re.M)
     assert count == 1, "lib.rs has one line that exports"
     library.write_text(text)

@@ -175,7 +175,7 @@ def test_a_workspace_without_models_is_told(tmp_path: Path) -> None:
         [program, "fmu", "export"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert result.returncode != 0
-    assert "fmi-export" in result.stderr
+    assert "fmu-export" in result.stderr
 
 
 # --- info -----------------------------------------------------------------------------------------

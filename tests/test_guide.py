@@ -11,7 +11,7 @@ import pages
 import pytest
 from pages import ROOT, blocks
 
-GUIDE = ROOT / "documentation" / "guide"
+GUIDE = ROOT / "docs" / "guide"
 PAGES = {path.name: path.read_text() for path in sorted(GUIDE.glob("*.md"))}
 CONTROLLER = PAGES["own-controller.md"]
 

@@ -70,7 +70,7 @@ def panicking(machine, tmp_path_factory) -> Fmu:
     """Export the model that panics for the machine, in a copy of the sources."""
     copy = pages.project()
     (copy / "fmu-controller" / "src" / PANICKING.name).write_text(PANICKING.read_text())
-    pages.export_models(copy, "mod panicking;\nfmi_export::export!(panicking::Panicking);")
+    pages.export_models(copy, "mod panicking;\nfmu_export::export!(panicking::Panicking);")
     fmus = tmp_path_factory.mktemp("panicking")
     target = f"--target {machine.target}" if machine.target else ""
     pages.run(f"cargo fmu export Panicking {target} --out {fmus}", copy)

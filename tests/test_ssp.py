@@ -324,7 +324,7 @@ def test_the_documentation_shows_how_to_run_a_package(packages, tmp_path, monkey
     (tmp_path / "target").mkdir()
     (tmp_path / "target" / "fmu").symlink_to(packages)
     monkeypatch.chdir(tmp_path)
-    examples = blocks("python", (ROOT / "documentation" / "ssp.md").read_text())
+    examples = blocks("python", (ROOT / "docs" / "ssp.md").read_text())
     assert len(examples) == 2
     for example in examples:
         exec(example, {})

@@ -113,7 +113,7 @@ def test_help_has_an_example() -> None:
 
 # --- the model description ------------------------------------------------------------------------
 
-FULL = (ROOT / "exporter" / "fuzz" / "corpus" / "full.xml").read_text()
+FULL = (ROOT / "fuzz" / "corpus" / "full.xml").read_text()
 
 
 def validate_xml(folder: Path, xml: str | bytes) -> list[str]:

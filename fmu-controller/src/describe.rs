@@ -2,5 +2,5 @@
 #![forbid(unsafe_code)]
 
 fn main() -> std::io::Result<()> {
-    fmi_export::print_descriptions(fmu_controller::MODELS)
+    fmu_export::print_descriptions(fmu_controller::MODELS)
 }

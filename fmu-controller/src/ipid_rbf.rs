@@ -1,10 +1,10 @@
 //! IPID-RBF (28), (29) as an FMU.
 
 use control::{SampleClock, Target};
-use fmi_export::unit::{
+use fmu_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
-use fmi_export::{Enumeration, Model, ModelError, Variable};
+use fmu_export::{Enumeration, Model, ModelError, Variable};
 use serde::{Deserialize, Serialize};
 
 use crate::pid_rbf::finite_law;

@@ -13,4 +13,4 @@ pub use ipid_rbf::IpidRbf;
 pub use pid::Pid;
 pub use pid_rbf::PidRbf;
 
-fmi_export::export!(Pid, PidRbf, IpidRbf);
+fmu_export::export!(Pid, PidRbf, IpidRbf);

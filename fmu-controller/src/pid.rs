@@ -1,10 +1,10 @@
 //! The PID controller (20) as an FMU.
 
 use control::SampleClock;
-use fmi_export::unit::{
+use fmu_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
-use fmi_export::{Model, ModelError, Variable, finite};
+use fmu_export::{Model, ModelError, Variable, finite};
 use serde::{Deserialize, Serialize};
 
 use crate::rows::pid_rows;

@@ -5,4 +5,4 @@ mod pendulum;
 
 pub use pendulum::Pendulum;
 
-fmi_export::export!(Pendulum);
+fmu_export::export!(Pendulum);

@@ -2,11 +2,11 @@
 
 use control::clock::MOST_SAMPLES;
 use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
-use fmi_export::unit::{
+use fmu_export::unit::{
     KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
     NEWTON_SECOND_PER_METRE, RADIAN, RADIAN_PER_SECOND, SECOND,
 };
-use fmi_export::{Enumeration, Model, ModelError, Variable, finite};
+use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
 use serde::{Deserialize, Serialize};
 
 /// Cart with inverted pendulum, driven by the force `u`, which is held over a communication step.

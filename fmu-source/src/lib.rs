@@ -5,4 +5,4 @@ mod source;
 
 pub use source::Source;
 
-fmi_export::export!(Source);
+fmu_export::export!(Source);

@@ -1,8 +1,8 @@
 //! The source: a step, sine or square wave as set-point, and a pulse as disturbance.
 
 use control::signal;
-use fmi_export::unit::{HERTZ, RADIAN, SECOND};
-use fmi_export::{Enumeration, Model, ModelError, Variable, finite};
+use fmu_export::unit::{HERTZ, RADIAN, SECOND};
+use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
 use serde::{Deserialize, Serialize};
 
 /// Set-point `r` and disturbance `d`, at the current communication point.

@@ -6,7 +6,7 @@
 //! `modelDescription.xml` of FMI 2.0.4 is written from it. So they cannot drift.
 //!
 //! ```
-//! use model_description::{Variable, unit};
+//! use fmu_description::{Variable, unit};
 //!
 //! #[derive(Default)]
 //! struct Gain { u: f64, y: f64, k: f64 }

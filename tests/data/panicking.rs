@@ -1,6 +1,6 @@
 //! A model with a bug, as an FMU.
 
-use fmi_export::{Model, ModelError, Variable};
+use fmu_export::{Model, ModelError, Variable};
 use serde::{Deserialize, Serialize};
 
 /// y = u, and a panic if u is negative.

@@ -1,0 +1,285 @@
+//! The page of a model as HTML, which is also well-formed XML: it needs no network, no script and no
+//! other file.
+
+use fmu_description::schema::{DefaultExperiment, ModelDescription, SimpleType};
+
+use super::File;
+use crate::library::Model;
+use crate::table;
+
+const STYLE: &str = include_str!("style.css");
+
+/// The page; `about` is its middle, a fragment of HTML.
+pub fn html(model: &Model<'_>, about: Option<&str>, has_icon: bool, licenses: &[File]) -> String {
+    let description = &model.description;
+    let name = escape(model.name());
+    let what = escape(description.description.as_deref().unwrap_or_default());
+    // Seen only where the whole FMU is unpacked.
+    let icon = if has_icon {
+        "<img src=\"../model.png\" alt=\"\" width=\"64\" height=\"64\"/>\n"
+    } else {
+        ""
+    };
+    let title = if what.is_empty() {
+        name.clone()
+    } else {
+        format!("{name}: {what}")
+    };
+    let version = description
+        .version
+        .as_deref()
+        .map_or(String::new(), |version| {
+            format!("<br/>version {}", escape(version))
+        });
+    [
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n",
+        "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n",
+        &format!("<title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n"),
+        &format!(
+            "<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}{version}</p>\n</header>\n<main>\n"
+        ),
+        about.unwrap_or_default().trim_end(),
+        &use_of(description),
+        &variables(description),
+        &capabilities(description),
+        &identity(description, licenses),
+        "</main>\n</body>\n</html>\n",
+    ]
+    .concat()
+}
+
+/// How to use the FMU, as far as every FMU is used so.
+fn use_of(model: &ModelDescription) -> String {
+    let named = |causality: &str| -> String {
+        let all = &model.model_variables.variables;
+        let names: Vec<_> = all
+            .iter()
+            .filter(|v| v.causality.as_deref() == Some(causality))
+            .map(|v| format!("<code>{}</code>", escape(&v.name)))
+            .collect();
+        match names.len() {
+            0 => "none".into(),
+            _ => names.join(", "),
+        }
+    };
+    let experiment = model.default_experiment.as_ref();
+    format!(
+        "\n<h2>Use</h2>\n<ul>\n\
+        <li>Import <code>{name}.fmu</code> for co-simulation, FMI {version}.</li>\n\
+        <li>Connect the inputs ({inputs}) and the outputs ({outputs}).</li>\n\
+        <li>Set fixed parameters before the initialization, tunable ones at any time.</li>\n\
+        {experiment}</ul>\n",
+        name = escape(&model.model_name),
+        version = escape(&model.fmi_version),
+        inputs = named("input"),
+        outputs = named("output"),
+        experiment = experiment.map_or(String::new(), default_experiment),
+    )
+}
+
+fn default_experiment(experiment: &DefaultExperiment) -> String {
+    let times = [
+        ("starts at", experiment.start_time),
+        ("stops at", experiment.stop_time),
+        ("has communication steps of", experiment.step_size),
+    ];
+    let known: Vec<_> = times
+        .into_iter()
+        .filter_map(|(what, time)| Some(format!("{what} {} s", time?)))
+        .collect();
+    match known.len() {
+        0 => String::new(),
+        _ => format!("<li>The default experiment {}.</li>\n", known.join(", ")),
+    }
+}
+
+fn variables(model: &ModelDescription) -> String {
+    let head = cells("th scope=\"col\"", table::HEAD);
+    let body: String = table::rows(model)
+        .map(|[name, others @ ..]| {
+            let name = cells("th scope=\"row\"", [name]);
+            format!("<tr>{name}{}</tr>\n", cells("td", others))
+        })
+        .collect();
+    let types = model.type_definitions.iter().flat_map(|types| &types.types);
+    let choices: String = types.map(choices).collect();
+    format!(
+        "<h2>Variables</h2>\n\
+        <div class=\"wide\" role=\"region\" aria-label=\"Variables\" tabindex=\"0\">\n\
+        <table id=\"variables\">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n</div>\n\
+        {choices}"
+    )
+}
+
+/// The items of an enumeration.
+fn choices(defined: &SimpleType) -> String {
+    let Some(enumeration) = &defined.enumeration else {
+        return String::new();
+    };
+    let about = defined.description.as_deref().unwrap_or_default();
+    let items: String = enumeration
+        .items
+        .iter()
+        .map(|item| {
+            let about = item.description.as_deref().unwrap_or_default();
+            format!(
+                "<dt><code>{}</code> = {}</dt><dd>{}</dd>\n",
+                escape(&item.name),
+                item.value,
+                escape(about)
+            )
+        })
+        .collect();
+    format!(
+        "<h3>{}</h3>\n<p>{}:</p>\n<dl>\n{items}</dl>\n",
+        escape(&defined.name),
+        escape(about)
+    )
+}
+
+fn capabilities(model: &ModelDescription) -> String {
+    let Some(slave) = &model.co_simulation else {
+        return String::new();
+    };
+    let rows: String = slave
+        .capabilities()
+        .into_iter()
+        .map(|(name, flag)| {
+            let flag = if flag { "yes" } else { "no" };
+            format!("<tr><th scope=\"row\">{name}</th><td>{flag}</td></tr>\n")
+        })
+        .collect();
+    let order = slave.max_output_derivative_order;
+    format!(
+        "<h2>Capabilities</h2>\n<table>\n<tbody>\n{rows}\
+        <tr><th scope=\"row\">maxOutputDerivativeOrder</th><td>{order}</td></tr>\n\
+        </tbody>\n</table>\n"
+    )
+}
+
+/// Which FMU it is, and under which licence.
+fn identity(model: &ModelDescription, licenses: &[File]) -> String {
+    let links: Vec<_> = licenses
+        .iter()
+        .map(|(path, _)| {
+            let path = escape(path);
+            let name = path.rsplit('/').next().unwrap_or_default();
+            format!("<a href=\"{path}\">{name}</a>")
+        })
+        .collect();
+    let license = model.license.as_deref().map(escape);
+    let license: Vec<String> = license.into_iter().chain(links).collect();
+    let text = |text: Option<&String>| text.map(|text| escape(text));
+    let lines = [
+        ("GUID", Some(escape(&model.guid))),
+        ("Made by", text(model.generation_tool.as_ref())),
+        ("Licence", (!license.is_empty()).then(|| license.join(", "))),
+    ];
+    let lines: String = lines
+        .into_iter()
+        .filter_map(|(name, value)| Some(format!("<dt>{name}</dt><dd>{}</dd>\n", value?)))
+        .collect();
+    format!("<h2>This FMU</h2>\n<dl>\n{lines}</dl>\n")
+}
+
+/// Cells of a table; `tag` may have attributes.
+fn cells<const N: usize>(tag: &str, texts: [impl AsRef<str>; N]) -> String {
+    let end = tag.split(' ').next().unwrap_or_default();
+    texts
+        .iter()
+        .map(|text| format!("<{tag}>{}</{end}>", escape(text.as_ref())))
+        .collect()
+}
+
+/// The text as it stands in HTML, between tags or in a quoted attribute.
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\'' => escaped += "&#39;",
+            // HTML has no form for it.
+            c if c.is_control() && !c.is_whitespace() => escaped.push(char::REPLACEMENT_CHARACTER),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::library::Library;
+
+    fn page(xml: &str, about: Option<&str>, has_icon: bool) -> String {
+        let library = Library {
+            package: String::new(),
+            target: String::new(),
+            folder: PathBuf::new(),
+            describe: String::new(),
+        };
+        let model = Model {
+            library: &library,
+            xml: xml.into(),
+            description: ModelDescription::from_xml(xml).unwrap(),
+        };
+        let licenses = [("licenses/LICENSE-A&B".to_owned(), Vec::new())];
+        html(&model, about, has_icon, &licenses)
+    }
+
+    const XML: &str = r#"<fmiModelDescription fmiVersion="2.0" modelName="A" guid="{1}"
+        description="x &lt; y &amp; &quot;z&quot;" version="1.2" license="MIT">
+        <TypeDefinitions><SimpleType name="Form" description="shape"><Enumeration>
+        <Item name="round" value="3" description="a &lt; b"/></Enumeration></SimpleType></TypeDefinitions>
+        <DefaultExperiment stopTime="2"/>
+        <ModelVariables>
+        <ScalarVariable name="u" valueReference="0" causality="input"><Real start="0" unit="N"/></ScalarVariable>
+        <ScalarVariable name="f" valueReference="1" causality="parameter" variability="fixed">
+        <Enumeration declaredType="Form" start="3"/></ScalarVariable>
+        </ModelVariables><ModelStructure/></fmiModelDescription>"#;
+
+    #[test]
+    fn every_model_gets_a_page_that_is_well_formed() {
+        for (about, has_icon) in [(None, false), (Some("<h2>About</h2>\n"), true)] {
+            let page = page(XML, about, has_icon);
+            let body = page.strip_prefix("<!DOCTYPE html>\n").unwrap();
+            fmu_file::xml::parse(body).unwrap();
+            assert_eq!(page.contains("model.png"), has_icon);
+            assert_eq!(
+                page.contains("<main>\n<h2>About</h2>\n<h2>"),
+                about.is_some()
+            );
+        }
+    }
+
+    #[test]
+    fn the_page_says_what_the_model_description_says() {
+        let page = page(XML, None, false);
+        for text in [
+            "<title>A: x &lt; y &amp; &quot;z&quot;</title>",
+            "(<code>u</code>) and the outputs (none)",
+            "<li>The default experiment stops at 2 s.</li>",
+            "<td>N</td><td>0</td>",
+            "<td>Enumeration</td><td></td><td>round</td>",
+            "<dt><code>round</code> = 3</dt><dd>a &lt; b</dd>",
+            "<br/>version 1.2</p>",
+            "<dt>GUID</dt><dd>{1}</dd>",
+            "<dd>MIT, <a href=\"licenses/LICENSE-A&amp;B\">LICENSE-A&amp;B</a></dd>",
+        ] {
+            assert!(page.contains(text), "{text} is missing in:\n{page}");
+        }
+    }
+
+    #[test]
+    fn text_is_escaped_for_html() {
+        assert_eq!(
+            escape("<a b='c' d=\"e\"> & \u{7}\n"),
+            "&lt;a b=&#39;c&#39; d=&quot;e&quot;&gt; &amp; \u{fffd}\n"
+        );
+    }
+}

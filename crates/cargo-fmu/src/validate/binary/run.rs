@@ -1,0 +1,241 @@
+//! A simulation of an FMU, as short as a test needs it.
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_file::model::{self, Causality, Model, Variable};
+use fmu_file::value::unsigned;
+use fmu_file::xml::Element;
+use fmu_host::{Instance, Kind, Library};
+
+/// More rounds of `fmi2NewDiscreteStates` than this do not end.
+const MOST_ROUNDS: usize = 1000;
+
+/// An FMU to be tested.
+pub struct Subject<'a> {
+    /// Its model description.
+    pub model: &'a Model<'a>,
+    /// Its binary.
+    pub library: &'a Library,
+    /// The kind that is tested.
+    pub kind: Kind,
+    /// The element of that kind.
+    pub element: &'a Element<'a>,
+    /// URI of the folder `resources`.
+    pub resources: String,
+}
+
+impl<'a> Subject<'a> {
+    /// Whether a capability is claimed.
+    pub fn claims(&self, flag: &str) -> bool {
+        matches!(self.element.attribute(flag), Some("true" | "1"))
+    }
+
+    /// A new instance.
+    pub fn instantiate(&self) -> Result<Instance<'a>> {
+        let guid = self.model.root.attribute("guid").unwrap_or_default();
+        let made = self.library.instantiate(self.kind, guid, &self.resources)?;
+        made.with_context(|| {
+            let tool = match self.claims("needsExecutionTool") {
+                true => "; needsExecutionTool is true: is its tool installed?",
+                false => "",
+            };
+            format!("fmi2Instantiate gave NULL for the GUID of the XML, expected an instance{tool}")
+        })
+    }
+
+    /// Start time of the default experiment.
+    pub fn start(&self) -> f64 {
+        self.model
+            .experiment("startTime")
+            .filter(|t| t.is_finite())
+            .unwrap_or(0.0)
+    }
+
+    fn stop(&self) -> Option<f64> {
+        self.model
+            .experiment("stopTime")
+            .filter(|stop| stop.is_finite() && *stop > self.start())
+    }
+
+    /// A step of the default experiment.
+    pub fn step(&self) -> f64 {
+        let span = self.stop().map_or(1.0, |stop| stop - self.start());
+        self.model
+            .experiment("stepSize")
+            .filter(|step| *step > 0.0 && *step <= span)
+            .unwrap_or(span / 1000.0)
+    }
+
+    /// Brings an instance into initialization mode.
+    pub fn enter_initialization(&self, instance: &mut Instance<'_>) -> Result<()> {
+        instance.setup_experiment(self.start(), self.stop())?;
+        Ok(instance.enter_initialization_mode()?)
+    }
+
+    /// The real variables of a causality.
+    pub fn reals(&self, causality: Causality) -> Vec<u32> {
+        self.model
+            .variables()
+            .filter(|(_, v)| v.kind == model::Kind::Real && v.causality == causality)
+            .filter_map(|(_, v)| v.reference)
+            .collect()
+    }
+
+    fn states(&self) -> usize {
+        self.model.derivatives.len()
+    }
+}
+
+/// A running simulation.
+pub struct Run<'a> {
+    subject: &'a Subject<'a>,
+    /// The instance.
+    pub instance: Instance<'a>,
+    /// Time of the simulation.
+    pub time: f64,
+}
+
+impl<'a> Run<'a> {
+    /// Instantiates and initializes.
+    pub fn begin(subject: &'a Subject<'a>) -> Result<Self> {
+        let mut run = Self {
+            subject,
+            instance: subject.instantiate()?,
+            time: 0.0,
+        };
+        run.initialize()?;
+        Ok(run)
+    }
+
+    /// Initializes a new instance, or one that was reset.
+    pub fn initialize(&mut self) -> Result<()> {
+        self.time = self.subject.start();
+        self.subject.enter_initialization(&mut self.instance)?;
+        self.instance.exit_initialization_mode()?;
+        if self.subject.kind == Kind::ModelExchange {
+            self.iterate()?;
+            let nominals = self.instance.nominals(self.subject.states())?;
+            ensure!(
+                nominals.iter().all(|nominal| *nominal != 0.0),
+                "fmi2GetNominalsOfContinuousStates gave 0, expected other numbers"
+            );
+        }
+        Ok(())
+    }
+
+    /// Ends event mode.
+    fn iterate(&mut self) -> Result<()> {
+        for _ in 0..MOST_ROUNDS {
+            if !self.instance.new_discrete_states()? {
+                return Ok(self.instance.enter_continuous_time_mode()?);
+            }
+        }
+        bail!("fmi2NewDiscreteStates wanted {MOST_ROUNDS} calls more, expected an end")
+    }
+
+    /// Goes on by one step.
+    pub fn advance(&mut self, step: f64) -> Result<()> {
+        match self.subject.kind {
+            Kind::CoSimulation => self.instance.do_step(self.time, step)?,
+            Kind::ModelExchange => self.integrate(step)?,
+        }
+        self.time += step;
+        Ok(())
+    }
+
+    /// An explicit Euler step.
+    fn integrate(&mut self, step: f64) -> Result<()> {
+        let n = self.subject.states();
+        let mut states = self.instance.continuous_states(n)?;
+        let derivatives = self.instance.derivatives(n)?;
+        for (state, derivative) in states.iter_mut().zip(derivatives) {
+            *state += step * derivative;
+        }
+        self.instance.set_time(self.time + step)?;
+        self.instance.set_continuous_states(&states)?;
+        let indicators = self.subject.model.root.attribute("numberOfEventIndicators");
+        let indicators = indicators.and_then(unsigned).unwrap_or(0) as usize;
+        ensure!(
+            indicators <= 1 << 20,
+            "numberOfEventIndicators is {indicators}, which is more than can be tested"
+        );
+        self.instance.event_indicators(indicators)?;
+        if self.instance.completed_integrator_step()? {
+            self.instance.enter_event_mode()?;
+            self.iterate()?;
+        }
+        Ok(())
+    }
+
+    /// The values of all variables that the FMU computes, as bits.
+    pub fn observe(&mut self) -> Result<Vec<(&'a str, Value)>> {
+        self.subject
+            .model
+            .variables()
+            .filter(|(_, v)| matches!(v.causality, Causality::Output | Causality::Local))
+            .filter_map(|(_, v)| Some((v.name, get(&mut self.instance, v)?)))
+            .map(|(name, value)| Ok((name, value?)))
+            .collect()
+    }
+}
+
+/// A value that an FMU gives.
+#[derive(Debug, Clone)]
+pub enum Value {
+    /// Of a Real.
+    Real(f64),
+    /// Of an Integer or Enumeration.
+    Integer(i32),
+    /// Of a Boolean.
+    Boolean(i32),
+    /// Of a String.
+    String(String),
+}
+
+impl PartialEq for Value {
+    /// The same bits are the same value, NaN too.
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
+            (Self::Integer(a), Self::Integer(b)) | (Self::Boolean(a), Self::Boolean(b)) => a == b,
+            (Self::String(a), Self::String(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Real(value) => write!(f, "{value}"),
+            Self::Integer(value) => write!(f, "{value}"),
+            Self::Boolean(0) => write!(f, "false"),
+            Self::Boolean(1) => write!(f, "true"),
+            Self::Boolean(value) => write!(f, "{value}, which is no Boolean"),
+            Self::String(value) => f.write_str(&fmu_file::text::quote(value)),
+        }
+    }
+}
+
+/// Asks for the value of a variable; none if it has no value reference.
+pub fn get(instance: &mut Instance<'_>, variable: &Variable<'_>) -> Option<Result<Value>> {
+    let reference = [variable.reference?];
+    let value = match variable.kind {
+        model::Kind::Real => instance
+            .real(&reference)
+            .map(|v| v.first().copied().map(Value::Real)),
+        model::Kind::Integer | model::Kind::Enumeration => instance
+            .integer(&reference)
+            .map(|v| v.first().copied().map(Value::Integer)),
+        model::Kind::Boolean => instance
+            .boolean(&reference)
+            .map(|v| v.first().copied().map(Value::Boolean)),
+        model::Kind::String => instance
+            .string(&reference)
+            .map(|v| v.into_iter().next().map(Value::String)),
+    };
+    match value {
+        Ok(value) => Ok(value).transpose(),
+        Err(failure) => Some(Err(anyhow::Error::from(failure)
+            .context(format!("the value of {} cannot be read", variable.place())))),
+    }
+}

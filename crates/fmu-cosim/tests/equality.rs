@@ -1,0 +1,160 @@
+//! The native master gives the bits of the mathematics called in process, at every sample of the 18
+//! loops of Table 1. (`tests/test_native.py` holds it to FMPy.) Needs the FMUs: `cargo fmu export`.
+
+#[path = "../../control/tests/loops/mod.rs"]
+mod loops;
+
+use std::path::Path;
+
+use control::pid::Integral;
+use control::plant::{Linear, Parameters, State};
+use control::{Target, signal};
+use fmu_cosim::{Description, Order, Plan, Value};
+use loops::{SetPoint, TS, ipid_rbf, pid, pid_rbf};
+
+const STEPS: u32 = 20_000;
+
+/// The signals and disturbances of the table's rows.
+fn rows() -> impl Iterator<Item = (SetPoint, f64)> {
+    [SetPoint::Step, SetPoint::Sine, SetPoint::Square]
+        .into_iter()
+        .flat_map(|signal| [(signal, 0.0), (signal, 1.0)])
+}
+
+fn plan(example: &str) -> Plan {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut description =
+        Description::read(&root.join("examples/closed-loop").join(example)).unwrap();
+    description.outputs = vec!["controller.e".into(), "controller.u".into()];
+    Plan::new(&description).expect("`cargo fmu export` writes the FMUs")
+}
+
+/// Errors and forces of a loop in process. The set-point is that of the time t + h at which a step of
+/// the source ends, which differs from the next (k + 1) h in its last bit.
+fn in_process(
+    signal: SetPoint,
+    disturbance: f64,
+    mut controller: impl FnMut(f64, f64, f64) -> f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let mut plant = Linear::new(&Parameters::PAPER);
+    let mut state = State::default();
+    let mut time = TS;
+    (0..STEPS)
+        .map(|k| {
+            let (r, d) = (signal.at(time), disturbance * signal::pulse(5.0, 0.5, time));
+            let u = controller(r, state.theta, d);
+            let e = r - (state.theta + d);
+            plant.advance(&mut state, u, TS);
+            time = (TS + f64::from(k) * TS) + TS;
+            (e, u)
+        })
+        .unzip()
+}
+
+/// Errors and forces of a loop by the native master.
+fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> (Vec<f64>, Vec<f64>) {
+    let (name, frequency) = match signal {
+        SetPoint::Step => ("step", 0.2),
+        SetPoint::Sine => ("sine", 0.2),
+        SetPoint::Square => ("square", 0.1),
+    };
+    let starts = [
+        ("source.signal", Value::Text(name.into())),
+        ("source.frequency", Value::Real(frequency)),
+        ("source.disturbance.amplitude", Value::Real(disturbance)),
+    ]
+    .map(|(variable, value)| plan.start(variable, &value).unwrap());
+    let (mut errors, mut forces) = (Vec::new(), Vec::new());
+    let simulation = plan.simulate(&starts).unwrap();
+    let messages = simulation.run(|_, row| {
+        errors.push(row[0]);
+        forces.push(row[1]);
+    });
+    assert!(messages.unwrap().iter().all(|message| !message.warning));
+    (errors, forces)
+}
+
+/// Runs a loop in process and natively, and compares every bit of e and u.
+fn assert_equal(
+    plan: &Plan,
+    signal: SetPoint,
+    disturbance: f64,
+    controller: impl FnMut(f64, f64, f64) -> f64,
+) {
+    let (errors, forces) = in_process(signal, disturbance, controller);
+    let natively = natively(plan, signal, disturbance);
+    let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert_eq!(errors.len(), STEPS as usize);
+    assert!(
+        bits(&errors) == bits(&natively.0),
+        "e: {signal:?}, d = {disturbance}"
+    );
+    assert!(
+        bits(&forces) == bits(&natively.1),
+        "u: {signal:?}, d = {disturbance}"
+    );
+}
+
+#[test]
+fn pid_loops() {
+    let plan = plan("pid.toml");
+    for (signal, disturbance) in rows() {
+        let mut c = pid(Integral::Sum, true);
+        assert_equal(&plan, signal, disturbance, |r, y, d| c.sample(r, y, d));
+    }
+}
+
+#[test]
+fn pid_rbf_loops() {
+    let plan = plan("pid-rbf.toml");
+    for (signal, disturbance) in rows() {
+        let mut c = pid_rbf(true, [0.0; 4]);
+        assert_equal(&plan, signal, disturbance, |r, y, d| c.sample(r, y, d));
+    }
+}
+
+#[test]
+fn supervised_ipid_rbf_loops() {
+    let plan = plan("supervised.toml");
+    for (signal, disturbance) in rows() {
+        let mut supervisor = pid_rbf(true, [0.0; 4]);
+        let mut supervising = Vec::new();
+        in_process(signal, disturbance, |r, y, d| {
+            supervising.push(supervisor.sample(r, y, d));
+            supervisor.u
+        });
+        let mut supervising = supervising.into_iter();
+        let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);
+        assert_equal(&plan, signal, disturbance, |r, y, d| {
+            c.sample(r, y, d, supervising.next().unwrap())
+        });
+    }
+}
+
+/// In parallel order the plant feels u one sample later, as in sequential order with the PID terms of
+/// the sample before.
+#[test]
+fn parallel_order_delays_by_one_sample() {
+    let plan_of = |order| {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let file = root.join("examples/closed-loop/pid.toml");
+        let mut description = Description::read(&file).unwrap();
+        description.outputs = vec!["plant.theta".into()];
+        description.order = order;
+        Plan::new(&description).unwrap()
+    };
+    let angles = |order, previous_sample_terms| {
+        let plan = plan_of(order);
+        let value = Value::Boolean(previous_sample_terms);
+        let start = plan
+            .start("controller.previous_sample_terms", &value)
+            .unwrap();
+        let mut angles = Vec::new();
+        let simulation = plan.simulate(&[start]).unwrap();
+        simulation.run(|_, row| angles.push(row[0])).unwrap();
+        angles
+    };
+    let parallel = angles(Order::Parallel, false);
+    assert_eq!(parallel, angles(Order::Sequential, true));
+    assert_ne!(parallel, angles(Order::Sequential, false));
+}

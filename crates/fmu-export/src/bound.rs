@@ -1,0 +1,297 @@
+//! A model bound to its table: the code that is made anew for every model.
+
+use std::any::Any;
+use std::hint::black_box;
+
+use fmu_description::{Causality, Domain, Info, Variability, Variable, guid};
+
+use crate::slave::{Guid, Scalar, Slave};
+use crate::{Model, ModelError};
+
+/// A model, and its table of `N` scalar variables.
+pub(crate) struct Bound<M, const N: usize>(M);
+
+/// Number of scalar variables of a model.
+#[doc(hidden)]
+pub const fn scalars<M: Model>() -> usize {
+    let mut count = 0;
+    let mut row = 0;
+    while row < M::VARIABLES.len() {
+        count += M::VARIABLES[row].info.count();
+        row += 1;
+    }
+    count
+}
+
+/// The range of values that a Real may be set to between steps. Its ends are finite, so NaN and
+/// infinities lie outside. It is empty for a variable that may not be set, and for an array, which
+/// may be shorter in the model than in the table.
+const fn writable(info: &Info) -> (f64, f64) {
+    let at_any_time = matches!(
+        (info.causality, info.variability),
+        (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
+    );
+    match info.domain {
+        Domain::Real { min, max, .. } if at_any_time && info.array.is_none() => {
+            (min.max(f64::MIN), max.min(f64::MAX))
+        }
+        _ => (f64::INFINITY, f64::NEG_INFINITY),
+    }
+}
+
+const fn has_slopes<M>(variables: &[Variable<M>]) -> bool {
+    let mut row = 0;
+    while row < variables.len() {
+        if variables[row].has_slope() {
+            return true;
+        }
+        row += 1;
+    }
+    false
+}
+
+impl<M: Model, const N: usize> Bound<M, N> {
+    pub(crate) const GUID: Guid = guid::guid(M::NAME, M::VARIABLES);
+    /// The row of each value reference, and the index in its array.
+    const SLOTS: &'static [(u16, u16); N] = &Self::slots();
+    /// Whether the host may give the time derivative of any input.
+    pub(crate) const HAS_SLOPES: bool = has_slopes(M::VARIABLES);
+    /// See [`writable`].
+    const BOUNDS: &'static [(f64, f64); N] = &Self::bounds();
+
+    const fn slots() -> [(u16, u16); N] {
+        let mut slots = [(0, 0); N];
+        let mut reference = 0;
+        let mut row = 0;
+        while row < M::VARIABLES.len() {
+            let mut element = 0;
+            while element < M::VARIABLES[row].info.count() {
+                slots[reference] = (row as u16, element as u16);
+                reference += 1;
+                element += 1;
+            }
+            row += 1;
+        }
+        assert!(reference == N, "N is the number of scalar variables");
+        slots
+    }
+
+    const fn bounds() -> [(f64, f64); N] {
+        let mut bounds = [(0.0, 0.0); N];
+        let mut reference = 0;
+        while reference < N {
+            let (row, _) = Self::SLOTS[reference];
+            bounds[reference] = writable(&M::VARIABLES[row as usize].info);
+            reference += 1;
+        }
+        bounds
+    }
+
+    pub(crate) fn new() -> Self {
+        let mut model = M::default();
+        for variable in M::VARIABLES {
+            variable.start(&mut model);
+        }
+        Self(model)
+    }
+
+    /// The variable of a value reference, and the index in its array.
+    #[inline(always)]
+    fn variable(reference: u32) -> Option<(&'static Variable<M>, usize)> {
+        let &(row, element) = Self::SLOTS.get(reference as usize)?;
+        Some((M::VARIABLES.get(usize::from(row))?, usize::from(element)))
+    }
+
+    /// Where a Real lives.
+    ///
+    /// Each of the first references has an arm of its own, in which the compiler knows the variable:
+    /// the author's closure is then not called, but becomes a part of the arm.
+    #[inline(always)]
+    fn real(model: &mut M, reference: u32) -> Option<&mut f64> {
+        macro_rules! arms {
+            ($($reference:literal)*) => {
+                match reference {
+                    $($reference => {
+                        let (variable, element) = const { Self::known_variable($reference) }?;
+                        variable.real(model, element)
+                    })*
+                    _ => {
+                        let (variable, element) = Self::variable(reference)?;
+                        variable.real(model, element)
+                    }
+                }
+            };
+        }
+        arms! {
+            0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31
+            32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47
+        }
+    }
+
+    /// As [`variable`](Self::variable), at compile time.
+    const fn known_variable(reference: usize) -> Option<(&'static Variable<M>, usize)> {
+        if reference < N {
+            let (row, element) = Self::SLOTS[reference];
+            Some((&M::VARIABLES[row as usize], element as usize))
+        } else {
+            None
+        }
+    }
+
+    /// See [`Model::step`].
+    #[inline(always)]
+    pub(crate) fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        self.0.step(time, step)
+    }
+
+    /// Reads Reals; false, and nothing handed out, if a reference is none of a Real.
+    #[inline(always)]
+    pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        match (references, &mut *values) {
+            ([reference], [value]) => self.read(*reference, value),
+            _ => self.get_many(references, values),
+        }
+    }
+
+    // `black_box`: else the compiler computes the places of all variables before the loop.
+    #[inline(never)]
+    fn get_many(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        // All are looked at before the first is handed out.
+        references
+            .iter()
+            .all(|&reference| Self::real(&mut self.0, reference).is_some())
+            && (references.iter().zip(values))
+                .all(|(&reference, value)| black_box(&mut *self).read(reference, value))
+    }
+
+    #[inline(always)]
+    fn read(&mut self, reference: u32, value: &mut f64) -> bool {
+        match Self::real(&mut self.0, reference) {
+            Some(place) => *value = *place,
+            None => return false,
+        }
+        true
+    }
+
+    /// Writes Reals that may be written between steps; false, and nothing written, if there is
+    /// another variable or value among them. A few, as a host mostly sets, go without a loop.
+    #[inline(always)]
+    pub(crate) fn set_reals(&mut self, references: &[u32], values: &[f64]) -> bool {
+        if references.len() > 4 {
+            return self.set_many(references, values);
+        }
+        let may = |i| Self::may_set(references, values, i);
+        may(0)
+            && may(1)
+            && may(2)
+            && may(3)
+            && self.write(references, values, 0)
+            && self.write(references, values, 1)
+            && self.write(references, values, 2)
+            && self.write(references, values, 3)
+    }
+
+    #[inline(never)]
+    fn set_many(&mut self, references: &[u32], values: &[f64]) -> bool {
+        (0..references.len()).all(|i| Self::may_set(references, values, i))
+            && (0..references.len()).all(|i| black_box(&mut *self).write(references, values, i))
+    }
+
+    /// Whether the value `i`, if there is one, may be written.
+    #[inline(always)]
+    fn may_set(references: &[u32], values: &[f64], i: usize) -> bool {
+        match (references.get(i), values.get(i)) {
+            (Some(&reference), Some(value)) => Self::BOUNDS
+                .get(reference as usize)
+                .is_some_and(|(min, max)| min <= value && value <= max),
+            _ => true,
+        }
+    }
+
+    /// Writes the value `i`, if there is one.
+    #[inline(always)]
+    fn write(&mut self, references: &[u32], values: &[f64], i: usize) -> bool {
+        if let (Some(&reference), Some(&value)) = (references.get(i), values.get(i)) {
+            match Self::real(&mut self.0, reference) {
+                Some(place) => *place = value,
+                None => return false,
+            }
+        }
+        true
+    }
+}
+
+impl<M: Model, const N: usize> Slave for Bound<M, N> {
+    fn reset(&mut self) {
+        *self = Self::new();
+    }
+
+    fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
+        self.0.initialize(start_time)
+    }
+
+    fn count(&self) -> usize {
+        N
+    }
+
+    fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
+        let (variable, element) = Self::variable(reference)?;
+        Some(Scalar {
+            info: &variable.info,
+            element,
+            place: variable.place(&mut self.0, element)?,
+        })
+    }
+
+    fn slope(&mut self, reference: u32) -> Option<&mut f64> {
+        Self::variable(reference)?.0.slope_place(&mut self.0)
+    }
+
+    fn clear_slopes(&mut self) {
+        for variable in M::VARIABLES {
+            if let Some(slope) = variable.slope_place(&mut self.0) {
+                *slope = 0.0;
+            }
+        }
+    }
+
+    fn has_sensitivities(&self) -> bool {
+        M::VARIABLES.iter().any(Variable::has_sensitivities)
+    }
+
+    fn sensitivity(&self, output: u32, input: u32) -> f64 {
+        match (Self::variable(output), Self::variable(input)) {
+            (Some((output, _)), Some((input, _))) => output.sensitivity(&self.0, input.info.name),
+            _ => 0.0,
+        }
+    }
+
+    fn guid(&self) -> Guid {
+        Self::GUID
+    }
+
+    fn save(&self) -> Box<dyn Any> {
+        Box::new(self.0.clone())
+    }
+
+    fn restore(&mut self, saved: &dyn Any) -> bool {
+        match saved.downcast_ref::<M>() {
+            Some(model) => {
+                self.0 = model.clone();
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>> {
+        postcard::to_allocvec(saved.downcast_ref::<M>()?).ok()
+    }
+
+    fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>> {
+        match postcard::take_from_bytes::<M>(bytes) {
+            Ok((model, [])) => Some(Box::new(model)),
+            _ => None,
+        }
+    }
+}

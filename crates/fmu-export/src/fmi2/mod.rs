@@ -1,0 +1,180 @@
+//! The C interface of FMI 2.0.4: all 44 functions.
+//!
+//! The functions here turn what C hands over into slices and references, and call the component.
+//! `fmi2Instantiate` is made by [`export!`](crate::export), as it alone depends on the models.
+#![allow(
+    non_snake_case,
+    clippy::missing_safety_doc,
+    clippy::too_many_arguments,
+    reason = "names, arguments and duties of the caller are those of the standard"
+)]
+
+mod access;
+mod common;
+mod derivatives;
+mod instance;
+mod slave;
+mod state;
+mod unsupported;
+
+use std::ffi::{CStr, CString};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
+
+pub use access::*;
+pub use common::*;
+pub use derivatives::*;
+pub use fmu_types::fmi2::*;
+pub(crate) use instance::Instance;
+pub use slave::*;
+pub use state::*;
+pub use unsupported::*;
+
+use crate::Entry;
+use crate::component::{Component, Outcome};
+use crate::log::{Category, Log};
+
+impl From<Outcome> for fmi2Status {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Ok => Self::fmi2OK,
+            Outcome::Discard => Self::fmi2Discard,
+            Outcome::Error => Self::fmi2Error,
+            Outcome::Fatal => Self::fmi2Fatal,
+        }
+    }
+}
+
+/// What the host's pointer points to.
+type Handle = Box<dyn Instance>;
+
+/// The instance behind the host's pointer; none for NULL.
+///
+/// # Safety
+/// `component` is NULL or came from [`instantiate`], is not freed, and nobody else uses it now.
+#[inline(always)]
+unsafe fn instance<'a>(component: fmi2Component) -> Option<&'a mut Handle> {
+    // SAFETY: the caller's promise; `instantiate` made the pointer from a `Box<Handle>`.
+    unsafe { component.cast::<Handle>().as_mut() }
+}
+
+/// Calls the component behind the host's pointer; without one, there is nobody to tell.
+///
+/// # Safety
+/// As [`instance`].
+unsafe fn with(pointer: fmi2Component, call: impl FnOnce(&mut Component) -> Outcome) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    match unsafe { instance(pointer) } {
+        Some(instance) => call(instance.component()).into(),
+        None => fmi2Status::fmi2Error,
+    }
+}
+
+/// Why [`slice`] or [`slice_mut`] gave none.
+const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
+
+/// `n` elements behind a pointer; none if it is NULL though `n` is not 0.
+///
+/// # Safety
+/// `pointer` is NULL or points to `n` elements that nobody changes while the slice lives.
+unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]> {
+    if n == 0 {
+        return Some(&[]);
+    }
+    // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
+    (!pointer.is_null()).then(|| unsafe { std::slice::from_raw_parts(pointer, n) })
+}
+
+/// As [`slice`], to be written.
+///
+/// # Safety
+/// As [`slice`], and nobody else uses the elements while the slice lives.
+unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
+    if n == 0 {
+        return Some(&mut []);
+    }
+    // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
+    (!pointer.is_null()).then(|| unsafe { std::slice::from_raw_parts_mut(pointer, n) })
+}
+
+/// The text behind a pointer; none for NULL.
+///
+/// # Safety
+/// `text` is NULL or points to a text that ends in zero and lives long enough.
+unsafe fn text<'a>(text: fmi2String) -> Option<&'a CStr> {
+    // SAFETY: not NULL by the check, and a C string by the caller's promise.
+    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) })
+}
+
+/// Keeps the text of a panic off stderr: the logger gets it. The hook is that of this library's own
+/// copy of `std`, so the host's is untouched.
+fn silence_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| std::panic::set_hook(Box::new(|_| {})));
+}
+
+/// Makes an instance of the model whose GUID is asked for; NULL, with a logged reason, if it cannot.
+///
+/// # Safety
+/// As the standard asks of the caller of `fmi2Instantiate`.
+pub unsafe fn instantiate(
+    models: &[Entry],
+    instance_name: fmi2String,
+    fmu_type: fmi2Type,
+    guid: fmi2String,
+    _resource_location: fmi2String,
+    functions: *const fmi2CallbackFunctions,
+    _visible: fmi2Boolean,
+    logging_on: fmi2Boolean,
+) -> fmi2Component {
+    // SAFETY: the caller's promise: callbacks and texts are NULL or valid.
+    let (functions, name, guid) = unsafe { (functions.as_ref(), text(instance_name), text(guid)) };
+    silence_panics();
+    let made = catch_unwind(AssertUnwindSafe(|| {
+        let log = Log::new(
+            functions.and_then(|f| f.logger),
+            functions.map_or(std::ptr::null_mut(), |f| f.componentEnvironment),
+            name.map_or_else(CString::default, CStr::to_owned),
+            logging_on != fmi2False,
+        );
+        match choose(models, name, fmu_type, guid) {
+            Ok(model) => Some(Box::new(model.create(log))),
+            Err(reason) => {
+                log.send(Category::Error, || format!("fmi2Instantiate: {reason}"));
+                None
+            }
+        }
+    }));
+    match made {
+        Ok(Some(handle)) => Box::into_raw(handle).cast(),
+        _ => std::ptr::null_mut(),
+    }
+}
+
+fn choose<'a>(
+    models: &'a [Entry],
+    name: Option<&CStr>,
+    fmu_type: fmi2Type,
+    guid: Option<&CStr>,
+) -> Result<&'a Entry, String> {
+    if name.is_none_or(CStr::is_empty) {
+        return Err("the instance name is missing".into());
+    }
+    if name.is_some_and(|name| name.to_str().is_err()) {
+        return Err("the instance name is not UTF-8".into());
+    }
+    if fmu_type != fmi2CoSimulation {
+        return Err("this FMU is for co-simulation, not for model exchange".into());
+    }
+    let guid = guid.ok_or("the GUID is missing")?.to_string_lossy();
+    models.iter().find(|m| m.guid() == guid).ok_or_else(|| {
+        let known: Vec<String> = models
+            .iter()
+            .map(|m| format!("{} {}", m.name, m.guid()))
+            .collect();
+        format!(
+            "the GUID {guid} is that of another FMU or version; this binary has: {}",
+            known.join(", ")
+        )
+    })
+}

@@ -1,0 +1,107 @@
+//! Makes a Rust model an FMI 2.0.4 co-simulation slave.
+//!
+//! A model is a struct with a table of its variables and a step ([`Model`]); [`export!`] makes a
+//! `cdylib` of one or more models an FMU binary. The author's crate needs no `unsafe`:
+//!
+//! ```
+//! use fmu_export::{Model, ModelError, Variable, unit};
+//! use serde::{Deserialize, Serialize};
+//!
+//! /// y = k u
+//! #[derive(Default, Clone, Serialize, Deserialize)]
+//! pub struct Gain { u: f64, y: f64, k: f64 }
+//!
+//! type Row = Variable<Gain>;
+//!
+//! impl Model for Gain {
+//!     const NAME: &'static str = "Gain";
+//!     const DESCRIPTION: &'static str = "An amplifier";
+//!     const VARIABLES: &'static [Row] = &[
+//!         Row::input("u", |m| &mut m.u).unit(unit::NEWTON).about("force"),
+//!         Row::output("y", |m| &mut m.y).unit(unit::NEWTON).about("amplified force"),
+//!         Row::tunable("k", 2.0, |m| &mut m.k).about("gain"),
+//!     ];
+//!
+//!     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+//!         self.y = self.k * self.u;
+//!         Ok(())
+//!     }
+//! }
+//!
+//! fmu_export::export!(Gain);
+//! # fn main() {}
+//! ```
+//!
+//! How a call goes: an entry point of [`fmi2`] turns pointers into slices, and hands them to the
+//! component, which holds what FMI asks of any slave: the state machine, the checks
+//! of arguments, the logger and the guard that stops a panic. The component reads and writes the
+//! model through its table. Only the first of these layers knows the C types of FMI 2.0, so that
+//! the entry points of another version can stand beside it.
+//!
+//! The three calls that a host makes at every step, to set Reals, step and get Reals, are made for
+//! each model anew. They do what is usual, with few checks that together let nothing pass that the
+//! component would refuse, and leave the rest to it.
+
+mod bound;
+mod component;
+#[cfg(feature = "describe")]
+mod description;
+pub mod fmi2;
+mod life;
+mod log;
+mod model;
+mod phase;
+mod reason;
+mod slave;
+mod snapshot;
+mod values;
+
+#[doc(hidden)]
+pub use bound::scalars;
+#[cfg(feature = "describe")]
+pub use description::print_descriptions;
+pub use fmu_description::{Enumeration, Unit, Variable, unit};
+pub use model::{Model, ModelError, finite};
+pub use slave::Entry;
+
+/// Makes the library an FMU binary of one or more [`Model`]s, which `fmi2Instantiate` tells apart by
+/// their GUIDs, and lists them in `MODELS`.
+#[macro_export]
+macro_rules! export {
+    ($($model:ty),+ $(,)?) => {
+        /// The models of this library.
+        pub const MODELS: &[$crate::Entry] = &[
+            $($crate::Entry::of::<$model, { $crate::scalars::<$model>() }>()),+
+        ];
+
+        /// `fmi2Instantiate` (FMI 2.0.4, section 2.1.5).
+        ///
+        /// # Safety
+        /// As the standard asks of the caller: every pointer is NULL or valid, texts end in zero,
+        /// and the callbacks live as long as the instance.
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn fmi2Instantiate(
+            instance_name: $crate::fmi2::fmi2String,
+            fmu_type: $crate::fmi2::fmi2Type,
+            guid: $crate::fmi2::fmi2String,
+            resource_location: $crate::fmi2::fmi2String,
+            functions: *const $crate::fmi2::fmi2CallbackFunctions,
+            visible: $crate::fmi2::fmi2Boolean,
+            logging_on: $crate::fmi2::fmi2Boolean,
+        ) -> $crate::fmi2::fmi2Component {
+            // SAFETY: the caller's promise, passed on.
+            unsafe {
+                $crate::fmi2::instantiate(
+                    MODELS,
+                    instance_name,
+                    fmu_type,
+                    guid,
+                    resource_location,
+                    functions,
+                    visible,
+                    logging_on,
+                )
+            }
+        }
+    };
+}

@@ -1,0 +1,63 @@
+//! Parameter sweeps of simulations, whatever simulates: a [`Plan`] gives the parameters of every run,
+//! [`execute`] runs them over all cores, [`Metrics`] makes a row of numbers of each, and a [`Journal`]
+//! keeps the rows through a kill and writes them as a CSV or Parquet table.
+//!
+//! The same plan gives the same table, byte for byte, for any number of threads, processes and
+//! machines, as long as a simulation gives the same numbers for the same parameters.
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//! use fmu_sweep::{Columns, Ended, Journal, Metrics, Options, Plan, Sample, Summary, Value, execute};
+//!
+//! let plan: Plan = toml::from_str(
+//!     "[[parameter]]
+//!      variable = 'decay.T'
+//!      values = [0.1, 0.2]",
+//! )?;
+//! let folder = tempfile::tempdir()?;
+//! let output = folder.path().join("decay.csv");
+//! let columns = Columns::new(plan.columns().into_iter().chain(Summary::columns()))?;
+//! let journal = Journal::open(&output, "d3adb3ef", columns, plan.runs())?;
+//!
+//! let ended = execute(
+//!     &plan,
+//!     journal.pending(0..plan.runs()),
+//!     0,
+//!     &AtomicBool::new(false),
+//!     || Ok(()),
+//!     |(), run| {
+//!         let Value::Number(constant) = run.assignments[0].1 else {
+//!             unreachable!("the plan has numbers")
+//!         };
+//!         let mut metrics = Metrics::new(&Options::default());
+//!         for k in 0..1000 {
+//!             let time = 0.001 * f64::from(k);
+//!             let y = 1.0 - libm::exp(-time / constant);
+//!             metrics.push(Sample { time, r: 1.0, y, e: 1.0 - y, u: 1.0 });
+//!         }
+//!         Ok(metrics.finish().cells())
+//!     },
+//!     |row| journal.append(&row),
+//! )?;
+//! assert_eq!(ended, Ended::Complete);
+//! journal.finish()?;
+//! assert!(std::fs::read_to_string(output)?.starts_with("index,decay.T,iae,ise,itae,"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod error;
+mod execute;
+pub mod journal;
+pub mod metrics;
+pub mod plan;
+mod row;
+pub mod table;
+
+pub use error::Error;
+pub use execute::{Ended, execute};
+pub use journal::Journal;
+pub use metrics::{Metrics, Options, Sample, Summary};
+pub use plan::{Parameter, Plan, Run};
+pub use row::{Cell, Column, Columns, Kind, Row, Value};

@@ -1,0 +1,234 @@
+//! A sweep whose process is killed again and again ends with the same table, byte for byte.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use fmu_sweep::{
+    Cell, Columns, Ended, Error, Journal, Metrics, Options, Plan, Run, Sample, Summary, Value,
+    execute,
+};
+
+const PLAN: &str = "
+    seed = 7
+    draws = 20
+
+    [[parameter]]
+    variable = 'controller.kp'
+    from = 1
+    to = 100
+    count = 5
+    scale = 'log'
+
+    [[parameter]]
+    variable = 'plant.model'
+    values = ['linear', 'nonlinear']
+
+    [[parameter]]
+    variables = ['plant.T', 'observer.T']
+    normal = [0.1, 0.02]
+";
+
+/// Runs of [`PLAN`].
+const RUNS: u64 = 200;
+
+fn plan() -> Plan {
+    toml::from_str(PLAN).unwrap()
+}
+
+fn columns() -> Columns {
+    Columns::new(plan().columns().into_iter().chain(Summary::columns())).unwrap()
+}
+
+/// A proportional controller of a first-order plant, which diverges for large gains.
+fn simulate(run: &Run<'_>) -> [Cell; 9] {
+    let (kp, constant) = match (&run.assignments[0].1, &run.assignments[2].1) {
+        (Value::Number(kp), Value::Number(constant)) => (*kp, *constant),
+        other => panic!("{other:?}"),
+    };
+    let mut metrics = Metrics::new(&Options::default());
+    let mut y = 0.0;
+    for k in 0..500 {
+        let e = 1.0 - y;
+        let u = kp * e;
+        let time = 0.005 * f64::from(k);
+        if !metrics.push(Sample {
+            time,
+            r: 1.0,
+            y,
+            e,
+            u,
+        }) {
+            break;
+        }
+        y += 0.005 * (u - y) / constant;
+    }
+    metrics.finish().cells()
+}
+
+/// Does the pending runs of a share, at least `pause` for each.
+fn sweep(journal: &Journal, threads: usize, pause: Duration) {
+    let ended = execute(
+        &plan(),
+        journal.pending(0..RUNS),
+        threads,
+        &AtomicBool::new(false),
+        || Ok::<_, Error>(()),
+        |(), run| {
+            std::thread::sleep(pause);
+            Ok(simulate(run))
+        },
+        |row| journal.append(&row),
+    );
+    assert_eq!(ended, Ok(Ended::Complete));
+}
+
+fn open(output: &Path) -> Journal {
+    Journal::open(output, "c0ffee", columns(), RUNS).unwrap()
+}
+
+/// The bytes of the table of a sweep that nobody disturbs.
+fn undisturbed(folder: &Path, name: &str, threads: usize) -> Vec<u8> {
+    let output = folder.join("undisturbed").join(name);
+    fs::create_dir_all(output.parent().unwrap()).unwrap();
+    let journal = open(&output);
+    sweep(&journal, threads, Duration::ZERO);
+    journal.finish().unwrap();
+    fs::read(output).unwrap()
+}
+
+const OUTPUT: &str = "SWEEP_TEST_OUTPUT";
+
+/// Not a test of its own: the process that is killed.
+#[test]
+fn process() {
+    let Some(output) = std::env::var_os(OUTPUT) else {
+        return;
+    };
+    let journal = open(Path::new(&output));
+    sweep(&journal, 2, Duration::from_millis(15));
+    journal.finish().unwrap();
+}
+
+fn start(output: &Path) -> Child {
+    Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "process"])
+        .env(OUTPUT, output)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+fn journal_of(output: &Path) -> PathBuf {
+    output.with_extension("csv.part")
+}
+
+/// The numbers of the runs in a journal, of whole lines.
+fn runs_in(journal: &Path) -> Vec<u64> {
+    let text = fs::read_to_string(journal).unwrap_or_default();
+    let whole = text.rfind('\n').map_or("", |last| &text[..last]);
+    let index = |line: &str| line.split(',').next().unwrap().parse().unwrap();
+    whole.lines().skip(2).map(index).collect()
+}
+
+#[test]
+fn a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("killed.csv");
+    let journal = journal_of(&output);
+    let mut before = Vec::new();
+    for kill in 0..5 {
+        let mut process = start(&output);
+        let patience = Instant::now() + Duration::from_secs(60);
+        while runs_in(&journal).len() < before.len() + 10 {
+            assert!(Instant::now() < patience, "no progress");
+            assert_eq!(
+                process.try_wait().unwrap(),
+                None,
+                "ended before it was killed"
+            );
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        process.kill().unwrap();
+        process.wait().unwrap();
+        let after = runs_in(&journal);
+        assert_eq!(after[..before.len()], before, "lost after kill {kill}");
+        let mut different = after.clone();
+        different.sort_unstable();
+        different.dedup();
+        assert_eq!(different.len(), after.len(), "done twice after kill {kill}");
+        assert!(!output.exists());
+        before = after;
+        // What a kill within a write would leave.
+        if kill % 2 == 0 {
+            let mut file = fs::OpenOptions::new().append(true).open(&journal).unwrap();
+            file.write_all(b"199,1.0,lin").unwrap();
+        }
+    }
+    assert!(start(&output).wait().unwrap().success());
+    assert!(!journal.exists());
+    let expected = undisturbed(folder.path(), "a.csv", 1);
+    assert!(fs::read(&output).unwrap() == expected);
+}
+
+#[test]
+fn the_table_is_the_same_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.csv", "a.parquet"] {
+        let expected = undisturbed(folder.path(), name, 1);
+        for threads in [0, 2, 5] {
+            assert!(
+                undisturbed(folder.path(), name, threads) == expected,
+                "{name}"
+            );
+        }
+    }
+    let text = String::from_utf8(undisturbed(folder.path(), "a.csv", 1)).unwrap();
+    assert!(
+        text.contains(",true,") && text.contains(",false,"),
+        "some runs diverge, some not"
+    );
+}
+
+/// As a program would that has ranges of runs done by workers, and collects their lines.
+#[test]
+fn lines_of_workers_make_the_same_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("collected.csv");
+    let mut text = fmu_sweep::journal::header("c0ffee", &columns()).unwrap();
+    for range in [150..200, 0..80, 70..150] {
+        for index in range {
+            let plan = plan();
+            let run = plan.run(index).unwrap();
+            text += &columns().line(&run.row(simulate(&run))).unwrap();
+        }
+    }
+    fs::write(journal_of(&output), text).unwrap();
+    open(&output).finish().unwrap();
+    assert!(fs::read(&output).unwrap() == undisturbed(folder.path(), "a.csv", 2));
+}
+
+/// A worker whose numbers differ, by its program or machine, is found out.
+#[test]
+fn workers_that_do_not_agree_are_found_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("collected.csv");
+    let plan = plan();
+    let run = plan.run(0).unwrap();
+    let mut row = run.row(simulate(&run));
+    let line = columns().line(&row).unwrap();
+    row.cells[4] = Some(Value::Number(0.0));
+    let other = columns().line(&row).unwrap();
+    let header = fmu_sweep::journal::header("c0ffee", &columns()).unwrap();
+    fs::write(journal_of(&output), header + &line + &other).unwrap();
+    let error = Journal::open(&output, "c0ffee", columns(), RUNS)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains(":4: another row of run 0, expected the same one"),
+        "{error}"
+    );
+}

@@ -1,0 +1,274 @@
+"""Draw the results that the pages of the FMUs show, `result.svg` in the folder of each page.
+
+`python docs/fmu/plots.py` co-simulates the FMUs of target/fmu and draws the plots anew.
+They are small, follow the colours of the page, and tell curves apart by dashes too.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from master import FMUS, TS, Component, System, closed_loop, simulate  # noqa: E402
+
+Columns = dict[str, np.ndarray]
+
+LEFT, WIDTH, HEIGHT, GAP = 58, 570, 150, 44
+"""Of a panel, in pixels."""
+FINE = 4
+"""Points lie on a grid with so many lines a pixel."""
+TOLERANCE = 0.5
+"""How far a curve may be from where it belongs, in lines of the grid."""
+
+STYLES = (
+    'stroke="#e58a1f" stroke-width="12"',
+    'stroke="currentColor" stroke-width="6" stroke-dasharray="24 12"',
+    'stroke="#2f8fd6" stroke-width="8" stroke-dasharray="8 10"',
+)
+"""Of the first, second, third curve of a panel, each over the one before."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes with curves: names and values over time."""
+
+    label: str
+    low: float
+    high: float
+    ticks: Sequence[float]
+    curves: Columns
+
+
+def extremes(values: np.ndarray, buckets: int) -> np.ndarray:
+    """Return the indices of the least and the greatest value of each bucket, and of the ends."""
+    parts = np.array_split(np.arange(len(values)), min(buckets, len(values)))
+    found = [(part[values[part].argmin()], part[values[part].argmax()]) for part in parts]
+    return np.unique([0, *np.ravel(found), len(values) - 1])
+
+
+def needed(x: np.ndarray, y: np.ndarray, first: int, last: int) -> list[int]:
+    """Return the indices after `first` of points whose polygon is the curve (Douglas, Peucker)."""
+    if last - first < 2:
+        return [last]
+    inner = slice(first + 1, last)
+    dx, dy = x[last] - x[first], y[last] - y[first]
+    distance = np.abs(dx * (y[inner] - y[first]) - dy * (x[inner] - x[first])) / np.hypot(dx, dy)
+    worst = int(distance.argmax())
+    if distance[worst] <= TOLERANCE:
+        return [last]
+    middle = first + 1 + worst
+    return needed(x, y, first, middle) + needed(x, y, middle, last)
+
+
+def path(x: np.ndarray, y: np.ndarray) -> str:
+    """Return SVG's path along a curve, in lines of the grid."""
+    kept = extremes(y, WIDTH * FINE)
+    x, y = x[kept] * FINE, y[kept] * FINE
+    kept = [0, *needed(x, y, 0, len(x) - 1)]
+    points = np.column_stack([x[kept], y[kept]]).round().astype(int)
+    numbers = "".join(f"{n}" if n < 0 else f" {n}" for n in np.diff(points, axis=0).ravel())
+    return f"M{points[0][0]} {points[0][1]}l{numbers.strip()}"
+
+
+def legend_width(name: str) -> int:
+    """Return the width of a curve's sample and name, roughly [px]."""
+    return 44 + 8 * len(name)
+
+
+def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
+    """Return a panel whose upper edge is at `top`."""
+
+    def row(value):
+        return top + HEIGHT * (panel.high - np.clip(value, panel.low, panel.high)) / (
+            panel.high - panel.low
+        )
+
+    lines = []
+    for tick in panel.ticks:
+        y = round(float(row(tick)))
+        lines.append(f'<path d="M{LEFT} {y}h{WIDTH}" stroke="#8888"/>')
+        lines.append(f'<text x="{LEFT - 8}" y="{y + 5}" text-anchor="end">{tick:g}</text>')
+    lines.append(f'<text x="{LEFT}" y="{top - 8}">{escape(panel.label)}</text>')
+    x = LEFT + WIDTH * (time - time[0]) / (time[-1] - time[0])
+    legend = LEFT + WIDTH - sum(map(legend_width, panel.curves))
+    for (name, values), style in zip(panel.curves.items(), STYLES, strict=False):
+        sample = f"M{legend * FINE} {(top - 13) * FINE}h{28 * FINE}"
+        lines.append(f'<text x="{legend + 33}" y="{top - 8}">{escape(name)}</text>')
+        d = sample + path(x, row(values))
+        lines.append(f'<path transform="scale({1 / FINE})" d="{d}" {style} fill="none"/>')
+        legend += legend_width(name)
+    return "\n".join(lines)
+
+
+def draw(time: np.ndarray, ticks: Sequence[float], panels: Sequence[Panel], about: str) -> str:
+    """Return the SVG of panels over the same time; `about` is for those who cannot see it."""
+    top = 24
+    parts = []
+    for panel in panels:
+        parts.append(draw_panel(panel, time, top))
+        top += HEIGHT + GAP
+    bottom = top - GAP
+    for tick in ticks:
+        x = round(LEFT + WIDTH * (tick - time[0]) / (time[-1] - time[0]))
+        parts.append(f'<text x="{x}" y="{bottom + 18}" text-anchor="middle">{tick:g}</text>')
+    parts.append(
+        f'<text x="{LEFT + WIDTH // 2}" y="{bottom + 36}" text-anchor="middle">time [s]</text>'
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {LEFT + WIDTH + 12} {bottom + 42}" '
+        f'width="{LEFT + WIDTH + 12}" role="img" aria-label="{escape(about)}">\n'
+        + "\n".join(parts)
+        + "\n</svg>\n"
+    )
+
+
+def run(system: System, start: float, stop: float) -> Columns:
+    """Co-simulate, at 1 ms, in sequential order."""
+    with closing(system):
+        return simulate(system, start=start, step=TS, steps=round((stop - start) / TS) + 1)
+
+
+def pid() -> str:
+    """Draw a step, and a disturbance of the measured angle."""
+    results = run(closed_loop("Pid", "step", 1.0), TS, 9.0)
+    return draw(
+        results["time"],
+        range(10),
+        [
+            Panel(
+                "angle [rad]",
+                -0.1,
+                1.3,
+                (0, 0.5, 1),
+                {"theta": results["plant.theta"], "r": results["source.r"]},
+            ),
+            Panel("force [N]", -110, 110, (-100, 0, 100), {"u": results["controller.u"]}),
+        ],
+        "The angle overshoots the step to 1.25 rad and returns within 4 s; a disturbance of "
+        "1 rad from 5 s to 5.5 s throws it back to 0 rad. The force is at its limit at the jumps.",
+    )
+
+
+def pid_rbf() -> str:
+    """Draw how the network takes the force over from the PID."""
+    results = run(closed_loop("PidRbf", "step"), TS, 2.0)
+    return draw(
+        results["time"],
+        (0, 0.5, 1, 1.5, 2),
+        [
+            Panel(
+                "angle [rad]",
+                -0.1,
+                1.3,
+                (0, 0.5, 1),
+                {"theta": results["plant.theta"], "r": results["source.r"]},
+            ),
+            Panel(
+                "force [N]",
+                -110,
+                110,
+                (-100, 0, 100),
+                {"u_n": results["controller.u_n"], "u_p": results["controller.u_p"]},
+            ),
+        ],
+        "The angle overshoots the step to 1.22 rad. The network's and the PID's force ring "
+        "against each other at 50 Hz for 0.4 s; then the network gives all of the force.",
+    )
+
+
+def ipid_rbf() -> str:
+    """Draw a sine, which the network has learned before the first quarter period is over."""
+    results = run(closed_loop("IpidRbf", "sine"), TS, 5.0)
+    return draw(
+        results["time"],
+        range(6),
+        [
+            Panel(
+                "angle [rad]",
+                -1.1,
+                1.1,
+                (-1, 0, 1),
+                {"theta": results["plant.theta"], "r": results["source.r"]},
+            ),
+            Panel(
+                "force [N]",
+                -15,
+                15,
+                (-10, 0, 10),
+                {"u_n": results["controller.u_n"], "u_p": results["controller.u_p"]},
+            ),
+        ],
+        "The angle lies on the sine. After 0.2 s the network gives all of the force.",
+    )
+
+
+def pendulum() -> str:
+    """Draw how a PID raises the pendulum, linear and nonlinear."""
+    loops = {}
+    for model in ("linear", "nonlinear"):
+        plant = Component("plant", FMUS / "Pendulum.fmu", {"theta0": 0.5, "model": model})
+        controller = Component("controller", FMUS / "Pid.fmu", sampled=True)
+        links = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
+        loops[model] = run(System([controller, plant], links), 0.0, 5.0)
+
+    def curves(name: str) -> Columns:
+        loop = loops.items()
+        return {f"{name}, {model}": results[f"plant.{name}"] for model, results in loop}
+
+    return draw(
+        loops["linear"]["time"],
+        range(6),
+        [
+            Panel("angle [rad]", -0.2, 0.5, (0, 0.5), curves("theta")),
+            Panel("position [m]", -1.7, 0.1, (-1.5, -1, -0.5, 0), curves("x")),
+        ],
+        "From 0.5 rad both pendulums come upright within 4 s, at nearly the same angles. "
+        "The nonlinear cart goes on to -1.6 m, the linear one to -1.25 m and back.",
+    )
+
+
+def source() -> str:
+    """Draw the three set-points, and the disturbance."""
+
+    def signals(form: str, frequency: float) -> Columns:
+        start = {"signal": form, "frequency": frequency, "disturbance.amplitude": 1.0}
+        return run(System([Component("source", FMUS / "Source.fmu", start)], []), 0.0, 20.0)
+
+    square = signals("square", 0.1)
+    forms = {
+        "square": square["source.r"],
+        "sine": signals("sine", 0.2)["source.r"],
+        "step": signals("step", 0.2)["source.r"],
+    }
+    return draw(
+        square["time"],
+        range(0, 21, 5),
+        [
+            Panel("r [rad]", -1.1, 1.1, (-1, 0, 1), forms),
+            Panel("d [rad]", -0.1, 1.1, (0, 1), {"d": square["source.d"]}),
+        ],
+        "A step of 1 rad, a sine of 0.2 Hz, a square wave of 0.1 Hz that is 0 at the start, "
+        "and a pulse of 1 rad from 5 s to 5.5 s.",
+    )
+
+
+PLOTS: dict[str, Callable[[], str]] = {
+    "fmu-plant/documentation/Pendulum": pendulum,
+    "fmu-controller/documentation/Pid": pid,
+    "fmu-controller/documentation/PidRbf": pid_rbf,
+    "fmu-controller/documentation/IpidRbf": ipid_rbf,
+    "fmu-source/documentation/Source": source,
+}
+
+if __name__ == "__main__":
+    for folder, plot in PLOTS.items():
+        file = ROOT / folder / "result.svg"
+        file.write_text(plot())
+        print(file.relative_to(ROOT), file.stat().st_size, "bytes")
