@@ -24,15 +24,10 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from pendulum_fmus.coupling import Component, System, simulate
+from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
-
-from coupling import Component, System, simulate  # noqa: E402
-
-FMUS = ROOT / "target" / "fmu"
 OUT = ROOT / "target" / "bench"
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
 CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import reference
-from master import TS, closed_loop, simulate
+from pendulum_fmus.coupling import simulate
+from pendulum_fmus.loop import TS, Loop
 
 
 def both(
@@ -16,7 +17,7 @@ def both(
         name: options.pop(name) for name in ("start", "step", "steps", "order") if name in options
     }
     expected = reference.closed_loop(controller, signal, disturbance, **options, **timing)
-    with closed_loop(controller, signal, disturbance, fmus=fmus, **options) as system:
+    with Loop(controller, signal, disturbance, **options).system(fmus) as system:
         record = [name for name in expected if name != "time"]
         computed = simulate(system, record=record, **timing)
     return computed, expected

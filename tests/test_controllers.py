@@ -9,7 +9,8 @@ import pytest
 import reference
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from master import TS, Component, MasterError, Reals
+from pendulum_fmus.coupling import Component, MasterError, Reals
+from pendulum_fmus.loop import TS
 
 MODELS = ["Pid", "PidRbf", "IpidRbf"]
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 from functools import cache
 from pathlib import Path
 
@@ -11,11 +12,11 @@ import pytest
 import reference
 from nbformat import NotebookNode
 from nbformat.v4 import new_code_cell
+from pendulum_fmus.project import ROOT
 from scipy.linalg import solve_discrete_are
 
-from examples.notebook.execute import NOTEBOOK, execute
-
-ROOT = Path(__file__).resolve().parent.parent
+SCRIPT = runpy.run_path(str(ROOT / "examples" / "notebook" / "execute.py"))
+NOTEBOOK, execute = SCRIPT["NOTEBOOK"], SCRIPT["execute"]
 
 PROBE = """
 import json

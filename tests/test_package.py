@@ -15,7 +15,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2FMUstate
 from fmpy.validation import validate_fmu
 from lxml import etree
-from master import Component
+from pendulum_fmus.coupling import Component
 
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import reference
-from master import MasterError, Reals
+from pendulum_fmus.coupling import MasterError, Reals
 from scipy.signal import lfilter
 
 STATE = ("x", "v", "theta", "omega")

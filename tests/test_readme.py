@@ -10,8 +10,8 @@ import numpy as np
 import pages
 import pytest
 from lxml import etree
-from master import Component, System, simulate
 from pages import ROOT, blocks
+from pendulum_fmus.coupling import Component, System, simulate
 
 README = (ROOT / "README.md").read_text()
 

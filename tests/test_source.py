@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 import reference
-from master import TS, Component, Reals
+from pendulum_fmus.coupling import Component, Reals
+from pendulum_fmus.loop import TS
 
 
 def signals(source: Component) -> tuple[float, float]:

@@ -7,7 +7,7 @@ use control::pid::Integral;
 use loops::{SetPoint, ipid_rbf, pid, pid_rbf, run};
 
 const SAMPLES: u32 = 20_000;
-const TABLE: &str = include_str!("../../../tests/data/table1.csv");
+const TABLE: &str = include_str!("../../../python/pendulum_fmus/table1.csv");
 
 /// The expected column of a row (from 1); `None` for the residue that is only bounded.
 fn expected(row: usize, column: &str) -> Option<f64> {
