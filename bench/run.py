@@ -24,7 +24,8 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
-from pendulum_fmus.coupling import Component, System, simulate
+
+from pendulum_fmus.master import Component, System, simulate
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 OUT = ROOT / "target" / "bench"

@@ -8,9 +8,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+
 from pendulum_fmus import table1
-from pendulum_fmus.coupling import Component
 from pendulum_fmus.loop import Columns, Loop
+from pendulum_fmus.master import Component
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 import pytest
+
 from pendulum_fmus.project import FMUS
 from slave import Fmu, unpack
 

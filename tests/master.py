@@ -2,7 +2,7 @@
 
 import sys
 
-from pendulum_fmus.master import main
+from pendulum_fmus.run import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
+
 from pendulum_fmus.project import PROGRAM, ROOT
 
 LOOPS = ROOT / "examples" / "closed-loop"

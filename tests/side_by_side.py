@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+
 import reference
-from pendulum_fmus.coupling import simulate
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
 
 
 def both(

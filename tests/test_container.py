@@ -13,8 +13,9 @@ import pytest
 from fmpy.container_fmu.cli import create_container_fmu
 from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
-from pendulum_fmus.coupling import simulate
+
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
 
 STEPS = 6000
 

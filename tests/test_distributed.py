@@ -14,8 +14,9 @@ from pathlib import Path
 
 import psutil
 import pytest
-import sweeps
 from dask.distributed import Client
+
+import sweeps
 from pendulum_fmus import sweep as by_dask
 from sweeps import LONG, PROGRAM, SHORT, done, expected, journal_of, local, wait_until
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+
 from native import ROOT, run, simulate
 
 OWN = ROOT / "examples" / "own-fmu"

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pages
 import pytest
+
+import pages
 from machines import MACHINES, Machine
 from pages import ROOT
 from pendulum_fmus import loop
-from pendulum_fmus.coupling import Component, System, simulate
 from pendulum_fmus.loop import TS
+from pendulum_fmus.master import Component, System, simulate
 from slave import Fmu, Variable, each_model, unpack
 
 SCENARIOS = [

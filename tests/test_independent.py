@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+
 import reference
 from pendulum_fmus import table1
 from side_by_side import assert_close, both

@@ -14,9 +14,10 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
-from pendulum_fmus import coupling, loop
-from pendulum_fmus.coupling import Component, MasterError, System, simulate, steps_until
+
+from pendulum_fmus import loop, master
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import Component, MasterError, System, simulate, steps_until
 from pendulum_fmus.project import ROOT
 from side_by_side import assert_close, both
 
@@ -159,8 +160,8 @@ def test_csv_goes_to_a_device_too(fmus, tmp_path):
 
 def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
     monkeypatch.chdir(ROOT)
-    example = coupling.__doc__.split("communication step.\n\n")[1].split("\n\nTwo orders")[0]
-    namespace = dict(vars(coupling))
+    example = master.__doc__.split("communication step.\n\n")[1].split("\n\nTwo orders")[0]
+    namespace = dict(vars(master))
     exec(textwrap.dedent(example), namespace)
     theta = namespace["results"]["plant.theta"]
     assert theta[0] == 0.1

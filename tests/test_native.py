@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from native import LOOPS, PROGRAM, ROOT, read_csv, refusal, run, simulate
 from pendulum_fmus import table1
-from pendulum_fmus.coupling import simulate as couple
 from pendulum_fmus.loop import FREQUENCY, TS, Loop
+from pendulum_fmus.master import simulate as couple
 from pendulum_fmus.project import FMUS
 
 FILES = {

@@ -9,11 +9,12 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
-import reference
 from nbformat import NotebookNode
 from nbformat.v4 import new_code_cell
-from pendulum_fmus.project import ROOT
 from scipy.linalg import solve_discrete_are
+
+import reference
+from pendulum_fmus.project import ROOT
 
 SCRIPT = runpy.run_path(str(ROOT / "examples" / "notebook" / "execute.py"))
 NOTEBOOK, execute = SCRIPT["NOTEBOOK"], SCRIPT["execute"]

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import reference
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
+
+import reference
 from pendulum_fmus import table1
-from pendulum_fmus.coupling import simulate
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
 from pendulum_fmus.report.beyond.eigenvalues import DELAYS, matrix
 from pendulum_fmus.report.beyond.measurement import Measurement
 from pendulum_fmus.report.beyond.native import SYSTEMS, both_plants, sweep

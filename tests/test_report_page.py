@@ -8,8 +8,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from pendulum_fmus.loop import Loop
 from playwright.sync_api import Browser, Page, sync_playwright
+
+from pendulum_fmus.loop import Loop
 
 FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
 --disable-component-update --disable-sync""".split()

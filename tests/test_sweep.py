@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+
 import sweeps
-from pendulum_fmus.coupling import MasterError, simulate, steps_until
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import MasterError, simulate, steps_until
 from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
 
 TOLERANCE = 1e-12

@@ -5,9 +5,10 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+
 from pendulum_fmus import table1
-from pendulum_fmus.coupling import simulate
 from pendulum_fmus.loop import STEPS, TS, Loop
+from pendulum_fmus.master import simulate
 from pendulum_fmus.table1 import Entry, agrees, rounded
 from side_by_side import assert_close, both
 

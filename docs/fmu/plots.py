@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from pendulum_fmus.coupling import Component, System, simulate
+
 from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import Component, System, simulate
 from pendulum_fmus.project import FMUS, ROOT
 
 Columns = dict[str, np.ndarray]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .coupling import Component, MasterError, System, simulate
+from .master import Component, MasterError, System, simulate
 from .project import FMUS
 
 TS = 0.001

@@ -19,8 +19,8 @@ import numpy as np
 from tqdm import tqdm
 
 from . import loop
-from .coupling import MasterError
 from .loop import FMUS, Columns, Loop, settling_time
+from .master import MasterError
 
 DATA = Path(__file__).parent / "table1.csv"
 

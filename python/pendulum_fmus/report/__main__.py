@@ -7,7 +7,7 @@ from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 from .. import loop, table1
-from ..coupling import MasterError
+from ..master import MasterError
 from ..project import REPORT
 from .beyond import noise, sections
 from .claims import judged

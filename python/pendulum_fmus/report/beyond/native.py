@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...coupling import MasterError
+from ...master import MasterError
 from ...project import PROGRAM, ROOT
 
 EXAMPLES = ROOT / "examples" / "closed-loop"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...coupling import Component, System, simulate
 from ...loop import TS, Loop
+from ...master import Component, System, simulate
 from ..claims import Finding, Table, judge
 from ..data import Data, Trace, trace_of
 from ..figure import Curve, Figure, Panel
