@@ -37,6 +37,7 @@ mod instance;
 mod messages;
 mod plan;
 mod simulation;
+pub mod ssp;
 mod system;
 mod transfer;
 mod value;
