@@ -29,10 +29,12 @@
 //! | [`learning`] | [`PidRbf`] and [`IpidRbf`] | (23), (24), (28), (29) |
 //! | [`signal`] | set-points and the disturbance | section 4 |
 //! | [`clock`] | the sample instants of a controller | |
+//! | [`closed_loop`] | plant and controller together, with the paper's settings | section 4 |
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod clock;
+pub mod closed_loop;
 pub mod learning;
 pub mod pid;
 pub mod plant;

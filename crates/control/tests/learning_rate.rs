@@ -1,24 +1,22 @@
 //! How far the learning rate may go (section 3.2): the eigenvalues of the sampled closed loop, and
 //! what a simulation does on both sides of the limit that they give.
 
-mod loops;
-
+use control::closed_loop::{ClosedLoop, Order, TS, network, pid};
 use control::pid::Integral;
 use control::plant::{Linear, Parameters, State};
 use control::{PidRbf, Rbf};
-use loops::{TS, network, pid};
 use nalgebra::SMatrix;
 
 /// Samples of delay between measuring y and the plant feeling u.
 #[derive(Clone, Copy, Debug)]
 struct Delay {
     previous_sample_terms: bool,
-    parallel: bool,
+    order: Order,
 }
 
 const NONE: Delay = Delay {
     previous_sample_terms: false,
-    parallel: false,
+    order: Order::Sequential,
 };
 const ONE: [Delay; 2] = [
     Delay {
@@ -26,23 +24,20 @@ const ONE: [Delay; 2] = [
         ..NONE
     },
     Delay {
-        parallel: true,
+        order: Order::Parallel,
         ..NONE
     },
 ];
 const TWO: Delay = Delay {
     previous_sample_terms: true,
-    parallel: true,
+    order: Order::Parallel,
 };
 
 /// The loop at the set-point 1, without clip, its network projected on one node of equal |h|: only
 /// the weights along h learn.
 struct Loop {
-    plant: Linear,
-    state: State,
+    closed_loop: ClosedLoop,
     controller: PidRbf<1>,
-    delay: Delay,
-    u: f64,
 }
 
 /// One node at r = 1 with h = 1 learns as the four do along h when eta is scaled by |h|^2.
@@ -62,24 +57,18 @@ impl Loop {
         let mut pid = pid(integral, delay.previous_sample_terms);
         pid.u_max = f64::INFINITY;
         Self {
-            plant: Linear::new(&Parameters::PAPER),
-            state: State::default(),
+            closed_loop: ClosedLoop::new(delay.order),
             controller: PidRbf {
                 pid,
                 network: projected(eta),
                 ..PidRbf::default()
             },
-            delay,
-            u: 0.0,
         }
     }
 
-    /// One sample; `r` is the error's reference, the network's input stays at the node.
     fn sample(&mut self) {
-        let before = self.u;
-        self.u = self.controller.sample(1.0, self.state.theta, 0.0);
-        let u = if self.delay.parallel { before } else { self.u };
-        self.plant.advance(&mut self.state, u, TS);
+        let controller = |r, y, d| self.controller.sample(r, y, d);
+        self.closed_loop.sample(1.0, 0.0, controller);
     }
 }
 
@@ -128,7 +117,10 @@ fn spectral_radius(leaky: bool, delay: Delay, eta: f64) -> f64 {
         e * kp + x2 * kd + x3 * ki
     };
     let u = u_p + unit(6);
-    let felt = if delay.parallel { unit(8) } else { u };
+    let felt = match delay.order {
+        Order::Sequential => u,
+        Order::Parallel => unit(8),
+    };
     let mut a = SMatrix::<f64, N, N>::zeros();
     for i in 0..3 {
         let row = (0..3).fold(felt * input[i], |row, j| row + unit(j) * transition[j][i]);

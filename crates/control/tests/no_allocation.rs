@@ -1,11 +1,9 @@
 //! Nothing on the way of a sample or a step allocates: it can run where there is no heap.
 
-mod loops;
-
+use control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
 use control::pid::Integral;
 use control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
 use control::{SampleClock, Target, signal};
-use loops::{TS, ipid_rbf, pid, pid_rbf};
 
 fn allocations(work: impl FnOnce()) -> u64 {
     allocation_counter::measure(work).count_total

@@ -1,13 +1,11 @@
 //! Table 1 of the paper from the mathematics alone: the expected columns are those of `table1.csv`.
 
-mod loops;
-
 use control::Target;
+use control::closed_loop::{ClosedLoop, Order, SetPoint, ipid_rbf, pid, pid_rbf};
 use control::pid::Integral;
-use loops::{SetPoint, ipid_rbf, pid, pid_rbf, run};
 
-const SAMPLES: u32 = 20_000;
-const TABLE: &str = include_str!("../../../tests/data/table1.csv");
+const SAMPLES: usize = 20_000;
+const TABLE: &str = include_str!("../../../python/pendulum_fmus/table1.csv");
 
 /// The expected column of a row (from 1); `None` for the residue that is only bounded.
 fn expected(row: usize, column: &str) -> Option<f64> {
@@ -24,8 +22,18 @@ fn rows() -> impl Iterator<Item = (usize, SetPoint, f64)> {
         .map(|(row, (s, d))| (row + 1, s, d))
 }
 
-fn assert_last(row: usize, column: &str, errors: &[f64]) {
-    let e = *errors.last().unwrap();
+/// The last error of a loop under `controller`.
+fn last_error(
+    set_point: SetPoint,
+    disturbance: f64,
+    controller: impl FnMut(f64, f64, f64) -> f64,
+) -> f64 {
+    let mut closed_loop = ClosedLoop::new(Order::Sequential);
+    let mut samples = closed_loop.run(set_point, disturbance, controller);
+    samples.nth(SAMPLES - 1).unwrap().e
+}
+
+fn assert_error(row: usize, column: &str, e: f64) {
     match expected(row, column) {
         None => assert!(e.abs() < 1e-11, "row {row}, {column}: {e}"),
         Some(expected) => {
@@ -41,8 +49,8 @@ fn assert_last(row: usize, column: &str, errors: &[f64]) {
 fn pid_column() {
     for (row, set_point, disturbance) in rows() {
         let mut c = pid(Integral::Sum, true);
-        let errors = run(set_point, disturbance, SAMPLES, |r, y, d| c.sample(r, y, d));
-        assert_last(row, "e_pid_expected", &errors);
+        let e = last_error(set_point, disturbance, |r, y, d| c.sample(r, y, d));
+        assert_error(row, "e_pid_expected", e);
     }
 }
 
@@ -51,18 +59,18 @@ fn pid_rbf_and_supervised_ipid_rbf_columns() {
     for (row, set_point, disturbance) in rows() {
         let mut supervisor = pid_rbf(true, [0.0; 4]);
         let mut forces = Vec::new();
-        let errors = run(set_point, disturbance, SAMPLES, |r, y, d| {
+        let e = last_error(set_point, disturbance, |r, y, d| {
             forces.push(supervisor.sample(r, y, d));
             supervisor.u
         });
-        assert_last(row, "e_pid_rbf_expected", &errors);
+        assert_error(row, "e_pid_rbf_expected", e);
 
         let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);
         let mut forces = forces.into_iter();
-        let errors = run(set_point, disturbance, SAMPLES, |r, y, d| {
+        let e = last_error(set_point, disturbance, |r, y, d| {
             c.sample(r, y, d, forces.next().unwrap())
         });
-        assert_last(row, "e_ipid_rbf_expected", &errors);
+        assert_error(row, "e_ipid_rbf_expected", e);
     }
 }
 
@@ -71,11 +79,7 @@ fn pid_rbf_and_supervised_ipid_rbf_columns() {
 #[test]
 fn ipid_rbf_with_its_own_target_keeps_the_static_error_of_a_ramp() {
     let mut c = ipid_rbf(Target::Own, [0.0; 4]);
-    let e = *run(SetPoint::Step, 0.0, SAMPLES, |r, y, d| {
-        c.sample(r, y, d, 0.0)
-    })
-    .last()
-    .unwrap();
+    let e = last_error(SetPoint::Step, 0.0, |r, y, d| c.sample(r, y, d, 0.0));
     // In steady state: u_p = kp e + ki e ts/(1-ts) + kd 0, and a sample adds eta |h|^2 u_p to u_n,
     // the momentum alpha of the last addition; together they follow the ramp.
     let h: f64 = c.law.network.activations.iter().map(|h| h * h).sum();

@@ -1,10 +1,8 @@
 //! The difference equation (41) and the linear state space are the same plant.
 
-mod loops;
-
+use control::closed_loop::{TS, pid};
 use control::pid::Integral;
 use control::plant::{Linear, Parameters, State, TransferFunction};
-use loops::{TS, pid};
 
 #[test]
 fn both_give_the_same_angle_over_a_closed_loop_of_20000_samples() {

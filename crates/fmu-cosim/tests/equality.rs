@@ -1,18 +1,14 @@
 //! The native master gives the bits of the mathematics called in process, at every sample of the 18
 //! loops of Table 1. (`tests/test_native.py` holds it to FMPy.) Needs the FMUs: `cargo fmu export`.
 
-#[path = "../../control/tests/loops/mod.rs"]
-mod loops;
-
 use std::path::Path;
 
+use control::Target;
+use control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
 use control::pid::Integral;
-use control::plant::{Linear, Parameters, State};
-use control::{Target, signal};
 use fmu_cosim::{Description, Order, Plan, Value};
-use loops::{SetPoint, TS, ipid_rbf, pid, pid_rbf};
 
-const STEPS: u32 = 20_000;
+const STEPS: usize = 20_000;
 
 /// The signals and disturbances of the table's rows.
 fn rows() -> impl Iterator<Item = (SetPoint, f64)> {
@@ -29,25 +25,17 @@ fn plan(example: &str) -> Plan {
     Plan::new(&description).expect("`cargo fmu export` writes the FMUs")
 }
 
-/// Errors and forces of a loop in process. The set-point is that of the time t + h at which a step of
-/// the source ends, which differs from the next (k + 1) h in its last bit.
+/// Errors and forces of a loop in process.
 fn in_process(
     signal: SetPoint,
     disturbance: f64,
-    mut controller: impl FnMut(f64, f64, f64) -> f64,
+    controller: impl FnMut(f64, f64, f64) -> f64,
 ) -> (Vec<f64>, Vec<f64>) {
-    let mut plant = Linear::new(&Parameters::PAPER);
-    let mut state = State::default();
-    let mut time = TS;
-    (0..STEPS)
-        .map(|k| {
-            let (r, d) = (signal.at(time), disturbance * signal::pulse(5.0, 0.5, time));
-            let u = controller(r, state.theta, d);
-            let e = r - (state.theta + d);
-            plant.advance(&mut state, u, TS);
-            time = (TS + f64::from(k) * TS) + TS;
-            (e, u)
-        })
+    let mut closed_loop = ClosedLoop::new(closed_loop::Order::Sequential);
+    let samples = closed_loop.run(signal, disturbance, controller);
+    samples
+        .take(STEPS)
+        .map(|sample| (sample.e, sample.u))
         .unzip()
 }
 
@@ -84,7 +72,7 @@ fn assert_equal(
     let (errors, forces) = in_process(signal, disturbance, controller);
     let natively = natively(plan, signal, disturbance);
     let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-    assert_eq!(errors.len(), STEPS as usize);
+    assert_eq!(errors.len(), STEPS);
     assert!(
         bits(&errors) == bits(&natively.0),
         "e: {signal:?}, d = {disturbance}"
