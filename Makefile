@@ -110,10 +110,10 @@ bench: fmus master $(VENV)/.bench
 	$(RUN) bench/run.py
 
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
-fuzz: fmus
+fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
-	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
-		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
+	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
+		cargo test --locked --package fmu-export --test c_interface -- sequences damage
 
 $(VENV)/.portable: tests/requirements-portable.txt $(VENV)/.installed
 	$(INSTALL) --requirement $<
