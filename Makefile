@@ -119,10 +119,10 @@ elsewhere: fmus cross $(VENV)/.test
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
-fuzz: fmus $(VENV)/.test
+fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
-	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
-		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
+	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
+		cargo test --locked --package fmu-export --test c_interface -- sequences damage
 
 ## lock: write the versions of all Python packages to requirements.lock; delete it before for the newest
 lock: $(RUN)
