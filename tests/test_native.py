@@ -334,11 +334,3 @@ def test_commands_are_handed_on(arguments):
     assert handed.returncode == direct.returncode
     assert handed.stderr == direct.stderr
     assert without_speed(handed.stdout) == without_speed(direct.stdout)
-
-
-def test_without_libclang_it_says_what_to_do():
-    result = cargo_fmu("simulate", PID, LIBCLANG_PATH="/missing/libclang")
-    assert result.returncode == 1
-    assert result.stderr == (
-        "error: the master needs libclang at /missing/libclang; `make libclang` puts it there\n"
-    )
