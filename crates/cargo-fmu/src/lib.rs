@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, table1, validate};
+use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, validate};
 
 /// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, joins and checks them.
 #[derive(Parser)]
@@ -65,9 +65,6 @@ Example:\n  cargo fmu validate target/fmu/*.fmu"
   cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
     Simulate(simulate::SimulateArgs),
-    /// Compute the paper's Table 1 by the native master
-    #[command(after_help = "Exit code: 1 if a number is missed.")]
-    Table1(table1::Table1Args),
     /// Run a system thousands of times, each with other values, and write metrics of each run
     #[command(
         after_help = "A sweep that was killed goes on where it was when it is started again.
@@ -126,7 +123,6 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
         Command::Merge(args) => merge::run(&args, out).map(|()| true),
         Command::Validate(args) => validate::run(&args, out),
         Command::Simulate(args) => simulate::run(&args, out).map(|()| true),
-        Command::Table1(args) => table1::run(&args, out),
         Command::Sweep(args) => sweep::run(&args, out).map(|()| true),
         Command::Ssp(args) => ssp::run(&args, out).map(|()| true),
         Command::Probe(args) => probe::run(&args).map(|()| true),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
+use fmu_build::Compression;
 use fmu_file::platform::Prebuilt;
 
 /// What to export, and for which platforms.
@@ -26,6 +27,9 @@ pub struct ExportArgs {
     /// Shared library that was built elsewhere, for a platform folder of FMI: linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     binaries: Vec<Prebuilt>,
+    /// Spend seconds on each binary to make it 3.5 % smaller
+    #[arg(long)]
+    small: bool,
 }
 
 /// Exports the models and prints which FMUs were written.
@@ -39,6 +43,10 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
         portable: args.portable,
         targets: args.targets,
         binaries: args.binaries,
+        compression: match args.small {
+            true => Compression::Zopfli,
+            false => Compression::Deflate,
+        },
     })?;
     for fmu in written {
         print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;
