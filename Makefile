@@ -29,7 +29,7 @@ report: fmus master
 
 ## test: every test, of the Rust crates and through the FMUs
 test: lint fmus master portable libtbb
-	cargo test --locked --workspace --features cargo-fmu/master
+	cargo test --locked --workspace
 	cargo test --locked --package fmu-description --all-features
 	$(RUN) -m pytest
 
@@ -47,11 +47,11 @@ fmus: $(VENV)/.installed
 
 ## master: build the native master, which `cargo fmu simulate` and others then use at once
 master: libclang
-	cargo build --locked --quiet --profile native --package cargo-fmu --features master
+	cargo build --locked --quiet --profile native --package cargo-fmu
 
 ## ssp: write the loops of the paper as SSP packages for other tools to target/fmu
 ssp: fmus master
-	cargo fmu ssp
+	cargo fmu ssp examples/ssp/*.toml
 
 ## libclang: install what the native master needs to be built to target/libclang
 libclang: target/libclang/.installed
@@ -111,7 +111,7 @@ bench: fmus master $(VENV)/.bench
 
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
 fuzz: fmus
-	FUZZ_SECONDS=$(SECONDS) cargo test --locked --profile fuzz --package cargo-fmu fuzz -- --nocapture
+	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
 	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
 		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
 

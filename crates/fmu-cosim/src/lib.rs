@@ -38,6 +38,7 @@ mod instance;
 mod messages;
 mod plan;
 mod simulation;
+pub mod ssp;
 mod transfer;
 mod value;
 

@@ -6,6 +6,7 @@
 //! | [`archive`] | the zip archive: written the same for the same content, read within bounds |
 //! | [`xml`] | XML as a tree, within bounds |
 //! | [`model`] | the model description: variables, units, model structure |
+//! | [`merge`] | FMUs of one model from several machines, as one |
 //! | [`platform`] | the platform folders of FMI 2.0 |
 //! | [`replace`] | files that are written whole or not at all |
 //! | [`value`] | the forms of values in a model description |
@@ -13,6 +14,7 @@
 #![forbid(unsafe_code)]
 
 pub mod archive;
+pub mod merge;
 pub mod model;
 pub mod platform;
 pub mod replace;

@@ -53,6 +53,7 @@ pub mod journal;
 pub mod metrics;
 pub mod plan;
 mod row;
+mod study;
 pub mod table;
 
 pub use error::Error;
@@ -61,3 +62,4 @@ pub use journal::Journal;
 pub use metrics::{Metrics, Options, Sample, Summary};
 pub use plan::{Parameter, Plan, Run};
 pub use row::{Cell, Column, Columns, Kind, Row, Value};
+pub use study::{Outline, Progress, Study};

@@ -14,6 +14,11 @@ use crate::replace::Replacement;
 pub use packed::Packed;
 pub use read::{Archive, MODEL_DESCRIPTION};
 
+/// Path of the documentation page in an FMU.
+pub const DOCUMENTATION: &str = "documentation/index.html";
+/// Path of the icon in an FMU.
+pub const ICON: &str = "model.png";
+
 /// A file in an archive.
 pub struct Entry<'a> {
     /// Its path in the archive.

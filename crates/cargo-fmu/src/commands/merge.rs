@@ -1,0 +1,33 @@
+//! `cargo fmu merge`: merges FMUs of one model that were built on several machines.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use fmu_file::merge::merge;
+
+use super::export::print_fmu;
+
+/// What to merge.
+#[derive(Debug, Args)]
+pub struct MergeArgs {
+    /// The FMUs, two or more, from any vendor
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    /// The FMU that is written; it may be one of those
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Merges the FMUs and prints what was written.
+///
+/// # Errors
+/// See [`merge`].
+pub fn run(args: &MergeArgs, out: &mut impl Write) -> Result<()> {
+    let merged = merge(&args.files, &args.out)?;
+    for note in &merged.notes {
+        eprintln!("note: {note}");
+    }
+    print_fmu(&args.out, merged.size, &merged.platforms.join(" "), out)
+}

@@ -1,0 +1,12 @@
+//! The commands: the options of each, and what it prints.
+
+pub mod completions;
+pub mod export;
+pub mod info;
+pub mod merge;
+pub mod probe;
+pub mod simulate;
+pub mod ssp;
+pub mod sweep;
+pub mod table1;
+pub mod validate;

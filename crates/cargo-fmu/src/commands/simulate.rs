@@ -1,0 +1,243 @@
+//! `cargo fmu simulate`: one run of a system of coupled FMUs.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use clap::{Args, ValueEnum};
+use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Plan, Value};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::table;
+
+/// What to simulate, and what to change in it.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// File that describes the system; examples/closed-loop has some
+    #[arg(value_name = "SYSTEM.toml")]
+    system: PathBuf,
+    /// Start value in place of that of the file, with the name of an item for an enumeration; may be
+    /// repeated
+    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE")]
+    sets: Vec<Assignment>,
+    /// Start time in place of that of the file (s)
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    start: Option<f64>,
+    /// Last communication point that is recorded, in place of that of the file (s)
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    stop: Option<f64>,
+    /// Communication step in place of that of the file (s)
+    #[arg(long, value_name = "H", allow_negative_numbers = true)]
+    step: Option<f64>,
+    /// Order of stepping in place of that of the file
+    #[arg(long)]
+    order: Option<Order>,
+    /// Variable to record, in place of those of the file; may be repeated
+    #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
+    outputs: Vec<String>,
+    /// Folder to take the FMUs from, in place of those of the file
+    #[arg(long, value_name = "DIR")]
+    fmus: Option<PathBuf>,
+    /// Write time and recorded variables to this file
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+/// Order of stepping.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Order {
+    /// One component after the other, from the newest outputs (Gauss-Seidel)
+    Sequential,
+    /// All components from the same outputs, one step later (Jacobi)
+    Parallel,
+}
+
+/// `COMPONENT.VARIABLE=VALUE`
+#[derive(Debug, Clone)]
+struct Assignment {
+    /// The variable.
+    name: String,
+    /// Its value.
+    value: String,
+}
+
+impl FromStr for Assignment {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let (name, value) = text
+            .split_once('=')
+            .filter(|(name, _)| name.contains('.'))
+            .context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
+        Ok(Self {
+            name: name.into(),
+            value: value.into(),
+        })
+    }
+}
+
+/// Between two looks at the progress: short enough to look smooth without slowing the run.
+const PERIOD: Duration = Duration::from_millis(50);
+
+/// Simulates the system, and says how it went.
+///
+/// # Errors
+/// What does not fit in the file or the options; what an FMU refused, and why.
+pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
+    let description = describe(args)?;
+    let file = || args.system.display().to_string();
+    let plan = Plan::new(&description).with_context(file)?;
+    let starts = args
+        .sets
+        .iter()
+        .map(|set| plan.start(&set.name, &Value::Text(set.value.clone())))
+        .collect::<Result<Vec<_>>>()?;
+    let mut csv = match &args.csv {
+        Some(path) => Some(Csv::create(path, plan.columns())?),
+        None => None,
+    };
+    let mut progress = Progress::new(plan.experiment())?;
+    let mut last = (
+        plan.experiment().start,
+        vec![f64::NAN; plan.columns().len()],
+    );
+    let begin = Instant::now();
+    let ended = plan.simulate(&starts).and_then(|simulation| {
+        simulation.run(|time, row| {
+            if let Some(csv) = &mut csv {
+                csv.push(time, row);
+            }
+            last.0 = time;
+            last.1.copy_from_slice(row);
+            progress.tick(time);
+        })
+    });
+    let elapsed = begin.elapsed();
+    progress.bar.finish_and_clear();
+    let said = match &ended {
+        Ok(said) => said,
+        Err(_) => &fmu_cosim::messages(),
+    };
+    said.iter().filter(|message| message.warning).for_each(warn);
+    ended.map_err(|error| explain(error, csv.is_some()))?;
+    let rows = csv.map(Csv::finish).transpose()?;
+    report(out, plan.columns(), &last, plan.experiment(), elapsed)?;
+    if let (Some(rows), Some(path)) = (rows, &args.csv) {
+        writeln!(out, "wrote {}: {rows} rows", path.display())?;
+    }
+    Ok(())
+}
+
+/// The system of the file, with what the options change.
+fn describe(args: &SimulateArgs) -> Result<Description> {
+    let mut description = Description::read(&args.system)?;
+    let of = |option: Option<f64>, file: f64| option.unwrap_or(file);
+    description.start = of(args.start, description.start);
+    description.stop = of(args.stop, description.stop);
+    description.step = of(args.step, description.step);
+    if let Some(order) = args.order {
+        description.order = match order {
+            Order::Sequential => fmu_cosim::Order::Sequential,
+            Order::Parallel => fmu_cosim::Order::Parallel,
+        };
+    }
+    if !args.outputs.is_empty() {
+        description.outputs.clone_from(&args.outputs);
+    }
+    if let Some(folder) = &args.fmus {
+        description.take_fmus_from(folder);
+    }
+    Ok(description)
+}
+
+/// Says of a run that broke off that its file was not written.
+fn explain(error: anyhow::Error, has_file: bool) -> anyhow::Error {
+    match error.downcast::<Failure>() {
+        Ok(failure) if has_file => anyhow!("{failure}; no file was written"),
+        Ok(failure) => failure.into(),
+        Err(error) => error,
+    }
+}
+
+fn warn(message: &Message) {
+    let Message { instance, text, .. } = message;
+    match message.times {
+        1 => eprintln!("warning: {instance}: {text}"),
+        times => eprintln!("warning: {instance}: {text} ({times} times)"),
+    }
+}
+
+fn report(
+    out: &mut impl Write,
+    columns: &[Column],
+    (time, row): &(f64, Vec<f64>),
+    experiment: Experiment,
+    elapsed: Duration,
+) -> Result<()> {
+    let mut cells = vec![["output".into(), format!("at t = {time} s"), "unit".into()]];
+    cells.extend(columns.iter().zip(row).map(|(column, value)| {
+        [
+            column.name.clone(),
+            format!("{value:.9e}"),
+            column.unit.clone(),
+        ]
+    }));
+    table::print(&cells, out)?;
+    let simulated = time - experiment.start + experiment.step;
+    writeln!(
+        out,
+        "{simulated:.6} s in {:.3} ms: {}",
+        elapsed.as_secs_f64() * 1e3,
+        speed(simulated / elapsed.as_secs_f64())
+    )?;
+    Ok(())
+}
+
+/// How many times faster than real time it goes, which may be less than once.
+fn speed(factor: f64) -> String {
+    let digits = if factor < 10.0 { 2 } else { 0 };
+    format!("{factor:.digits$} times real time")
+}
+
+/// A bar with the simulated time, and how many times faster than real time it goes.
+struct Progress {
+    bar: ProgressBar,
+    experiment: Experiment,
+    steps: u64,
+    /// The step at which to look at it again.
+    next: u64,
+    begin: Instant,
+}
+
+impl Progress {
+    fn new(experiment: Experiment) -> Result<Self> {
+        let bar = ProgressBar::new(experiment.steps()?);
+        bar.set_style(
+            ProgressStyle::with_template("[{bar:40}] {percent:>3} %  {msg}  {eta} left")?
+                .progress_chars("=> "),
+        );
+        Ok(Self {
+            bar,
+            experiment,
+            steps: 0,
+            next: 1,
+            begin: Instant::now(),
+        })
+    }
+
+    fn tick(&mut self, time: f64) {
+        self.steps += 1;
+        if self.steps == self.next {
+            let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
+            let rate = self.steps as f64 / elapsed;
+            self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
+            let stop = self.experiment.stop;
+            let speed = speed(rate * self.experiment.step);
+            self.bar
+                .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
+            self.bar.set_position(self.steps);
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! `cargo fmu ssp`: systems as packages for other tools.
+
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use fmu_cosim::ssp::Package;
+use fmu_cosim::{Description, Order};
+use fmu_file::replace;
+
+/// What to package, and where it goes.
+#[derive(Debug, Args)]
+pub struct SspArgs {
+    /// Files that describe systems
+    #[arg(value_name = "SYSTEM.toml", required = true)]
+    systems: Vec<PathBuf>,
+    /// Folder that the packages are written to
+    #[arg(long, value_name = "DIR", default_value = "target/fmu")]
+    out: PathBuf,
+    /// Folder to take the FMUs from, in place of those of the files
+    #[arg(long, value_name = "DIR")]
+    fmus: Option<PathBuf>,
+}
+
+/// Writes the packages, once all of them are known to fit.
+///
+/// # Errors
+/// What does not fit in a system, as `simulate` reports it; the folder cannot be written to.
+pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
+    fs::create_dir_all(&args.out)
+        .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
+    replace::check_writable(&args.out)?;
+    let mut packages: Vec<Package> = Vec::new();
+    for system in &args.systems {
+        let mut description = Description::read(system)?;
+        if let Some(folder) = &args.fmus {
+            description.take_fmus_from(folder);
+        }
+        let package = Package::new(system, &description, &args.out)?;
+        ensure!(
+            packages.iter().all(|other| other.file() != package.file()),
+            "two of the systems would be written to {}",
+            package.file().display()
+        );
+        packages.push(package);
+    }
+    for package in &packages {
+        let size = package.write()?;
+        let file = package.file().display();
+        writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
+        if package.order() == Order::Sequential {
+            eprintln!(
+                "warning: {file} cannot say that the system steps in sequential order; most tools step in parallel"
+            );
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,125 @@
+//! `cargo fmu sweep`: many runs of a system, each with other values.
+
+use std::io::{self, Write};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use fmu_sweep::{Progress, Study};
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// What to sweep, and where the rows go.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// File that describes the sweep; examples/sweep has some
+    #[arg(value_name = "SWEEP.toml")]
+    sweep: PathBuf,
+    /// File for the rows, .csv or .parquet [default: the sweep's name with .csv]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Threads; as many as there are cores without it
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+    /// File of the system, in place of that of the sweep
+    #[arg(long, value_name = "SYSTEM.toml")]
+    system: Option<PathBuf>,
+    /// Folder to take the FMUs from, in place of those of the system
+    #[arg(long, value_name = "DIR")]
+    fmus: Option<PathBuf>,
+    /// Print the rows of these runs, from 0 and without the last, and write no file: what one of
+    /// several machines does
+    #[arg(long, value_name = "FIRST..END", conflicts_with = "out")]
+    rows: Option<Runs>,
+    /// Print what a coordinator of several machines needs to know, as JSON
+    #[arg(long, conflicts_with_all = ["out", "rows"])]
+    plan: bool,
+}
+
+/// `FIRST..END`
+#[derive(Debug, Clone)]
+struct Runs(Range<u64>);
+
+impl FromStr for Runs {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let ends = text.split_once("..").and_then(|(first, end)| {
+            let range = first.parse().ok()?..end.parse().ok()?;
+            (range.start <= range.end).then_some(range)
+        });
+        ends.map(Self)
+            .context("expected FIRST..END, such as 100..200")
+    }
+}
+
+/// Runs the sweep, or the part of it that the options select.
+///
+/// # Errors
+/// What does not fit in the files; a start value that an FMU rejects; a file that cannot be written.
+pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<()> {
+    let file = || args.sweep.display().to_string();
+    let study = Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref())
+        .with_context(file)?;
+    if let Some(Runs(runs)) = &args.rows {
+        return study.rows(runs.clone(), args.threads, |line| {
+            Ok(io::stdout().lock().write_all(line.as_bytes())?)
+        });
+    }
+    study.try_corners().with_context(file)?;
+    if args.plan {
+        let outline = serde_json::to_string(&study.outline()?)?;
+        return Ok(writeln!(out, "{outline}")?);
+    }
+    write(&study, args, out)
+}
+
+/// Does the runs that are left, and prints how it went.
+fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
+    let file = match &args.out {
+        Some(file) => file.clone(),
+        None => {
+            let name = args.sweep.file_stem().unwrap_or_default();
+            Path::new(name).with_extension("csv")
+        }
+    };
+    let bar = progress_bar()?;
+    let (mut begin, mut progress) = (Instant::now(), Progress { runs: 0, before: 0 });
+    study.write(&file, args.threads, |start| {
+        bar.set_length(start.runs);
+        bar.set_position(start.before);
+        bar.reset_eta();
+        (begin, progress) = (Instant::now(), start);
+        || bar.inc(1)
+    })?;
+    let elapsed = begin.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+    let Progress { runs, before } = progress;
+    let left = runs - before;
+    writeln!(
+        out,
+        "{left} runs in {elapsed:.3} s: {:.0} a second",
+        left as f64 / elapsed
+    )?;
+    if before > 0 {
+        writeln!(out, "{before} runs were done before")?;
+    }
+    if let Some((run, failure)) = study.first_failure() {
+        writeln!(
+            out,
+            "runs broke off, the first of them run {run}: {failure}"
+        )?;
+    }
+    writeln!(out, "wrote {}: {runs} rows", file.display())?;
+    Ok(())
+}
+
+fn progress_bar() -> Result<ProgressBar> {
+    let style = "[{bar:40}] {pos} of {len} runs, {per_sec}, {eta} left";
+    let style = ProgressStyle::with_template(style)?.progress_chars("=> ");
+    let bar = ProgressBar::new(0).with_style(style);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    Ok(bar)
+}

@@ -1,0 +1,243 @@
+//! From the models of a workspace to FMU files.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread::{self, ScopedJoinHandle};
+
+use anyhow::{Context, Result, bail, ensure};
+use cargo_metadata::Metadata;
+use fmu_file::archive::{self, Entry, MODEL_DESCRIPTION, Packed};
+use fmu_file::platform::{Platform, Prebuilt};
+use fmu_file::replace;
+
+use crate::binary::{Binary, PackedBinary};
+use crate::documentation;
+use crate::library::{self, Library, Model};
+use crate::toolchain::{self, Target};
+
+/// What to export, and for which platforms.
+#[derive(Debug, Default)]
+pub struct Options {
+    /// Names of models; all if there are none.
+    pub models: Vec<String>,
+    /// Folder that the FMUs are written to; `fmu` in cargo's target folder if there is none.
+    pub out: Option<PathBuf>,
+    /// Whether to build for every Linux with glibc 2.17 or newer on this machine's processor.
+    pub portable: bool,
+    /// Rust targets to build for; this machine's if there are none.
+    pub targets: Vec<String>,
+    /// Shared libraries that were built elsewhere.
+    pub binaries: Vec<Prebuilt>,
+}
+
+/// An FMU that was written.
+#[derive(Debug)]
+pub struct Written {
+    /// The FMU.
+    pub file: PathBuf,
+    /// Its size in bytes.
+    pub size: u64,
+    /// The platform folders that it has binaries in.
+    pub platforms: Vec<&'static str>,
+}
+
+/// Builds the models and writes their FMUs.
+///
+/// # Errors
+/// There is no model, or none of a name; a target cannot be built for; what the compiler reported; a
+/// file cannot be read or written.
+pub fn export(options: &Options) -> Result<Vec<Written>> {
+    let metadata = library::metadata()?;
+    let out = match &options.out {
+        Some(out) => out.clone(),
+        None => metadata.target_directory.join("fmu").into(),
+    };
+    // What can fail at once does so before the long build.
+    fs::create_dir_all(&out)
+        .with_context(|| format!("cannot make the folder {}", out.display()))?;
+    replace::check_writable(&out)?;
+    let targets = targets(options)?;
+    let prebuilt = options
+        .binaries
+        .iter()
+        .map(Binary::read)
+        .collect::<Result<Vec<_>>>()?;
+
+    let libraries = library::libraries(&metadata);
+    ensure!(
+        !libraries.is_empty(),
+        "no package of the workspace {} has models: a cdylib that depends on fmu-export, with a program that describes it",
+        metadata.workspace_root
+    );
+    let models = library::describe(&libraries, &metadata)?;
+    let chosen = choose(&models, &options.models)?;
+    check_prebuilt(&chosen, options, &prebuilt)?;
+    let licenses = licenses(&metadata)?;
+    let documents = chosen
+        .iter()
+        .map(|model| documentation::files(model, &licenses))
+        .collect::<Result<Vec<_>>>()?;
+
+    // A binary takes a second to pack: each once, and beside the build of the next.
+    let (built, prebuilt) = thread::scope(|scope| {
+        let prebuilt: Vec<_> = prebuilt
+            .iter()
+            .map(|binary| scope.spawn(|| binary.pack()))
+            .collect();
+        let mut built = Vec::new();
+        for library in &libraries {
+            if of_library(library, &chosen).next().is_none() {
+                continue;
+            }
+            for target in &targets {
+                let binary = Binary::build(library, target, &metadata)?;
+                for model in of_library(library, &chosen) {
+                    binary.check_guid(model)?;
+                }
+                built.push((library, scope.spawn(move || binary.pack())));
+            }
+        }
+        let built = built
+            .into_iter()
+            .map(|(library, packing)| Ok((library, join(packing)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
+        anyhow::Ok((built, prebuilt))
+    })?;
+    let write = |(model, documents): (&&Model<'_>, &Vec<_>)| {
+        let of_model = built
+            .iter()
+            .filter(|(library, _)| std::ptr::eq(*library, model.library))
+            .map(|(_, binary)| binary);
+        write(model, of_model.chain(&prebuilt), documents, &out)
+    };
+    chosen.iter().zip(&documents).map(write).collect()
+}
+
+/// The models that are in a library.
+fn of_library<'a, 'b>(
+    library: &'a Library,
+    models: &'b [&'b Model<'a>],
+) -> impl Iterator<Item = &'b Model<'a>> {
+    let models = models.iter().copied();
+    models.filter(move |model| std::ptr::eq(model.library, library))
+}
+
+fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
+    thread
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// The targets to build for: those asked for, else this machine, unless its binary is given.
+fn targets(options: &Options) -> Result<Vec<Target>> {
+    let mut names = options.targets.clone();
+    if options.portable {
+        names.insert(0, toolchain::portable()?);
+    }
+    check_platforms(options, &names)?;
+    if names.is_empty() {
+        let host = Target::of_this_machine()?;
+        let given = |b: &Prebuilt| host.platforms.contains(&b.platform);
+        let is_given = options.binaries.iter().any(given);
+        return Ok(if is_given { vec![] } else { vec![host] });
+    }
+    let targets = names.iter().map(|name| Target::named(name));
+    let targets = targets.collect::<Result<Vec<_>>>()?;
+    for way in targets.iter().flat_map(|target| &target.ways) {
+        eprintln!("{way}");
+    }
+    Ok(targets)
+}
+
+/// Checks that no two binaries, given or built, are for one platform.
+fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
+    let mut platforms: Vec<Platform> = options.binaries.iter().map(|b| b.platform).collect();
+    for name in names {
+        platforms.extend(Platform::of_target(name)?);
+    }
+    for (index, platform) in platforms.iter().enumerate() {
+        ensure!(
+            !platforms[..index].contains(platform),
+            "two binaries are asked for the platform {}; export one of them to an FMU of its own, \
+             in another folder by --out",
+            platform.folder
+        );
+    }
+    Ok(())
+}
+
+/// The models of the given names, or all.
+fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b Model<'a>>> {
+    for name in names {
+        if !models.iter().any(|model| model.name() == name) {
+            let known: Vec<_> = models.iter().map(Model::name).collect();
+            bail!("model {name:?} is unknown; there are {}", known.join(", "));
+        }
+    }
+    Ok(models
+        .iter()
+        .filter(|model| names.is_empty() || names.iter().any(|name| name == model.name()))
+        .collect())
+}
+
+/// Checks that the given binaries hold every chosen model, in its present version.
+fn check_prebuilt(chosen: &[&Model<'_>], options: &Options, prebuilt: &[Binary]) -> Result<()> {
+    for model in chosen {
+        for (option, binary) in options.binaries.iter().zip(prebuilt) {
+            binary
+                .check_guid(model)
+                .with_context(|| format!("{} cannot be used", option.file.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the FMU of a model.
+fn write<'a>(
+    model: &Model<'_>,
+    binaries: impl Iterator<Item = &'a PackedBinary>,
+    documents: &[documentation::File],
+    out: &Path,
+) -> Result<Written> {
+    let name = model.name();
+    let xml = Packed::text(model.xml.as_bytes())?;
+    let documents = documents
+        .iter()
+        .map(|(path, content)| Ok((path, Packed::text(content)?)))
+        .collect::<Result<Vec<_>>>()?;
+    let mut entries = vec![Entry::new(MODEL_DESCRIPTION, &xml)];
+    let mut platforms = Vec::new();
+    for binary in binaries {
+        for platform in &binary.platforms {
+            entries.push(Entry::new(platform.binary(name), &binary.file));
+            platforms.push(platform.folder);
+        }
+    }
+    entries.extend(
+        documents
+            .iter()
+            .map(|(path, file)| Entry::new(path.as_str(), file)),
+    );
+    let file = out.join(format!("{name}.fmu"));
+    let size = archive::write(&file, &entries)?;
+    Ok(Written {
+        file,
+        size,
+        platforms,
+    })
+}
+
+/// The licence files at the top of the workspace, by their paths in the documentation.
+fn licenses(metadata: &Metadata) -> Result<Vec<documentation::File>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(&metadata.workspace_root)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with("LICENSE") && entry.file_type()?.is_file() {
+            found.push((format!("licenses/{name}"), fs::read(entry.path())?));
+        }
+    }
+    found.sort();
+    Ok(found)
+}

@@ -1,0 +1,430 @@
+//! The tests of a binary. They run in the child process.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Duration;
+
+use anyhow::{Context, Result, ensure};
+use fmu_file::archive::MODEL_DESCRIPTION;
+use fmu_file::model::{Causality, Initial, Model};
+use fmu_file::text::quote;
+use fmu_file::value::{boolean, integer, real};
+use fmu_file::xml;
+use fmu_host::{self, Library};
+
+use super::report::Report;
+use super::run::{Run, Subject, Value, get};
+
+/// A test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Probe {
+    /// It loads, has its functions, and makes an instance.
+    Identity,
+    /// It refuses the GUID of another FMU.
+    Guid,
+    /// It has the start values of the XML.
+    Start,
+    /// It can be simulated and reset.
+    Simulation,
+    /// It can save and restore its state, if it says so.
+    State,
+    /// It gives derivatives, if it says so.
+    Derivatives,
+    /// Two instances do not disturb each other, unless it says so.
+    Instances,
+}
+
+impl Probe {
+    /// All tests, in the order in which they are made.
+    pub const ALL: [Self; 7] = [
+        Self::Identity,
+        Self::Guid,
+        Self::Start,
+        Self::Simulation,
+        Self::State,
+        Self::Derivatives,
+        Self::Instances,
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Identity => "identity",
+            Self::Guid => "guid",
+            Self::Start => "start",
+            Self::Simulation => "simulation",
+            Self::State => "state",
+            Self::Derivatives => "derivatives",
+            Self::Instances => "instances",
+        }
+    }
+
+    /// Whether the tests after it need what it tests.
+    pub fn is_basic(self) -> bool {
+        matches!(self, Self::Identity | Self::Simulation)
+    }
+}
+
+/// The kind of FMU to be tested.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Co-simulation.
+    Cs,
+    /// Model exchange.
+    Me,
+}
+
+impl Kind {
+    /// Both kinds.
+    pub const ALL: [Self; 2] = [Self::Cs, Self::Me];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cs => "cs",
+            Self::Me => "me",
+        }
+    }
+
+    /// The element of the model description.
+    pub fn element(self) -> &'static str {
+        match self {
+            Self::Cs => "CoSimulation",
+            Self::Me => "ModelExchange",
+        }
+    }
+
+    fn of_host(self) -> fmu_host::Kind {
+        match self {
+            Self::Cs => fmu_host::Kind::CoSimulation,
+            Self::Me => fmu_host::Kind::ModelExchange,
+        }
+    }
+}
+
+/// The arguments of the child process. It runs in the folder of the unpacked FMU.
+struct Options {
+    probe: Probe,
+    kind: Kind,
+    binary: PathBuf,
+    time_limit: u64,
+}
+
+impl Options {
+    fn parse(arguments: &[OsString]) -> Option<Self> {
+        let [probe, kind, binary, time_limit] = arguments else {
+            return None;
+        };
+        let (probe, kind) = (probe.to_str()?, kind.to_str()?);
+        Some(Self {
+            probe: Probe::ALL.into_iter().find(|p| p.name() == probe)?,
+            kind: Kind::ALL.into_iter().find(|k| k.name() == kind)?,
+            binary: binary.into(),
+            time_limit: time_limit.to_str()?.parse().ok()?,
+        })
+    }
+}
+
+/// Makes one test of a binary in this process, as [`crate::Probes`] asks for it.
+///
+/// # Errors
+/// The arguments are not those of a test; the unpacked FMU cannot be read.
+pub fn run(arguments: &[OsString]) -> Result<()> {
+    let options =
+        &Options::parse(arguments).context("expected PROBE KIND BINARY SECONDS of a check")?;
+    end_after(Duration::from_secs(options.time_limit.saturating_add(5)));
+    let text = std::fs::read_to_string(MODEL_DESCRIPTION)?;
+    let root = xml::parse(&text)?;
+    let model = Model::new(&root);
+    let report = Rc::new(Report::open(Path::new("log"))?);
+    let here = std::env::current_dir()?;
+    if let Err(error) = test(options, &model, &here, &report) {
+        // The folder is gone when the message is read.
+        let folder = format!("{}/", here.display());
+        report.error(&format!("{error:#}").replace(&folder, ""));
+    }
+    report.end();
+    Ok(())
+}
+
+/// Ends this process if its parent has not done so: it may have been killed.
+fn end_after(limit: Duration) {
+    std::thread::spawn(move || {
+        std::thread::sleep(limit);
+        std::process::abort();
+    });
+}
+
+fn test(options: &Options, model: &Model<'_>, here: &Path, report: &Rc<Report>) -> Result<()> {
+    let calls = Rc::clone(report);
+    let library = Library::load(&here.join(&options.binary), move |name| calls.call(name))?;
+    let element = model
+        .root
+        .child(options.kind.element())
+        .context("it is not of this kind")?;
+    let subject = Subject {
+        model,
+        library: &library,
+        kind: options.kind.of_host(),
+        element,
+        resources: uri(&here.join("resources")),
+    };
+    match options.probe {
+        Probe::Identity => identity(&subject, report),
+        Probe::Guid => guid(&subject, report),
+        Probe::Start => start(&subject, report),
+        Probe::Simulation => simulation(&subject, report),
+        Probe::State => state(&subject),
+        Probe::Derivatives => derivatives(&subject),
+        Probe::Instances => instances(&subject),
+    }
+}
+
+/// The URI of a folder of this machine.
+fn uri(folder: &Path) -> String {
+    let mut uri = String::from("file://");
+    for byte in folder.to_string_lossy().bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'-' | b'_' | b'.' | b'~' | b':' => {
+                uri.push(char::from(byte));
+            }
+            b'\\' => uri.push('/'),
+            other => uri.push_str(&format!("%{other:02X}")),
+        }
+    }
+    uri
+}
+
+fn identity(subject: &Subject<'_>, report: &Report) -> Result<()> {
+    let missing = subject.library.missing(subject.kind);
+    for name in &missing {
+        report.error(&format!(
+            "the function {name} is missing, expected it in the library"
+        ));
+    }
+    if !missing.is_empty() {
+        return Ok(());
+    }
+    let version = subject.library.version()?;
+    if version != "2.0" {
+        report.error(&format!(
+            "fmi2GetVersion gave {}, expected \"2.0\"",
+            quote(&version)
+        ));
+    }
+    let platform = subject.library.types_platform()?;
+    if platform != "default" {
+        report.error(&format!(
+            "fmi2GetTypesPlatform gave {}, expected \"default\"",
+            quote(&platform)
+        ));
+    }
+    subject.instantiate()?;
+    Ok(())
+}
+
+fn guid(subject: &Subject<'_>, report: &Report) -> Result<()> {
+    let wrong = "{00000000-0000-0000-0000-000000000000}";
+    if subject
+        .library
+        .instantiate(subject.kind, wrong, &subject.resources)?
+        .is_some()
+    {
+        report.warning(
+            "fmi2Instantiate took the GUID of another FMU, expected NULL: XML and binary of different versions would not be told apart",
+        );
+    }
+    Ok(())
+}
+
+/// Compares the start values of the XML with what the binary gives in initialization mode.
+fn start(subject: &Subject<'_>, report: &Report) -> Result<()> {
+    let mut instance = subject.instantiate()?;
+    subject.enter_initialization(&mut instance)?;
+    for (_, variable) in subject.model.variables() {
+        let exact =
+            variable.initial == Some(Initial::Exact) || variable.causality == Causality::Input;
+        let Some(expected) = variable.start().filter(|_| exact) else {
+            continue;
+        };
+        match get(&mut instance, variable) {
+            Some(Ok(value)) if !is_start(&value, expected) => report.error(&format!(
+                "the start value of {} is {value} in the binary, expected {} as in the XML",
+                quote(variable.name),
+                quote(expected)
+            )),
+            Some(Err(error)) => report.error(&format!("{error:#}")),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Whether a value is a start value, up to the digits that tools write of a number.
+fn is_start(value: &Value, start: &str) -> bool {
+    match value {
+        Value::Real(value) => real(start).is_none_or(|start| {
+            start == *value
+                || (start.is_nan() && value.is_nan())
+                || (start - value).abs() <= 1e-12 * start.abs()
+        }),
+        Value::Integer(value) => integer(start).is_none_or(|start| start == *value),
+        Value::Boolean(value) => boolean(start).is_none_or(|start| i32::from(start) == *value),
+        Value::String(value) => start == value,
+    }
+}
+
+/// Makes steps, ends, resets, and makes the first step again.
+fn simulation(subject: &Subject<'_>, report: &Report) -> Result<()> {
+    let step = subject.step();
+    let mut run = Run::begin(subject)?;
+    run.advance(step)?;
+    let first = run.observe()?;
+    if subject.claims("canHandleVariableCommunicationStepSize") {
+        for other in [step / 2.0, step / 4.0, step] {
+            run.advance(other).context(
+                "canHandleVariableCommunicationStepSize is true, but for a step of another size",
+            )?;
+        }
+    }
+    for (name, value) in run.observe()? {
+        match value {
+            Value::Real(value) if !value.is_finite() => report.warning(&format!(
+                "{} is {value} after a few steps, expected a finite number",
+                quote(name)
+            )),
+            Value::Boolean(number) if number != 0 && number != 1 => {
+                report.error(&format!("{} is {value}, expected 0 or 1", quote(name)));
+            }
+            _ => {}
+        }
+    }
+    run.instance.terminate()?;
+    run.instance.reset()?;
+    run.initialize().context("after fmi2Reset")?;
+    run.advance(step).context("after fmi2Reset")?;
+    if let Some(text) = difference(&run.observe()?, &first) {
+        report.warning(&format!("after fmi2Reset, {text} as in a new instance"));
+    }
+    run.instance.terminate()?;
+    Ok(())
+}
+
+/// The first value that is other than expected.
+fn difference(values: &[(&str, Value)], expected: &[(&str, Value)]) -> Option<String> {
+    let ((name, value), (_, expected)) = values.iter().zip(expected).find(|(a, b)| a.1 != b.1)?;
+    Some(format!("{} is {value}, expected {expected}", quote(name)))
+}
+
+fn state(subject: &Subject<'_>) -> Result<()> {
+    if !subject.claims("canGetAndSetFMUstate") {
+        return Ok(());
+    }
+    let mut run = Run::begin(subject)?;
+    save_and_restore(&mut run, subject, false).context("canGetAndSetFMUstate is true, but")?;
+    if subject.claims("canSerializeFMUstate") {
+        save_and_restore(&mut run, subject, true).context("canSerializeFMUstate is true, but")?;
+    }
+    Ok(())
+}
+
+/// Makes a step from a state, and again from the same state after it was restored.
+fn save_and_restore(run: &mut Run<'_>, subject: &Subject<'_>, as_bytes: bool) -> Result<()> {
+    const MOST_BYTES: usize = 1 << 30;
+    let step = subject.step();
+    let time = run.time;
+    let mut saved = run.instance.state()?;
+    run.advance(step)?;
+    let expected = run.observe()?;
+    if as_bytes {
+        let bytes = run.instance.serialize(&saved, MOST_BYTES)?;
+        run.instance.free_state(saved)?;
+        saved = run.instance.deserialize(&bytes)?;
+    }
+    run.instance.set_state(&saved)?;
+    run.time = time;
+    run.advance(step)?;
+    let difference = difference(&run.observe()?, &expected);
+    run.instance.free_state(saved)?;
+    ensure!(
+        difference.is_none(),
+        "after a step from the restored state, {} as before",
+        difference.unwrap_or_default()
+    );
+    Ok(())
+}
+
+fn derivatives(subject: &Subject<'_>) -> Result<()> {
+    let inputs = subject.reals(Causality::Input);
+    let outputs = subject.reals(Causality::Output);
+    let mut run = Run::begin(subject)?;
+    run.advance(subject.step())?;
+    if subject.claims("providesDirectionalDerivative") {
+        for input in &inputs {
+            let values = run
+                .instance
+                .directional_derivative(&outputs, &[*input], &[1.0]);
+            let values = values.context("providesDirectionalDerivative is true, but")?;
+            ensure!(
+                values.iter().all(|value| value.is_finite()),
+                "fmi2GetDirectionalDerivative gave numbers that are not finite, expected finite ones"
+            );
+        }
+    }
+    if subject.claims("canInterpolateInputs") && !inputs.is_empty() {
+        let zeros = vec![0.0; inputs.len()];
+        run.instance
+            .set_input_derivatives(&inputs, &zeros)
+            .context("canInterpolateInputs is true, but")?;
+    }
+    let order = subject
+        .element
+        .attribute("maxOutputDerivativeOrder")
+        .and_then(integer);
+    if order.is_some_and(|order| order > 0) && !outputs.is_empty() {
+        run.instance
+            .output_derivatives(&outputs)
+            .context("maxOutputDerivativeOrder is not 0, but")?;
+    }
+    Ok(())
+}
+
+/// Runs an instance alone, and again beside another one with other inputs.
+fn instances(subject: &Subject<'_>) -> Result<()> {
+    const FLAG: &str = "canBeInstantiatedOnlyOncePerProcess";
+    if subject.claims(FLAG) {
+        return Ok(());
+    }
+    let step = subject.step();
+    let mut alone = Run::begin(subject)?;
+    alone.advance(step)?;
+    alone.advance(step)?;
+    let expected = alone.observe()?;
+    drop(alone);
+    let beside = || -> Result<_> {
+        let mut one = Run::begin(subject)?;
+        let mut other = Run::begin(subject)?;
+        for reference in subject.reals(Causality::Input) {
+            let value = other.instance.real(&[reference])?;
+            // An input may have bounds; then the other instance keeps its value.
+            let _ = other
+                .instance
+                .set_real(&[reference], &[value.first().map_or(1.0, |v| v + 1.0)]);
+        }
+        for _ in 0..2 {
+            other.advance(step)?;
+            one.advance(step)?;
+        }
+        one.observe()
+    };
+    let values =
+        beside().with_context(|| format!("{FLAG} is false, but beside another instance"))?;
+    let difference = difference(&values, &expected);
+    ensure!(
+        difference.is_none(),
+        "{FLAG} is false, but beside another instance, {} as alone",
+        difference.unwrap_or_default()
+    );
+    Ok(())
+}

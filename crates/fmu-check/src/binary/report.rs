@@ -1,0 +1,129 @@
+//! What a test in a child process tells its parent: lines in a file, written before and after each
+//! call, so that they outlive a crash.
+
+use std::cell::RefCell;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use crate::finding::Findings;
+
+/// More bytes than this of a report are not read.
+pub const MOST: u64 = 1 << 20;
+
+const CALL: &str = "call ";
+const ERROR: &str = "error ";
+const WARNING: &str = "warning ";
+const END: &str = "end";
+
+/// The child's side.
+pub struct Report {
+    file: RefCell<File>,
+    last_call: RefCell<String>,
+}
+
+impl Report {
+    /// Opens the file of the parent.
+    pub fn open(file: &Path) -> Result<Self> {
+        let file = OpenOptions::new()
+            .append(true)
+            .open(file)
+            .context("cannot open the report")?;
+        Ok(Self {
+            file: RefCell::new(file),
+            last_call: RefCell::default(),
+        })
+    }
+
+    fn line(&self, kind: &str, text: &str) {
+        let line = format!("{kind}{}\n", text.replace(['\n', '\r'], " "));
+        // Without a report there is nobody to tell; the parent sees that the end is missing.
+        let _ = self.file.borrow_mut().write_all(line.as_bytes());
+    }
+
+    /// Says which function is called next.
+    pub fn call(&self, name: &str) {
+        let mut last = self.last_call.borrow_mut();
+        if *last != name {
+            name.clone_into(&mut last);
+            self.line(CALL, name);
+        }
+    }
+
+    /// Reports an error.
+    pub fn error(&self, text: &str) {
+        self.line(ERROR, text);
+    }
+
+    /// Reports a warning.
+    pub fn warning(&self, text: &str) {
+        self.line(WARNING, text);
+    }
+
+    /// Says that the test came to its end.
+    pub fn end(&self) {
+        self.line(END, "");
+    }
+}
+
+/// The parent's side: how a test ended.
+#[derive(Default)]
+pub struct Outcome {
+    last_call: String,
+    ended: bool,
+}
+
+impl Outcome {
+    /// Reads a report, and adds its findings.
+    pub fn read(text: &str, place: &str, findings: &mut Findings) -> Self {
+        let mut outcome = Self::default();
+        for line in text.lines() {
+            if let Some(call) = line.strip_prefix(CALL) {
+                call.clone_into(&mut outcome.last_call);
+            } else if let Some(text) = line.strip_prefix(ERROR) {
+                findings.error(place, text);
+            } else if let Some(text) = line.strip_prefix(WARNING) {
+                findings.warning(place, text);
+            } else if line == END {
+                outcome.ended = true;
+            }
+        }
+        outcome
+    }
+
+    /// The call that did not return, if the test did not come to its end.
+    pub fn unfinished(&self) -> Option<&str> {
+        let call = match self.last_call.as_str() {
+            "" => "the test",
+            call => call,
+        };
+        (!self.ended).then_some(call)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_is_read_as_it_was_written() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let report = Report::open(file.path()).unwrap();
+        report.call("fmi2DoStep");
+        report.error("a\nb");
+        report.warning("c");
+        let read = || {
+            let mut findings = Findings::default();
+            let text = std::fs::read_to_string(file.path()).unwrap();
+            (Outcome::read(&text, "x", &mut findings), findings)
+        };
+        let (outcome, findings) = read();
+        assert_eq!(outcome.unfinished(), Some("fmi2DoStep"));
+        assert_eq!(findings.kept()[0].to_string(), "error: x: a b");
+        assert_eq!(findings.kept()[1].to_string(), "warning: x: c");
+        report.end();
+        assert_eq!(read().0.unfinished(), None);
+    }
+}

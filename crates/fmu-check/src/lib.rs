@@ -1,0 +1,53 @@
+//! Checks FMUs from any vendor as an importer would: the archive, the model description against the
+//! schema and the rules of the standard, and the binaries by running them.
+//!
+//! A binary may crash, hang or exit, so each test of it runs in a child process: [`Probes`] says which
+//! program to start, and that program passes its arguments to [`probe`].
+#![forbid(unsafe_code)]
+
+mod binary;
+mod finding;
+mod package;
+mod rules;
+mod schema;
+
+use std::path::Path;
+
+pub use binary::Probes;
+pub use binary::probe::run as probe;
+pub use finding::{Finding, Findings, Severity};
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::model::Model;
+use fmu_file::xml;
+
+/// Checks an FMU; its binaries are only run if there are probes.
+pub fn check(file: &Path, probes: Option<&Probes>) -> Findings {
+    let mut findings = Findings::default();
+    check_all(file, probes, &mut findings);
+    findings
+}
+
+fn check_all(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
+    let mut archive = match Archive::open(file) {
+        Ok(archive) => archive,
+        Err(error) => return findings.error("archive", format!("{error:#}")),
+    };
+    package::check(&mut archive, findings);
+    let text = match archive.model_description() {
+        Ok(text) => text,
+        Err(error) => return findings.error("archive", format!("{error:#}")),
+    };
+    let root = match xml::parse(&text) {
+        Ok(root) => root,
+        Err(error) => return findings.error(MODEL_DESCRIPTION, format!("{error:#}")),
+    };
+    schema::check(&root, findings);
+    let model = Model::new(&root);
+    rules::check(&model, findings);
+    package::check_binaries(&model, &mut archive, findings);
+    if let Some(probes) = probes
+        && archive.faults.is_empty()
+    {
+        binary::check(&model, &mut archive, probes, findings);
+    }
+}

@@ -1,0 +1,133 @@
+//! Rules of the names of variables (FMI 2.0.4, section 2.2.9).
+
+use std::collections::HashSet;
+
+use fmu_file::model::Model;
+use fmu_file::text::quote;
+
+use crate::finding::Findings;
+
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    let structured = model.root.attribute("variableNamingConvention") == Some("structured");
+    let mut names = HashSet::new();
+    for (_, variable) in model.variables() {
+        let name = variable.name;
+        if !names.insert(name) {
+            findings.error(
+                variable.place(),
+                format!(
+                    "two variables have the name {}, expected each once",
+                    quote(name)
+                ),
+            );
+        }
+        if name.trim().is_empty() {
+            findings.error(variable.place(), "the name is empty, expected a text");
+        } else if structured && !is_structured(name) {
+            findings.error(
+                variable.place(),
+                "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)",
+            );
+        }
+    }
+}
+
+/// Whether a name has the form of the naming convention `structured`.
+fn is_structured(name: &str) -> bool {
+    let whole = |text: &str| identifier(text).is_some_and(str::is_empty);
+    match name
+        .strip_prefix("der(")
+        .and_then(|rest| rest.strip_suffix(')'))
+    {
+        None => whole(name),
+        Some(inner) => match inner.rsplit_once(',') {
+            // The comma may also stand between indices.
+            Some((inner, order)) if is_number(order) => whole(inner),
+            _ => whole(inner),
+        },
+    }
+}
+
+fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
+/// What comes after an identifier at the beginning of a text: names with indices, dots between.
+fn identifier(mut text: &str) -> Option<&str> {
+    loop {
+        text = match text.strip_prefix('\'') {
+            Some(rest) => quoted(rest)?,
+            None => plain(text)?,
+        };
+        if let Some(rest) = text.strip_prefix('[') {
+            let (indices, rest) = rest.split_once(']')?;
+            if !indices.split(',').all(is_number) {
+                return None;
+            }
+            text = rest;
+        }
+        match text.strip_prefix('.') {
+            Some(rest) => text = rest,
+            None => return Some(text),
+        }
+    }
+}
+
+/// What comes after a name of letters, digits and underscores.
+fn plain(text: &str) -> Option<&str> {
+    let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let rest = text.trim_start_matches(is_name);
+    let starts_well = text.starts_with(|c: char| is_name(c) && !c.is_ascii_digit());
+    starts_well.then_some(rest)
+}
+
+/// What comes after a name in quotes, whose first quote has been read.
+fn quoted(text: &str) -> Option<&str> {
+    let mut characters = text.char_indices();
+    while let Some((at, character)) = characters.next() {
+        match character {
+            '\'' => return (at > 0).then(|| &text[at + 1..]),
+            '\\' => {
+                let (_, escaped) = characters.next()?;
+                if !"'\"?\\abfnrtv".contains(escaped) {
+                    return None;
+                }
+            }
+            ' '..='~' => {}
+            _ => return None,
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn structured_names_have_the_form_of_the_standard() {
+        for good in [
+            "a",
+            "_a1",
+            "a.b.c",
+            "rbf.w[1]",
+            "a[1,2].b[3]",
+            "der(a)",
+            "der(a.b[1])",
+            "der(a[1,2])",
+            "der(a,2)",
+            "'a b'.c",
+            "'it\\'s'",
+            "a.'[x]'[2]",
+            "der('a,b')",
+        ] {
+            assert!(is_structured(good), "{good}");
+        }
+        for bad in [
+            "", "1a", "a.", ".a", "a..b", "a[", "a[]", "a[x]", "a[1", "a b", "a-b", "ä", "der(",
+            "der()", "der(a", "a)", "''", "'a", "'a\\x'", "a[1,]", "der(a,)", "a[1]b",
+        ] {
+            assert!(!is_structured(bad), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Rules of the attributes of the root, of log categories, of the kinds of FMU, and of the default experiment.
+
+use fmu_file::model::{Model, place};
+use fmu_file::text::quote;
+use fmu_file::xml::Element;
+
+use super::unique;
+use crate::finding::Findings;
+use crate::package::KINDS;
+
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    let root = model.root;
+    for name in ["modelName", "guid"] {
+        if root
+            .attribute(name)
+            .is_some_and(|text| text.trim().is_empty())
+        {
+            findings.error(place(root), format!("{name} is empty, expected a text"));
+        }
+    }
+    if let Some(date) = root.attribute("generationDateAndTime")
+        && !date.trim().ends_with('Z')
+    {
+        findings.warning(
+            place(root),
+            format!(
+                "generationDateAndTime is {}, expected a time in UTC, which ends in Z",
+                quote(date)
+            ),
+        );
+    }
+    unique(
+        root.list("LogCategories", "Category"),
+        "log category",
+        findings,
+    );
+    kinds(root, findings);
+    experiment(model, findings);
+}
+
+fn kinds(root: &Element<'_>, findings: &mut Findings) {
+    for kind in KINDS {
+        let mut of_kind = root.children.iter().filter(|child| child.name == kind);
+        if let (Some(_), Some(second)) = (of_kind.next(), of_kind.next()) {
+            findings.error(
+                place(second),
+                format!("{kind} stands twice, expected it once"),
+            );
+        }
+    }
+    if root.child("ModelExchange").is_some() && root.attribute("numberOfEventIndicators").is_none()
+    {
+        findings.warning(
+            place(root),
+            "numberOfEventIndicators is missing, expected it for model exchange",
+        );
+    }
+    for kind in root
+        .children
+        .iter()
+        .filter(|child| KINDS.contains(&child.name))
+    {
+        if let Some(identifier) = kind.attribute("modelIdentifier")
+            && !is_c_identifier(identifier)
+        {
+            findings.error(
+                place(kind),
+                format!(
+                    "modelIdentifier is {}, expected a C identifier",
+                    quote(identifier)
+                ),
+            );
+        }
+        let flag = |name| matches!(kind.attribute(name), Some("true" | "1"));
+        if flag("canSerializeFMUstate") && !flag("canGetAndSetFMUstate") {
+            findings.error(
+                place(kind),
+                "canSerializeFMUstate is true, expected canGetAndSetFMUstate to be true with it",
+            );
+        }
+    }
+}
+
+/// Whether a text can begin the name of a C function, and so be the name of a binary.
+fn is_c_identifier(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+fn experiment(model: &Model<'_>, findings: &mut Findings) {
+    let Some(element) = model.root.child("DefaultExperiment") else {
+        return;
+    };
+    for name in ["startTime", "stopTime", "tolerance", "stepSize"] {
+        if let Some(value) = model.experiment(name) {
+            let positive = matches!(name, "tolerance" | "stepSize");
+            if !value.is_finite() || (positive && value <= 0.0) {
+                let expected = if positive {
+                    "a positive number"
+                } else {
+                    "a finite number"
+                };
+                findings.error(
+                    place(element),
+                    format!("{name} is {value}, expected {expected}"),
+                );
+            }
+        }
+    }
+    let start = model.experiment("startTime").unwrap_or(0.0);
+    if let Some(stop) = model.experiment("stopTime")
+        && stop <= start
+    {
+        findings.error(
+            place(element),
+            format!("stopTime is {stop}, expected it after startTime {start}"),
+        );
+    }
+}

@@ -1,0 +1,101 @@
+//! Rules of units, and of how types and variables use them.
+
+use std::collections::{HashMap, HashSet};
+
+use fmu_file::model::{Kind, Model, place};
+use fmu_file::text::quote;
+use fmu_file::value::real;
+use fmu_file::xml::Element;
+
+use super::unique;
+use crate::finding::Findings;
+
+/// The display units of each unit, by its name.
+type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
+
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    let defined = || model.root.list("UnitDefinitions", "Unit");
+    unique(defined(), "unit", findings);
+    let mut units = Units::new();
+    for unit in defined() {
+        factors(unit, findings);
+        let displays = unit
+            .children
+            .iter()
+            .filter(|child| child.name == "DisplayUnit");
+        let displays = unique(displays, "display unit", findings);
+        if let Some(name) = unit.attribute("name") {
+            units.insert(name, displays);
+        }
+    }
+    for of_type in model.root.list("TypeDefinitions", "SimpleType") {
+        if let Some(value) = of_type.child("Real") {
+            usage(value, value.attribute("unit"), &units, findings);
+        }
+    }
+    for (_, variable) in model.variables() {
+        if variable.kind == Kind::Real {
+            usage(variable.value, variable.unit(), &units, findings);
+        }
+    }
+}
+
+/// Checks that a unit can be converted to its base unit and to its display units.
+fn factors(unit: &Element<'_>, findings: &mut Findings) {
+    for child in &unit.children {
+        let number = |name: &str| child.attribute(name).and_then(real);
+        if let Some(factor) = number("factor")
+            && (factor == 0.0 || !factor.is_finite())
+        {
+            findings.error(
+                place(child),
+                format!("the factor of a unit is {factor}, expected a number other than 0"),
+            );
+        }
+        if let Some(offset) = number("offset")
+            && !offset.is_finite()
+        {
+            findings.error(
+                place(child),
+                format!("the offset of a unit is {offset}, expected a finite number"),
+            );
+        }
+    }
+}
+
+/// Checks that the unit of a type or variable, and its display unit, are defined.
+fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &mut Findings) {
+    let displays = unit.and_then(|unit| units.get(unit));
+    if let Some(own) = value.attribute("unit")
+        && displays.is_none()
+    {
+        findings.error(
+            place(value),
+            format!(
+                "the unit {} is not defined, expected one of UnitDefinitions",
+                quote(own)
+            ),
+        );
+    }
+    let Some(display) = value.attribute("displayUnit") else {
+        return;
+    };
+    if unit.is_none() {
+        findings.error(
+            place(value),
+            format!(
+                "displayUnit is {} without a unit, expected both",
+                quote(display)
+            ),
+        );
+    } else if displays.is_some_and(|displays| !displays.contains(display)) && unit != Some(display)
+    {
+        findings.error(
+            place(value),
+            format!(
+                "the display unit {} is not defined for its unit, expected a DisplayUnit",
+                quote(display)
+            ),
+        );
+    }
+}

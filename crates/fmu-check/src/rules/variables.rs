@@ -1,0 +1,187 @@
+//! Rules of single variables, and of variables with the same value reference (FMI 2.0.4, section
+//! 2.2.7).
+
+use std::collections::HashMap;
+
+use fmu_file::model::{Causality, Initial, Kind, Model, Variability, Variable};
+use fmu_file::value::unsigned;
+
+use crate::finding::Findings;
+
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    let mut independent = None;
+    for (_, variable) in model.variables() {
+        combination(variable, findings);
+        start(variable, findings);
+        derivative(variable, model, findings);
+        if variable.causality == Causality::Independent {
+            if variable.kind != Kind::Real {
+                findings.error(
+                    variable.place(),
+                    "the independent variable is no Real, expected a Real",
+                );
+            }
+            if let Some(first) = independent.replace(variable.name) {
+                findings.error(
+                    variable.place(),
+                    format!("it is independent as {first:?} is, expected at most one independent variable"),
+                );
+            }
+        }
+    }
+    aliases(model, findings);
+}
+
+/// The values of `initial` that go with a causality and a variability; none if these two do not go
+/// together.
+fn allowed(causality: Causality, variability: Variability) -> Option<&'static [Option<Initial>]> {
+    use Causality::{CalculatedParameter, Independent, Input, Local, Output, Parameter};
+    use Variability::{Constant, Continuous, Discrete, Fixed, Tunable};
+
+    const EXACT: &[Option<Initial>] = &[Some(Initial::Exact)];
+    const COMPUTED: &[Option<Initial>] = &[Some(Initial::Calculated), Some(Initial::Approx)];
+    const ANY: &[Option<Initial>] = &[
+        Some(Initial::Calculated),
+        Some(Initial::Exact),
+        Some(Initial::Approx),
+    ];
+    const NONE: &[Option<Initial>] = &[None];
+    match (causality, variability) {
+        (Parameter, Fixed | Tunable) | (Output | Local, Constant) => Some(EXACT),
+        (CalculatedParameter | Local, Fixed | Tunable) => Some(COMPUTED),
+        (Output | Local, Discrete | Continuous) => Some(ANY),
+        (Input, Discrete | Continuous) | (Independent, Continuous) => Some(NONE),
+        _ => None,
+    }
+}
+
+fn combination(variable: &Variable<'_>, findings: &mut Findings) {
+    let written = |name, default| variable.element.attribute(name).unwrap_or(default);
+    let causality = written("causality", "local");
+    let variability = written("variability", "continuous");
+    match allowed(variable.causality, variable.variability) {
+        None => findings.error(
+            variable.place(),
+            format!(
+                "causality {causality} and variability {variability} stand together, expected a combination of section 2.2.7 of FMI 2.0.4"
+            ),
+        ),
+        Some(initials) if !initials.contains(&variable.initial) => findings.error(
+            variable.place(),
+            format!(
+                "initial is {}, expected one that goes with causality {causality} and variability {variability}",
+                written("initial", "missing")
+            ),
+        ),
+        Some(_) => {}
+    }
+    if variable.kind != Kind::Real && variable.variability == Variability::Continuous {
+        findings.error(
+            variable.place(),
+            format!(
+                "variability is continuous (or missing), expected another for the type {}",
+                variable.value.name
+            ),
+        );
+    }
+}
+
+fn start(variable: &Variable<'_>, findings: &mut Findings) {
+    let needs = matches!(variable.initial, Some(Initial::Exact | Initial::Approx))
+        || variable.causality == Causality::Input;
+    match variable.start() {
+        None if needs => findings.error(
+            variable.place(),
+            "it has no start, expected one for an input, a constant, and initial exact or approx",
+        ),
+        Some(_) if !needs => findings.error(
+            variable.place(),
+            "it has a start, expected none for initial calculated and the independent variable",
+        ),
+        _ => {}
+    }
+}
+
+fn derivative(variable: &Variable<'_>, model: &Model<'_>, findings: &mut Findings) {
+    let Some(index) = variable.value.attribute("derivative").and_then(unsigned) else {
+        return;
+    };
+    match model.variable(index as usize) {
+        Some(state) if state.kind == Kind::Real && state.variability == Variability::Continuous => {
+        }
+        Some(state) => findings.error(
+            variable.place(),
+            format!(
+                "it is the derivative of {:?}, expected a continuous Real",
+                state.name
+            ),
+        ),
+        None => findings.error(
+            variable.place(),
+            format!(
+                "derivative is {index}, expected the index of a variable, 1 to {}",
+                model.variables.len()
+            ),
+        ),
+    }
+}
+
+/// Checks variables of one type with one value reference, which have one value.
+fn aliases(model: &Model<'_>, findings: &mut Findings) {
+    let mut sets: HashMap<(Kind, u32), Vec<&Variable<'_>>> = HashMap::new();
+    for (_, variable) in model.variables() {
+        if let Some(reference) = variable.reference {
+            // Enumerations are read and set as Integers.
+            let kind = match variable.kind {
+                Kind::Enumeration => Kind::Integer,
+                kind => kind,
+            };
+            sets.entry((kind, reference)).or_default().push(variable);
+        }
+    }
+    let mut sets: Vec<_> = sets.into_values().filter(|set| set.len() > 1).collect();
+    sets.sort_by_key(|set| set[0].element.line);
+    for set in sets {
+        alias_set(&set, findings);
+    }
+}
+
+fn alias_set(set: &[&Variable<'_>], findings: &mut Findings) {
+    let constant = |v: &&&Variable<'_>| v.variability == Variability::Constant;
+    let settable = |v: &&&Variable<'_>| {
+        matches!(
+            v.causality,
+            Causality::Parameter | Causality::Input | Causality::Independent
+        )
+    };
+    let started = |v: &&&Variable<'_>| v.start().is_some();
+    let mut report = |variable: &Variable<'_>, what: &str| {
+        findings.error(
+            variable.place(),
+            format!("it has the value reference of {:?} {what}", set[0].name),
+        );
+    };
+    if let Some(second) = set.iter().filter(settable).nth(1) {
+        report(
+            second,
+            "though both are set from outside, expected at most one such variable",
+        );
+    }
+    let constants = set.iter().filter(constant).count();
+    if constants != 0 {
+        let other = set
+            .iter()
+            .find(|v| v.start() != set[0].start() || !constant(v));
+        if let Some(other) = other {
+            report(
+                other,
+                "which is constant, expected all to be constant with the same start",
+            );
+        }
+    } else if let Some(second) = set.iter().filter(started).nth(1) {
+        report(second, "and both have a start, expected at most one start");
+    }
+    if let Some(other) = set.iter().find(|v| v.unit() != set[0].unit()) {
+        report(other, "and another unit, expected the same unit");
+    }
+}
