@@ -1,0 +1,110 @@
+"""The documentation is true: its commands and programs run, its links and files exist."""
+
+import csv
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pendulum_fmus.project import PROGRAM, ROOT
+
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
+    for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("fuzz/*.md")])
+}
+RUN = [page for page in PAGES if not page.startswith("fuzz/")]  # `make fuzz` runs those
+
+BLOCK = re.compile(r"(?:`([\w./-]+)`:\n\n)?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+"""A fenced block: the file that it belongs to, if the text before it names one; language; text."""
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors of the headings of a page."""
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_files_exist(page: str) -> None:
+    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGES[page]):
+        path, _, anchor = link.partition("#")
+        target = (ROOT / page).parent / path if path else ROOT / page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target.read_text(encoding="utf-8")), link
+    written = {path for path, _, _ in BLOCK.findall(PAGES[page])}
+    tops = {path.name for path in ROOT.iterdir()} - {"target"}
+    for path in re.findall(r"`([\w.-]+/[\w./-]*)`", PAGES[page]):
+        if path.split("/")[0] in tops and path not in written:
+            assert (ROOT / path).exists(), path
+
+
+def copy_of_the_sources(fmus: Path) -> Path:
+    """Return a copy of the project with its FMUs, to be changed.
+
+    All copies lie at the same place and share a target folder, so that cargo builds only what a
+    page changes.
+    """
+    target = ROOT / "target" / "docs"
+    copy = target / "project"
+    shutil.rmtree(copy, ignore_errors=True)
+    ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")
+    shutil.copytree(ROOT, copy, ignore=ignored)
+    shutil.copytree(fmus, target / "fmu", dirs_exist_ok=True)
+    (copy / "target").symlink_to(target)
+    return copy
+
+
+def write(file: Path, text: str) -> None:
+    """Write a file as a page shows it; of a `lib.rs` a page shows the line that exports models."""
+    if file.name == "lib.rs":
+        export = re.compile(r"^fmu_export::export!\(.*\);$", re.MULTILINE)
+        text, count = export.subn(text, file.read_text(encoding="utf-8"))
+        assert count == 1, "lib.rs has one line that exports"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+
+
+def run(command: list, folder: Path) -> None:
+    """Run a command in a folder, with the Python package and the FMUs of that folder."""
+    env = {**os.environ, "PYTHONPATH": str(folder / "python"), "FMUS": "target/fmu"}
+    subprocess.run(command, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("page", RUN)
+def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None:
+    """Follow a page from top to bottom; `make` targets are run by CI itself."""
+    blocks = BLOCK.findall(PAGES[page])
+    changes_sources = any(path for path, _, _ in blocks)
+    folder = copy_of_the_sources(fmus) if changes_sources else ROOT
+    for path, language, block in blocks:
+        if path:
+            write(folder / path, block)
+        elif language == "python":
+            run([sys.executable, "-c", block], folder)
+        elif language == "sh":
+            commands = re.sub(r"^make .*$", "", block, flags=re.MULTILINE)
+            commands = commands.replace("cargo fmu ", f"{PROGRAM} ")
+            run(["bash", "-exc", commands.replace("target/venv/bin/python", sys.executable)], folder)
+
+
+def test_what_you_should_see(program: Path, tmp_path: Path) -> None:
+    """The table of importing.md: last error, settling time and largest angle of the four loops."""
+    section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]
+    lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]
+    for name, cells in zip(["pid", "pid-rbf", "ipid-rbf", "supervised"], lines, strict=True):
+        file = tmp_path / "loop.csv"
+        outputs = ["--output", "controller.e", "--output", "plant.theta"]
+        run([program, "simulate", f"examples/ssp/{name}.toml", *outputs, "--csv", file], ROOT)
+        with file.open() as opened:
+            rows = [[float(cell) for cell in row] for row in list(csv.reader(opened))[1:]]
+        error, settled, largest = (re.findall(r"-?\d[\d.e-]*", cell)[-1] for cell in cells)
+        if "below" in cells[0]:
+            assert abs(rows[-1][1]) < float(error)
+        else:
+            assert rows[-1][1] == pytest.approx(float(error), rel=5e-3)
+        last = max(time for time, error, _ in rows if abs(error) > 0.003)
+        assert last == pytest.approx(float(settled), abs=0.006)
+        assert max(angle for _, _, angle in rows) == pytest.approx(float(largest), abs=6e-4)
