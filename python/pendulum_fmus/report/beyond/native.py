@@ -7,11 +7,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from master import MasterError
 
-from .. import ROOT
+from ...master import MasterError
+from ...project import PROGRAM, ROOT
 
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
 EXAMPLES = ROOT / "examples" / "closed-loop"
 
 SYSTEMS = {
@@ -52,7 +51,7 @@ def sweep(
     The metrics by name, each of shape (n,); NaN where a run has none.
     """
     if not PROGRAM.is_file():
-        raise MasterError(f"{PROGRAM} does not exist; run `make master` first")
+        raise MasterError(f"{PROGRAM} does not exist; run `make native` first")
     with tempfile.TemporaryDirectory(prefix="sweep-") as name:
         folder = Path(name)
         text = (EXAMPLES / f"{SYSTEMS[kind]}.toml").read_text(encoding="utf-8")

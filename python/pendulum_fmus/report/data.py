@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .scenarios import Columns, Loop, gain_loop, loops_of
+from ..loop import Columns, Loop
+from .scenarios import gain_loop, loops_of
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import FORCE, Figure, Panel
 from ..metrics import iae, largest, settling, variation
 from ..page import Part
 from ..paper.curves import curve
-from ..scenarios import Loop
 from .eigenvalues import DELAYS, ETA
 from .learning import RINGING, loop
 from .section import section, statement

@@ -1,6 +1,6 @@
 """Run a sweep on many processes or machines, by Dask.
 
-    python distributed/sweep.py SWEEP.toml --out rows.csv
+    python -m pendulum_fmus.sweep SWEEP.toml --out rows.csv
 
 gives the same rows as `cargo fmu sweep SWEEP.toml --out rows.csv`, byte for byte. Without a
 scheduler it starts worker processes on this machine. On several machines, start on one
@@ -13,7 +13,7 @@ on each that is to work, with as many processes as it has cores,
 
 and then, where this project is,
 
-    python distributed/sweep.py SWEEP.toml --out rows.csv --scheduler tcp://HOST:8786
+    python -m pendulum_fmus.sweep SWEEP.toml --out rows.csv --scheduler tcp://HOST:8786
 
 The machines of the workers need Python with `dask.distributed`, of the same versions, and nothing
 of this project: each worker gets the native program, the sweep, the system and the FMUs, and keeps
@@ -57,8 +57,7 @@ from dask.distributed import (
 from distributed.client import FutureCancelledError
 from tqdm import tqdm
 
-PROGRAM = Path(__file__).resolve().parent.parent / "target" / "native" / "cargo-fmu"
-"""Where `make master` puts the program."""
+from pendulum_fmus.project import PROGRAM
 
 PATIENCE = 5
 """How long a scheduler may take to answer [s]."""
@@ -113,7 +112,7 @@ def call(program: Path, *arguments: object) -> str:
         result = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise SweepError(
-            f"cannot run {program}: {error.strerror}; `make master` builds the program"
+            f"cannot run {program}: {error.strerror}; `make native` builds the program"
         ) from error
     if result.returncode:
         raise SweepError(complaint(result.stderr, result.returncode))
@@ -377,9 +376,9 @@ def sweep(options: argparse.Namespace) -> None:
 
 EXAMPLES = """\
 examples:
-  python distributed/sweep.py examples/sweep/gains.toml --out target/gains.csv
+  python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
       on worker processes of this machine, one for each core
-  python distributed/sweep.py examples/sweep/robustness.toml --out target/robustness.parquet \\
+  python -m pendulum_fmus.sweep examples/sweep/robustness.toml --out target/robustness.parquet \\
           --scheduler tcp://192.0.2.1:8786
       on the workers of a scheduler, started on machines of the same platform by
           dask scheduler --host 192.0.2.1

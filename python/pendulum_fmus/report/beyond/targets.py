@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import Figure, Panel
 from ..metrics import iae, settling
 from ..page import Part
 from ..paper.curves import END, SMALLEST, absolute_errors
-from ..scenarios import SIGNALS, Loop
+from ..scenarios import SIGNALS
 from .section import section, statement
 
 KINDS = ("IPID-RBF", "IPID-RBF own")

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...loop import Loop
 from ..claims import Claim, Finding, Table, judge
 from ..data import Data, Trace
 from ..figure import ANGLE, FORCE, Curve, Figure, Panel
 from ..metrics import iae, largest, overshoot
 from ..page import Part
 from ..paper.curves import curve, outputs
-from ..scenarios import Loop
 from .section import section, statement
 
 CONTROLLERS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF, own": "IpidRbf"}

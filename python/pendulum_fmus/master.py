@@ -1,6 +1,20 @@
-"""Couple FMI 2.0 co-simulation FMUs by FMPy: components, connections, orders of stepping.
+"""Couple FMI 2.0 co-simulation FMUs of any vendor by FMPy, at a fixed communication step.
 
-See `master.py`, which exports all of this, for how to use it.
+    with System(
+        [
+            Component("controller", "target/fmu/Pid.fmu", sampled=True),
+            Component("plant", "target/fmu/Pendulum.fmu", {"theta0": 0.1}),
+        ],
+        [("plant.theta", "controller.y"), ("controller.u", "plant.u")],
+    ) as system:
+        results = simulate(system, start=0.001, step=0.001, steps=5000)
+
+Two orders of stepping are offered. At every communication point t
+
+- sequential (Gauss-Seidel): one component after another fetches its inputs from the newest
+  outputs and steps. With the controller first, the plant feels u(t) at t: no delay;
+- parallel (Jacobi): all outputs are read, all inputs are set, then all components step.
+  The plant feels u(t) one step later. Most tools do this.
 """
 
 import difflib
@@ -30,14 +44,14 @@ from fmpy.model_description import ModelVariable
 from tqdm import tqdm
 
 CHUNK = 500
-"""Steps between two updates of the progress bar, few enough to look smooth, and no brake."""
+"""Steps between two updates of the progress bar: often enough to look smooth, at no cost."""
 
-MOST_STEPS = 10**7
-"""More steps than this are taken for a slip in `step` or `stop`."""
+MAX_STEPS = 10**7
+"""More steps than this are taken for a mistake in `step` or `stop`."""
 
 
 class MasterError(Exception):
-    """Something that the user of the master can put right; the text says what and where."""
+    """An error that the user can correct; the message says what and where."""
 
 
 # --- log messages -------------------------------------------------------------------------------
@@ -496,6 +510,6 @@ def steps_until(stop: float, start: float, step: float) -> int:
     if not 0 < step < math.inf:
         raise MasterError(f"the step {step} s is not a positive number")
     steps = (stop - start) / step
-    if steps > MOST_STEPS:
-        raise MasterError(f"{steps:.3g} steps are too many; the most are {MOST_STEPS}")
+    if steps > MAX_STEPS:
+        raise MasterError(f"{steps:.3g} steps are too many; at most {MAX_STEPS} are allowed")
     return math.floor(steps + 1e-6) + 1

@@ -3,11 +3,9 @@
 import math
 from dataclasses import dataclass
 
-import table1
-
+from ... import table1
 from ..claims import Verdict, judge
 from ..data import Data
-from ..scenarios import loop_of
 
 NAMES = {"Pid": "PID", "PidRbf": "PID-RBF", "IpidRbf": "IPID-RBF"}
 
@@ -52,7 +50,7 @@ def lines(data: Data) -> list[Line]:
     """Return all numbers in the order of the table."""
     found = []
     for entry in table1.entries():
-        computed = entry.computed(data.results[loop_of(entry.run)])
+        computed = entry.computed(data.results[entry.run])
         digits = math.isfinite(computed) and table1.agrees(computed, entry.printed)
         row, disturbance, signal, controller = entry.label
         found.append(
@@ -69,9 +67,3 @@ def lines(data: Data) -> list[Line]:
             )
         )
     return found
-
-
-def text(data: Data) -> tuple[str, bool]:
-    """Return Table 1 for a terminal, and whether every number is reproduced."""
-    runs = {entry.run: data.results[loop_of(entry.run)] for entry in table1.entries()}
-    return table1.report(runs)

@@ -1,12 +1,18 @@
 """The sampled closed loop around a constant set-point, in NumPy: how far learning may go."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-import reference
+
+from ...loop import TS
+from ..scenarios import GAINS
 
 ETA, ALPHA = 0.30, 0.05
 """The paper's learning rate and momentum."""
+
+CENTRES, WIDTH = np.array([-2.0, -1.0, 1.0, 2.0]), 0.5
+"""Of the network's nodes."""
 
 CONSTANT = 1e-6
 """An eigenvalue this close to 1 is the plant's zero at s = 0 against the integrator."""
@@ -38,8 +44,22 @@ DELAYS = (Delay(False, False), Delay(True, False), Delay(False, True), Delay(Tru
 
 def activation() -> float:
     """Return |h|² of the network's nodes at r = 1."""
-    h = np.exp(-((1 - reference.Controller.c) ** 2) / (2 * reference.Controller.b**2))
+    h = np.exp(-((1 - CENTRES) ** 2) / (2 * WIDTH**2))
     return float(h @ h)
+
+
+def held_plant() -> tuple[np.ndarray, np.ndarray]:
+    """Return the zero-order hold of (9) over a sample, without x: A (3, 3), B (3,).
+
+    The states are v, theta, omega.
+    """
+    M, m, l, g, I, b = 1.096, 0.109, 0.25, 9.8, 0.0034, 0.1  # noqa: E741
+    mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
+    rates = np.zeros((4, 4))  # the last row and column belong to the force, which is held
+    rates[[0, 2]] = np.linalg.solve(mass, [[-b, 0, 0, 1], [0, m * g * l, 0, 0]])
+    rates[1, 2] = 1
+    series = [np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10)]
+    return sum(series)[:3, :3], sum(series)[:3, 3]
 
 
 def matrix(delay: Delay, eta: float) -> np.ndarray:
@@ -48,18 +68,17 @@ def matrix(delay: Delay, eta: float) -> np.ndarray:
     The states are v, theta, omega; e, x3, x2 of the sample before; u_n, and that of the sample
     before, for only the weights along h learn; u of the sample before.
     """
-    Ad, Bd = reference.hold(reference.TS)
-    pid, ts = reference.Controller("PidRbf"), reference.TS
+    Ad, Bd = held_plant()
     unit = np.eye(9)
     e = -unit[1]
-    x2, x3 = (e - unit[3]) / ts, unit[4] + e * ts
+    x2, x3 = (e - unit[3]) / TS, unit[4] + e * TS
     terms = (unit[3], unit[5], unit[4]) if delay.previous_sample_terms else (e, x2, x3)
-    u_p = pid.kp * terms[0] + pid.kd * terms[1] + pid.ki * terms[2]
+    u_p = GAINS["kp"] * terms[0] + GAINS["kd"] * terms[1] + GAINS["ki"] * terms[2]
     u = u_p + unit[6]
     felt = unit[8] if delay.parallel else u
     A = np.zeros((9, 9))
-    A[:3, :3] = Ad[1:, 1:]  # the cart's position acts on nothing
-    A[:3] += np.outer(Bd[1:], felt)
+    A[:3, :3] = Ad
+    A[:3] += np.outer(Bd, felt)
     A[3], A[4], A[5] = e, x3, x2
     A[6] = unit[6] + eta * activation() * u_p + ALPHA * (unit[6] - unit[7])
     A[7], A[8] = unit[6], u

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import ERROR, FORCE, Curve, Figure, Panel
 from ..metrics import largest, tone
 from ..page import Part
 from ..paper.curves import curve
-from ..scenarios import Loop
 from .eigenvalues import DELAYS, ETA, Delay, limit, printed_bound, spectral_radius
 from .section import section, statement
 

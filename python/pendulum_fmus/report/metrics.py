@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from master import SETTLING_BAND, settling_time
 
+from ..loop import SETTLING_BAND, settling_time
 from .data import Trace
 
 BURST = 50.0

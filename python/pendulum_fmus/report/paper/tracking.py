@@ -1,8 +1,8 @@
 """Figures 4, 6, 8, 10, 12 and 14: what the controllers make of the reference."""
 
 import numpy as np
-import table1
 
+from ... import table1
 from ..claims import Claim, Finding, judge
 from ..data import Data, Trace
 from ..figure import Curve, Figure

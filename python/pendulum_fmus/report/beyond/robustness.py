@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import Curve, Figure, Panel
@@ -11,7 +12,7 @@ from ..metrics import HOLD
 from ..page import Part
 from ..paper.compare import COLUMNS
 from ..paper.curves import END
-from ..scenarios import KINDS, Loop
+from ..scenarios import KINDS
 from .native import both_plants, sweep
 from .section import section, statement
 

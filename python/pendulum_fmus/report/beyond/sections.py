@@ -5,9 +5,9 @@ A section is a module with `loops()`, what it needs of the FMPy master, and `par
 
 from pathlib import Path
 
+from ...loop import Loop
 from ..data import Data
 from ..page import Part
-from ..scenarios import Loop
 from . import learning, noise, nonlinear, order, robustness, targets, windup
 
 MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from master import TS, Component, System, simulate
 
+from ...loop import TS, Loop
+from ...master import Component, System, simulate
 from ..claims import Finding, Table, judge
 from ..data import Data, Trace, trace_of
 from ..figure import Curve, Figure, Panel
 from ..metrics import largest, rms
 from ..numbers import listing, number
 from ..page import Part
-from ..scenarios import Loop
 from .learning import RINGING
 from .measurement import Measurement
 from .section import section, statement

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import ANGLE, Curve, Figure, Panel
 from ..page import Part
 from ..paper.compare import COLUMNS
-from ..scenarios import KINDS, Loop
+from ..scenarios import KINDS
 from .native import both_plants, sweep
 from .section import section, statement
 
