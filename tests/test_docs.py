@@ -1,19 +1,20 @@
 """The documentation is true: its commands and programs run, its links and files exist."""
 
 import csv
-import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from pendulum_fmus.project import PROGRAM, ROOT
+
+import pages
+from pendulum_fmus.project import ROOT
 
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
     for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("fuzz/*.md")])
+    if path.name != "CHANGELOG.md"  # names what is gone, too
 }
 RUN = [page for page in PAGES if not page.startswith("fuzz/")]  # `make fuzz` runs those
 
@@ -41,53 +42,25 @@ def test_links_and_files_exist(page: str) -> None:
             assert (ROOT / path).exists(), path
 
 
-def copy_of_the_sources(fmus: Path) -> Path:
-    """Return a copy of the project with its FMUs, to be changed.
-
-    All copies lie at the same place and share a target folder, so that cargo builds only what a
-    page changes.
-    """
-    target = ROOT / "target" / "docs"
-    copy = target / "project"
-    shutil.rmtree(copy, ignore_errors=True)
-    ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")
-    shutil.copytree(ROOT, copy, ignore=ignored)
-    shutil.copytree(fmus, target / "fmu", dirs_exist_ok=True)
-    (copy / "target").symlink_to(target)
-    return copy
-
-
-def write(file: Path, text: str) -> None:
-    """Write a file as a page shows it; of a `lib.rs` a page shows the line that exports models."""
-    if file.name == "lib.rs":
-        export = re.compile(r"^fmu_export::export!\(.*\);$", re.MULTILINE)
-        text, count = export.subn(text, file.read_text(encoding="utf-8"))
-        assert count == 1, "lib.rs has one line that exports"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(text, encoding="utf-8")
-
-
-def run(command: list, folder: Path) -> None:
-    """Run a command in a folder, with the Python package and the FMUs of that folder."""
-    env = {**os.environ, "PYTHONPATH": str(folder / "python"), "FMUS": "target/fmu"}
-    subprocess.run(command, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
-
-
 @pytest.mark.parametrize("page", RUN)
 def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None:
-    """Follow a page from top to bottom; `make` targets are run by CI itself."""
+    """Follow a page from top to bottom, in a copy if it writes files; CI runs `make` itself."""
     blocks = BLOCK.findall(PAGES[page])
-    changes_sources = any(path for path, _, _ in blocks)
-    folder = copy_of_the_sources(fmus) if changes_sources else ROOT
+    folder = ROOT
+    if any(path for path, _, _ in blocks):
+        folder = pages.project()
+        shutil.copytree(fmus, folder / "target" / "fmu", dirs_exist_ok=True)
     for path, language, block in blocks:
-        if path:
-            write(folder / path, block)
+        if path.endswith("lib.rs"):
+            pages.export_models(folder, block)
+        elif path:
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(block, encoding="utf-8")
         elif language == "python":
-            run([sys.executable, "-c", block], folder)
+            pages.run(f"{sys.executable} - <<'END'\n{block}END\n", folder)
         elif language == "sh":
             commands = re.sub(r"^make .*$", "", block, flags=re.MULTILINE)
-            commands = commands.replace("cargo fmu ", f"{PROGRAM} ")
-            run(["bash", "-exc", commands.replace("target/venv/bin/python", sys.executable)], folder)
+            pages.run(commands.replace("cargo fmu ", f"{program} "), folder)
 
 
 def test_what_you_should_see(program: Path, tmp_path: Path) -> None:
@@ -96,8 +69,8 @@ def test_what_you_should_see(program: Path, tmp_path: Path) -> None:
     lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]
     for name, cells in zip(["pid", "pid-rbf", "ipid-rbf", "supervised"], lines, strict=True):
         file = tmp_path / "loop.csv"
-        outputs = ["--output", "controller.e", "--output", "plant.theta"]
-        run([program, "simulate", f"examples/ssp/{name}.toml", *outputs, "--csv", file], ROOT)
+        outputs = "--output controller.e --output plant.theta"
+        pages.run(f"{program} simulate examples/ssp/{name}.toml {outputs} --csv {file}")
         with file.open() as opened:
             rows = [[float(cell) for cell in row] for row in list(csv.reader(opened))[1:]]
         error, settled, largest = (re.findall(r"-?\d[\d.e-]*", cell)[-1] for cell in cells)
