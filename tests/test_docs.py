@@ -13,10 +13,9 @@ from pendulum_fmus.project import ROOT
 
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
-    for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("fuzz/*.md")])
+    for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
     if path.name != "CHANGELOG.md"  # names what is gone, too
 }
-RUN = [page for page in PAGES if not page.startswith("fuzz/")]  # `make fuzz` runs those
 
 BLOCK = re.compile(r"(?:`([\w./-]+)`:\n\n)?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 """A fenced block: the file that it belongs to, if the text before it names one; language; text."""
@@ -42,7 +41,7 @@ def test_links_and_files_exist(page: str) -> None:
             assert (ROOT / path).exists(), path
 
 
-@pytest.mark.parametrize("page", RUN)
+@pytest.mark.parametrize("page", PAGES)
 def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None:
     """Follow a page from top to bottom, in a copy if it writes files; CI runs `make` itself."""
     blocks = BLOCK.findall(PAGES[page])
