@@ -1,7 +1,9 @@
-//! Proves at compile time that the C interface of `fmu-export` is that of the official headers, which
-//! the crate `fmi` brings along as bindings: all 44 functions, the structures, the status values.
+//! Proves at compile time that the C interface of `fmu-export` and that of `fmu-host` are those of the
+//! official headers, which the crate `fmi` brings along as bindings: all 44 functions, the structures,
+//! the status values.
 #![allow(non_snake_case, reason = "names of the standard")]
 
+use std::ffi::{c_int, c_uint};
 use std::mem::{align_of, offset_of, size_of};
 
 use fmi::fmi2::binding as headers;
@@ -17,8 +19,10 @@ impl Like<headers::fmi2Status> for ours::fmi2Status {}
 impl Like<*mut headers::fmi2Status> for *mut ours::fmi2Status {}
 impl Like<*const headers::fmi2CallbackFunctions> for *const ours::fmi2CallbackFunctions {}
 impl Like<*mut headers::fmi2EventInfo> for *mut ours::fmi2EventInfo {}
-// `fmi2Type` and `fmi2StatusKind`: an enum of C, for which ours takes any integer.
-impl Like<std::ffi::c_uint> for std::ffi::c_int {}
+// An enum of C, for which ours takes any integer: `fmi2Type` and `fmi2StatusKind`, and for the host
+// `fmi2Status`.
+impl Like<c_uint> for c_int {}
+impl Like<*mut c_uint> for *mut c_int {}
 
 macro_rules! alike {
     ($($check:ident($($mine:ident $official:ident),*);)*) => {
@@ -47,6 +51,10 @@ macro_rules! proofs {
     ($($check:ident $function:ident $official:ident;)*) => {
         const FUNCTIONS: &[&str] = &[$(stringify!($function)),*];
         $(const _: () = $check($function, None as headers::$official);)*
+        // Never called; that it compiles is the proof.
+        const _: fn(&fmu_host::Functions) = |host| {
+            $($check(host.$function.unwrap(), None as headers::$official);)*
+        };
     };
 }
 
