@@ -15,7 +15,6 @@ from lxml import etree
 
 from importers import by_ecos, by_fmpy, by_libcosim
 from native import LOOPS, ROOT, compiled, description, pack, refusal, run, simulate, write_system
-from test_readme import blocks
 
 SYSTEMS = ROOT / "examples" / "ssp"
 NAMES = ["pid", "pid-rbf", "ipid-rbf", "supervised"]
@@ -319,16 +318,6 @@ def test_importers_without_enumerations_refuse_to_run_without_the_value(importer
     assert done.returncode != 0
     assert "ran" not in done.stdout
     assert "Enumeration" in done.stderr or "Unknown XML node in ssv:Parameter" in done.stderr
-
-
-def test_the_documentation_shows_how_to_run_a_package(packages, tmp_path, monkeypatch):
-    (tmp_path / "target").mkdir()
-    (tmp_path / "target" / "fmu").symlink_to(packages)
-    monkeypatch.chdir(tmp_path)
-    examples = blocks("python", (ROOT / "docs" / "ssp.md").read_text())
-    assert len(examples) == 2
-    for example in examples:
-        exec(example, {})
 
 
 # --- the loops of examples/ssp --------------------------------------------------------------------
