@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_file::model::{Causality, Kind, Variability};
+use fmu_description::{Causality, Variability, VariableType};
 
 use crate::fmu::similar;
 use crate::transfer::Group;
@@ -49,14 +49,14 @@ pub(crate) struct Link {
 
 /// The inputs of one component and type, and the outputs that feed them, in the same order.
 pub(crate) struct Wire {
-    pub(crate) kind: Kind,
+    pub(crate) kind: VariableType,
     pub(crate) outputs: Vec<Group>,
     pub(crate) inputs: Group,
 }
 
 /// Variables of one component and type that are recorded, and their columns.
 pub(crate) struct Record {
-    pub(crate) kind: Kind,
+    pub(crate) kind: VariableType,
     pub(crate) group: Group,
     pub(crate) columns: Vec<usize>,
 }
@@ -296,10 +296,9 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
             .iter()
             .enumerate()
             .flat_map(|(component, planned)| {
-                let outputs =
-                    planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
-                        v.causality == Causality::Output && v.kind != Kind::String
-                    });
+                let outputs = planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
+                    v.causality == Causality::Output && v.kind != VariableType::String
+                });
                 outputs.map(move |(variable, _)| Port {
                     component,
                     variable,
@@ -311,7 +310,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     for name in names {
         let port = port(components, name)?;
         ensure!(
-            port.of(components).kind != Kind::String,
+            port.of(components).kind != VariableType::String,
             "{name} is a String, which cannot be recorded"
         );
         ensure!(!ports.contains(&port), "{name} is recorded twice");
@@ -332,19 +331,23 @@ fn column(components: &[Planned], port: Port) -> Column {
 }
 
 /// The types that have functions of their own: an Enumeration is an Integer there.
-pub(crate) fn channel(kind: Kind) -> Kind {
+pub(crate) fn channel(kind: VariableType) -> VariableType {
     match kind {
-        Kind::Enumeration => Kind::Integer,
+        VariableType::Enumeration => VariableType::Integer,
         other => other,
     }
 }
 
-const CHANNELS: [Kind; 3] = [Kind::Real, Kind::Integer, Kind::Boolean];
+const CHANNELS: [VariableType; 3] = [
+    VariableType::Real,
+    VariableType::Integer,
+    VariableType::Boolean,
+];
 
 /// Groups the connections by the component that they feed, the type, and the component they come from.
 fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
     let of_component = |fed: usize| {
-        let of_kind = |kind: Kind| {
+        let of_kind = |kind: VariableType| {
             let mut groups: BTreeMap<usize, (Group, Group)> = BTreeMap::new();
             for link in links.iter().filter(|link| {
                 link.to.component == fed && channel(link.to.of(components).kind) == kind

@@ -1,18 +1,20 @@
 //! A simulation of an FMU, as short as a test needs it.
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_file::model::{self, Causality, Model, Variable};
-use fmu_file::value::unsigned;
-use fmu_file::xml::Element;
+use fmu_description::value::unsigned;
+use fmu_description::xml::Element;
+use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
 use fmu_host::{Instance, Kind, Library};
 
+use crate::finding::Location;
+
 /// More rounds of `fmi2NewDiscreteStates` than this do not end.
-const MOST_ROUNDS: usize = 1000;
+const MAX_ROUNDS: usize = 1000;
 
 /// An FMU to be tested.
 pub struct Subject<'a> {
     /// Its model description.
-    pub model: &'a Model<'a>,
+    pub model: &'a ModelDescription<'a>,
     /// Its binary.
     pub library: &'a Library,
     /// The kind that is tested.
@@ -25,8 +27,8 @@ pub struct Subject<'a> {
 
 impl<'a> Subject<'a> {
     /// Whether a capability is claimed.
-    pub fn claims(&self, flag: &str) -> bool {
-        matches!(self.element.attribute(flag), Some("true" | "1"))
+    pub fn claims(&self, capability: Capability) -> bool {
+        capability.is_claimed_by(self.element)
     }
 
     /// A new instance.
@@ -34,7 +36,7 @@ impl<'a> Subject<'a> {
         let guid = self.model.root.attribute("guid").unwrap_or_default();
         let made = self.library.instantiate(self.kind, guid, &self.resources)?;
         made.with_context(|| {
-            let tool = match self.claims("needsExecutionTool") {
+            let tool = match self.claims(Capability::NeedsExecutionTool) {
                 true => "; needsExecutionTool is true: is its tool installed?",
                 false => "",
             };
@@ -75,8 +77,8 @@ impl<'a> Subject<'a> {
     pub fn reals(&self, causality: Causality) -> Vec<u32> {
         self.model
             .variables()
-            .filter(|(_, v)| v.kind == model::Kind::Real && v.causality == causality)
-            .filter_map(|(_, v)| v.reference)
+            .filter(|(_, v)| v.kind == VariableType::Real && v.causality == causality)
+            .map(|(_, v)| v.reference)
             .collect()
     }
 
@@ -124,12 +126,12 @@ impl<'a> Run<'a> {
 
     /// Ends event mode.
     fn iterate(&mut self) -> Result<()> {
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             if !self.instance.new_discrete_states()? {
                 return Ok(self.instance.enter_continuous_time_mode()?);
             }
         }
-        bail!("fmi2NewDiscreteStates wanted {MOST_ROUNDS} calls more, expected an end")
+        bail!("fmi2NewDiscreteStates wanted {MAX_ROUNDS} calls more, expected an end")
     }
 
     /// Goes on by one step.
@@ -216,26 +218,28 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// Asks for the value of a variable; none if it has no value reference.
-pub fn get(instance: &mut Instance<'_>, variable: &Variable<'_>) -> Option<Result<Value>> {
-    let reference = [variable.reference?];
+/// Asks for the value of a variable; none if the FMU gives none.
+pub fn get(instance: &mut Instance<'_>, variable: &ScalarVariable<'_>) -> Option<Result<Value>> {
+    let reference = [variable.reference];
     let value = match variable.kind {
-        model::Kind::Real => instance
+        VariableType::Real => instance
             .real(&reference)
             .map(|v| v.first().copied().map(Value::Real)),
-        model::Kind::Integer | model::Kind::Enumeration => instance
+        VariableType::Integer | VariableType::Enumeration => instance
             .integer(&reference)
             .map(|v| v.first().copied().map(Value::Integer)),
-        model::Kind::Boolean => instance
+        VariableType::Boolean => instance
             .boolean(&reference)
             .map(|v| v.first().copied().map(Value::Boolean)),
-        model::Kind::String => instance
+        VariableType::String => instance
             .string(&reference)
             .map(|v| v.into_iter().next().map(Value::String)),
     };
     match value {
         Ok(value) => Ok(value).transpose(),
-        Err(failure) => Some(Err(anyhow::Error::from(failure)
-            .context(format!("the value of {} cannot be read", variable.place())))),
+        Err(failure) => Some(Err(anyhow::Error::from(failure).context(format!(
+            "the value of {} cannot be read",
+            Location::from(variable)
+        )))),
     }
 }
