@@ -25,14 +25,10 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
+from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
-from coupling import Component, System, simulate  # noqa: E402
-
-FMUS = ROOT / "target" / "fmu"
 OUT = ROOT / "target" / "bench"
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
 CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
 

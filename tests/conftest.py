@@ -8,11 +8,11 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import table1
-from master import FMUS, Component
-from sweeps import PROGRAM
 
-ROOT = Path(__file__).resolve().parent.parent
+from pendulum_fmus import table1
+from pendulum_fmus.loop import Columns, Loop
+from pendulum_fmus.master import Component
+from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +37,7 @@ def fmus() -> Path:
 def program(fmus: Path) -> Path:
     """Return the program with the native master; the FMUs are where its examples look for them."""
     if not PROGRAM.exists():
-        pytest.fail(f"{PROGRAM} is missing: run `make master`", pytrace=False)
+        pytest.fail(f"{PROGRAM} is missing: run `make native`", pytrace=False)
     return PROGRAM
 
 
@@ -55,9 +55,9 @@ def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
 
 
 @pytest.fixture(scope="session")
-def table_results(fmus: Path) -> dict[table1.Run, dict]:
+def table_results(fmus: Path) -> dict[Loop, Columns]:
     """Return the results of all runs that Table 1 needs."""
-    return table1.execute_all(table1.runs(), fmus)
+    return table1.compute(fmus)
 
 
 @pytest.fixture(scope="session")

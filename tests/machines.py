@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 import pytest
-from master import FMUS
+
+from pendulum_fmus.project import FMUS
 from slave import Fmu, unpack
 
 SOURCES = Path(__file__).parent / "c"

@@ -13,8 +13,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
+from pendulum_fmus.project import PROGRAM, ROOT
+
 LOOPS = ROOT / "examples" / "closed-loop"
 
 SECONDS = 60
@@ -24,7 +24,7 @@ SECONDS = 60
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the program, which must neither panic nor be killed, whatever its exit code."""
     if not PROGRAM.exists():
-        pytest.fail(f"{PROGRAM} is missing: `make master` builds it", pytrace=False)
+        pytest.fail(f"{PROGRAM} is missing: `make native` builds it", pytrace=False)
     result = subprocess.run(
         [PROGRAM, *map(str, arguments)],
         cwd=cwd,

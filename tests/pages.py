@@ -6,9 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sweeps import PROGRAM
-
-ROOT = Path(__file__).resolve().parent.parent
+from pendulum_fmus.project import PROGRAM, ROOT
 
 NATIVE = re.compile(r"^cargo fmu (?=(simulate|sweep|ssp|table1)\b)")
 """Commands that cargo hands on to the native master."""

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+
 import reference
-from master import TS, closed_loop, simulate
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
 
 
 def both(
@@ -16,7 +18,7 @@ def both(
         name: options.pop(name) for name in ("start", "step", "steps", "order") if name in options
     }
     expected = reference.closed_loop(controller, signal, disturbance, **options, **timing)
-    with closed_loop(controller, signal, disturbance, fmus=fmus, **options) as system:
+    with Loop(controller, signal, disturbance, **options).system(fmus) as system:
         record = [name for name in expected if name != "time"]
         computed = simulate(system, record=record, **timing)
     return computed, expected

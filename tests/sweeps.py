@@ -7,10 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
-"""Where `make master` puts the program."""
+from pendulum_fmus.project import PROGRAM, ROOT
 
 SYSTEMS = ROOT / "examples" / "closed-loop"
 

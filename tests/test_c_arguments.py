@@ -5,6 +5,7 @@ import re
 from ctypes import byref, c_size_t, c_uint, c_void_p, create_string_buffer
 
 import pytest
+
 from slave import (
     CO_SIMULATION,
     ERROR,

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import reference
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import lfilter
+
+import reference
 from slave import (
     ERROR,
     MODELS,

@@ -6,6 +6,7 @@ from ctypes import byref, c_size_t, c_void_p, create_string_buffer
 from pathlib import Path
 
 import pytest
+
 from slave import (
     ERROR,
     FATAL,

@@ -8,6 +8,7 @@ from ctypes import byref, c_void_p
 from pathlib import Path
 
 import pytest
+
 from slave import (
     ERROR,
     MODELS,

@@ -4,6 +4,7 @@ import math
 from ctypes import byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
 
 import pytest
+
 from slave import (
     CALLS,
     DISCARD,

@@ -13,7 +13,9 @@ import pytest
 from fmpy.container_fmu.cli import create_container_fmu
 from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
-from master import TS, closed_loop, simulate
+
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
 
 STEPS = 6000
 
@@ -112,9 +114,8 @@ def test_a_compiled_master_gives_the_same_bits(fmus, tmp_path, controller, targe
         parameters["controller.rbf.target"] = "2"
     outputs = ["source.r", "source.d", "plant.theta"]
 
-    with closed_loop(
-        controller, "square", 1.0, target=target, previous_sample_terms=False, fmus=fmus
-    ) as system:
+    loop = Loop(controller, "square", 1.0, target, previous_sample_terms=False)
+    with loop.system(fmus) as system:
         models = {name: c.description.modelName for name, c in system.components.items()}
         ours = simulate(system, TS, TS, STEPS, order="parallel", record=outputs)
         connections = system.connections

@@ -6,10 +6,12 @@ import re
 
 import numpy as np
 import pytest
-import reference
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from master import TS, Component, MasterError, Reals
+
+import reference
+from pendulum_fmus.loop import TS
+from pendulum_fmus.master import Component, MasterError, Reals
 
 MODELS = ["Pid", "PidRbf", "IpidRbf"]
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import fmpy
 import lief
 import pytest
+
 from machines import CROSS
 from pages import ROOT, project
 from test_exporter import MODELS, cargo_fmu, refusal

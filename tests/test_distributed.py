@@ -1,8 +1,7 @@
-"""distributed/sweep.py: the rows of `cargo fmu sweep`, by workers that come and go."""
+"""pendulum_fmus.sweep: the rows of `cargo fmu sweep`, by workers that come and go."""
 
 import contextlib
 import fcntl
-import importlib.util
 import json
 import os
 import re
@@ -15,16 +14,16 @@ from pathlib import Path
 
 import psutil
 import pytest
-import sweeps
 from dask.distributed import Client
-from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, wait_until
 
-SCRIPT = ROOT / "distributed" / "sweep.py"
+import sweeps
+from pendulum_fmus import sweep as by_dask
+from sweeps import LONG, PROGRAM, SHORT, done, expected, journal_of, local, wait_until
 
 
 def command(sweep: Path, out: Path, *options: object) -> list[str]:
     """Return the command line of the script."""
-    return [sys.executable, *map(str, [SCRIPT, sweep, "--out", out, *options])]
+    return [sys.executable, "-m", "pendulum_fmus.sweep", *map(str, [sweep, "--out", out, *options])]
 
 
 def distributed(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
@@ -114,15 +113,11 @@ def test_runs_that_are_done_are_not_done_again(program, tmp_path):
 
 def test_chunks_that_wait_for_others_are_done_too(monkeypatch):
     """Left out, they would be done by the program that makes the table, and nobody would notice."""
-    spec = importlib.util.spec_from_file_location("sweep_by_dask", SCRIPT)
-    script = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, script)
-    spec.loader.exec_module(script)
-    monkeypatch.setattr(script, "AHEAD", 3)
+    monkeypatch.setattr(by_dask, "AHEAD", 3)
     answer = subprocess.CompletedProcess([], 0, b"rows", b"")
-    monkeypatch.setattr(script, "simulate", lambda bundle, chunk: answer)
+    monkeypatch.setattr(by_dask, "simulate", lambda bundle, chunk: answer)
     with Client(processes=False, n_workers=1, dashboard_address=None) as client:
-        found = list(script.results(client, "bundle", script.chunks(20, {0, 4, 5, 19}, 2)))
+        found = list(by_dask.results(client, "bundle", by_dask.chunks(20, {0, 4, 5, 19}, 2)))
     expected = [[1, 2], [3], [6, 7], [8, 9], [10, 11], [12, 13], [14, 15], [16, 17], [18]]
     assert sorted(list(chunk) for chunk, _ in found) == expected
     assert {rows for _, rows in found} == {b"rows"}
@@ -350,7 +345,7 @@ def test_files_that_do_not_fit_are_told(program, tmp_path):
     out = tmp_path / "out.csv"
     assert "no.toml: cannot read" in complaint(distributed(tmp_path / "no.toml", out))
     assert "expected a file named .csv" in complaint(distributed(sweep, tmp_path / "out.xlsx"))
-    assert "make master" in complaint(distributed(sweep, out, "--program", tmp_path / "nothing"))
+    assert "make native" in complaint(distributed(sweep, out, "--program", tmp_path / "nothing"))
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
     nowhere = tmp_path / "nowhere" / "out.csv"
     result = subprocess.run(
@@ -395,7 +390,10 @@ def test_two_fmus_of_one_name_are_refused_unless_they_are_the_same(program, fmus
 
 def test_help_lists_every_option_and_gives_examples():
     result = subprocess.run(
-        [sys.executable, SCRIPT, "--help"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "pendulum_fmus.sweep", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     for option in ("--out", "--scheduler", "--workers", "--chunk", "--program", "examples:",
                    "dask scheduler", "dask worker", "same platform"):  # fmt: skip

@@ -2,11 +2,14 @@
 
 import json
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
 from native import ROOT, run, simulate
 
 OWN = ROOT / "examples" / "own-fmu"
@@ -38,11 +41,7 @@ def test_the_pid_in_c_gives_the_bits_of_ours(own_fmu: Path, fmus: Path, tmp_path
 
 def test_the_c_host_of_the_benchmarks_steps_what_it_says(own_fmu: Path, tmp_path: Path) -> None:
     # One host, two FMUs of the same law and variables: the outputs must be the same.
-    sys.path.insert(0, str(ROOT / "bench"))
-    try:
-        import run as bench
-    finally:
-        sys.path.remove(str(ROOT / "bench"))
+    bench = SimpleNamespace(**runpy.run_path(str(ROOT / "bench" / "run.py")))
     host = tmp_path / "cycle"
     source = ROOT / "bench" / "cycle.c"
     compiler = os.environ.get("CC", "cc")

@@ -7,8 +7,9 @@ import sys
 import zipfile
 from pathlib import Path
 
-import pages
 import pytest
+
+import pages
 from pages import ROOT, blocks
 
 GUIDE = ROOT / "docs" / "guide"

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pages
 import pytest
+
+import pages
 from machines import MACHINES, Machine
-from master import TS, Component, System, closed_loop, simulate
 from pages import ROOT
+from pendulum_fmus import loop
+from pendulum_fmus.loop import TS
+from pendulum_fmus.master import Component, System, simulate
 from slave import Fmu, Variable, each_model, unpack
 
 SCENARIOS = [
@@ -96,7 +99,7 @@ LOOPS = {
         "signal": "sine",
         "target": "supervisor",
         "plant_model": "nonlinear",
-        "overrides": {"source.amplitude": 0.1},
+        "overrides": (("source.amplitude", 0.1),),
     },
 }
 """Loops in which every FMU and every model of the plant takes part."""
@@ -115,7 +118,7 @@ class Loop(NamedTuple):
 @functools.cache
 def simulated(controller: str, fmus: Path) -> Loop:
     """Simulate a closed loop by FMPy."""
-    with closed_loop(controller, fmus=fmus, **LOOPS[controller]) as system:
+    with loop.Loop(controller, **LOOPS[controller]).system(fmus) as system:
         results = simulate(system, start=TS, step=TS, steps=STEPS)
         del results["time"]
         components = [(c.path.stem, words(system, c)) for c in system.components.values()]

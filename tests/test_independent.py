@@ -4,8 +4,9 @@ import csv
 
 import numpy as np
 import pytest
+
 import reference
-import table1
+from pendulum_fmus import table1
 from side_by_side import assert_close, both
 
 LOOPS = [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "supervisor")]

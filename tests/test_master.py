@@ -11,15 +11,17 @@ import textwrap
 from pathlib import Path
 
 import fmpy
-import master
 import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
-from master import TS, Component, MasterError, System, closed_loop, simulate
-from side_by_side import assert_close, both
-from table1 import Run
 
-SCRIPT = Path(master.__file__)
+from pendulum_fmus import loop, master
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import Component, MasterError, System, simulate, steps_until
+from pendulum_fmus.project import ROOT
+from side_by_side import assert_close, both
+
+SCRIPT = ROOT / "tests" / "master.py"
 
 
 def script(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
@@ -55,7 +57,7 @@ def test_csv_holds_every_sample_to_the_last_bit(fmus, tmp_path):
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     header, values = read_csv(tmp_path / "out.csv")
-    with closed_loop("PidRbf", "sine", 0.5, w0=(-0.1, 0.2, 0.3, 0.4), fmus=fmus) as system:
+    with Loop("PidRbf", "sine", 0.5, w0=(-0.1, 0.2, 0.3, 0.4)).system(fmus) as system:
         results = simulate(system, TS, TS, 1000)
     assert [name.split(" [")[0] for name in header] == list(results)
     for name in ("time [s]", "source.r [rad]", "plant.theta [rad]", "plant.v [m/s]",
@@ -71,7 +73,7 @@ def test_the_last_sample_of_the_script_is_that_of_table_1(fmus, tmp_path, table_
     assert run.returncode == 0, run.stderr
     header, values = read_csv(tmp_path / "pid.csv")
     error = values[:, header.index("controller.e [rad]")]
-    np.testing.assert_array_equal(error, table_results[Run("Pid", "step", 0.0)]["controller.e"])
+    np.testing.assert_array_equal(error, table_results[Loop("Pid", "step", 0.0)]["controller.e"])
     assert "-1.96384" in run.stdout
     assert "largest |u|     100 N" in run.stdout
     assert "20000 rows" in run.stdout
@@ -157,8 +159,8 @@ def test_csv_goes_to_a_device_too(fmus, tmp_path):
 
 
 def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
-    monkeypatch.chdir(SCRIPT.parent.parent)
-    example = master.__doc__.split("by name:\n\n")[1].split("\n\nAs a script")[0]
+    monkeypatch.chdir(ROOT)
+    example = master.__doc__.split("communication step.\n\n")[1].split("\n\nTwo orders")[0]
     namespace = dict(vars(master))
     exec(textwrap.dedent(example), namespace)
     theta = namespace["results"]["plant.theta"]
@@ -171,7 +173,7 @@ def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
 
 def test_closing_removes_the_unzipped_files(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with closed_loop("IpidRbf", target="supervisor", fmus=fmus) as system:
+    with Loop("IpidRbf", target="supervisor").system(fmus) as system:
         assert len(list(tmp_path.iterdir())) == 5
         simulate(system, TS, TS, 10)
     assert list(tmp_path.iterdir()) == []
@@ -180,7 +182,7 @@ def test_closing_removes_the_unzipped_files(fmus, tmp_path, monkeypatch):
 def test_a_component_that_cannot_be_made_frees_those_before_it(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(MasterError, match=r"no variable M2"):
-        closed_loop("Pid", overrides={"plant.M2": 1.0}, fmus=fmus)
+        Loop("Pid", overrides=(("plant.M2", 1.0),)).system(fmus)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -204,13 +206,13 @@ def test_wrong_connections_are_refused(fmus, connections, message):
 
 
 def test_only_reals_are_recorded(fmus):
-    with closed_loop("Pid", fmus=fmus) as system, pytest.raises(MasterError, match="not a Real"):
+    with Loop("Pid").system(fmus) as system, pytest.raises(MasterError, match="not a Real"):
         simulate(system, TS, TS, 1, record=["plant.model"])
 
 
 def test_a_failing_step_says_which_fmu_when_and_why(fmus):
     with (
-        closed_loop("Pid", plant_model="transfer_function", fmus=fmus) as system,
+        Loop("Pid", plant_model="transfer_function").system(fmus) as system,
         pytest.raises(
             MasterError,
             match=r"plant \(Pendulum\.fmu\), step of 0\.0015 s at t = 0\.001 s: "
@@ -222,10 +224,10 @@ def test_a_failing_step_says_which_fmu_when_and_why(fmus):
 
 def test_settling_time_is_that_of_the_last_entry_into_the_band():
     time = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    assert master.settling_time(time, np.array([9, 0, -9, 0.5, 1]), 1.0) == 4.0
-    assert master.settling_time(time, np.zeros(5)) == 1.0
-    assert math.isnan(master.settling_time(time, np.array([0, 0, 0, 0, 2.0]), 1.0))
-    assert math.isnan(master.settling_time(time, np.array([0, 0, 0, 0, math.nan]), 1.0))
+    assert loop.settling_time(time, np.array([9, 0, -9, 0.5, 1]), 1.0) == 4.0
+    assert loop.settling_time(time, np.zeros(5)) == 1.0
+    assert math.isnan(loop.settling_time(time, np.array([0, 0, 0, 0, 2.0]), 1.0))
+    assert math.isnan(loop.settling_time(time, np.array([0, 0, 0, 0, math.nan]), 1.0))
 
 
 @pytest.mark.parametrize(
@@ -233,7 +235,7 @@ def test_settling_time_is_that_of_the_last_entry_into_the_band():
     [(20, 0.001, 0.001, 20000), (0.001, 0.001, 0.001, 1), (1, 0, 1 / 1024, 1025), (1, 0, 0.3, 4)],
 )
 def test_the_last_communication_point_is_the_last_up_to_the_stop_time(stop, start, step, steps):
-    assert master.steps_until(stop, start, step) == steps
+    assert steps_until(stop, start, step) == steps
 
 
 # --- any step, both orders ----------------------------------------------------------------------
@@ -255,7 +257,7 @@ def test_loop_agrees_with_the_reference_at_any_step(fmus, controller, target, st
 
 def test_parallel_stepping_does_not_depend_on_the_order_of_the_components(fmus):
     def run(order: list[str]) -> dict[str, np.ndarray]:
-        with closed_loop("IpidRbf", "sine", target="supervisor", fmus=fmus) as system:
+        with Loop("IpidRbf", "sine", target="supervisor").system(fmus) as system:
             components = [system.components[name] for name in order]
             reordered = System(components, system.connections)
             return simulate(reordered, TS, TS, 500, order="parallel", record=system.outputs())
@@ -354,13 +356,12 @@ def test_a_plain_fmpy_loop_gives_the_same_bits(fmus, order):
     for fmu in (source, controller, plant):
         fmu.close()
 
-    with closed_loop(
+    loop = Loop(
         "PidRbf",
-        "step",
-        1.0,
+        disturbance=1.0,
         previous_sample_terms=order == "sequential",
-        overrides={"source.disturbance.start": 0.5},
-        fmus=fmus,
-    ) as system:
+        overrides=(("source.disturbance.start", 0.5),),
+    )
+    with loop.system(fmus) as system:
         results = simulate(system, TS, TS, steps, order=order, record=["plant.theta"])
     np.testing.assert_array_equal(angles, results["plant.theta"])

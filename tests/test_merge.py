@@ -8,6 +8,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
+
 from test_exporter import cargo_fmu, refusal
 
 XML = "modelDescription.xml"

@@ -9,13 +9,14 @@ import subprocess
 import termios
 from pathlib import Path
 
-import master
 import numpy as np
 import pytest
-import table1
-from master import FMUS, TS, closed_loop
+
 from native import LOOPS, PROGRAM, ROOT, read_csv, refusal, run, simulate
-from table1 import Run
+from pendulum_fmus import table1
+from pendulum_fmus.loop import FREQUENCY, TS, Loop
+from pendulum_fmus.master import simulate as couple
+from pendulum_fmus.project import FMUS
 
 FILES = {
     ("Pid", "own"): "pid.toml",
@@ -34,11 +35,11 @@ def _exported(fmus: Path) -> None:
 # --- equality with FMPy's master ------------------------------------------------------------------
 
 
-def sets(loop: Run) -> list[str]:
+def sets(loop: Loop) -> list[str]:
     """Return the options that excite an example as a run of Table 1."""
     values = {"source.signal": loop.signal, "source.disturbance.amplitude": loop.disturbance}
-    if loop.signal in master.FREQUENCY:
-        values["source.frequency"] = master.FREQUENCY[loop.signal]
+    if loop.signal in FREQUENCY:
+        values["source.frequency"] = FREQUENCY[loop.signal]
     for component, weights in (("controller", loop.w0), ("supervisor", loop.supervisor_w0)):
         for j, weight in enumerate(weights or (), start=1):
             values[f"{component}.rbf.w0[{j}]"] = weight
@@ -69,12 +70,12 @@ def test_the_runs_of_table_1_have_the_bits_of_fmpy(loop, table_results, tmp_path
 @pytest.mark.parametrize("signal", ["step", "sine", "square"])
 def test_pid_rbf_alone_has_the_bits_of_the_supervisor(signal, disturbance, table_results, tmp_path):
     """It is the loop that `supervised.toml` runs beside that of IPID-RBF."""
-    beside = table_results[Run("IpidRbf", signal, disturbance, "supervisor")]
+    beside = table_results[Loop("IpidRbf", signal, disturbance, "supervisor")]
     expected = {"time": beside["time"]} | {
         name: beside[name.replace("controller", "supervisor").replace("plant", "supervisor_plant")]
         for name in ("controller.e", "controller.u", "plant.theta")
     }
-    options = sets(Run("PidRbf", signal, disturbance))
+    options = sets(Loop("PidRbf", signal, disturbance))
     outputs = [f"--output={name}" for name in expected if name != "time"]
     assert_same_bits(simulate(LOOPS / "pid-rbf.toml", tmp_path, *options, *outputs), expected)
 
@@ -100,16 +101,15 @@ def test_every_output_has_the_bits_of_fmpy(controller, target, order, model, ste
             for name in ("controller", "supervisor")
             if name == "controller" or target == "supervisor"
         }
-    with closed_loop(
-        controller, "sine", 1.0, target=target, plant_model=model, overrides=start, fmus=FMUS
-    ) as system:
-        expected = master.simulate(system, TS, step, steps, order=order)
+    loop = Loop(controller, "sine", 1.0, target, plant_model=model, overrides=tuple(start.items()))
+    with loop.system() as system:
+        expected = couple(system, TS, step, steps, order=order)
     start["plant.model"] = model
     if target == "supervisor":
         start["supervisor_plant.model"] = model
     computed = simulate(
         LOOPS / FILES[controller, target], tmp_path,
-        *sets(Run(controller, "sine", 1.0, target)),
+        *sets(Loop(controller, "sine", 1.0, target)),
         *(f"--set={name}={value}" for name, value in start.items()),
         f"--order={order}", f"--step={step}", f"--stop={TS + (steps - 1) * step}",
     )  # fmt: skip

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from native import compiled, description, pack, refusal, run, write_system
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from native import compiled, description, pack, read_csv, run, simulate, write_system
 
 TIME = np.array([0.0, 0.25, 0.5, 0.75, 1.0])

@@ -2,20 +2,22 @@
 
 import json
 import re
+import runpy
 from functools import cache
 from pathlib import Path
 
 import nbformat
 import numpy as np
 import pytest
-import reference
 from nbformat import NotebookNode
 from nbformat.v4 import new_code_cell
 from scipy.linalg import solve_discrete_are
 
-from examples.notebook.execute import NOTEBOOK, execute
+import reference
+from pendulum_fmus.project import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
+SCRIPT = runpy.run_path(str(ROOT / "examples" / "notebook" / "execute.py"))
+NOTEBOOK, execute = SCRIPT["NOTEBOOK"], SCRIPT["execute"]
 
 PROBE = """
 import json

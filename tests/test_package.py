@@ -15,7 +15,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2FMUstate
 from fmpy.validation import validate_fmu
 from lxml import etree
-from master import Component
+
+from pendulum_fmus.master import Component
 
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 

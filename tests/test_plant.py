@@ -5,9 +5,10 @@ import re
 
 import numpy as np
 import pytest
-import reference
-from master import MasterError, Reals
 from scipy.signal import lfilter
+
+import reference
+from pendulum_fmus.master import MasterError, Reals
 
 STATE = ("x", "v", "theta", "omega")
 """The outputs in the order of the reference's state."""

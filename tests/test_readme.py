@@ -7,11 +7,12 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-import pages
 import pytest
 from lxml import etree
-from master import Component, System, simulate
+
+import pages
 from pages import ROOT, blocks
+from pendulum_fmus.master import Component, System, simulate
 
 README = (ROOT / "README.md").read_text()
 

@@ -9,22 +9,32 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import reference
-import table1
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
-from master import TS, closed_loop, simulate
 
-from report.beyond.eigenvalues import DELAYS, matrix
-from report.beyond.measurement import Measurement
-from report.beyond.native import SYSTEMS, both_plants, sweep
-from report.beyond.noise import Measured, execute
-from report.claims import Verdict, judge
-from report.data import Trace
-from report.metrics import bursts, iae, ise, itae, overshoot, rise_time, settling, tone
-from report.numbers import number
-from report.thin import thinned
+import reference
+from pendulum_fmus import table1
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import simulate
+from pendulum_fmus.report.beyond.eigenvalues import DELAYS, matrix
+from pendulum_fmus.report.beyond.measurement import Measurement
+from pendulum_fmus.report.beyond.native import SYSTEMS, both_plants, sweep
+from pendulum_fmus.report.beyond.noise import Measured, execute
+from pendulum_fmus.report.claims import Verdict, judge
+from pendulum_fmus.report.data import Trace
+from pendulum_fmus.report.metrics import (
+    bursts,
+    iae,
+    ise,
+    itae,
+    overshoot,
+    rise_time,
+    settling,
+    tone,
+)
+from pendulum_fmus.report.numbers import number
+from pendulum_fmus.report.thin import thinned
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = [2, *range(4, 22)]
@@ -173,8 +183,9 @@ def test_largest_step_is_where_another_master_loses_the_pendulum(
     page, fmus, kind, controller, factor, held
 ):
     amplitude = factor * cells(page, "beyond-nonlinear", "largest step [rad]")[kind]
-    overrides = {"source.amplitude": amplitude}
-    with closed_loop(controller, plant_model="nonlinear", overrides=overrides, fmus=fmus) as system:
+    overrides = (("source.amplitude", amplitude),)
+    loop = Loop(controller, plant_model="nonlinear", overrides=overrides)
+    with loop.system(fmus) as system:
         error = simulate(system, TS, TS, 20000, record=["controller.e"])["controller.e"]
     assert (np.max(np.abs(error)) < math.pi) == held
 
@@ -209,7 +220,7 @@ def test_sweep_gives_the_numbers_of_the_figures(page, fmus):
 def test_measurement_without_delay_and_noise_changes_nothing(fmus):
     job = Measured("PID-RBF", steps=500)
     measured = execute(job, fmus)
-    with closed_loop("PidRbf", previous_sample_terms=False, fmus=fmus) as system:
+    with Loop("PidRbf", previous_sample_terms=False).system(fmus) as system:
         plain = simulate(system, TS, TS, 500, record=["plant.theta"])
     assert np.array_equal(measured["plant.theta"], plain["plant.theta"])
 
@@ -277,13 +288,18 @@ def test_the_page_is_one_file_of_bearable_size(report_folder):
     assert (report_folder / "index.html").stat().st_size < 12e6
 
 
-@pytest.mark.parametrize("command", [["tests/table1.py"], ["-m", "report"]])
+@pytest.mark.parametrize("command", ["table1", "report"])
 def test_missing_fmus_are_answered_with_what_to_do(command, tmp_path):
-    options = ["--fmus", "nowhere"]
-    if "report" in command:
+    options = ["-m", f"pendulum_fmus.{command}", "--fmus", "nowhere"]
+    if command == "report":
         options += ["--out", str(tmp_path)]
+    module = f"pendulum_fmus.{command}"
     run = subprocess.run(
-        [sys.executable, *command, *options], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-m", module, *options],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 1
     assert "run `cargo fmu export`" in run.stderr

@@ -8,8 +8,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-import table1
 from playwright.sync_api import Browser, Page, sync_playwright
+
+from pendulum_fmus.loop import Loop
 
 FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
 --disable-component-update --disable-sync""".split()
@@ -147,7 +148,7 @@ def test_hovering_shows_numbers_as_computed(browser, report_folder, table_result
         }""")
     )
     context.close()
-    run = table_results[table1.Run("Pid", "step", 0.0)]
+    run = table_results[Loop("Pid", "step", 0.0)]
     exact = dict(zip(run["time"].tolist(), run["plant.theta"].tolist(), strict=True))
     assert len(drawn["x"]) > 100
     assert all(exact[x] == y for x, y in zip(drawn["x"], drawn["y"], strict=True))

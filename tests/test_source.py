@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+
 import reference
-from master import TS, Component, Reals
+from pendulum_fmus.loop import TS
+from pendulum_fmus.master import Component, Reals
 
 
 def signals(source: Component) -> tuple[float, float]:

@@ -11,8 +11,9 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from importers import by_ecos, by_fmpy, by_libcosim
 from lxml import etree
+
+from importers import by_ecos, by_fmpy, by_libcosim
 from native import LOOPS, ROOT, compiled, description, pack, refusal, run, simulate, write_system
 from test_readme import blocks
 

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+
 import sweeps
-from master import TS, MasterError, closed_loop, simulate, steps_until
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import MasterError, simulate, steps_until
 from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
 
 TOLERANCE = 1e-12
@@ -46,7 +48,8 @@ def trajectory(
     """Co-simulate a loop by FMPy, with names of the columns as the metrics use them."""
     steps = steps_until(stop, TS, TS)
     names = ["source.r", "plant.theta", "controller.e", "controller.u"]
-    with closed_loop(controller, overrides=overrides, fmus=fmus, **loop) as system:
+    run = Loop(controller, overrides=tuple(overrides.items()), **loop)
+    with run.system(fmus) as system:
         results = simulate(system, TS, TS, steps, record=names)
     return dict(zip("tryeu", results.values(), strict=True))
 

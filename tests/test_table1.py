@@ -5,10 +5,12 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-import table1
-from master import TS, closed_loop, simulate
+
+from pendulum_fmus import table1
+from pendulum_fmus.loop import STEPS, TS, Loop
+from pendulum_fmus.master import simulate
+from pendulum_fmus.table1 import Entry, agrees, rounded
 from side_by_side import assert_close, both
-from table1 import Entry, Run, agrees, rounded
 
 ENTRIES = table1.entries()
 
@@ -36,12 +38,14 @@ def test_number(table_results, entry):
 def test_the_report_says_that_all_is_well(table_results):
     text, all_hold = table1.report(table_results)
     assert all_hold
-    assert text.count(" ok") == len(ENTRIES)
+    assert text.count(" ok\n") + text.count(" (ok)\n") == len(ENTRIES)
+    assert "18 of 18 numbers of Table 1 reproduced, 12 to every digit" in text
+    assert max(map(len, text.splitlines())) <= 80
     assert "MISSED" not in text
 
 
 def test_the_report_tells_what_misses(table_results):
-    run = Run("Pid", "step", 0.0)
+    run = Loop("Pid", "step", 0.0)
     wrong = {**table_results[run], "controller.e": np.array([-1.97e-3])}
     text, all_hold = table1.report({**table_results, run: wrong})
     assert not all_hold
@@ -65,7 +69,7 @@ def test_rounding_to_the_printed_digits(value, printed, agreed):
 
 
 def test_own_target_leaves_a_small_static_error(fmus):
-    computed, expected = both(fmus, "IpidRbf", "step", steps=table1.STEPS)
+    computed, expected = both(fmus, "IpidRbf", "step", steps=STEPS)
     error = computed["controller.e"]
     assert np.ptp(error[-5000:]) < 1e-9
     assert error[-1] == pytest.approx(expected["controller.e"][-1], abs=1e-11)
@@ -76,7 +80,7 @@ def test_own_target_leaves_a_small_static_error(fmus):
 def test_parallel_stepping_is_well_behaved_with_current_terms(fmus, controller):
     computed, expected = both(
         fmus, controller, "step",
-        order="parallel", previous_sample_terms=False, steps=table1.STEPS,
+        order="parallel", previous_sample_terms=False, steps=STEPS,
     )  # fmt: skip
     assert_close(computed, expected, 1e-10)
     assert np.max(np.abs(computed["controller.e"][10000:])) < 2e-5
@@ -100,8 +104,8 @@ def largest_change(u: np.ndarray) -> float:
 
 @pytest.mark.parametrize("controller", ["PidRbf", "IpidRbf"])
 def test_two_samples_of_delay_end_in_a_limit_cycle(fmus, controller):
-    with closed_loop(controller, previous_sample_terms=True, fmus=fmus) as system:
-        results = simulate(system, TS, TS, table1.STEPS, order="parallel")
+    with Loop(controller, previous_sample_terms=True).system(fmus) as system:
+        results = simulate(system, TS, TS, STEPS, order="parallel")
     assert largest_change(results["controller.u"]) > RINGING
     assert 1e-3 < np.max(np.abs(results["controller.e"][-2000:])) < 0.1  # bounded, not converged
 
@@ -120,7 +124,8 @@ def test_learning_is_stable_up_to_the_limit_that_the_delay_sets(
     fmus, order, late, limit, factor, stable
 ):
     """The limits are eigenvalues of the linear sampled loop, for r = 1."""
-    rate = {"controller.rbf.eta": factor * limit}
-    with closed_loop("PidRbf", previous_sample_terms=late, overrides=rate, fmus=fmus) as system:
+    rate = (("controller.rbf.eta", factor * limit),)
+    loop = Loop("PidRbf", previous_sample_terms=late, overrides=rate)
+    with loop.system(fmus) as system:
         results = simulate(system, TS, TS, 12000, order=order, record=["controller.u"])
     assert (largest_change(results["controller.u"]) < RINGING) == stable

@@ -4,19 +4,16 @@
 They are small, follow the colours of the page, and tell curves apart by dashes too.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from master import FMUS, TS, Component, System, closed_loop, simulate  # noqa: E402
+from pendulum_fmus.loop import TS, Loop
+from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.project import FMUS, ROOT
 
 Columns = dict[str, np.ndarray]
 
@@ -137,7 +134,7 @@ def run(system: System, start: float, stop: float) -> Columns:
 
 def pid() -> str:
     """Draw a step, and a disturbance of the measured angle."""
-    results = run(closed_loop("Pid", "step", 1.0), TS, 9.0)
+    results = run(Loop("Pid", "step", 1.0).system(), TS, 9.0)
     return draw(
         results["time"],
         range(10),
@@ -158,7 +155,7 @@ def pid() -> str:
 
 def pid_rbf() -> str:
     """Draw how the network takes the force over from the PID."""
-    results = run(closed_loop("PidRbf", "step"), TS, 2.0)
+    results = run(Loop("PidRbf", "step").system(), TS, 2.0)
     return draw(
         results["time"],
         (0, 0.5, 1, 1.5, 2),
@@ -185,7 +182,7 @@ def pid_rbf() -> str:
 
 def ipid_rbf() -> str:
     """Draw a sine, which the network has learned before the first quarter period is over."""
-    results = run(closed_loop("IpidRbf", "sine"), TS, 5.0)
+    results = run(Loop("IpidRbf", "sine").system(), TS, 5.0)
     return draw(
         results["time"],
         range(6),

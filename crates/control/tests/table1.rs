@@ -5,7 +5,7 @@ use control::closed_loop::{ClosedLoop, Order, SetPoint, ipid_rbf, pid, pid_rbf};
 use control::pid::Integral;
 
 const SAMPLES: usize = 20_000;
-const TABLE: &str = include_str!("../../../tests/data/table1.csv");
+const TABLE: &str = include_str!("../../../python/pendulum_fmus/table1.csv");
 
 /// The expected column of a row (from 1); `None` for the residue that is only bounded.
 fn expected(row: usize, column: &str) -> Option<f64> {

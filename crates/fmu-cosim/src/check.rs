@@ -5,7 +5,8 @@ use std::collections::HashSet;
 use anyhow::{Result, bail, ensure};
 use fmu_description::{Causality, VariableType};
 
-use crate::plan::{Link, Planned, Port, channel};
+use crate::system::{Link, Planned, Port};
+use crate::wiring::channel;
 
 /// Checks that every connection leads from an output to an input that it fits, and that no input has
 /// two.

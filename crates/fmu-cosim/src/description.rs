@@ -147,7 +147,7 @@ impl Description {
 }
 
 /// More steps than this are taken for a slip in `step` or `stop`.
-const MOST_STEPS: f64 = 1e9;
+const MAX_STEPS: f64 = 1e9;
 
 impl Experiment {
     /// How many communication points `start + k step` there are up to `stop`.
@@ -166,8 +166,8 @@ impl Experiment {
         );
         let steps = (stop - start) / step;
         ensure!(
-            steps <= MOST_STEPS,
-            "{steps:.3e} steps are too many; the most are {MOST_STEPS:.0e}"
+            steps <= MAX_STEPS,
+            "{steps:.3e} steps are too many; the most are {MAX_STEPS:.0e}"
         );
         // Rounding may put the last point just past the stop time.
         Ok((steps + 1e-6).floor() as u64 + 1)

@@ -2,14 +2,9 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use fmi::fmi2::binding::Fmi2Binding;
-use fmi::fmi2::import::Fmi2Import;
-use fmi::fmi2::instance::InstanceCS;
-use fmi::traits::FmiImport;
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{
@@ -17,10 +12,10 @@ use fmu_description::{
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use quick_xml::escape::escape;
+use fmu_host::{Instance, Instantiation, Library, LoadError};
+use tempfile::TempDir;
 
-use crate::guard::{self, guarded};
-use crate::messages;
+use crate::Messages;
 
 /// An FMU for co-simulation.
 pub struct Fmu {
@@ -32,11 +27,12 @@ pub struct Fmu {
     pub(crate) feedthrough: Vec<(usize, Option<Vec<usize>>)>,
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
-    /// Keeps the binary loaded between instances, each of which loads it for itself: else that of a
-    /// run after another would be mapped into memory anew. Before `import`, which removes the file.
-    loaded: OnceLock<Option<Fmi2Binding>>,
-    import: Fmi2Import,
-    lost: AtomicBool,
+    guid: String,
+    /// The binary, within the folder.
+    binary: String,
+    /// Loaded by the first instance. Before the folder, which removes the file.
+    library: OnceLock<Result<Arc<Library>, LoadError>>,
+    folder: TempDir,
     /// Whether the FMU says that one process can have one instance of it only.
     pub(crate) only_once: bool,
 }
@@ -81,32 +77,27 @@ impl Fmu {
             .context("it is not for co-simulation")?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
         check_identifier(identifier)?;
-        check_binary(&archive, identifier)?;
+        let binary = binary(&archive, identifier)?;
         let only_once = Capability::CanBeInstantiatedOnlyOncePerProcess.is_claimed_by(slave);
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path())?;
-        let guid = root.attribute("guid").unwrap_or_default();
-        let import = Fmi2Import::new(folder, &reduced(identifier, guid))
-            .map_err(|error| anyhow!("{MODEL_DESCRIPTION}: {error}"))?;
-
         let variables: Vec<_> = model.variables().map(|(_, v)| variable(v)).collect();
         let index = variables
             .iter()
             .enumerate()
             .map(|(i, v)| (v.name.clone(), i))
             .collect();
-        messages::collect();
-        guard::silence();
         Ok(Self {
             path: path.to_owned(),
             feedthrough: feedthrough(&model),
             variables,
             index,
             units: units(&root),
-            loaded: OnceLock::new(),
-            import,
-            lost: AtomicBool::new(false),
+            guid: root.attribute("guid").unwrap_or_default().to_owned(),
+            binary,
+            library: OnceLock::new(),
+            folder,
             only_once,
         })
     }
@@ -152,56 +143,43 @@ impl Fmu {
             )
     }
 
-    /// Makes an instance.
+    /// Makes an instance, whose messages go to those of its simulation.
     ///
     /// # Errors
     /// The binary cannot be loaded, or the FMU refuses; with its message.
-    pub(crate) fn instantiate(&self, name: &str) -> Result<InstanceCS> {
-        let cannot = |reason: String| {
+    pub(crate) fn instantiate(&self, name: &str, messages: &Messages) -> Result<Instance> {
+        self.try_instantiate(name, messages).map_err(|reason| {
             let path = self.path.display();
             anyhow!("component {name}: {path} cannot be instantiated: {reason}")
+        })
+    }
+
+    fn try_instantiate(&self, name: &str, messages: &Messages) -> Result<Instance, String> {
+        let library = self
+            .library
+            .get_or_init(|| Library::load(&self.folder.path().join(&self.binary)))
+            .as_ref()
+            .map_err(ToString::to_string)?;
+        if library.is_lost() {
+            return Err("a fatal error has broken it".into());
+        }
+        let arguments = Instantiation {
+            name,
+            kind: fmu_host::Kind::CoSimulation,
+            guid: &self.guid,
+            resources: &fmu_host::uri(&self.folder.path().join("resources")),
+            logging_on: true,
         };
-        if self.is_lost() {
-            return Err(cannot("a fatal error has broken it".into()));
-        }
-        messages::begin_call();
-        match guarded(|| InstanceCS::new(&self.import, name, false, true)) {
-            Ok(Ok(slave)) => {
-                self.loaded.get_or_init(|| {
-                    let slave = self.import.model_description().co_simulation.as_ref()?;
-                    self.import.binding(&slave.model_identifier).ok()
-                });
-                Ok(slave)
-            }
-            Ok(Err(error)) => Err(cannot(messages::reason("fmi2Instantiate").unwrap_or_else(
-                || match error {
-                    fmi::Error::Instantiation => "the FMU logged no reason".into(),
-                    error => error.to_string(),
-                },
-            ))),
-            Err(outcome) => Err(cannot(format!("fmi2Instantiate {outcome}"))),
-        }
+        let (instance, log) = (name.to_owned(), messages.clone());
+        messages.begin_call();
+        library
+            .instantiate(&arguments, move |logged| log.log(&instance, &logged))
+            .map_err(|failure| failure.to_string())?
+            .ok_or_else(|| {
+                let reason = messages.reason("fmi2Instantiate");
+                reason.unwrap_or_else(|| "the FMU logged no reason".into())
+            })
     }
-
-    /// Gives the FMU up after a fatal error, which corrupts all of its instances: by the standard
-    /// nothing of it is called again, not even to free them.
-    pub(crate) fn lose(&self) {
-        self.lost.store(true, Ordering::Relaxed);
-    }
-
-    /// Whether the FMU was given up.
-    pub(crate) fn is_lost(&self) -> bool {
-        self.lost.load(Ordering::Relaxed)
-    }
-}
-
-/// The part of a model description that the crate `fmi` needs. It refuses some valid ones as a whole,
-/// such as those with annotations of a tool.
-fn reduced(identifier: &str, guid: &str) -> String {
-    format!(
-        r#"<fmiModelDescription fmiVersion="2.0" modelName="{identifier}" guid="{}"><CoSimulation modelIdentifier="{identifier}"/><ModelVariables/><ModelStructure/></fmiModelDescription>"#,
-        escape(guid)
-    )
 }
 
 /// It becomes part of a path.
@@ -216,14 +194,15 @@ fn check_identifier(identifier: &str) -> Result<()> {
     Ok(())
 }
 
-fn check_binary(archive: &Archive, identifier: &str) -> Result<()> {
+fn binary(archive: &Archive, identifier: &str) -> Result<String> {
     let platform = Platform::of_this_machine().context("FMI 2.0 does not know this platform")?;
+    let binary = platform.binary(identifier);
     ensure!(
-        archive.names.contains(&platform.binary(identifier)),
+        archive.names.contains(&binary),
         "it has no binary for this machine ({})",
         platform.folder
     );
-    Ok(())
+    Ok(binary)
 }
 
 /// What the master keeps of a variable when the document is dropped.

@@ -1,15 +1,13 @@
-//! An instance of an FMU, and what is told when a call of it fails.
+//! An instance of an FMU, and what is reported when a call of it fails.
 
 use std::fmt;
 use std::sync::Arc;
 
 use anyhow::Result;
-use fmi::fmi2::instance::{CoSimulation, Common, InstanceCS};
-use fmi::fmi2::{Fmi2Error, Fmi2Res};
+use fmu_host::Success;
 
-use crate::guard::guarded;
 use crate::value::Typed;
-use crate::{Fmu, Variable, messages};
+use crate::{Fmu, Messages, Variable};
 
 /// A call that an FMU refused, or that failed in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,7 +24,7 @@ pub struct Failure {
     pub time: Option<f64>,
     /// What the function did: `returned fmi2Error`.
     pub outcome: String,
-    /// What the FMU said about it.
+    /// What the FMU logged about it.
     pub message: Option<String>,
 }
 
@@ -60,127 +58,88 @@ pub(crate) type Called = Result<(), Box<Failure>>;
 /// A running FMU.
 pub(crate) struct Instance {
     name: String,
+    /// Before the FMU, which removes its files.
+    slave: fmu_host::Instance,
     fmu: Arc<Fmu>,
-    /// Some, until it is dropped.
-    slave: Option<InstanceCS>,
-}
-
-impl Drop for Instance {
-    fn drop(&mut self) {
-        if self.fmu.is_lost() {
-            std::mem::forget(self.slave.take());
-        }
-    }
+    messages: Messages,
 }
 
 impl Instance {
-    pub(crate) fn new(name: &str, fmu: &Arc<Fmu>) -> Result<Self> {
+    pub(crate) fn new(name: &str, fmu: &Arc<Fmu>, messages: &Messages) -> Result<Self> {
         Ok(Self {
             name: name.to_owned(),
-            slave: Some(fmu.instantiate(name)?),
+            slave: fmu.instantiate(name, messages)?,
             fmu: fmu.clone(),
+            messages: messages.clone(),
         })
     }
 
-    /// Calls a function; `what` says for the user what it was called for.
+    /// Calls a function; `what` says for the user what it is called for.
     #[inline(always)]
     pub(crate) fn call(
         &mut self,
-        function: &'static str,
         what: impl FnOnce() -> String,
-        call: impl FnOnce(&mut InstanceCS) -> Result<Fmi2Res, Fmi2Error>,
+        call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
     ) -> Called {
-        let slave = self.slave.as_mut().expect("it is there until the drop");
-        messages::begin_call();
-        match guarded(|| call(slave)) {
-            Ok(Ok(Fmi2Res::OK)) => Ok(()),
-            outcome => self.explain(function, what, outcome),
+        self.messages.begin_call();
+        match call(&mut self.slave) {
+            Ok(Success::Ok) => Ok(()),
+            outcome => self.explain(what, outcome),
         }
     }
 
     /// What to make of a call that did not just go well.
     #[cold]
     #[inline(never)]
-    fn explain(
-        &mut self,
-        function: &'static str,
-        what: impl FnOnce() -> String,
-        outcome: Result<Result<Fmi2Res, Fmi2Error>, String>,
-    ) -> Called {
-        let outcome = match outcome {
-            Ok(Ok(Fmi2Res::Warning)) => {
-                messages::warn(&self.name, function);
+    fn explain(&mut self, what: impl FnOnce() -> String, outcome: fmu_host::Result) -> Called {
+        let failure = match outcome {
+            Ok(Success::Ok) => return Ok(()),
+            Ok(Success::Warning(function)) => {
+                self.messages.warn(&self.name, function);
                 return Ok(());
             }
-            Ok(Ok(_)) => return Ok(()),
-            Ok(Err(Fmi2Error::Discard)) => "returned fmi2Discard".to_owned(),
-            Ok(Err(Fmi2Error::Fatal)) => {
-                self.fmu.lose();
-                "returned fmi2Fatal".to_owned()
-            }
-            Ok(Err(_)) => "returned fmi2Error".to_owned(),
-            Err(outcome) => {
-                self.fmu.lose();
-                outcome
-            }
+            Err(failure) => failure,
         };
         Err(Box::new(Failure {
             component: self.name.clone(),
             fmu: self.fmu.file_name(),
-            function,
+            function: failure.function,
             what: what(),
             time: None,
-            outcome,
-            message: messages::reason(function),
+            outcome: failure.cause.to_string(),
+            message: self.messages.reason(failure.function),
         }))
     }
 
     pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Called {
         let reference = [variable.reference];
         let what = || format!("{} = {}", variable.name, value);
-        match value {
-            Typed::Real(v) => self.call("fmi2SetReal", what, |s| s.set_real(&reference, &[*v])),
-            Typed::Integer(v) => {
-                self.call("fmi2SetInteger", what, |s| s.set_integer(&reference, &[*v]))
-            }
-            Typed::Boolean(v) => self.call("fmi2SetBoolean", what, |s| {
-                s.set_boolean(&reference, &[i32::from(*v)])
-            }),
-            Typed::String(text) => self.call("fmi2SetString", what, |s| {
-                let done = s.set_string(&reference, std::slice::from_ref(text));
-                done.map(|()| Fmi2Res::OK)
-            }),
-        }
+        self.call(what, |slave| match value {
+            Typed::Real(v) => slave.set_real(&reference, &[*v]),
+            Typed::Integer(v) => slave.set_integer(&reference, &[*v]),
+            Typed::Boolean(v) => slave.set_boolean(&reference, &[i32::from(*v)]),
+            Typed::String(text) => slave.set_string(&reference, std::slice::from_ref(text)),
+        })
     }
 
     pub(crate) fn enter_initialization(&mut self, start: f64) -> Called {
         let what = || "initialization".to_owned();
-        self.call("fmi2SetupExperiment", what, |s| {
-            s.setup_experiment(None, start, None)
-        })?;
-        self.call("fmi2EnterInitializationMode", what, |s| {
-            s.enter_initialization_mode()
-        })
+        self.call(what, |slave| slave.setup_experiment(start, None))?;
+        self.call(what, fmu_host::Instance::enter_initialization_mode)
     }
 
     pub(crate) fn exit_initialization(&mut self) -> Called {
-        self.call(
-            "fmi2ExitInitializationMode",
-            || "initialization".to_owned(),
-            |s| s.exit_initialization_mode(),
-        )
+        let what = || "initialization".to_owned();
+        self.call(what, fmu_host::Instance::exit_initialization_mode)
     }
 
     #[inline]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
-        self.call(
-            "fmi2DoStep",
-            || format!("step of {step:?} s"),
-            |s| s.do_step(time, step, true),
-        )
+        let what = || format!("step of {step:?} s");
+        self.call(what, |slave| slave.do_step(time, step))
     }
 
     pub(crate) fn terminate(&mut self) -> Called {
-        self.call("fmi2Terminate", || "end".to_owned(), |s| s.terminate())
+        self.call(|| "end".to_owned(), fmu_host::Instance::terminate)
     }
 }

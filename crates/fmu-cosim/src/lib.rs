@@ -1,4 +1,4 @@
-//! A native master for FMI 2.0 co-simulation FMUs of any maker.
+//! A native master for FMI 2.0 co-simulation FMUs from any vendor.
 //!
 //! A [`Description`] says which FMUs a system is made of and which output feeds which input; a TOML
 //! file holds one. A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one
@@ -33,20 +33,22 @@ mod check;
 mod csv;
 mod description;
 mod fmu;
-mod guard;
 mod instance;
 mod messages;
 mod plan;
 mod simulation;
 pub mod ssp;
+mod system;
 mod transfer;
 mod value;
+mod wiring;
 
 pub use csv::Csv;
 pub use description::{Component, Connection, Description, Experiment, Order};
 pub use fmu::{Fmu, Variable};
 pub use instance::Failure;
-pub use messages::{Message, messages};
-pub use plan::{Column, Plan, Planned, Start};
+pub use messages::{Message, Messages};
+pub use plan::{Column, Plan, Start};
 pub use simulation::Simulation;
+pub use system::Planned;
 pub use value::{Typed, Value};

@@ -4,9 +4,9 @@ use anyhow::Result;
 use fmu_description::VariableType;
 
 use crate::instance::{Called, Instance};
-use crate::plan::{Record, Wire};
 use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
-use crate::{Failure, Message, Order, Plan, Start, messages};
+use crate::wiring::{Record, Wire};
+use crate::{Failure, Message, Messages, Order, Plan, Start};
 
 /// A run of a system, initialized.
 pub struct Simulation<'a> {
@@ -19,6 +19,7 @@ pub struct Simulation<'a> {
     /// Read after it: sampled ones.
     after: Readers,
     row: Vec<f64>,
+    messages: Messages,
 }
 
 #[derive(Default)]
@@ -111,9 +112,27 @@ impl Readers {
     }
 }
 
+impl Plan {
+    /// Makes and initializes the instances of a run, with these start values in place of those of the
+    /// description.
+    ///
+    /// # Errors
+    /// An FMU refuses; with its message.
+    pub fn simulate(&self, starts: &[Start]) -> Result<Simulation<'_>> {
+        self.simulate_with(starts, &Messages::default())
+    }
+
+    /// As [`Plan::simulate`]; what the FMUs log is also there when it fails, or the run does.
+    ///
+    /// # Errors
+    /// As [`Plan::simulate`].
+    pub fn simulate_with(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
+        Simulation::new(self, starts, messages)
+    }
+}
+
 impl<'a> Simulation<'a> {
-    pub(crate) fn new(plan: &'a Plan, starts: &[Start]) -> Result<Self> {
-        messages(); // those of a run before are not wanted
+    fn new(plan: &'a Plan, starts: &[Start], messages: &Messages) -> Result<Self> {
         let (mut before, mut after) = (Readers::default(), Readers::default());
         for record in &plan.records {
             let sampled = plan.components[record.group.component].sampled;
@@ -122,7 +141,7 @@ impl<'a> Simulation<'a> {
         let instances = plan
             .components
             .iter()
-            .map(|c| Instance::new(&c.name, &c.fmu));
+            .map(|c| Instance::new(&c.name, &c.fmu, messages));
         let mut simulation = Self {
             plan,
             instances: instances.collect::<Result<_>>()?,
@@ -130,6 +149,7 @@ impl<'a> Simulation<'a> {
             before,
             after,
             row: vec![0.0; plan.columns().len()],
+            messages: messages.clone(),
         };
         simulation.initialize(starts).map_err(|failure| *failure)?;
         Ok(simulation)
@@ -172,7 +192,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Steps from the start to the stop time; `observe` gets the time (s) and the row of each
-    /// communication point.
+    /// communication point. Returns what the FMUs have logged.
     ///
     /// # Errors
     /// A [`Failure`]: an FMU refused, and the run ends there.
@@ -189,7 +209,7 @@ impl<'a> Simulation<'a> {
     /// As [`Simulation::run`].
     pub fn run_while(mut self, observe: impl FnMut(f64, &[f64]) -> bool) -> Result<Vec<Message>> {
         self.steps(observe).map_err(|failure| *failure)?;
-        Ok(messages())
+        Ok(self.messages.take())
     }
 
     fn steps(&mut self, mut observe: impl FnMut(f64, &[f64]) -> bool) -> Called {

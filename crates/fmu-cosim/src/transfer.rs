@@ -1,40 +1,33 @@
 //! Values on their way from outputs to inputs, and into rows.
 
-use fmi::fmi2::instance::{Common, InstanceCS};
-use fmi::fmi2::{Fmi2Error, Fmi2Res};
-
 use crate::Failure;
 use crate::instance::{Called, Instance};
 
 /// A type of FMI, and how it is read and written.
 pub(crate) trait Type {
     type Value: Copy + Default + PartialEq + std::fmt::Debug;
-    const GET: &'static str;
-    const SET: &'static str;
-    fn get(s: &mut InstanceCS, references: &[u32], values: &mut [Self::Value]) -> Status;
-    fn set(s: &mut InstanceCS, references: &[u32], values: &[Self::Value]) -> Status;
+    fn get(s: &mut Slave, references: &[u32], values: &mut [Self::Value]) -> fmu_host::Result;
+    fn set(s: &mut Slave, references: &[u32], values: &[Self::Value]) -> fmu_host::Result;
     fn number(value: Self::Value) -> f64;
 }
 
-type Status = Result<Fmi2Res, Fmi2Error>;
+type Slave = fmu_host::Instance;
 
 macro_rules! types {
-    ($($name:ident: $value:ty, $get:ident $get_name:literal, $set:ident $set_name:literal;)*) => {
+    ($($name:ident: $value:ty, $get:ident, $set:ident;)*) => {
         $(
             pub(crate) struct $name;
 
             impl Type for $name {
                 type Value = $value;
-                const GET: &'static str = $get_name;
-                const SET: &'static str = $set_name;
 
                 #[inline]
-                fn get(s: &mut InstanceCS, references: &[u32], values: &mut [$value]) -> Status {
+                fn get(s: &mut Slave, references: &[u32], values: &mut [$value]) -> fmu_host::Result {
                     s.$get(references, values)
                 }
 
                 #[inline]
-                fn set(s: &mut InstanceCS, references: &[u32], values: &[$value]) -> Status {
+                fn set(s: &mut Slave, references: &[u32], values: &[$value]) -> fmu_host::Result {
                     s.$set(references, values)
                 }
 
@@ -48,9 +41,9 @@ macro_rules! types {
 }
 
 types! {
-    Real: f64, get_real "fmi2GetReal", set_real "fmi2SetReal";
-    Integer: i32, get_integer "fmi2GetInteger", set_integer "fmi2SetInteger";
-    Boolean: i32, get_boolean "fmi2GetBoolean", set_boolean "fmi2SetBoolean";
+    Real: f64, get_real, set_real;
+    Integer: i32, get_integer, set_integer;
+    Boolean: i32, get_boolean, set_boolean;
 }
 
 /// Variables of one component and type.
@@ -66,7 +59,7 @@ impl Group {
     #[inline]
     fn get<T: Type>(&self, instances: &mut [Instance], values: &mut [T::Value]) -> Called {
         let what = || self.names.join(", ");
-        instances[self.component].call(T::GET, what, |s| T::get(s, &self.references, values))
+        instances[self.component].call(what, |s| T::get(s, &self.references, values))
     }
 
     #[inline]
@@ -78,7 +71,7 @@ impl Group {
                 .collect();
             texts.join(", ")
         };
-        instances[self.component].call(T::SET, what, |s| T::set(s, &self.references, values))
+        instances[self.component].call(what, |s| T::set(s, &self.references, values))
     }
 }
 

@@ -1,37 +1,38 @@
 //! The functions for co-simulation.
 
-use super::instance::call;
-use super::{Instance, Result};
-use fmu_types::fmi2::{fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2ValueReference};
+use fmu_types::fmi2::fmi2Integer;
 
-const TRUE: fmi2Boolean = 1;
+use crate::instance::call;
+use crate::{Instance, Result};
 
-impl Instance<'_> {
-    /// `fmi2DoStep`
-    pub fn do_step(&mut self, time: f64, step: f64) -> Result<()> {
-        call!(self.fmi2DoStep(time => fmi2Real, step => fmi2Real, TRUE => fmi2Boolean))
+impl Instance {
+    /// `fmi2DoStep`, never to be repeated from an earlier point.
+    #[inline]
+    pub fn do_step(&mut self, time: f64, step: f64) -> Result {
+        call!(self.fmi2DoStep(time, step, 1))
     }
 
     /// `fmi2SetRealInputDerivatives`: the first derivative of each input.
-    pub fn set_input_derivatives(&mut self, references: &[u32], values: &[f64]) -> Result<()> {
-        let orders: Vec<fmi2Integer> = vec![1; references.len()];
+    pub fn set_input_derivatives(&mut self, references: &[u32], values: &[f64]) -> Result {
+        let n = references.len().min(values.len());
+        let orders: Vec<fmi2Integer> = vec![1; n];
         call!(self.fmi2SetRealInputDerivatives(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len().min(values.len()) => usize,
-            orders.as_ptr() => *const fmi2Integer,
-            values.as_ptr() => *const fmi2Real,
+            references.as_ptr(),
+            n,
+            orders.as_ptr(),
+            values.as_ptr(),
         ))
     }
 
     /// `fmi2GetRealOutputDerivatives`: the first derivative of each output.
     pub fn output_derivatives(&mut self, references: &[u32]) -> Result<Vec<f64>> {
-        let orders: Vec<fmi2Integer> = vec![1; references.len()];
-        let mut values = vec![0.0; references.len()];
+        let n = references.len();
+        let (orders, mut values) = (vec![1; n], vec![0.0; n]);
         call!(self.fmi2GetRealOutputDerivatives(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len() => usize,
-            orders.as_ptr() => *const fmi2Integer,
-            values.as_mut_ptr() => *mut fmi2Real,
+            references.as_ptr(),
+            n,
+            orders.as_ptr(),
+            values.as_mut_ptr(),
         ))?;
         Ok(values)
     }

@@ -1,205 +1,190 @@
 //! An instance, and the functions of both kinds of FMU.
 
-use std::ffi::c_char;
+use std::ffi::{CString, c_void};
 use std::ptr;
+use std::sync::Arc;
 
-use super::{Failure, Library, Result};
-use crate::library::text;
 use fmu_types::fmi2::{
     fmi2Boolean, fmi2CallbackFunctions, fmi2Component, fmi2FMUstate, fmi2False, fmi2Integer,
-    fmi2Real, fmi2String, fmi2ValueReference,
+    fmi2Real, fmi2String,
 };
 
-/// Calls a function of an instance that gives a status: `call!(self.fmi2DoStep(time as fmi2Real))`.
+use crate::logger::{Registered, text};
+use crate::trampoline::logger;
+use crate::{Cause, Failure, Library, Result};
+
+/// Calls a function of an instance that returns a status: `call!(self.fmi2DoStep(time))`.
 macro_rules! call {
-    ($instance:ident.$name:ident($($value:expr => $type:ty),* $(,)?)) => {
+    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {{
+        const NAME: &str = stringify!($name);
+        let library = &*$instance.library;
         // SAFETY: the type is that of the standard, the instance is not freed, and every pointer is
         // to as many elements as the function is told. The rest is up to the foreign binary, as the
-        // module says.
-        unsafe {
-            type Function = unsafe extern "C" fn(fmi2Component $(, $type)*) -> std::ffi::c_int;
-            let name = stringify!($name);
-            let function = $instance.library.function::<Function>(name)?;
-            $crate::check(name, function($instance.component $(, $value)*))
-        }
-    };
+        // crate says.
+        let status = unsafe {
+            let function = library.function(library.functions().$name, NAME)?;
+            function($instance.component $(, $value)*)
+        };
+        library.outcome(NAME, status)
+    }};
 }
-pub(super) use call;
+pub(crate) use call;
 
-/// An instance of an FMU, freed when it is dropped.
-pub struct Instance<'a> {
-    pub(super) library: &'a Library,
-    pub(super) component: fmi2Component,
-    /// The FMU keeps a pointer to them.
-    _callbacks: Box<fmi2CallbackFunctions>,
+/// An instance of an FMU, freed when it is dropped. It keeps its library loaded.
+pub struct Instance {
+    pub(crate) library: Arc<Library>,
+    pub(crate) component: fmi2Component,
+    /// The FMU keeps a pointer to them. From a box, and freed with the instance.
+    callbacks: *mut fmi2CallbackFunctions,
+    _registered: Registered,
 }
+
+// SAFETY: FMI allows the functions of an instance to be called by any thread, one after the other,
+// which `&mut self` ensures.
+unsafe impl Send for Instance {}
 
 /// A state that an FMU has saved of itself; [`Instance::free_state`] frees it.
 pub struct State(fmi2FMUstate);
 
-impl<'a> Instance<'a> {
-    pub(super) fn new(
-        library: &'a Library,
-        component: fmi2Component,
-        callbacks: Box<fmi2CallbackFunctions>,
-    ) -> Self {
-        Self {
-            library,
-            component,
-            _callbacks: callbacks,
+unsafe extern "C" {
+    fn calloc(count: usize, size: usize) -> *mut c_void;
+    fn free(memory: *mut c_void);
+}
+
+impl Instance {
+    /// Instantiates by a call that gets the callbacks; none if it returns NULL.
+    ///
+    /// # Safety
+    /// The call is one of the library's `fmi2Instantiate`.
+    pub(crate) unsafe fn new(
+        library: &Arc<Library>,
+        registered: Registered,
+        instantiate: impl FnOnce(*const fmi2CallbackFunctions) -> fmi2Component,
+    ) -> Option<Self> {
+        let callbacks = Box::into_raw(Box::new(fmi2CallbackFunctions {
+            logger: Some(logger()),
+            allocateMemory: Some(calloc),
+            freeMemory: Some(free),
+            stepFinished: None,
+            componentEnvironment: registered.environment(),
+        }));
+        let component = instantiate(callbacks);
+        if component.is_null() {
+            // SAFETY: it is from a box, and there is no instance that could use it.
+            drop(unsafe { Box::from_raw(callbacks) });
+            return None;
         }
+        Some(Self {
+            library: Arc::clone(library),
+            component,
+            callbacks,
+            _registered: registered,
+        })
     }
 
-    /// `fmi2SetupExperiment`
-    pub fn setup_experiment(&mut self, start: f64, stop: Option<f64>) -> Result<()> {
+    /// `fmi2SetupExperiment`, without a tolerance.
+    ///
+    /// # Errors
+    /// As for every call: the function is missing, or returned a status that means failure.
+    pub fn setup_experiment(&mut self, start: f64, stop: Option<f64>) -> Result {
         call!(self.fmi2SetupExperiment(
-            fmi2False => fmi2Boolean,
-            0.0 => fmi2Real,
-            start => fmi2Real,
-            fmi2Boolean::from(stop.is_some()) => fmi2Boolean,
-            stop.unwrap_or_default() => fmi2Real,
+            fmi2False,
+            0.0,
+            start,
+            stop.is_some().into(),
+            stop.unwrap_or_default(),
         ))
     }
 
     /// `fmi2EnterInitializationMode`
-    pub fn enter_initialization_mode(&mut self) -> Result<()> {
+    pub fn enter_initialization_mode(&mut self) -> Result {
         call!(self.fmi2EnterInitializationMode())
     }
 
     /// `fmi2ExitInitializationMode`
-    pub fn exit_initialization_mode(&mut self) -> Result<()> {
+    pub fn exit_initialization_mode(&mut self) -> Result {
         call!(self.fmi2ExitInitializationMode())
     }
 
     /// `fmi2Terminate`
-    pub fn terminate(&mut self) -> Result<()> {
+    pub fn terminate(&mut self) -> Result {
         call!(self.fmi2Terminate())
     }
 
     /// `fmi2Reset`
-    pub fn reset(&mut self) -> Result<()> {
+    pub fn reset(&mut self) -> Result {
         call!(self.fmi2Reset())
     }
 
-    /// `fmi2GetReal`
-    pub fn real(&mut self, references: &[u32]) -> Result<Vec<f64>> {
-        let mut values = vec![0.0; references.len()];
-        call!(self.fmi2GetReal(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len() => usize,
-            values.as_mut_ptr() => *mut fmi2Real,
-        ))?;
-        Ok(values)
-    }
-
-    /// `fmi2GetInteger`
-    pub fn integer(&mut self, references: &[u32]) -> Result<Vec<i32>> {
-        let mut values = vec![0; references.len()];
-        call!(self.fmi2GetInteger(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len() => usize,
-            values.as_mut_ptr() => *mut fmi2Integer,
-        ))?;
-        Ok(values)
-    }
-
-    /// `fmi2GetBoolean`: numbers, as the FMU may give other ones than 0 and 1.
-    pub fn boolean(&mut self, references: &[u32]) -> Result<Vec<i32>> {
-        let mut values = vec![0; references.len()];
-        call!(self.fmi2GetBoolean(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len() => usize,
-            values.as_mut_ptr() => *mut fmi2Boolean,
-        ))?;
-        Ok(values)
-    }
-
     /// `fmi2GetString`
-    pub fn string(&mut self, references: &[u32]) -> Result<Vec<String>> {
+    pub fn get_string(&mut self, references: &[u32]) -> Result<Vec<String>> {
         let mut values: Vec<fmi2String> = vec![ptr::null(); references.len()];
-        call!(self.fmi2GetString(
-            references.as_ptr() => *const fmi2ValueReference,
-            references.len() => usize,
-            values.as_mut_ptr() => *mut fmi2String,
-        ))?;
+        call!(self.fmi2GetString(references.as_ptr(), references.len(), values.as_mut_ptr()))?;
         values
             .into_iter()
-            // SAFETY: the FMU's texts live until its next call, by the standard.
+            // SAFETY: the FMU's strings live until its next call, by the standard.
             .map(|value| unsafe { text(value) })
             .collect::<Option<_>>()
-            .ok_or_else(|| Failure::new("fmi2GetString", "gave NULL for a text"))
+            .ok_or_else(|| {
+                Failure::new("fmi2GetString", Cause::Broke("returned NULL for a string"))
+            })
     }
 
-    /// `fmi2SetReal`
-    pub fn set_real(&mut self, references: &[u32], values: &[f64]) -> Result<()> {
+    /// `fmi2SetString`
+    pub fn set_string(&mut self, references: &[u32], values: &[CString]) -> Result {
+        let values: Vec<fmi2String> = values.iter().map(|value| value.as_ptr()).collect();
         let n = references.len().min(values.len());
-        call!(self.fmi2SetReal(
-            references.as_ptr() => *const fmi2ValueReference,
-            n => usize,
-            values.as_ptr() => *const fmi2Real,
-        ))
+        call!(self.fmi2SetString(references.as_ptr(), n, values.as_ptr()))
     }
 
     /// `fmi2GetFMUstate`
     pub fn state(&mut self) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        call!(self.fmi2GetFMUstate(&raw mut state.0 => *mut fmi2FMUstate))?;
+        call!(self.fmi2GetFMUstate(&raw mut state.0))?;
         if state.0.is_null() {
-            return Err(Failure::new("fmi2GetFMUstate", "gave fmi2OK and no state"));
+            let cause = Cause::Broke("returned fmi2OK and no state");
+            return Err(Failure::new("fmi2GetFMUstate", cause));
         }
         Ok(state)
     }
 
     /// `fmi2SetFMUstate`
-    pub fn set_state(&mut self, state: &State) -> Result<()> {
-        call!(self.fmi2SetFMUstate(state.0 => fmi2FMUstate))
+    pub fn set_state(&mut self, state: &State) -> Result {
+        call!(self.fmi2SetFMUstate(state.0))
     }
 
     /// `fmi2FreeFMUstate`
-    pub fn free_state(&mut self, mut state: State) -> Result<()> {
-        call!(self.fmi2FreeFMUstate(&raw mut state.0 => *mut fmi2FMUstate))?;
+    pub fn free_state(&mut self, mut state: State) -> Result {
+        let freed = call!(self.fmi2FreeFMUstate(&raw mut state.0))?;
         if state.0.is_null() {
-            Ok(())
+            Ok(freed)
         } else {
-            Err(Failure::new(
-                "fmi2FreeFMUstate",
-                "did not set the state to NULL",
-            ))
+            let cause = Cause::Broke("did not set the state to NULL");
+            Err(Failure::new("fmi2FreeFMUstate", cause))
         }
     }
 
-    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; more bytes than `most` are refused.
-    pub fn serialize(&mut self, state: &State, most: usize) -> Result<Vec<u8>> {
+    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; more bytes than `max` are refused.
+    pub fn serialize(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
         let mut size = 0;
-        call!(self.fmi2SerializedFMUstateSize(
-            state.0 => fmi2FMUstate,
-            &raw mut size => *mut usize,
-        ))?;
-        if size > most {
-            let what = format_args!("gave {size} bytes");
-            return Err(Failure::new("fmi2SerializedFMUstateSize", what));
+        call!(self.fmi2SerializedFMUstateSize(state.0, &raw mut size))?;
+        if size > max {
+            let cause = Cause::TooLarge(size);
+            return Err(Failure::new("fmi2SerializedFMUstateSize", cause));
         }
-        let mut bytes = vec![0; size];
-        call!(self.fmi2SerializeFMUstate(
-            state.0 => fmi2FMUstate,
-            bytes.as_mut_ptr().cast() => *mut c_char,
-            size => usize,
-        ))?;
+        let mut bytes = vec![0_u8; size];
+        call!(self.fmi2SerializeFMUstate(state.0, bytes.as_mut_ptr().cast(), size))?;
         Ok(bytes)
     }
 
     /// `fmi2DeSerializeFMUstate`
     pub fn deserialize(&mut self, bytes: &[u8]) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        call!(self.fmi2DeSerializeFMUstate(
-            bytes.as_ptr().cast() => *const c_char,
-            bytes.len() => usize,
-            &raw mut state.0 => *mut fmi2FMUstate,
-        ))?;
+        call!(self.fmi2DeSerializeFMUstate(bytes.as_ptr().cast(), bytes.len(), &raw mut state.0,))?;
         Ok(state)
     }
 
-    /// `fmi2GetDirectionalDerivative`: of `unknowns` by `knowns` in the direction `seed`.
+    /// `fmi2GetDirectionalDerivative`: of `unknowns` with respect to `knowns` in the direction `seed`.
     pub fn directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -208,24 +193,62 @@ impl<'a> Instance<'a> {
     ) -> Result<Vec<f64>> {
         let mut values = vec![0.0; unknowns.len()];
         call!(self.fmi2GetDirectionalDerivative(
-            unknowns.as_ptr() => *const fmi2ValueReference,
-            unknowns.len() => usize,
-            knowns.as_ptr() => *const fmi2ValueReference,
-            knowns.len().min(seed.len()) => usize,
-            seed.as_ptr() => *const fmi2Real,
-            values.as_mut_ptr() => *mut fmi2Real,
+            unknowns.as_ptr(),
+            unknowns.len(),
+            knowns.as_ptr(),
+            knowns.len().min(seed.len()),
+            seed.as_ptr(),
+            values.as_mut_ptr(),
         ))?;
         Ok(values)
     }
 }
 
-impl Drop for Instance<'_> {
+/// Functions that read and write values of one type; of slices that differ in length, the rest of the
+/// longer is left alone.
+macro_rules! access {
+    ($($type:ty: $get:ident $fmi_get:ident $set:ident $fmi_set:ident;)*) => {
+        impl Instance {
+            $(
+                #[doc = concat!("`", stringify!($fmi_get), "`")]
+                #[inline]
+                pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
+                    let n = references.len().min(values.len());
+                    call!(self.$fmi_get(references.as_ptr(), n, values.as_mut_ptr()))
+                }
+
+                #[doc = concat!("`", stringify!($fmi_set), "`")]
+                #[inline]
+                pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
+                    let n = references.len().min(values.len());
+                    call!(self.$fmi_set(references.as_ptr(), n, values.as_ptr()))
+                }
+            )*
+        }
+    };
+}
+
+access! {
+    fmi2Real: get_real fmi2GetReal set_real fmi2SetReal;
+    fmi2Integer: get_integer fmi2GetInteger set_integer fmi2SetInteger;
+    // A number, as a foreign FMU may return others than 0 and 1.
+    fmi2Boolean: get_boolean fmi2GetBoolean set_boolean fmi2SetBoolean;
+}
+
+impl Drop for Instance {
     fn drop(&mut self) {
-        type Free = unsafe extern "C" fn(fmi2Component);
-        // SAFETY: the type is that of the standard, and nobody uses the instance any more.
+        if self.library.is_lost() {
+            // Nothing of the FMU is called, its destructors neither: it is never unloaded.
+            std::mem::forget(Arc::clone(&self.library));
+            return;
+        }
+        // SAFETY: the type is that of the standard, and nobody uses the instance any more; the
+        // callbacks are from a box, and the FMU had its last call.
         unsafe {
-            if let Ok(free) = self.library.function::<Free>("fmi2FreeInstance") {
+            let found = self.library.functions().fmi2FreeInstance;
+            if let Ok(free) = self.library.function(found, "fmi2FreeInstance") {
                 free(self.component);
+                drop(Box::from_raw(self.callbacks));
             }
         }
     }

@@ -1,67 +1,25 @@
-//! The other side of the C interface: calls the FMU binaries of any maker, as an importer does.
+//! The host's side of the C interface: loads FMU binaries of any vendor and calls them.
 //!
-//! Nobody can know that a foreign binary keeps to the standard. Load one only in a process that may
-//! crash, hang or exit: `cargo fmu validate` starts one for it.
+//! A [`Library`] is a loaded binary, whose functions are looked up once. An [`Instance`] has a method
+//! for each function, named after it. Statuses are read as integers, a missing function is a
+//! [`Failure`] when it is called, and what an instance logs goes to a function of its own, formatted.
+//!
+//! Nobody can know that a foreign binary keeps to the standard: it may crash, hang or exit. Load one
+//! that is not trusted in a process of its own, as `cargo fmu validate` does.
 
 mod co_simulation;
+mod functions;
 mod instance;
 mod library;
+mod logger;
 mod model_exchange;
+mod outcome;
+mod resources;
+mod trampoline;
 
-use std::ffi::c_int;
-use std::fmt;
-
+pub use functions::Functions;
 pub use instance::{Instance, State};
-pub use library::Library;
-
-/// The two kinds of FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// The host integrates.
-    ModelExchange,
-    /// The FMU integrates.
-    CoSimulation,
-}
-
-/// Why a call did not do what it is for.
-#[derive(Debug)]
-pub struct Failure(String);
-
-impl Failure {
-    fn new(function: &str, what: impl fmt::Display) -> Self {
-        Self(format!("{function} {what}"))
-    }
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for Failure {}
-
-/// What a call gives that can fail.
-pub type Result<T> = std::result::Result<T, Failure>;
-
-/// Reads a status: fmi2OK and fmi2Warning mean success. It is an integer here, since a foreign binary
-/// may give any.
-fn check(function: &str, status: c_int) -> Result<()> {
-    let name = match status {
-        0 | 1 => return Ok(()),
-        2 => "fmi2Discard",
-        3 => "fmi2Error",
-        4 => "fmi2Fatal",
-        5 => "fmi2Pending",
-        other => {
-            return Err(Failure::new(
-                function,
-                format_args!("gave {other}, expected a fmi2Status"),
-            ));
-        }
-    };
-    Err(Failure::new(
-        function,
-        format_args!("gave {name}, expected fmi2OK"),
-    ))
-}
+pub use library::{Instantiation, Kind, Library, LoadError};
+pub use logger::Logged;
+pub use outcome::{Cause, Failure, Result, Status, Success};
+pub use resources::uri;

@@ -1,24 +1,25 @@
 //! The functions for model exchange.
 
-use super::instance::call;
-use super::{Instance, Result};
-use fmu_types::fmi2::{fmi2Boolean, fmi2Component, fmi2EventInfo, fmi2False, fmi2Real};
+use fmu_types::fmi2::{fmi2EventInfo, fmi2False};
 
-const TRUE: fmi2Boolean = 1;
+use crate::instance::call;
+use crate::{Instance, Result};
 
-/// A function that gives `n` numbers.
+/// A function that returns `n` numbers.
 macro_rules! numbers {
-    ($about:literal, $name:ident, $function:ident) => {
-        #[doc = $about]
-        pub fn $name(&mut self, n: usize) -> Result<Vec<f64>> {
-            let mut values = vec![0.0; n];
-            call!(self.$function(values.as_mut_ptr() => *mut fmi2Real, n => usize))?;
-            Ok(values)
-        }
+    ($($name:ident $function:ident;)*) => {
+        $(
+            #[doc = concat!("`", stringify!($function), "`")]
+            pub fn $name(&mut self, n: usize) -> Result<Vec<f64>> {
+                let mut values = vec![0.0; n];
+                call!(self.$function(values.as_mut_ptr(), n))?;
+                Ok(values)
+            }
+        )*
     };
 }
 
-impl Instance<'_> {
+impl Instance {
     /// `fmi2NewDiscreteStates`: whether it wants to be called again.
     pub fn new_discrete_states(&mut self) -> Result<bool> {
         let mut info = fmi2EventInfo {
@@ -29,58 +30,41 @@ impl Instance<'_> {
             nextEventTimeDefined: fmi2False,
             nextEventTime: 0.0,
         };
-        call!(self.fmi2NewDiscreteStates(&raw mut info => *mut fmi2EventInfo))?;
+        call!(self.fmi2NewDiscreteStates(&raw mut info))?;
         Ok(info.newDiscreteStatesNeeded != fmi2False)
     }
 
     /// `fmi2EnterContinuousTimeMode`
-    pub fn enter_continuous_time_mode(&mut self) -> Result<()> {
+    pub fn enter_continuous_time_mode(&mut self) -> Result {
         call!(self.fmi2EnterContinuousTimeMode())
     }
 
     /// `fmi2EnterEventMode`
-    pub fn enter_event_mode(&mut self) -> Result<()> {
+    pub fn enter_event_mode(&mut self) -> Result {
         call!(self.fmi2EnterEventMode())
     }
 
     /// `fmi2SetTime`
-    pub fn set_time(&mut self, time: f64) -> Result<()> {
-        call!(self.fmi2SetTime(time => fmi2Real))
+    pub fn set_time(&mut self, time: f64) -> Result {
+        call!(self.fmi2SetTime(time))
     }
 
-    numbers!(
-        "`fmi2GetContinuousStates`",
-        continuous_states,
-        fmi2GetContinuousStates
-    );
-    numbers!("`fmi2GetDerivatives`", derivatives, fmi2GetDerivatives);
-    numbers!(
-        "`fmi2GetEventIndicators`",
-        event_indicators,
-        fmi2GetEventIndicators
-    );
-    numbers!(
-        "`fmi2GetNominalsOfContinuousStates`",
-        nominals,
-        fmi2GetNominalsOfContinuousStates
-    );
+    numbers! {
+        continuous_states fmi2GetContinuousStates;
+        derivatives fmi2GetDerivatives;
+        event_indicators fmi2GetEventIndicators;
+        nominals fmi2GetNominalsOfContinuousStates;
+    }
 
     /// `fmi2SetContinuousStates`
-    pub fn set_continuous_states(&mut self, states: &[f64]) -> Result<()> {
-        call!(self.fmi2SetContinuousStates(
-            states.as_ptr() => *const fmi2Real,
-            states.len() => usize,
-        ))
+    pub fn set_continuous_states(&mut self, states: &[f64]) -> Result {
+        call!(self.fmi2SetContinuousStates(states.as_ptr(), states.len()))
     }
 
     /// `fmi2CompletedIntegratorStep`: whether event mode is to be entered.
     pub fn completed_integrator_step(&mut self) -> Result<bool> {
         let (mut event, mut terminate) = (fmi2False, fmi2False);
-        call!(self.fmi2CompletedIntegratorStep(
-            TRUE => fmi2Boolean,
-            &raw mut event => *mut fmi2Boolean,
-            &raw mut terminate => *mut fmi2Boolean,
-        ))?;
+        call!(self.fmi2CompletedIntegratorStep(1, &raw mut event, &raw mut terminate))?;
         Ok(event != fmi2False)
     }
 }

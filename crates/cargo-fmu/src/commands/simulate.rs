@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
-use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Plan, Value};
+use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::table;
@@ -104,21 +104,24 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
         vec![f64::NAN; plan.columns().len()],
     );
     let begin = Instant::now();
-    let ended = plan.simulate(&starts).and_then(|simulation| {
-        simulation.run(|time, row| {
-            if let Some(csv) = &mut csv {
-                csv.push(time, row);
-            }
-            last.0 = time;
-            last.1.copy_from_slice(row);
-            progress.tick(time);
-        })
-    });
+    let messages = Messages::default();
+    let ended = plan
+        .simulate_with(&starts, &messages)
+        .and_then(|simulation| {
+            simulation.run(|time, row| {
+                if let Some(csv) = &mut csv {
+                    csv.push(time, row);
+                }
+                last.0 = time;
+                last.1.copy_from_slice(row);
+                progress.tick(time);
+            })
+        });
     let elapsed = begin.elapsed();
     progress.bar.finish_and_clear();
     let said = match &ended {
         Ok(said) => said,
-        Err(_) => &fmu_cosim::messages(),
+        Err(_) => &messages.take(),
     };
     said.iter().filter(|message| message.warning).for_each(warn);
     ended.map_err(|error| explain(error, csv.is_some()))?;

@@ -21,7 +21,7 @@ pub struct Table1Args {
 }
 
 /// The numbers: printed, and those of a correct implementation with zero initial weights.
-const TABLE: &str = include_str!("../../../../tests/data/table1.csv");
+const TABLE: &str = include_str!("../../../../python/pendulum_fmus/table1.csv");
 /// The columns of the table, their names in the data, and the loops that compute them.
 const CONTROLLERS: [(&str, &str, &str); 3] = [
     (

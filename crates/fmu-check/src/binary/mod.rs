@@ -138,7 +138,7 @@ fn run(
     let status = wait(&mut child, limit)?;
     let mut text = Vec::new();
     File::open(&log)?
-        .take(report::MAX_LENGTH)
+        .take(report::MAX_BYTES)
         .read_to_end(&mut text)?;
     let outcome = Outcome::read(&String::from_utf8_lossy(&text), binary, findings);
     if let Some(call) = outcome.unfinished() {

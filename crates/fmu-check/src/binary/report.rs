@@ -1,17 +1,17 @@
 //! What a test in a child process tells its parent: lines in a file, written before and after each
 //! call, so that they outlive a crash.
 
-use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 
 use crate::finding::Findings;
 
 /// More bytes than this of a report are not read.
-pub const MAX_LENGTH: u64 = 1 << 20;
+pub const MAX_BYTES: u64 = 1 << 20;
 
 const CALL: &str = "call ";
 const ERROR: &str = "error ";
@@ -20,8 +20,8 @@ const END: &str = "end";
 
 /// The child's side.
 pub struct Report {
-    file: RefCell<File>,
-    last_call: RefCell<String>,
+    file: File,
+    last_call: Mutex<String>,
 }
 
 impl Report {
@@ -32,20 +32,21 @@ impl Report {
             .open(file)
             .context("cannot open the report")?;
         Ok(Self {
-            file: RefCell::new(file),
-            last_call: RefCell::default(),
+            file,
+            last_call: Mutex::default(),
         })
     }
 
     fn line(&self, kind: &str, text: &str) {
         let line = format!("{kind}{}\n", text.replace(['\n', '\r'], " "));
         // Without a report there is nobody to tell; the parent sees that the end is missing.
-        let _ = self.file.borrow_mut().write_all(line.as_bytes());
+        let _ = (&self.file).write_all(line.as_bytes());
     }
 
     /// Says which function is called next.
     pub fn call(&self, name: &str) {
-        let mut last = self.last_call.borrow_mut();
+        let last = self.last_call.lock();
+        let mut last = last.unwrap_or_else(PoisonError::into_inner);
         if *last != name {
             name.clone_into(&mut last);
             self.line(CALL, name);

@@ -1,10 +1,12 @@
 //! A simulation of an FMU, as short as a test needs it.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::unsigned;
 use fmu_description::xml::Element;
 use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
-use fmu_host::{Instance, Kind, Library};
+use fmu_host::{Instance, Instantiation, Kind, Library};
 
 use crate::finding::Location;
 
@@ -16,7 +18,7 @@ pub struct Subject<'a> {
     /// Its model description.
     pub model: &'a ModelDescription<'a>,
     /// Its binary.
-    pub library: &'a Library,
+    pub library: &'a Arc<Library>,
     /// The kind that is tested.
     pub kind: Kind,
     /// The element of that kind.
@@ -32,16 +34,29 @@ impl<'a> Subject<'a> {
     }
 
     /// A new instance.
-    pub fn instantiate(&self) -> Result<Instance<'a>> {
+    pub fn instantiate(&self) -> Result<Instance> {
         let guid = self.model.root.attribute("guid").unwrap_or_default();
-        let made = self.library.instantiate(self.kind, guid, &self.resources)?;
-        made.with_context(|| {
+        self.try_instantiate(guid)?.with_context(|| {
             let tool = match self.claims(Capability::NeedsExecutionTool) {
                 true => "; needsExecutionTool is true: is its tool installed?",
                 false => "",
             };
-            format!("fmi2Instantiate gave NULL for the GUID of the XML, expected an instance{tool}")
+            format!(
+                "fmi2Instantiate returned NULL for the GUID of the XML, expected an instance{tool}"
+            )
         })
+    }
+
+    /// A new instance with this GUID; none if the FMU refuses it.
+    pub fn try_instantiate(&self, guid: &str) -> Result<Option<Instance>> {
+        let arguments = Instantiation {
+            name: "instance",
+            kind: self.kind,
+            guid,
+            resources: &self.resources,
+            logging_on: false,
+        };
+        Ok(self.library.instantiate(&arguments, |_| ())?)
     }
 
     /// Start time of the default experiment.
@@ -68,9 +83,10 @@ impl<'a> Subject<'a> {
     }
 
     /// Brings an instance into initialization mode.
-    pub fn enter_initialization(&self, instance: &mut Instance<'_>) -> Result<()> {
+    pub fn enter_initialization(&self, instance: &mut Instance) -> Result<()> {
         instance.setup_experiment(self.start(), self.stop())?;
-        Ok(instance.enter_initialization_mode()?)
+        instance.enter_initialization_mode()?;
+        Ok(())
     }
 
     /// The real variables of a causality.
@@ -91,7 +107,7 @@ impl<'a> Subject<'a> {
 pub struct Run<'a> {
     subject: &'a Subject<'a>,
     /// The instance.
-    pub instance: Instance<'a>,
+    pub instance: Instance,
     /// Time of the simulation.
     pub time: f64,
 }
@@ -128,7 +144,8 @@ impl<'a> Run<'a> {
     fn iterate(&mut self) -> Result<()> {
         for _ in 0..MAX_ROUNDS {
             if !self.instance.new_discrete_states()? {
-                return Ok(self.instance.enter_continuous_time_mode()?);
+                self.instance.enter_continuous_time_mode()?;
+                return Ok(());
             }
         }
         bail!("fmi2NewDiscreteStates wanted {MAX_ROUNDS} calls more, expected an end")
@@ -137,7 +154,9 @@ impl<'a> Run<'a> {
     /// Goes on by one step.
     pub fn advance(&mut self, step: f64) -> Result<()> {
         match self.subject.kind {
-            Kind::CoSimulation => self.instance.do_step(self.time, step)?,
+            Kind::CoSimulation => {
+                self.instance.do_step(self.time, step)?;
+            }
             Kind::ModelExchange => self.integrate(step)?,
         }
         self.time += step;
@@ -174,8 +193,7 @@ impl<'a> Run<'a> {
             .model
             .variables()
             .filter(|(_, v)| matches!(v.causality, Causality::Output | Causality::Local))
-            .filter_map(|(_, v)| Some((v.name, get(&mut self.instance, v)?)))
-            .map(|(name, value)| Ok((name, value?)))
+            .map(|(_, v)| Ok((v.name, get(&mut self.instance, v)?)))
             .collect()
     }
 }
@@ -218,28 +236,27 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// Asks for the value of a variable; none if the FMU gives none.
-pub fn get(instance: &mut Instance<'_>, variable: &ScalarVariable<'_>) -> Option<Result<Value>> {
-    let reference = [variable.reference];
-    let value = match variable.kind {
-        VariableType::Real => instance
-            .real(&reference)
-            .map(|v| v.first().copied().map(Value::Real)),
-        VariableType::Integer | VariableType::Enumeration => instance
-            .integer(&reference)
-            .map(|v| v.first().copied().map(Value::Integer)),
-        VariableType::Boolean => instance
-            .boolean(&reference)
-            .map(|v| v.first().copied().map(Value::Boolean)),
-        VariableType::String => instance
-            .string(&reference)
-            .map(|v| v.into_iter().next().map(Value::String)),
-    };
-    match value {
-        Ok(value) => Ok(value).transpose(),
-        Err(failure) => Some(Err(anyhow::Error::from(failure).context(format!(
-            "the value of {} cannot be read",
-            Location::from(variable)
-        )))),
-    }
+/// Asks for the value of a variable.
+pub fn get(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Value> {
+    value(instance, variable.kind, &[variable.reference])
+        .with_context(|| format!("the value of {} cannot be read", Location::from(variable)))
+}
+
+fn value(instance: &mut Instance, kind: VariableType, reference: &[u32; 1]) -> Result<Value> {
+    let (mut real, mut number) = ([0.0], [0]);
+    Ok(match kind {
+        VariableType::Real => {
+            instance.get_real(reference, &mut real)?;
+            Value::Real(real[0])
+        }
+        VariableType::Integer | VariableType::Enumeration => {
+            instance.get_integer(reference, &mut number)?;
+            Value::Integer(number[0])
+        }
+        VariableType::Boolean => {
+            instance.get_boolean(reference, &mut number)?;
+            Value::Boolean(number[0])
+        }
+        VariableType::String => Value::String(instance.get_string(reference)?.concat()),
+    })
 }

@@ -1,0 +1,173 @@
+//! Proves at compile time that the C interface of `fmu-export` and that of `fmu-host` are those of the
+//! official headers, which the crate `fmi` brings along as bindings: all 44 functions, the structures,
+//! the status values.
+#![allow(non_snake_case, reason = "names of the standard")]
+
+use std::ffi::{c_int, c_uint};
+use std::mem::{align_of, offset_of, size_of};
+
+use fmi::fmi2::binding as headers;
+use fmu_export::fmi2 as ours;
+use fmu_source::fmi2Instantiate;
+use ours::*;
+
+/// A type of ours that is passed to and from C as the type `Official` of the headers is.
+trait Like<Official> {}
+
+impl<T> Like<T> for T {}
+impl Like<headers::fmi2Status> for ours::fmi2Status {}
+impl Like<*mut headers::fmi2Status> for *mut ours::fmi2Status {}
+impl Like<*const headers::fmi2CallbackFunctions> for *const ours::fmi2CallbackFunctions {}
+impl Like<*mut headers::fmi2EventInfo> for *mut ours::fmi2EventInfo {}
+// An enum of C, for which ours takes any integer: `fmi2Type` and `fmi2StatusKind`, and for the host
+// `fmi2Status`.
+impl Like<c_uint> for c_int {}
+impl Like<*mut c_uint> for *mut c_int {}
+
+macro_rules! alike {
+    ($($check:ident($($mine:ident $official:ident),*);)*) => {
+        $(
+            const fn $check<$($mine: Like<$official>, $official,)* R: Like<S>, S>(
+                _: unsafe extern "C" fn($($mine),*) -> R,
+                _: Option<unsafe extern "C" fn($($official),*) -> S>,
+            ) {
+            }
+        )*
+    };
+}
+
+alike! {
+    alike0();
+    alike1(A0 B0);
+    alike2(A0 B0, A1 B1);
+    alike3(A0 B0, A1 B1, A2 B2);
+    alike4(A0 B0, A1 B1, A2 B2, A3 B3);
+    alike5(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4);
+    alike6(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5);
+    alike7(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6);
+}
+
+macro_rules! proofs {
+    ($($check:ident $function:ident $official:ident;)*) => {
+        const FUNCTIONS: &[&str] = &[$(stringify!($function)),*];
+        $(const _: () = $check($function, None as headers::$official);)*
+        // Never called; that it compiles is the proof.
+        const _: fn(&fmu_host::Functions) = |host| {
+            $($check(host.$function.unwrap(), None as headers::$official);)*
+        };
+    };
+}
+
+proofs! {
+    alike0 fmi2GetTypesPlatform fmi2GetTypesPlatformTYPE;
+    alike0 fmi2GetVersion fmi2GetVersionTYPE;
+    alike4 fmi2SetDebugLogging fmi2SetDebugLoggingTYPE;
+    alike7 fmi2Instantiate fmi2InstantiateTYPE;
+    alike1 fmi2FreeInstance fmi2FreeInstanceTYPE;
+    alike6 fmi2SetupExperiment fmi2SetupExperimentTYPE;
+    alike1 fmi2EnterInitializationMode fmi2EnterInitializationModeTYPE;
+    alike1 fmi2ExitInitializationMode fmi2ExitInitializationModeTYPE;
+    alike1 fmi2Terminate fmi2TerminateTYPE;
+    alike1 fmi2Reset fmi2ResetTYPE;
+    alike4 fmi2GetReal fmi2GetRealTYPE;
+    alike4 fmi2GetInteger fmi2GetIntegerTYPE;
+    alike4 fmi2GetBoolean fmi2GetBooleanTYPE;
+    alike4 fmi2GetString fmi2GetStringTYPE;
+    alike4 fmi2SetReal fmi2SetRealTYPE;
+    alike4 fmi2SetInteger fmi2SetIntegerTYPE;
+    alike4 fmi2SetBoolean fmi2SetBooleanTYPE;
+    alike4 fmi2SetString fmi2SetStringTYPE;
+    alike2 fmi2GetFMUstate fmi2GetFMUstateTYPE;
+    alike2 fmi2SetFMUstate fmi2SetFMUstateTYPE;
+    alike2 fmi2FreeFMUstate fmi2FreeFMUstateTYPE;
+    alike3 fmi2SerializedFMUstateSize fmi2SerializedFMUstateSizeTYPE;
+    alike4 fmi2SerializeFMUstate fmi2SerializeFMUstateTYPE;
+    alike4 fmi2DeSerializeFMUstate fmi2DeSerializeFMUstateTYPE;
+    alike7 fmi2GetDirectionalDerivative fmi2GetDirectionalDerivativeTYPE;
+    alike1 fmi2EnterEventMode fmi2EnterEventModeTYPE;
+    alike2 fmi2NewDiscreteStates fmi2NewDiscreteStatesTYPE;
+    alike1 fmi2EnterContinuousTimeMode fmi2EnterContinuousTimeModeTYPE;
+    alike4 fmi2CompletedIntegratorStep fmi2CompletedIntegratorStepTYPE;
+    alike2 fmi2SetTime fmi2SetTimeTYPE;
+    alike3 fmi2SetContinuousStates fmi2SetContinuousStatesTYPE;
+    alike3 fmi2GetDerivatives fmi2GetDerivativesTYPE;
+    alike3 fmi2GetEventIndicators fmi2GetEventIndicatorsTYPE;
+    alike3 fmi2GetContinuousStates fmi2GetContinuousStatesTYPE;
+    alike3 fmi2GetNominalsOfContinuousStates fmi2GetNominalsOfContinuousStatesTYPE;
+    alike5 fmi2SetRealInputDerivatives fmi2SetRealInputDerivativesTYPE;
+    alike5 fmi2GetRealOutputDerivatives fmi2GetRealOutputDerivativesTYPE;
+    alike4 fmi2DoStep fmi2DoStepTYPE;
+    alike1 fmi2CancelStep fmi2CancelStepTYPE;
+    alike3 fmi2GetStatus fmi2GetStatusTYPE;
+    alike3 fmi2GetRealStatus fmi2GetRealStatusTYPE;
+    alike3 fmi2GetIntegerStatus fmi2GetIntegerStatusTYPE;
+    alike3 fmi2GetBooleanStatus fmi2GetBooleanStatusTYPE;
+    alike3 fmi2GetStringStatus fmi2GetStringStatusTYPE;
+}
+
+/// The logger has a variable number of arguments.
+const fn alike_loggers(
+    _: unsafe extern "C" fn(
+        ours::fmi2ComponentEnvironment,
+        ours::fmi2String,
+        ours::fmi2Status,
+        ours::fmi2String,
+        ours::fmi2String,
+        ...
+    ),
+    _: Option<
+        unsafe extern "C" fn(
+            ours::fmi2ComponentEnvironment,
+            ours::fmi2String,
+            headers::fmi2Status,
+            ours::fmi2String,
+            ours::fmi2String,
+            ...
+        ),
+    >,
+) {
+}
+
+const _: fn(ours::fmi2CallbackLogger, headers::fmi2CallbackLogger) = |mine, official| {
+    alike_loggers(mine, official);
+};
+
+macro_rules! same_layout {
+    ($structure:ident: $($field:ident),*) => {
+        const _: () = {
+            type Mine = ours::$structure;
+            type Official = headers::$structure;
+            assert!(size_of::<Mine>() == size_of::<Official>());
+            assert!(align_of::<Mine>() == align_of::<Official>());
+            $(assert!(offset_of!(Mine, $field) == offset_of!(Official, $field));)*
+        };
+    };
+}
+
+same_layout!(fmi2CallbackFunctions:
+    logger, allocateMemory, freeMemory, stepFinished, componentEnvironment);
+same_layout!(fmi2EventInfo:
+    newDiscreteStatesNeeded, terminateSimulation, nominalsOfContinuousStatesChanged,
+    valuesOfContinuousStatesChanged, nextEventTimeDefined, nextEventTime);
+
+const _: () = {
+    assert!(size_of::<ours::fmi2Status>() == size_of::<headers::fmi2Status>());
+    assert!(fmi2Status::fmi2OK as u32 == headers::fmi2Status_fmi2OK);
+    assert!(fmi2Status::fmi2Warning as u32 == headers::fmi2Status_fmi2Warning);
+    assert!(fmi2Status::fmi2Discard as u32 == headers::fmi2Status_fmi2Discard);
+    assert!(fmi2Status::fmi2Error as u32 == headers::fmi2Status_fmi2Error);
+    assert!(fmi2Status::fmi2Fatal as u32 == headers::fmi2Status_fmi2Fatal);
+    assert!(fmi2Status::fmi2Pending as u32 == headers::fmi2Status_fmi2Pending);
+    assert!(ours::fmi2CoSimulation as u32 == headers::fmi2Type_fmi2CoSimulation);
+    assert!(ours::fmi2LastSuccessfulTime as u32 == headers::fmi2StatusKind_fmi2LastSuccessfulTime);
+    assert!(ours::fmi2Terminated as u32 == headers::fmi2StatusKind_fmi2Terminated);
+    assert!(ours::fmi2False as u32 == headers::fmi2False);
+};
+
+#[test]
+fn all_44_functions_are_proved() {
+    let mut names = FUNCTIONS.to_vec();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), 44);
+}

@@ -1,0 +1,372 @@
+//! Every argument of every call: what is wrong is refused with a message, and changes nothing.
+
+use std::ffi::{CStr, CString, c_char};
+use std::ptr::{null, null_mut};
+
+use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
+use fmu_export::fmi2::*;
+
+use crate::host::{Arguments, MODEL_EXCHANGE, Slave, guid};
+use crate::models::*;
+
+/// The places at which values are set and read.
+const PHASES: [fn() -> Slave; 3] = [Slave::new, initializing, running];
+
+/// An instance in initialization mode, whose outputs are computed.
+fn initializing() -> Slave {
+    let mut slave = Slave::new();
+    assert_eq!(slave.enter_initialization_mode(), fmi2OK);
+    slave.get([Y]);
+    slave
+}
+
+/// An instance that has taken a step.
+fn running() -> Slave {
+    let mut slave = Slave::new();
+    assert_eq!(slave.start(0.0, None).step(0.0, 0.001), fmi2OK);
+    slave
+}
+
+/// The variables that can be set, in each of the phases.
+fn settable() -> impl Iterator<Item = (usize, Slave, &'static Fact)> {
+    let phases = PHASES.iter().enumerate();
+    phases.flat_map(|(phase, make)| {
+        let facts = FACTS.iter().filter(move |fact| fact.settable(phase == 2));
+        facts.map(move |fact| (phase, make(), fact))
+    })
+}
+
+/// Sets a variable of any kind.
+fn set(slave: &mut Slave, fact: &Fact, value: f64) -> fmi2Status {
+    match fact.kind {
+        Kind::Real => slave.set(fact.reference, value),
+        Kind::Integer => slave.set_integers(&[fact.reference], &[value as i32]),
+        Kind::Boolean => slave.set_booleans(&[fact.reference], &[value as i32]),
+    }
+}
+
+/// Gets a variable of any kind.
+fn get(slave: &mut Slave, fact: &Fact) -> f64 {
+    let (mut real, mut integer) = ([f64::NAN], [i32::MIN]);
+    let status = match fact.kind {
+        Kind::Real => slave.get_reals(&[fact.reference], &mut real),
+        Kind::Integer => slave.get_integers(&[fact.reference], &mut integer),
+        Kind::Boolean => slave.get_booleans(&[fact.reference], &mut integer),
+    };
+    assert_eq!(status, fmi2OK);
+    if fact.kind == Kind::Real {
+        real[0]
+    } else {
+        integer[0].into()
+    }
+}
+
+#[test]
+fn start_values_are_those_of_the_table() {
+    let (mut slave, start) = (initializing(), Probe::start());
+    for fact in FACTS.iter().filter(|fact| fact.settable(false)) {
+        assert_eq!(
+            get(&mut slave, fact),
+            start.value(fact.reference),
+            "{}",
+            fact.name
+        );
+    }
+}
+
+#[test]
+fn values_come_back_as_they_were_set() {
+    for (phase, mut slave, fact) in settable() {
+        assert_eq!(
+            set(&mut slave, fact, fact.other_value()),
+            fmi2OK,
+            "{}",
+            fact.name
+        );
+        if phase == 0 {
+            slave.start(0.0, None);
+        }
+        assert_eq!(get(&mut slave, fact), fact.other_value(), "{}", fact.name);
+    }
+}
+
+#[test]
+fn bounds_belong_to_the_values_allowed_and_what_is_beyond_is_refused_by_name() {
+    for (_, mut slave, fact) in settable() {
+        let (min, max) = fact.bounds;
+        for bound in [min, max].into_iter().filter(|bound| bound.is_finite()) {
+            assert_eq!(
+                set(&mut slave, fact, bound),
+                fmi2OK,
+                "{} = {bound}",
+                fact.name
+            );
+        }
+        let outside = match fact.kind {
+            Kind::Real => vec![
+                min.next_down(),
+                min - 1.0,
+                max.next_up(),
+                max + 1.0,
+                f64::NAN,
+                f64::INFINITY,
+                f64::NEG_INFINITY,
+            ],
+            _ => vec![min - 1.0, max + 1.0, -7.0, i32::MAX.into(), i32::MIN.into()],
+        };
+        for value in outside.into_iter().filter(|value| !fact.allows(*value)) {
+            let told = format!("{} = {value} is refused; expected ", fact.name);
+            slave.refuses(&[&told], |s| set(s, fact, value));
+        }
+    }
+}
+
+#[test]
+fn a_refusal_says_what_is_expected() {
+    for (reference, expected) in [
+        (U, "a finite number [1]"),
+        (V, "a finite number from -10 to 10 [1]"),
+        (GAIN, "a finite number of at least 0 [1]"),
+        (ORDER, "a whole number from 1 to 4"),
+        (LIMITED, "0 (false) or 1 (true)"),
+        (LAW, "1 (added), 2 (ignored)"),
+    ] {
+        let fact = &FACTS[reference as usize];
+        let value = if fact.kind == Kind::Real {
+            f64::NAN
+        } else {
+            9.0
+        };
+        Slave::new().refuses(&[expected], |s| set(s, fact, value));
+    }
+}
+
+#[test]
+fn outputs_and_what_is_fixed_after_the_initialization_cannot_be_set() {
+    for (phase, make) in PHASES.iter().enumerate() {
+        for fact in FACTS.iter().filter(|fact| !fact.settable(phase == 2)) {
+            make().refuses(&[fact.name], |s| set(s, fact, fact.other_value()));
+        }
+    }
+}
+
+#[test]
+fn a_tunable_parameter_counts_from_the_next_step_on() {
+    let mut slave = Slave::new();
+    slave.start(0.0, None);
+    assert_eq!(slave.set_reals(&[U, LIMIT], &[100.0, 50.0]), fmi2OK);
+    assert_eq!(slave.step(0.0, 1.0), fmi2OK);
+    assert_eq!(slave.set(LIMIT, 30.0), fmi2OK);
+    assert_eq!(slave.get([Y]), [50.0]);
+    assert_eq!(slave.step(1.0, 1.0), fmi2OK);
+    assert_eq!(slave.get([Y]), [30.0]);
+}
+
+type Access = fn(&mut Slave, u32) -> fmi2Status;
+
+/// The getters and setters, with one reference and some value.
+const ACCESS: [(&str, Option<Kind>, Access); 8] = [
+    ("fmi2GetReal", Some(Kind::Real), |s, r| {
+        s.get_reals(&[r], &mut [0.0])
+    }),
+    ("fmi2GetInteger", Some(Kind::Integer), |s, r| {
+        s.get_integers(&[r], &mut [0])
+    }),
+    ("fmi2GetBoolean", Some(Kind::Boolean), |s, r| {
+        s.get_booleans(&[r], &mut [0])
+    }),
+    ("fmi2SetReal", Some(Kind::Real), |s, r| {
+        s.set_reals(&[r], &[0.0])
+    }),
+    ("fmi2SetInteger", Some(Kind::Integer), |s, r| {
+        s.set_integers(&[r], &[0])
+    }),
+    ("fmi2SetBoolean", Some(Kind::Boolean), |s, r| {
+        s.set_booleans(&[r], &[0])
+    }),
+    // SAFETY: the instance lives, and arrays have one element.
+    ("fmi2GetString", None, |s, r| unsafe {
+        fmi2GetString(s.c, &r, 1, &mut null())
+    }),
+    // SAFETY: the same.
+    ("fmi2SetString", None, |s, r| unsafe {
+        fmi2SetString(s.c, &r, 1, &c"".as_ptr())
+    }),
+];
+
+#[test]
+fn unknown_references_and_other_types_are_refused_by_name() {
+    let mut slave = initializing();
+    for (name, kind, access) in ACCESS {
+        for reference in [COUNT, 1_000_000, 1 << 31, u32::MAX] {
+            let words = [name, &format!("value reference {reference} is unknown")];
+            slave.refuses(&words, |s| access(s, reference));
+        }
+        for fact in FACTS.iter().filter(|fact| Some(fact.kind) != kind) {
+            let (told, asked) = (format!("{} is ", fact.name), &name[7..]);
+            slave.refuses(&[name, &told, asked], |s| access(s, fact.reference));
+        }
+    }
+}
+
+#[test]
+fn null_arrays_are_refused_unless_nothing_is_asked_for() {
+    let mut slave = initializing();
+    macro_rules! check {
+        ($($function:ident($value:expr);)*) => {
+            $(for (references, values) in [(true, false), (false, true), (false, false)] {
+                let (reference, mut value) = (U, $value);
+                let references = if references { &raw const reference } else { null() };
+                let values = if values { &raw mut value } else { null_mut() };
+                // SAFETY: the instance lives, and arrays are NULL or have one element.
+                let call = |s: &mut Slave, n| unsafe { $function(s.c, references, n, values) };
+                slave.refuses(&[stringify!($function)], |s| call(s, 1));
+                assert_eq!(call(&mut slave, 0), fmi2OK);
+            })*
+        };
+    }
+    check! {
+        fmi2GetReal(0.0);
+        fmi2GetInteger(0);
+        fmi2GetBoolean(0);
+        fmi2GetString(null());
+        fmi2SetReal(0.0);
+        fmi2SetInteger(0);
+        fmi2SetBoolean(0);
+        fmi2SetString(null());
+    }
+}
+
+#[test]
+fn one_bad_value_keeps_all_from_being_set() {
+    for make in PHASES {
+        let mut slave = make();
+        for (bad, value) in [(Y, 0.0), (LAW, 1.0), (V, f64::NAN), (V, 11.0), (COUNT, 0.0)] {
+            for references in [[U, LIMIT, bad], [U, bad, LIMIT], [bad, U, LIMIT]] {
+                let values = references.map(|r| if r == bad { value } else { 5.0 });
+                slave.refuses(&["fmi2SetReal"], |s| s.set_reals(&references, &values));
+            }
+        }
+    }
+    Slave::new().refuses(&["order = 5"], |s| s.set_integers(&[LAW, ORDER], &[2, 5]));
+}
+
+#[test]
+fn one_bad_reference_keeps_all_from_being_read() {
+    let (mut reals, mut integers) = ([-7.0; 3], [-7; 2]);
+    initializing().refuses(&["fmi2GetReal"], |s| {
+        s.get_reals(&[U, Y, COUNT], &mut reals)
+    });
+    initializing().refuses(&["fmi2GetInteger"], |s| {
+        s.get_integers(&[LAW, U], &mut integers)
+    });
+    assert_eq!((reals, integers), ([-7.0; 3], [-7; 2]));
+}
+
+#[test]
+fn the_last_of_several_values_for_one_variable_counts() {
+    for make in PHASES {
+        let mut slave = make();
+        assert_eq!(slave.set_reals(&[U, V, U], &[1.0, 2.0, 3.0]), fmi2OK);
+        if slave.get_reals(&[U], &mut [0.0]) == fmi2Error {
+            slave.start(0.0, None);
+        }
+        assert_eq!(slave.get([U, U, V]), [3.0, 3.0, 2.0]);
+    }
+}
+
+#[test]
+fn null_among_log_categories_is_refused() {
+    let names: [*const c_char; 2] = [c"logAll".as_ptr(), null()];
+    let mut slave = Slave::new();
+    for (n, names) in [(1, null()), (2, names.as_ptr())] {
+        // SAFETY: the instance lives, and the array is NULL or has two elements.
+        slave.refuses(&["NULL"], |s| unsafe {
+            fmi2SetDebugLogging(s.c, 1, n, names)
+        });
+    }
+}
+
+// --- instantiation ------------------------------------------------------------------------------
+
+#[test]
+fn an_impossible_instance_is_refused_with_a_reason() {
+    let right = guid(0);
+    let good = || Arguments {
+        guid: Some(&right),
+        ..Arguments::default()
+    };
+    let name = |name: Option<&'static CStr>| Arguments { name, ..good() };
+    let guid = |guid: Option<&'static CStr>| Arguments { guid, ..good() };
+    for (arguments, reason) in [
+        (name(None), "the instance name is missing"),
+        (name(Some(c"")), "the instance name is missing"),
+        (
+            name(Some(c"pend\xfful\xc3")),
+            "the instance name is not UTF-8",
+        ),
+        (guid(None), "the GUID is missing"),
+        (guid(Some(c"")), "is that of another FMU"),
+        (
+            guid(Some(c"{00000000-0000-0000-0000-000000000000}")),
+            "this binary has: Probe {",
+        ),
+        (guid(Some(c"\xff\xfe")), "is that of another FMU"),
+        (
+            Arguments {
+                kind: MODEL_EXCHANGE,
+                ..good()
+            },
+            "is for co-simulation",
+        ),
+        (Arguments { kind: 7, ..good() }, "is for co-simulation"),
+    ] {
+        let slave = Slave::with(&arguments);
+        assert!(slave.c.is_null(), "{reason}");
+        let messages = slave.messages();
+        assert_eq!(messages.len(), 1, "{reason}");
+        assert_eq!(
+            (messages[0].category.as_str(), messages[0].status),
+            ("logStatusError", fmi2Error)
+        );
+        assert!(
+            messages[0].text.starts_with("fmi2Instantiate: "),
+            "{messages:?}"
+        );
+        assert!(messages[0].text.contains(reason), "{messages:?}");
+    }
+}
+
+#[test]
+fn the_guid_chooses_the_model_and_the_resources_do_not_matter() {
+    let long = CString::new(vec![b'x'; 100_000]).unwrap();
+    for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
+        for (model, last) in [(0, COUNT - 1), (1, 70)] {
+            let guid = guid(model);
+            let mut slave = Slave::with(&Arguments {
+                guid: Some(&guid),
+                resources,
+                ..Arguments::default()
+            });
+            slave.start(0.0, None).get([last]);
+            assert_eq!(slave.get_reals(&[last + 1], &mut [0.0]), fmi2Error);
+        }
+    }
+}
+
+#[test]
+fn a_host_without_callbacks_is_served() {
+    let (guid, mut slave) = (guid(0), Slave::null());
+    // SAFETY: the texts live through the call, and the rest may be NULL.
+    slave.c = unsafe { fmi2Instantiate(c"x".as_ptr(), 1, guid.as_ptr(), null(), null(), 1, 1) };
+    assert!(!slave.c.is_null());
+    assert_eq!(slave.step(0.0, 0.1), fmi2Error);
+    assert_eq!(slave.start(0.0, None).step(0.0, 0.1), fmi2OK);
+}
+
+#[test]
+fn version_and_platform_need_no_instance() {
+    // SAFETY: the functions return texts that live forever.
+    let texts = unsafe { [fmi2GetVersion(), fmi2GetTypesPlatform()].map(|t| CStr::from_ptr(t)) };
+    assert_eq!(texts, [c"2.0", c"default"]);
+}

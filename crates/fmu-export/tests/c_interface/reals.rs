@@ -1,0 +1,124 @@
+//! Sets and gets of Reals between steps: the quick way does what the checked one does, or leaves it.
+
+use fmu_export::fmi2::fmi2Status::{self, fmi2Error, fmi2Fatal, fmi2OK};
+
+use crate::host;
+
+// References of variables of the model `Wide`.
+const FIXED: u32 = 6;
+const FLAG: u32 = 7;
+const MANY: u32 = 8;
+const LAST: u32 = 68;
+const FUSE: u32 = 69;
+const BOMB: u32 = 70;
+
+/// An instance between steps.
+struct Slave(host::Slave);
+
+impl Slave {
+    fn new() -> Self {
+        let mut slave = host::Slave::of(1);
+        slave.start(0.0, None);
+        Self(slave)
+    }
+
+    fn set(&mut self, references: &[u32], values: &[f64]) -> fmi2Status {
+        self.0.set_reals(references, values)
+    }
+
+    /// Reads into an array that held -7 before.
+    fn get(&mut self, references: &[u32]) -> (fmi2Status, Vec<f64>) {
+        let mut values = vec![-7.0; references.len()];
+        (self.0.get_reals(references, &mut values), values)
+    }
+}
+
+#[test]
+fn any_number_of_values_comes_back() {
+    let mut slave = Slave::new();
+    for n in 0..=6 {
+        let references: Vec<u32> = (0..n).collect();
+        let values: Vec<f64> = references.iter().map(|&r| f64::from(r + n)).collect();
+        assert_eq!(slave.set(&references, &values), fmi2OK);
+        assert_eq!(slave.get(&references), (fmi2OK, values));
+    }
+    assert_eq!(slave.set(&[LAST, 0], &[3.0, 4.0]), fmi2OK);
+    assert_eq!(slave.get(&[0, LAST, FIXED]), (fmi2OK, vec![4.0, 3.0, 1.0]));
+}
+
+#[test]
+fn a_set_that_is_refused_changes_nothing() {
+    let mut slave = Slave::new();
+    let bad = [
+        (1, 10.5),
+        (2, -1.5),
+        (3, f64::NAN),
+        (3, f64::INFINITY),
+        (3, f64::NEG_INFINITY),
+        (FIXED, 1.0),
+        (FLAG, 1.0),
+        (MANY, 1.0),
+        (71, 1.0),
+        (u32::MAX, 1.0),
+    ];
+    for (reference, value) in bad {
+        assert_eq!(slave.set(&[reference], &[value]), fmi2Error);
+        assert_eq!(slave.set(&[0, reference, 4], &[1.0, value, 1.0]), fmi2Error);
+        let (five, values) = ([0, 3, 4, 5, reference], [1.0, 1.0, 1.0, 1.0, value]);
+        assert_eq!(slave.set(&five, &values), fmi2Error);
+        assert_eq!(
+            slave.get(&[0, 3, 4, 5]),
+            (fmi2OK, vec![0.0; 4]),
+            "{reference}"
+        );
+    }
+}
+
+#[test]
+fn bounds_belong_to_the_values_allowed() {
+    let mut slave = Slave::new();
+    let extremes = [f64::MAX, 10.0, -1.0];
+    assert_eq!(slave.set(&[0, 1, 2], &extremes), fmi2OK);
+    assert_eq!(slave.get(&[0, 1, 2]), (fmi2OK, extremes.to_vec()));
+}
+
+#[test]
+fn a_get_that_is_refused_hands_out_nothing() {
+    let mut slave = Slave::new();
+    assert_eq!(slave.get(&[MANY + 3, MANY + 49]), (fmi2OK, vec![3.0, 49.0]));
+    // The model's array ends before that of the table.
+    for reference in [FLAG, MANY + 50, 71, u32::MAX] {
+        assert_eq!(slave.get(&[reference]), (fmi2Error, vec![-7.0]));
+        assert_eq!(slave.get(&[0, reference, 1]), (fmi2Error, vec![-7.0; 3]));
+    }
+}
+
+#[test]
+fn a_panic_in_the_way_to_a_value_is_stopped() {
+    for get in [true, false] {
+        let mut slave = Slave::new();
+        assert_eq!(slave.get(&[BOMB]), (fmi2OK, vec![0.0]));
+        assert_eq!(slave.set(&[FUSE], &[1.0]), fmi2OK);
+        if get {
+            assert_eq!(slave.get(&[BOMB]), (fmi2Fatal, vec![-7.0]));
+        } else {
+            assert_eq!(slave.set(&[BOMB], &[0.0]), fmi2Fatal);
+        }
+        assert_eq!(slave.get(&[0]), (fmi2Fatal, vec![-7.0]));
+    }
+}
+
+#[test]
+fn a_cycle_allocates_nothing() {
+    let mut slave = Slave::new();
+    let (references, values) = ([0, 1, 2], [1.0, 2.0, 0.5]);
+    let mut last = [0.0];
+    let allocations = allocation_counter::measure(|| {
+        for k in 0..1000 {
+            assert_eq!(slave.set(&references, &values), fmi2OK);
+            assert_eq!(slave.0.step(f64::from(k) * 0.001, 0.001), fmi2OK);
+            assert_eq!(slave.0.get_reals(&[LAST], &mut last), fmi2OK);
+        }
+    });
+    assert_eq!(allocations.count_total, 0);
+}

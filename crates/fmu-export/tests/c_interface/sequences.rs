@@ -1,0 +1,503 @@
+//! Random calls, good and bad, are answered as a second, simpler slave says, which is written here
+//! from the standard.
+
+use std::ptr::null_mut;
+
+use fmu_export::Model;
+use fmu_export::fmi2::fmi2Status::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
+use fmu_export::fmi2::*;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+
+use crate::host::Slave;
+use crate::models::*;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Instantiated,
+    Initialization,
+    Complete,
+    Failed,
+    Terminated,
+    Error,
+    Fatal,
+}
+use State::*;
+
+const READABLE: [State; 5] = [Initialization, Complete, Failed, Terminated, Error];
+const WRITABLE: [State; 3] = [Instantiated, Initialization, Complete];
+
+/// What an instance should be.
+#[derive(Debug, Clone)]
+struct Expected {
+    state: State,
+    start: f64,
+    stop: f64,
+    time: Option<f64>,
+    model: Probe,
+}
+
+impl Expected {
+    fn new() -> Self {
+        Self {
+            state: Instantiated,
+            start: 0.0,
+            stop: f64::INFINITY,
+            time: None,
+            model: Probe::start(),
+        }
+    }
+
+    fn now(&self) -> f64 {
+        self.time.unwrap_or(self.start)
+    }
+
+    /// The answer to a call that is allowed in some states, if all else about it is right.
+    fn answer(&self, states: &[State], right: bool) -> fmi2Status {
+        match self.state {
+            Fatal => fmi2Fatal,
+            state if right && states.contains(&state) => fmi2OK,
+            _ => fmi2Error,
+        }
+    }
+
+    /// A call that leads from some states to another.
+    fn change(&mut self, from: &[State], to: State) -> fmi2Status {
+        let answer = self.answer(from, true);
+        if answer == fmi2OK {
+            self.state = to;
+        }
+        answer
+    }
+
+    /// The outputs are computed in initialization mode, when they are asked for or at its end.
+    fn initialize(&mut self) -> fmi2Status {
+        if self.model.trouble == PANIC {
+            self.state = Fatal;
+            return fmi2Fatal;
+        }
+        match self.model.initialize(self.start) {
+            Ok(()) => fmi2OK,
+            Err(_) => fmi2Error,
+        }
+    }
+
+    /// Whether a step begins and ends where it may.
+    fn fits(&self, time: f64, step: f64) -> bool {
+        let near = 1e-6 * step + 1e-9 * (1.0 + time.abs());
+        let late = if self.time.is_none() { step } else { 0.0 };
+        let gap = time - self.now();
+        time.is_finite()
+            && step.is_finite()
+            && step >= 0.0
+            && -near <= gap
+            && gap <= late + near
+            && time + step <= self.stop + near
+    }
+
+    fn step(&mut self, time: f64, step: f64) -> fmi2Status {
+        let answer = self.answer(&[Complete], self.fits(time, step));
+        if answer != fmi2OK || step == 0.0 {
+            return answer;
+        }
+        let trouble = self.model.trouble;
+        if trouble == PANIC {
+            self.state = Fatal;
+            return fmi2Fatal;
+        }
+        match self.model.step(time, step) {
+            Ok(()) => {
+                self.time = Some(time + step);
+                self.model.u_rate = 0.0;
+                fmi2OK
+            }
+            Err(_) if trouble == REFUSE => fmi2Error,
+            Err(_) if trouble == DISCARD => {
+                self.state = Failed;
+                fmi2Discard
+            }
+            Err(_) => {
+                self.state = Error;
+                fmi2Error
+            }
+        }
+    }
+
+    fn set(&mut self, kind: Kind, values: &[(u32, f64)]) -> fmi2Status {
+        let running = self.state == Complete;
+        let right = values.iter().all(|&(reference, value)| {
+            FACTS
+                .get(reference as usize)
+                .is_some_and(|f| f.kind == kind && f.settable(running) && f.allows(value))
+        });
+        let answer = self.answer(&WRITABLE, right);
+        if answer == fmi2OK {
+            for &(reference, value) in values {
+                self.model.set(reference, value);
+            }
+        }
+        answer
+    }
+
+    fn get(&mut self, kind: Kind, references: &[u32]) -> fmi2Status {
+        if self.state == Initialization {
+            let answer = self.initialize();
+            if answer != fmi2OK {
+                return answer;
+            }
+        }
+        let right = |&r: &u32| FACTS.get(r as usize).is_some_and(|fact| fact.kind == kind);
+        self.answer(&READABLE, references.iter().all(right))
+    }
+}
+
+/// A call.
+#[derive(Debug, Clone)]
+enum Call {
+    Setup(f64, Option<f64>),
+    Enter,
+    Exit,
+    Terminate,
+    Reset,
+    /// From where the last step ended plus the first, by the second.
+    Step(f64, f64),
+    Set(Kind, Vec<(u32, f64)>),
+    Get(Kind, Vec<u32>),
+    Slope(u32, i32, f64),
+    Derivative(u32, u32, f64),
+    Status,
+    Save,
+    Overwrite(Index),
+    Restore(Index),
+    Free(Index),
+    Copy(Index),
+    Damaged(Index, Index, u8),
+    Unsupported,
+}
+
+fn call() -> impl Strategy<Value = Call> {
+    use Call::*;
+    let number = || {
+        let special = vec![
+            0.0,
+            -0.0,
+            1.0,
+            2.0,
+            3.0,
+            4.0,
+            1e300,
+            f64::NAN,
+            f64::INFINITY,
+        ];
+        prop_oneof![select(special), -12.0..12.0]
+    };
+    let kind = || select(vec![Kind::Real, Kind::Real, Kind::Integer, Kind::Boolean]);
+    let start = select(vec![0.0, 2.0, -1.0, 1e6, f64::NAN]);
+    let stop = prop::option::of(select(vec![0.0, 3.0, 2e6, f64::INFINITY]));
+    let gap = select(vec![
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        3e-10,
+        -3e-10,
+        1e-3,
+        0.25,
+        -1.0,
+        f64::NAN,
+    ]);
+    let step = select(vec![0.25, 0.25, 0.25, 0.0, 1.0, 1e-9, -0.25, f64::INFINITY]);
+    // Values of a kind for variables mostly of the kind.
+    let values = kind().prop_flat_map(move |kind| {
+        let good: Vec<u32> = (0..COUNT)
+            .filter(|&r| FACTS[r as usize].kind == kind)
+            .collect();
+        let reference = prop_oneof![9 => select(good), 1 => 0..COUNT + 2];
+        let whole = (-1..4).prop_map(f64::from);
+        let value = if kind == Kind::Real {
+            number().boxed()
+        } else {
+            whole.boxed()
+        };
+        (Just(kind), prop::collection::vec((reference, value), 0..6))
+    });
+    prop_oneof![
+        2 => (start, stop).prop_map(|(start, stop)| Setup(start, stop)),
+        4 => Just(Enter),
+        4 => Just(Exit),
+        1 => Just(Terminate),
+        1 => Just(Reset),
+        8 => (gap, step).prop_map(|(gap, step)| Step(gap, step)),
+        6 => values.clone().prop_map(|(kind, values)| Set(kind, values)),
+        2 => select(vec![1u8, 2, 3, 3, 4]).prop_map(|trouble| Set(Kind::Real, vec![(TROUBLE, trouble.into())])),
+        4 => values.prop_map(|(kind, v)| Get(kind, v.into_iter().map(|(r, _)| r).collect())),
+        2 => (0..COUNT, 0..3, number()).prop_map(|(r, order, value)| Slope(r % 2, order, value)),
+        2 => (Y - 1..COUNT, 0..3u32, number()).prop_map(|(y, u, seed)| Derivative(y, u, seed)),
+        1 => Just(Status),
+        2 => Just(Save),
+        1 => any::<Index>().prop_map(Overwrite),
+        3 => any::<Index>().prop_map(Restore),
+        1 => any::<Index>().prop_map(Free),
+        1 => any::<Index>().prop_map(Copy),
+        1 => (any::<Index>(), any::<Index>(), 1..=u8::MAX).prop_map(|(i, p, x)| Damaged(i, p, x)),
+        1 => Just(Unsupported),
+    ]
+}
+
+/// An FMU state in the host's hands, and what it should hold.
+type Saved = (fmi2FMUstate, Expected, Vec<u8>);
+
+/// Makes a call, and checks the answer.
+fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, call: &Call) {
+    const ALIVE: [State; 6] = [
+        Instantiated,
+        Initialization,
+        Complete,
+        Failed,
+        Terminated,
+        State::Error,
+    ];
+    let alive = |expected: &Expected| expected.answer(&ALIVE, true);
+    match call {
+        &Call::Setup(start, stop) => {
+            let right =
+                start.is_finite() && stop.is_none_or(|stop| stop.is_finite() && stop >= start);
+            let answer = expected.answer(&[Instantiated], right);
+            assert_eq!(slave.setup(start, stop), answer);
+            if answer == fmi2OK {
+                (expected.start, expected.stop) = (start, stop.unwrap_or(f64::INFINITY));
+            }
+        }
+        Call::Enter => {
+            let answer = expected.change(&[Instantiated], Initialization);
+            assert_eq!(slave.enter_initialization_mode(), answer);
+        }
+        Call::Exit => {
+            let mut answer = expected.answer(&[Initialization], true);
+            if answer == fmi2OK {
+                answer = expected.initialize();
+            }
+            if answer == fmi2OK {
+                expected.state = Complete;
+            }
+            assert_eq!(slave.exit_initialization_mode(), answer);
+        }
+        Call::Terminate => {
+            assert_eq!(
+                slave.terminate(),
+                expected.change(&[Complete, Failed], Terminated)
+            );
+        }
+        Call::Reset => {
+            let answer = alive(expected);
+            assert_eq!(slave.reset(), answer);
+            if answer == fmi2OK {
+                *expected = Expected::new();
+            }
+        }
+        &Call::Step(gap, step) => {
+            let time = expected.now() + gap;
+            assert_eq!(slave.step(time, step), expected.step(time, step));
+        }
+        Call::Set(kind, values) => {
+            let answer = expected.set(*kind, values);
+            let (references, reals): (Vec<u32>, Vec<f64>) = values.iter().copied().unzip();
+            let integers: Vec<i32> = reals.iter().map(|&value| value as i32).collect();
+            let given = match kind {
+                Kind::Real => slave.set_reals(&references, &reals),
+                Kind::Integer => slave.set_integers(&references, &integers),
+                Kind::Boolean => slave.set_booleans(&references, &integers),
+            };
+            assert_eq!(given, answer);
+        }
+        Call::Get(kind, references) => {
+            let answer = expected.get(*kind, references);
+            let (mut reals, mut integers) =
+                (vec![-7.0; references.len()], vec![-7; references.len()]);
+            let given = match kind {
+                Kind::Real => slave.get_reals(references, &mut reals),
+                Kind::Integer => slave.get_integers(references, &mut integers),
+                Kind::Boolean => slave.get_booleans(references, &mut integers),
+            };
+            assert_eq!(given, answer);
+            for (k, &reference) in references.iter().enumerate() {
+                let value = match kind {
+                    Kind::Real => reals[k],
+                    _ => integers[k].into(),
+                };
+                let right = if answer == fmi2OK {
+                    expected.model.value(reference)
+                } else {
+                    -7.0
+                };
+                assert_eq!(
+                    value.to_bits(),
+                    right.to_bits(),
+                    "{reference}: {value} {right}"
+                );
+            }
+        }
+        &Call::Slope(reference, order, value) => {
+            let right = reference == U && order == 1 && value.is_finite();
+            let answer = expected.answer(&WRITABLE, right);
+            assert_eq!(
+                slave.set_input_derivatives(&[reference], &[order], &[value]),
+                answer
+            );
+            if answer == fmi2OK {
+                expected.model.u_rate = value;
+            }
+        }
+        &Call::Derivative(output, input, seed) => {
+            let right = output >= Y && seed.is_finite();
+            let answer = expected.answer(&READABLE, right);
+            let mut value = [-7.0];
+            let given = slave.directional_derivative(&[output], &[input], &[seed], &mut value);
+            assert_eq!(given, answer);
+            let known = (output, input) == (Y, U);
+            let derivative = if known {
+                expected.model.y_by_u * seed
+            } else {
+                0.0
+            };
+            assert_eq!(value[0], if answer == fmi2OK { derivative } else { -7.0 });
+        }
+        Call::Status => {
+            let answer = expected.answer(&[Complete, Failed, Terminated], true);
+            let mut time = -7.0;
+            assert_eq!(slave.real_status(fmi2LastSuccessfulTime, &mut time), answer);
+            assert_eq!(
+                time,
+                if answer == fmi2OK {
+                    expected.now()
+                } else {
+                    -7.0
+                }
+            );
+        }
+        Call::Save => {
+            let mut state = null_mut();
+            assert_eq!(slave.get_state(&mut state), alive(expected));
+            if expected.state != Fatal {
+                let bytes = slave.serialize(state);
+                saved.push((state, expected.clone(), bytes));
+            }
+        }
+        Call::Unsupported => {
+            // SAFETY: the instance lives.
+            assert_eq!(unsafe { fmi2CancelStep(slave.c) }, fmi2Error);
+        }
+        Call::Overwrite(index)
+        | Call::Restore(index)
+        | Call::Free(index)
+        | Call::Copy(index)
+        | Call::Damaged(index, ..)
+            if !saved.is_empty() =>
+        {
+            let index = index.index(saved.len());
+            check_saved(slave, expected, saved, index, call);
+        }
+        _ => assert_eq!(slave.set_state(null_mut()), expected.answer(&[], false)),
+    }
+}
+
+/// Makes a call about one of the states in hand.
+fn check_saved(
+    slave: &mut Slave,
+    expected: &mut Expected,
+    saved: &mut Vec<Saved>,
+    index: usize,
+    call: &Call,
+) {
+    let answer = if expected.state == Fatal {
+        fmi2Fatal
+    } else {
+        fmi2OK
+    };
+    let (state, held, bytes) = &mut saved[index];
+    match call {
+        Call::Overwrite(_) => {
+            assert_eq!(slave.get_state(state), answer);
+            if answer == fmi2OK {
+                (*held, *bytes) = (expected.clone(), slave.serialize(*state));
+            }
+        }
+        Call::Restore(_) => {
+            assert_eq!(slave.set_state(*state), answer);
+            if answer == fmi2OK {
+                *expected = held.clone();
+                assert_eq!(&slave.snapshot(), bytes);
+            }
+        }
+        Call::Free(_) if answer == fmi2OK => {
+            assert_eq!(slave.free_state(state), fmi2OK);
+            saved.remove(index);
+        }
+        Call::Copy(_) => {
+            let mut copy = null_mut();
+            assert_eq!(slave.deserialize(bytes, &mut copy), answer);
+            if answer == fmi2OK {
+                let copy = (copy, held.clone(), bytes.clone());
+                saved.push(copy);
+            }
+        }
+        Call::Damaged(_, place, mask) => {
+            let (mut damaged, mut none) = (bytes.clone(), null_mut());
+            damaged[place.index(bytes.len())] ^= mask;
+            let refused = if answer == fmi2OK {
+                fmi2Error
+            } else {
+                fmi2Fatal
+            };
+            assert_eq!(slave.deserialize(&damaged, &mut none), refused);
+            assert!(none.is_null());
+        }
+        _ => assert_eq!(slave.free_state(state), answer),
+    }
+}
+
+/// Makes calls one after the other, and tells the states that they were made in.
+fn run(calls: &[Call]) -> Vec<State> {
+    let (mut slave, mut expected, mut saved) = (Slave::new(), Expected::new(), Vec::new());
+    let mut states = Vec::new();
+    for call in calls {
+        states.push(expected.state);
+        check(&mut slave, &mut expected, &mut saved, call);
+        if expected.state != Fatal {
+            let bytes = slave.snapshot();
+            assert_eq!(Slave::new().resume(&bytes).snapshot(), bytes);
+        }
+    }
+    for (mut state, ..) in saved {
+        assert_eq!(Slave::new().free_state(&mut state), fmi2OK);
+    }
+    states
+}
+
+fn calls() -> impl Strategy<Value = Vec<Call>> {
+    prop::collection::vec(call(), 1..80)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn random_calls_are_answered_as_the_standard_says(calls in calls()) {
+        run(&calls);
+    }
+}
+
+/// Else the test above would test little.
+#[test]
+fn the_calls_reach_every_state() {
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
+    let mut runner = TestRunner::deterministic();
+    let mut count = [0; 7];
+    for _ in 0..300 {
+        for state in run(&calls().new_tree(&mut runner).unwrap().current()) {
+            count[state as usize] += 1;
+        }
+    }
+    assert!(count.iter().all(|&calls| calls > 50), "{count:?}");
+}

@@ -1,0 +1,112 @@
+//! How calls end.
+
+use std::ffi::c_int;
+use std::fmt;
+
+/// `fmi2Status`, or another integer: a foreign binary may return any.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names of the standard")]
+pub enum Status {
+    Ok,
+    Warning,
+    Discard,
+    Error,
+    Fatal,
+    Pending,
+    /// No status of FMI 2.0.
+    Unknown(c_int),
+}
+
+impl From<c_int> for Status {
+    fn from(status: c_int) -> Self {
+        match status {
+            0 => Self::Ok,
+            1 => Self::Warning,
+            2 => Self::Discard,
+            3 => Self::Error,
+            4 => Self::Fatal,
+            5 => Self::Pending,
+            other => Self::Unknown(other),
+        }
+    }
+}
+
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ok => "fmi2OK",
+            Self::Warning => "fmi2Warning",
+            Self::Discard => "fmi2Discard",
+            Self::Error => "fmi2Error",
+            Self::Fatal => "fmi2Fatal",
+            Self::Pending => "fmi2Pending",
+            Self::Unknown(status) => return write!(f, "{status}, which is not a fmi2Status"),
+        })
+    }
+}
+
+/// A call that did what it is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Success {
+    /// `fmi2OK`
+    Ok,
+    /// `fmi2Warning`, returned by the function of this name.
+    Warning(&'static str),
+}
+
+/// A call that did not do what it is for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Failure {
+    /// The function of FMI.
+    pub function: &'static str,
+    /// What went wrong.
+    pub cause: Cause,
+}
+
+/// What went wrong in a call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// The binary does not have the function.
+    Missing,
+    /// It returned a status that means failure.
+    Returned(Status),
+    /// It returned success, and broke the standard otherwise.
+    Broke(&'static str),
+    /// A string to be passed to it contains a zero byte.
+    ZeroByte,
+    /// The serialized state has more bytes than the caller accepts.
+    TooLarge(usize),
+}
+
+impl Failure {
+    pub(crate) fn new(function: &'static str, cause: Cause) -> Self {
+        Self { function, cause }
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing => f.write_str("is missing in the binary"),
+            Self::Returned(status) => write!(f, "returned {status}"),
+            Self::Broke(how) => f.write_str(how),
+            Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),
+            Self::TooLarge(size) => write!(f, "returned a size of {size} bytes"),
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let expected = match self.cause {
+            Cause::Returned(_) => ", expected fmi2OK",
+            _ => "",
+        };
+        write!(f, "{} {}{expected}", self.function, self.cause)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+/// What a call returns.
+pub type Result<T = Success> = std::result::Result<T, Failure>;

@@ -1,0 +1,34 @@
+//! The folder of resources, as an FMU is told of it.
+
+use std::path::Path;
+
+/// The URI of a folder of this machine.
+pub fn uri(folder: &Path) -> String {
+    let mut uri = String::from("file://");
+    let path = folder.as_os_str().as_encoded_bytes();
+    if !path.starts_with(b"/") {
+        uri.push('/'); // before the drive letter of Windows
+    }
+    for &byte in path {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'-' | b'_' | b'.' | b'~' | b':' => {
+                uri.push(char::from(byte));
+            }
+            b'\\' if cfg!(windows) => uri.push('/'),
+            other => uri.push_str(&format!("%{other:02X}")),
+        }
+    }
+    uri
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_has_a_meaning_in_a_uri_is_escaped() {
+        let folder = Path::new("/tmp/a b/100%#ü");
+        assert_eq!(uri(folder), "file:///tmp/a%20b/100%25%23%C3%BC");
+        assert_eq!(uri(Path::new("C:/fmu")), "file:///C:/fmu");
+    }
+}

@@ -1,0 +1,229 @@
+"""The closed loops of the paper: source, controller and plant, coupled at 1 ms."""
+
+import argparse
+import math
+import multiprocessing
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from multiprocessing.pool import AsyncResult, Pool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .master import Component, MasterError, System, simulate
+from .project import FMUS
+
+TS = 0.001
+"""Sample time of the paper's controllers [s]."""
+
+STEPS = 20000
+"""Samples of a run of the paper; Table 1 gives the errors of the last."""
+
+FREQUENCY = {"sine": 0.2, "square": 0.1}
+"""Frequencies of the paper's signals [Hz]."""
+
+PREVIOUS_SAMPLE_TERMS = {"Pid": True, "PidRbf": True, "IpidRbf": False}
+"""Whether u(k) uses the PID terms of sample k-1, as in the paper's Table 1."""
+
+SETTLING_BAND = 0.003
+"""Half the width of the band in which a step response counts as settled, relative to the step."""
+
+RECORDED = {"u", "u_p", "u_n", "e", "theta", "r", "d"}
+"""The outputs that `execute` records, of whatever component."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One closed loop of the paper: `source`, `controller` and `plant`.
+
+    With the target "supervisor" a PID-RBF loop, `supervisor` and `supervisor_plant`, runs
+    beside it, and its u is what the network of `controller` learns.
+
+    Parameters
+    ----------
+    controller
+        "Pid", "PidRbf" or "IpidRbf".
+    signal
+        "step", "sine" (0.2 Hz) or "square" (0.1 Hz), amplitude 1 rad.
+    disturbance
+        What is added to the measured angle from 5 s to 5.5 s [rad].
+    target
+        What the network of IpidRbf learns: its "own" u, or the "supervisor"'s.
+    w0, supervisor_w0
+        Initial weights of the two networks [N], four each.
+    plant_model
+        "linear", "nonlinear" or "transfer_function".
+    previous_sample_terms
+        Whether the controllers use the PID terms of the sample before; by default as in the
+        paper's Table 1 (Pid and PidRbf do, IpidRbf does not).
+    overrides
+        Pairs of a variable's full name and its start value: (("plant.M", 2.0),).
+    order
+        Of stepping: "sequential" or "parallel".
+    steps
+        How many communication points of 1 ms `execute` records.
+    """
+
+    controller: str
+    signal: str = "step"
+    disturbance: float = 0.0
+    target: str = "own"
+    w0: tuple[float, ...] | None = None
+    supervisor_w0: tuple[float, ...] | None = None
+    plant_model: str = "linear"
+    previous_sample_terms: bool | None = None
+    overrides: tuple[tuple[str, Any], ...] = ()
+    order: str = "sequential"
+    steps: int = STEPS
+
+    def models(self) -> dict[str, str]:
+        """Return the FMU of each component, in the order of sequential stepping."""
+        if self.controller not in PREVIOUS_SAMPLE_TERMS:
+            raise MasterError(f"there is no controller {self.controller!r}")
+        models = {"controller": self.controller, "plant": "Pendulum", "source": "Source"}
+        if self.target != "supervisor":
+            return models
+        if self.controller != "IpidRbf":
+            raise MasterError(f"{self.controller} has no target {self.target!r}, only IpidRbf has")
+        return {"supervisor": "PidRbf", "supervisor_plant": "Pendulum", **models}
+
+    def starts(self) -> dict[str, dict[str, Any]]:
+        """Return the start values of each component."""
+        models = self.models()
+        starts: dict[str, dict[str, Any]] = {name: {} for name in models}
+        starts["source"] |= {"signal": self.signal, "disturbance.amplitude": self.disturbance}
+        if self.signal in FREQUENCY:
+            starts["source"]["frequency"] = FREQUENCY[self.signal]
+        if self.controller == "IpidRbf":
+            starts["controller"]["rbf.target"] = self.target
+        late = self.previous_sample_terms
+        for name, model in models.items():
+            if model == "Pendulum":
+                starts[name]["model"] = self.plant_model
+            elif model != "Source":
+                default = PREVIOUS_SAMPLE_TERMS[model]
+                starts[name]["previous_sample_terms"] = default if late is None else late
+        _add_weights(starts, "controller", self.w0)
+        _add_weights(starts, "supervisor", self.supervisor_w0)
+        for name, value in self.overrides:
+            component, _, variable = name.partition(".")
+            if component not in starts:
+                known = ", ".join(starts)
+                raise MasterError(f"{name}: there is no component {component!r}, only {known}")
+            starts[component][variable] = value
+        return starts
+
+    def system(self, fmus: str | os.PathLike = FMUS) -> System:
+        """Instantiate the FMUs of a folder; if one fails, those before it are freed."""
+        models, starts = self.models(), self.starts()
+        with ExitStack() as stack:
+            components = [
+                stack.enter_context(
+                    Component(
+                        name,
+                        Path(fmus) / f"{model}.fmu",
+                        starts[name],
+                        sampled=model in PREVIOUS_SAMPLE_TERMS,
+                    )
+                )
+                for name, model in models.items()
+            ]
+            system = System(components, _connections("supervisor" in models))
+            stack.pop_all()
+        return system
+
+
+def _add_weights(starts: dict[str, dict], component: str, w0: Sequence[float] | None) -> None:
+    if w0 is None:
+        return
+    if component not in starts:
+        raise MasterError(f"there is no {component} to give initial weights to")
+    starts[component] |= {f"rbf.w0[{j}]": weight for j, weight in enumerate(w0, start=1)}
+
+
+def _connections(supervised: bool) -> list[tuple[str, str]]:
+    def loop(controller: str, plant: str) -> list[tuple[str, str]]:
+        return [
+            ("source.r", f"{controller}.r"),
+            ("source.d", f"{controller}.d"),
+            (f"{plant}.theta", f"{controller}.y"),
+            (f"{controller}.u", f"{plant}.u"),
+        ]
+
+    connections = loop("controller", "plant")
+    if supervised:
+        connections += loop("supervisor", "supervisor_plant")
+        connections.append(("supervisor.u", "controller.u_supervisor"))
+    return connections
+
+
+def settling_time(time: np.ndarray, error: np.ndarray, band: float = SETTLING_BAND) -> float:
+    """Return the time [s] from which on |error| stays within `band`; NaN if it never does.
+
+    `time` and `error` are of shape (steps,), `error` and `band` in the same unit.
+    """
+    outside = np.flatnonzero(~(np.abs(error) <= band))
+    settled = 0 if outside.size == 0 else outside[-1] + 1
+    return float(time[settled]) if settled < len(time) else math.nan
+
+
+# --- many loops ---------------------------------------------------------------------------------
+
+Columns = Mapping[str, np.ndarray]
+"""Columns of one run by full name, each of shape (steps,)."""
+
+
+def execute(loop: Loop, fmus: Path = FMUS) -> dict[str, np.ndarray]:
+    """Co-simulate one loop at 1 ms, from the paper's k = 1."""
+    with loop.system(fmus) as system:
+        record = [name for name in system.outputs() if name.split(".")[-1] in RECORDED]
+        return simulate(system, TS, TS, loop.steps, order=loop.order, record=record)
+
+
+@contextmanager
+def workers() -> Iterator[Pool]:
+    """Return a pool of as many processes as there are cores."""
+    # Spawned, not forked: a fork would copy the locks of a threaded parent
+    with multiprocessing.get_context("spawn").Pool(_cores()) as pool:
+        yield pool
+        # Leaving the context kills the workers; those that are done take their semaphores along
+        pool.close()
+        pool.join()
+
+
+def start(pool: Pool, loops: Iterable[Loop], fmus: Path = FMUS) -> dict[Loop, AsyncResult]:
+    """Have the loops co-simulated, the longest first so that no core idles at the end."""
+    ordered = sorted(set(loops), key=_cost, reverse=True)
+    return {loop: pool.apply_async(execute, (loop, fmus)) for loop in ordered}
+
+
+def _cost(loop: Loop) -> tuple[int, str]:
+    """Return a key that sorts cheap loops first: steps times FMUs."""
+    return loop.steps * len(loop.models()), repr(loop)
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def parser(description: str, **settings: Any) -> argparse.ArgumentParser:
+    """Return a parser with the option that all programs on these loops share."""
+    parser = argparse.ArgumentParser(
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **settings,
+    )
+    parser.add_argument(
+        "--fmus",
+        type=Path,
+        default=FMUS,
+        metavar="DIR",
+        help="where the FMUs are (default: target/fmu of this project)",
+    )
+    return parser

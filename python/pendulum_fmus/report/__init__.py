@@ -1,0 +1,1 @@
+"""The paper's figures and claims, computed from co-simulations of the FMUs, as one web page."""

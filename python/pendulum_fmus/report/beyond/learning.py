@@ -1,0 +1,191 @@
+"""How far the learning rate may go: the printed bound, the eigenvalues, and the FMUs."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...loop import Loop
+from ..claims import Finding, Table, judge
+from ..data import Data
+from ..figure import ERROR, FORCE, Curve, Figure, Panel
+from ..metrics import largest, tone
+from ..page import Part
+from ..paper.curves import curve
+from .eigenvalues import DELAYS, ETA, Delay, limit, printed_bound, spectral_radius
+from .section import section, statement
+
+BELOW, ABOVE = 0.98, 1.02
+"""Parts of the limit at which the FMUs are run."""
+
+RINGING = 1.0
+"""A force that changes by more than this per sample, long after the step, rings [N]."""
+
+LATE = 0.5
+"""Length of the end of a run in which ringing is looked for [s]."""
+
+RATES = np.geomspace(0.05, 2.5, 120)
+
+NAMES = dict(zip(DELAYS, ("0 samples", "1 sample", "1, parallel", "2 samples"), strict=True))
+
+
+def loop(delay: Delay, eta: float, steps: int = 12000) -> Loop:
+    """Return the step response of PID-RBF under a delay and a learning rate."""
+    return Loop(
+        "PidRbf",
+        "step",
+        0.0,
+        overrides=(("controller.rbf.eta", eta),),
+        steps=steps,
+        order="parallel" if delay.parallel else "sequential",
+        previous_sample_terms=delay.previous_sample_terms,
+    )
+
+
+CYCLE = loop(DELAYS[3], ETA, 20000)
+
+
+def loops() -> list[Loop]:
+    """Return the loops just below and above the limits, and the limit cycle."""
+    return [CYCLE] + [loop(d, share * limit(d)) for d in DELAYS for share in (BELOW, ABOVE)]
+
+
+def ringing(data: Data, loop: Loop) -> float:
+    """Return how much u changes per sample at the end [N]."""
+    trace = data.loop(loop)
+    return largest(np.diff(trace.part(trace.t[-1] - LATE, np.inf).u))
+
+
+def part(data: Data, fmus: Path) -> Part:
+    """Return the section."""
+    limits = {delay: limit(delay) for delay in DELAYS}
+    bound = printed_bound()
+    below = {d: ringing(data, loop(d, BELOW * limits[d])) for d in DELAYS}
+    above = {d: ringing(data, loop(d, ABOVE * limits[d])) for d in DELAYS}
+    heads = [NAMES[delay] for delay in DELAYS]
+    return section(
+        "beyond-learning",
+        "How fast the network may learn",
+        figure(data, limits, bound),
+        [
+            statement(
+                "The closed loop limits the learning rate far below the bound that section 3.2"
+                " prints, 0 < η h < 2 (G Gᵀ)⁻¹, and the more so the later the plant feels it",
+                "eigenvalues of the sampled loop at r = 1 against 2/|h|², the bound with G = h and"
+                " u held fixed; holds if every limit is below, and falls with the delay",
+                Finding(
+                    judge(
+                        max(limits.values()) < bound
+                        and limits[DELAYS[0]] > limits[DELAYS[1]] > limits[DELAYS[3]]
+                    ),
+                    Table(
+                        heads,
+                        {
+                            "largest stable η [1]": list(limits.values()),
+                            "of the printed bound [1]": [v / bound for v in limits.values()],
+                            "spectral radius at η = 0.30 [1]": [
+                                spectral_radius(delay, ETA) for delay in DELAYS
+                            ],
+                        },
+                    ),
+                    f"The printed bound is {bound:.3f}.",
+                ),
+            ),
+            statement(
+                "The FMUs ring beyond these limits, and not below",
+                "change of u per sample in the last 0.5 s of 12 s, at 0.98 and 1.02 of each limit;"
+                " holds if it is below 1 N in the first case, above in the second",
+                Finding(
+                    judge(max(below.values()) < RINGING < min(above.values())),
+                    Table(
+                        heads,
+                        {
+                            "change of u at 0.98 of it [N]": list(below.values()),
+                            "change of u at 1.02 of it [N]": list(above.values()),
+                        },
+                    ),
+                ),
+            ),
+            cycle(data),
+        ],
+        (
+            "A delay of one sample comes from the terms of the sample before, as in Table 1, or"
+            " from a master that steps in parallel; two come from both.",
+        ),
+    )
+
+
+def cycle(data: Data):
+    """Return the statement on the limit cycle."""
+    trace = data.loop(CYCLE)
+    spans = [trace.part(5.0, 10.0), trace.part(15.0, 20.0)]
+    swings = [float(np.ptp(span.u)) for span in spans]
+    errors = [largest(span.e) for span in spans]
+    tones = [tone(span.u, trace.ts) for span in spans]
+    grows = abs(swings[1] / swings[0] - 1)
+    return statement(
+        "With the paper’s η = 0.30 and two samples of delay the loop ends in a limit cycle: it"
+        " neither settles nor falls",
+        "step; holds if u still rings at the end, and its swing differs by less than 5 % from that"
+        " ten seconds before",
+        Finding(
+            judge(swings[1] > RINGING and grows < 0.05),
+            Table(
+                ["5 s to 10 s", "15 s to 20 s"],
+                {
+                    "swing of u, peak to peak [N]": swings,
+                    "frequency [Hz]": tones,
+                    "max |e| [rad]": errors,
+                },
+            ),
+        ),
+    )
+
+
+def figure(data: Data, limits: dict[Delay, float], bound: float) -> Figure:
+    """Return the spectral radius over the learning rate, and the limit cycle."""
+    styles = {DELAYS[0]: "one", DELAYS[1]: "half", DELAYS[3]: "double"}
+    radii = [
+        Curve(
+            f"radius/{delay.samples}",
+            RATES,
+            np.array([spectral_radius(delay, eta) for eta in RATES]),
+            style,
+            f"delay of {NAMES[delay]}",
+        )
+        for delay, style in styles.items()
+    ]
+    ends = np.array([0.0, 10.0])
+    walls = [
+        Curve("stable", RATES[[0, -1]], np.ones(2), "limit", "limit of stability"),
+        Curve("bound", bound + 1e-9 * ends, 0.8 + 0.05 * ends, "r", "printed bound"),
+    ]
+    trace = data.loop(CYCLE)
+    span = (19.8, 20.0)
+    return Figure(
+        "learning",
+        "Learning rate",
+        "Spectral radius of the closed loop over the learning rate for delays of 0, 1 and 2"
+        " samples, with the printed bound; below, force and error of the limit cycle over 0.2 s.",
+        [
+            [
+                Panel(
+                    "eigenvalues of the sampled loop",
+                    "spectral radius [1]",
+                    [*walls, *radii],
+                    x_label="learning rate η [1]",
+                    xlim=(0.05, 2.5),
+                    ylim=(0.98, 1.2),
+                    log_x=True,
+                )
+            ],
+            [
+                Panel("limit cycle, two samples", FORCE, [curve(trace, "u", "u")], xlim=span),
+                Panel(
+                    "limit cycle, two samples",
+                    ERROR,
+                    [Curve(f"{trace.key}/e", trace.t, trace.e, "u", "e")],
+                    xlim=span,
+                ),
+            ],
+        ],
+    )

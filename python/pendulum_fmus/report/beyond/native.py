@@ -1,0 +1,88 @@
+"""Parameter sweeps by the native master."""
+
+import csv
+import math
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ...master import MasterError
+from ...project import PROGRAM, ROOT
+
+EXAMPLES = ROOT / "examples" / "closed-loop"
+
+SYSTEMS = {
+    "PID": "pid",
+    "PID-RBF": "pid-rbf",
+    "IPID-RBF": "supervised",
+    "IPID-RBF own": "ipid-rbf",
+}
+"""The example that is a controller's loop, as in Table 1."""
+
+
+def both_plants(kind: str, variable: str) -> list[str]:
+    """Return the full names of a plant's parameter in all plants of a loop."""
+    plants = ["plant", "supervisor_plant"] if kind == "IPID-RBF" else ["plant"]
+    return [f"{plant}.{variable}" for plant in plants]
+
+
+def sweep(
+    kind: str, variables: list[str], values: np.ndarray, settings: dict, limit: float, fmus: Path
+) -> dict[str, np.ndarray]:
+    """Run the step response of a controller for each value of some variables.
+
+    Parameters
+    ----------
+    kind
+        Key of SYSTEMS.
+    variables, values
+        What is varied: all variables get the same value; shape (n,).
+    settings
+        Start values for all runs, by full name.
+    limit
+        |e| beyond which a run has diverged [rad].
+    fmus
+        The folder that the FMUs are in.
+
+    Returns
+    -------
+    The metrics by name, each of shape (n,); NaN where a run has none.
+    """
+    if not PROGRAM.is_file():
+        raise MasterError(f"{PROGRAM} does not exist; run `make native` first")
+    with tempfile.TemporaryDirectory(prefix="sweep-") as name:
+        folder = Path(name)
+        text = (EXAMPLES / f"{SYSTEMS[kind]}.toml").read_text(encoding="utf-8")
+        text = text.replace("../../target/fmu", str(fmus.resolve()))
+        (folder / "system.toml").write_text(text, encoding="utf-8")
+        table, out = folder / "sweep.toml", folder / "out.csv"
+        table.write_text(_toml(variables, values, settings, limit), encoding="utf-8")
+        command = [PROGRAM, "sweep", table, "--out", out]
+        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        if run.returncode:
+            raise MasterError(f"the sweep of {kind} failed: {run.stderr.strip()}")
+        with out.open(encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    return {name: np.array([_number(row[name]) for row in rows]) for name in rows[0]}
+
+
+def _toml(variables: list[str], values: np.ndarray, settings: dict, limit: float) -> str:
+    def quoted(value: float | str) -> str:
+        return f'"{value}"' if isinstance(value, str) else repr(float(value))
+
+    fixed = ", ".join(f'"{name}" = {quoted(value)}' for name, value in settings.items())
+    names = ", ".join(f'"{name}"' for name in variables)
+    numbers = ", ".join(repr(float(value)) for value in values)
+    return (
+        f'system = "system.toml"\nset = {{ {fixed} }}\n'
+        f"[[parameter]]\nvariables = [{names}]\nvalues = [{numbers}]\n"
+        f"[metrics]\nlimit = {limit!r}\n"
+    )
+
+
+def _number(text: str) -> float:
+    if text in ("true", "false"):
+        return float(text == "true")
+    return float(text) if text else math.nan

@@ -1,0 +1,23 @@
+"""All sections beyond the paper, in the page's order.
+
+A section is a module with `loops()`, what it needs of the FMPy master, and `part(data, fmus)`.
+"""
+
+from pathlib import Path
+
+from ...loop import Loop
+from ..data import Data
+from ..page import Part
+from . import learning, noise, nonlinear, order, robustness, targets, windup
+
+MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)
+
+
+def loops() -> set[Loop]:
+    """Return the loops that the sections need of the FMPy master."""
+    return {loop for module in MODULES for loop in module.loops()}
+
+
+def parts(data: Data, fmus: Path) -> list[Part]:
+    """Return the sections."""
+    return [module.part(data, fmus) for module in MODULES]

@@ -1,0 +1,184 @@
+"""What the limit of the force does to the sum of the error, and what anti-windup does to that."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...loop import Loop
+from ..claims import Claim, Finding, Table, judge
+from ..data import Data, Trace
+from ..figure import ANGLE, FORCE, Curve, Figure, Panel
+from ..metrics import iae, largest, overshoot
+from ..page import Part
+from ..paper.curves import curve, outputs
+from .section import section, statement
+
+CONTROLLERS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF, own": "IpidRbf"}
+SUMMING = ("PID", "PID-RBF")
+"""The controllers whose sum does not leak."""
+
+LIMITS = (25.0, 35.0, 50.0, 70.0, 100.0, 140.0, 200.0)
+"""Limits of the force [N]."""
+
+LOW, PRINTED = LIMITS[0], 100.0
+"""The lowest of them, and that of Table 1 [N]."""
+
+STEPS = 4000
+
+DISTURBED = (("step", 0.0), ("step", 1.0), ("square", 0.0), ("square", 1.0))
+"""Signals and disturbances [rad] of Table 1 in which the force reaches its limit."""
+
+DISTURBED_STEPS = 8000
+
+LITTLE = 0.05
+"""Relative: an integral of |e| that changes by less changes little."""
+
+BRIEF = 0.2
+"""A force that is limited for a shorter time in a run is seldom limited [s]."""
+
+SAME = 1e-6
+"""Angles that differ by less are the same to the eye [rad]."""
+
+STYLES = {False: "winding", True: "held"}
+
+Overshoots = dict[tuple[str, bool], list[float]]
+"""Those of a controller without or with anti-windup, under each of LIMITS [%]."""
+
+
+def loop(kind: str, limit: float, anti_windup: bool) -> Loop:
+    """Return the step response of a controller under a limit of the force [N]."""
+    overrides = (("controller.u_max", limit), ("controller.anti_windup", anti_windup))
+    return Loop(CONTROLLERS[kind], "step", 0.0, overrides=overrides, steps=STEPS)
+
+
+def disturbed(kind: str, signal: str, amplitude: float, anti_windup: bool) -> Loop:
+    """Return a loop of Table 1."""
+    overrides = (("controller.anti_windup", anti_windup),)
+    return Loop(CONTROLLERS[kind], signal, amplitude, overrides=overrides, steps=DISTURBED_STEPS)
+
+
+def loops() -> list[Loop]:
+    """Return all loops of the section."""
+    steps = [loop(k, limit, on) for k in CONTROLLERS for limit in LIMITS for on in STYLES]
+    return steps + [disturbed(k, *case, on) for k in SUMMING for case in DISTURBED for on in STYLES]
+
+
+def part(data: Data, fmus: Path) -> Part:
+    """Return the section."""
+    steps = {
+        (kind, on): [data.loop(loop(kind, limit, on)) for limit in LIMITS]
+        for kind in CONTROLLERS
+        for on in STYLES
+    }
+    above = {(k, on): [overshoot(t) for t in steps[k, on]] for k in SUMMING for on in STYLES}
+    return section(
+        "beyond-windup",
+        "Windup",
+        figure({style: steps["PID", on][0] for on, style in STYLES.items()}, above),
+        [winding(above), printed(data), nothing_to_wind(steps)],
+        (
+            "The parameter anti_windup, off by default: a sample whose force is limited does not"
+            " count in the sum of the error if the error would drive the force further beyond its"
+            " limit. The paper has none.",
+        ),
+    )
+
+
+def winding(above: Overshoots) -> Claim:
+    """Return the statement on the overshoot over the limit."""
+    rows = {
+        f"overshoot at {limit:g} N [%]": [values[i] for values in above.values()]
+        for i, limit in enumerate(LIMITS)
+    }
+    return statement(
+        "The lower the limit of the force, the further PID and PID-RBF overshoot, as their sum"
+        " winds up; with anti-windup it is the other way round",
+        f"step, limits from {LOW:g} N to {LIMITS[-1]:g} N; holds if the overshoot with anti-windup"
+        " is smaller at every limit, wholly if it falls with the limit and rises without",
+        Finding(
+            judge(
+                all(np.less(above[kind, True], above[kind, False]).all() for kind in SUMMING),
+                all(
+                    (np.diff(above[kind, True]) > 0).all()
+                    and (np.diff(above[kind, False]) < 0).all()
+                    for kind in SUMMING
+                ),
+            ),
+            Table([f"{kind}, {'with' if on else 'without'}" for kind, on in above], rows),
+        ),
+    )
+
+
+def printed(data: Data) -> Claim:
+    """Return the statement on the loops of Table 1."""
+    rows = {}
+    for case in DISTURBED:
+        for kind in SUMMING:
+            free, held = (data.loop(disturbed(kind, *case, on)) for on in STYLES)
+            limited = float(np.sum(np.abs(free.u) == PRINTED) * free.ts)
+            signal, amplitude = case
+            row = [iae(free), iae(held), limited]
+            rows[f"{kind}, {signal}, disturbance {amplitude:g} rad"] = row
+    changes = [held / free - 1 for free, held, _ in rows.values()]
+    longest = max(limited for _, _, limited in rows.values())
+    return statement(
+        "At the limit of Table 1 anti-windup gains little, as the force is limited for some"
+        " hundredths of a second only",
+        f"step and square wave, with and without a disturbance of 1 rad, {PRINTED:g} N, 8 s; holds"
+        " if the integral of |e| changes by less than 5 % and the force is limited for less than"
+        f" {BRIEF:g} s in all, wholly if the integral falls everywhere",
+        Finding(
+            judge(largest(np.array(changes)) < LITTLE and longest < BRIEF, max(changes) < 0),
+            Table(["IAE without [rad s]", "IAE with [rad s]", "limited, without [s]"], rows),
+        ),
+    )
+
+
+def nothing_to_wind(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
+    """Return the statement on IPID-RBF."""
+    apart = {
+        kind: max(
+            largest(held.theta - free.theta)
+            for free, held in zip(steps[kind, False], steps[kind, True], strict=True)
+        )
+        for kind in CONTROLLERS
+    }
+    own = apart["IPID-RBF, own"]
+    return statement(
+        "IPID-RBF has nothing to wind up: its sum leaks, and its network learns the force as it was"
+        " limited",
+        "the same steps; what the angle differs by with and without anti-windup; holds if by less"
+        " than 1e-6 rad at every limit",
+        Finding(judge(own < SAME), Table(list(apart), {"max |Δθ| [rad]": list(apart.values())})),
+    )
+
+
+def figure(low: dict[str, Trace], above: Overshoots) -> Figure:
+    """Return steps of the PID under the lowest limit, by style, and the overshoots."""
+    forces = [curve(trace, "u", style) for style, trace in low.items()]
+    shown = (0.0, 2.0)
+    over = [
+        Panel(
+            f"{kind}: overshoot",
+            "overshoot [%]",
+            [
+                Curve(f"windup/{kind}/{on}", np.array(LIMITS), np.array(above[kind, on]), style)
+                for on, style in STYLES.items()
+            ],
+            x_label="limit of the force [N]",
+        )
+        for kind in SUMMING
+    ]
+    return Figure(
+        "windup",
+        "Windup",
+        f"Above, angle and force of a PID whose force is limited to {LOW:g} N after a step, with"
+        " and without anti-windup; below, the overshoot of PID and PID-RBF over the limit.",
+        [
+            [
+                Panel(f"PID, at most {LOW:g} N", ANGLE, outputs(low), xlim=shown),
+                Panel("its force", FORCE, forces, xlim=shown),
+            ],
+            over,
+        ],
+    )

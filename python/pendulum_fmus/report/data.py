@@ -1,0 +1,89 @@
+"""The results of all loops, looked up by controller, signal and disturbance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..loop import Columns, Loop
+from .scenarios import gain_loop, loops_of
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What one controller did in one loop; all columns of shape (steps,).
+
+    Parameters
+    ----------
+    key
+        Name that no other trace has, for the columns of the page.
+    t
+        Time [s].
+    r, d, theta, e
+        Reference, disturbance, angle of the pendulum, and the controller's error r - (theta + d)
+        [rad].
+    u, u_p, u_n
+        Force, the PID's part of it, the network's part [N]; u_n is None for a PID.
+    """
+
+    key: str
+    t: np.ndarray
+    r: np.ndarray
+    d: np.ndarray
+    theta: np.ndarray
+    e: np.ndarray
+    u: np.ndarray
+    u_p: np.ndarray
+    u_n: np.ndarray | None
+
+    @property
+    def ts(self) -> float:
+        """Time between two samples [s]."""
+        return float(self.t[1] - self.t[0])
+
+    def part(self, start: float, stop: float) -> "Trace":
+        """Return the samples with start <= t < stop [s], times rounded to the microsecond."""
+        t = np.round(self.t, 6)
+        inside = (t >= start) & (t < stop)
+        cut = {
+            name: None if column is None else column[inside]
+            for name, column in vars(self).items()
+            if name != "key"
+        }
+        return Trace(key=f"{self.key} {start}..{stop}", **cut)
+
+
+def trace_of(key: str, columns: Columns, controller: str = "controller", plant: str = "plant"):
+    """Pick one controller's columns out of a run."""
+    return Trace(
+        key=key,
+        t=columns["time"],
+        r=columns["source.r"],
+        d=columns["source.d"],
+        theta=columns[f"{plant}.theta"],
+        e=columns[f"{controller}.e"],
+        u=columns[f"{controller}.u"],
+        u_p=columns[f"{controller}.u_p"],
+        u_n=columns.get(f"{controller}.u_n"),
+    )
+
+
+class Data:
+    """Results by loop, and the traces in them."""
+
+    def __init__(self, results: Mapping[Loop, Columns]):
+        self.results = results
+
+    def __call__(self, kind: str, signal: str, amplitude: float = 0.0) -> Trace:
+        """Return the trace of a controller for a signal and a disturbance of `amplitude` [rad]."""
+        loop, controller, plant = loops_of(signal, amplitude)[kind]
+        key = f"{kind}/{signal}/{amplitude:g}"
+        return trace_of(key, self.results[loop], controller, plant)
+
+    def gains(self, gain: str, factor: float) -> Trace:
+        """Return the step response of the PID with one gain multiplied by `factor`."""
+        return trace_of(f"{gain}*{factor:g}", self.results[gain_loop(gain, factor)])
+
+    def loop(self, loop: Loop) -> Trace:
+        """Return the trace of any loop's controller."""
+        return trace_of(repr(loop), self.results[loop])

@@ -1,0 +1,105 @@
+"""What the verdicts are measured by. Columns have shape (steps,); angles in rad, forces in N."""
+
+import math
+
+import numpy as np
+
+from ..loop import SETTLING_BAND, settling_time
+from .data import Trace
+
+BURST = 50.0
+"""A force beyond this, half of the limit, is a large adjustment [N]."""
+
+HOLD = 0.1
+"""How long an error must stay within its band to have settled [s]."""
+
+BURST_GAP = 0.25
+"""Large adjustments that lie closer together than this are one [s]."""
+
+
+def iae(trace: Trace) -> float:
+    """Return the integral of |e| [rad s], by the rectangle rule."""
+    return float(np.sum(np.abs(trace.e)) * trace.ts)
+
+
+def ise(trace: Trace) -> float:
+    """Return the integral of e² [rad² s], by the rectangle rule."""
+    return float(np.sum(trace.e**2) * trace.ts)
+
+
+def itae(trace: Trace) -> float:
+    """Return the integral of t |e| [rad s²], by the rectangle rule."""
+    return float(np.sum(trace.t * np.abs(trace.e)) * trace.ts)
+
+
+def rms(column: np.ndarray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(column**2)))
+
+
+def largest(column: np.ndarray) -> float:
+    """Return the largest absolute value."""
+    return float(np.max(np.abs(column)))
+
+
+def variation(column: np.ndarray) -> float:
+    """Return the total variation: the sum of all changes from sample to sample."""
+    return float(np.sum(np.abs(np.diff(column))))
+
+
+def tone(column: np.ndarray, ts: float) -> float:
+    """Return the frequency at which a column that is sampled every `ts` [s] rings most [Hz]."""
+    changes = np.diff(column) * np.hanning(len(column) - 1)
+    spectrum = np.abs(np.fft.rfft(changes))
+    return float(np.fft.rfftfreq(len(changes), ts)[np.argmax(spectrum)])
+
+
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Return Pearson's coefficient of correlation."""
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def excess(trace: Trace) -> float:
+    """Return how far theta goes beyond a constant set-point [rad]; 0 if it stays on its side."""
+    return max(float(np.max((trace.theta - trace.r) * np.sign(trace.r))), 0.0)
+
+
+def overshoot(trace: Trace, height: float = 1.0) -> float:
+    """Return the excess beyond a constant set-point, in percent of a jump of `height` [rad]."""
+    return 100 * excess(trace) / height
+
+
+def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> float:
+    """Return how long after the first sample |e| stays within `band` times the jump [s].
+
+    The paper's k = 1 is its first sample after t = 0, so that a part that starts with a jump at
+    t = 0 counts from there. NaN if the error does not stay within for at least the last HOLD: one
+    that still swings through the band at the end has not settled.
+    """
+    settled = settling_time(trace.t, trace.e, band * height)
+    if settled > trace.t[-1] - HOLD:
+        return math.nan
+    return settled - (trace.t[0] - trace.ts)
+
+
+def rise_time(trace: Trace) -> float:
+    """Return the time that theta takes from 10 % to 90 % of a unit step [s]; NaN if never."""
+    low, high = (np.flatnonzero(trace.theta >= level) for level in (0.1, 0.9))
+    return float(trace.t[high[0]] - trace.t[low[0]]) if high.size else math.nan
+
+
+def bursts(t: np.ndarray, force: np.ndarray) -> list[float]:
+    """Return when the large adjustments of a force begin [s]."""
+    large = t[np.abs(force) > BURST]
+    if not large.size:
+        return []
+    begins = np.flatnonzero(np.diff(large) > BURST_GAP) + 1
+    return [float(large[0]), *large[begins].tolist()]
+
+
+def half_periods(trace: Trace) -> list[Trace]:
+    """Return the parts of a 0.1 Hz square wave after its jumps at 5, 10 and 15 s.
+
+    At a jump's own sample the old set-point still holds, so a part begins one sample later.
+    """
+    return [trace.part(start + trace.ts, start + 5 + trace.ts) for start in (5, 10, 15)]

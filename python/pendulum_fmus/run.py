@@ -1,0 +1,226 @@
+"""Run one closed loop of the paper from its FMUs: `python -m pendulum_fmus.run --help`."""
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from . import loop
+from .loop import PREVIOUS_SAMPLE_TERMS, SETTLING_BAND, TS, Loop, settling_time
+from .master import ORDERS, MasterError, simulate, steps_until
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[TextIO]:
+    """Open a text file that takes the place of `path` once it is complete."""
+    try:
+        if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
+            with path.open("w", encoding="utf-8") as file:
+                yield file
+            return
+        target = path.resolve()  # what a link points to is replaced, not the link
+        unfinished = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        try:
+            with unfinished.open("w", encoding="utf-8", newline="\n") as file:
+                yield file
+            unfinished.replace(target)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise MasterError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def write_csv(file: TextIO, results: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
+    """Write one column per variable: "plant.theta [rad]", and numbers that read back exactly."""
+    print(",".join(f"{name} [{units[name]}]" for name in results), file=file)
+    for row in zip(*[column.tolist() for column in results.values()], strict=True):
+        print(",".join(map(repr, row)), file=file)
+
+
+EXAMPLES = """\
+examples:
+  python tests/master.py
+      the step response of the IPID-RBF controller that learns from itself
+  python tests/master.py --controller Pid --signal square --disturbance 1 --csv pid.csv
+      row 6 of the paper's Table 1, every sample of it
+  python tests/master.py --controller IpidRbf --target supervisor --signal sine
+      row 3: IPID-RBF beside the PID-RBF loop that it learns from
+  python tests/master.py --order parallel --step 0.00025 --plant-model nonlinear
+      as most tools step, four times per sample, with the nonlinear pendulum
+  python tests/master.py --set controller.rbf.eta=0.5 --set plant.M=2
+      other parameters; `cargo fmu info FILE` lists those of an FMU
+
+A negative number in scientific notation needs an equals sign: --disturbance=-1e-3
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = loop.parser(
+        "Run one closed loop of the paper from its FMUs, coupled by FMPy.", epilog=EXAMPLES
+    )
+    add = parser.add_argument
+    add(
+        "--controller",
+        choices=list(PREVIOUS_SAMPLE_TERMS),
+        default="IpidRbf",
+        help="FMU that controls the pendulum (default: %(default)s)",
+    )
+    add(
+        "--target",
+        choices=["own", "supervisor"],
+        default="own",
+        help="what the network of IpidRbf learns: its own u, or the u of a PID-RBF loop that runs"
+        " beside it, as in Table 1 (default: %(default)s)",
+    )
+    add(
+        "--signal",
+        choices=["step", "sine", "square"],
+        default="step",
+        help="reference, amplitude 1 rad; sine has 0.2 Hz, square 0.1 Hz (default: %(default)s)",
+    )
+    add(
+        "--disturbance",
+        type=float,
+        default=0.0,
+        metavar="AMPLITUDE",
+        help="added to the measured angle from 5 s to 5.5 s [rad] (default: 0)",
+    )
+    add(
+        "--plant-model",
+        choices=["linear", "nonlinear", "transfer_function"],
+        default="linear",
+        help="model of the pendulum (default: %(default)s)",
+    )
+    add(
+        "--order",
+        choices=list(ORDERS),
+        default="sequential",
+        help="sequential: controller first, u acts at once; parallel: all step together, u acts"
+        " one step later (default: %(default)s)",
+    )
+    add(
+        "--step",
+        type=float,
+        default=TS,
+        metavar="H",
+        help="communication step [s] (default: %(default)s)",
+    )
+    add(
+        "--start",
+        type=float,
+        default=TS,
+        metavar="T",
+        help="start time [s] (default: %(default)s, the paper's k = 1)",
+    )
+    add(
+        "--stop",
+        type=float,
+        default=20.0,
+        metavar="T",
+        help="time of the last communication point [s] (default: %(default)s)",
+    )
+    add(
+        "--previous-sample-terms",
+        choices=["auto", "on", "off"],
+        default="auto",
+        help="whether u(k) uses the PID terms of sample k-1. auto: in sequential order as in the"
+        " paper's Table 1 (on for Pid and PidRbf); in parallel order off, for the master delays"
+        " by a sample already, and two are too many for the network",
+    )
+    add("-w0", type=float, nargs=4, metavar="W", help="initial weights of the network [N]")
+    add(
+        "--supervisor-w0",
+        type=float,
+        nargs=4,
+        metavar="W",
+        help="initial weights of the supervisor's network [N]",
+    )
+    add(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="COMPONENT.VARIABLE=VALUE",
+        type=_assignment,
+        help="start value of any parameter; may be repeated. Components: controller, plant,"
+        " source, and with --target supervisor also supervisor, supervisor_plant",
+    )
+    add("--csv", type=Path, metavar="FILE", help="write time and all outputs to this file")
+    return parser
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (equals and "." in name):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form component.variable=value")
+    return name, value
+
+
+def loop_of(options: argparse.Namespace) -> Loop:
+    """Return the loop that the options describe: they have the names of its fields."""
+    asked = {f.name: vars(options)[f.name] for f in fields(Loop) if f.name in options}
+    late = options.previous_sample_terms
+    if late == "auto":
+        asked["previous_sample_terms"] = None if options.order == "sequential" else False
+    else:
+        asked["previous_sample_terms"] = late == "on"
+    return Loop(**asked)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the loop that the command line asks for, and say how it went."""
+    steps = steps_until(options.stop, options.start, options.step)
+    with ExitStack() as stack:
+        file = stack.enter_context(replacing(options.csv)) if options.csv else None
+        system = stack.enter_context(loop_of(options).system(options.fmus))
+        results = simulate(
+            system, options.start, options.step, steps, order=options.order, progress=True
+        )
+        if file:
+            units = {"time": "s", **{name: system.unit(name) for name in system.outputs()}}
+            write_csv(file, results, units)
+    print(summary(results, options.signal))
+    if options.csv:
+        print(f"wrote {options.csv}: {steps} rows")
+
+
+def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
+    """Say in a few lines how well the controller did."""
+    time, error = results["time"], results["controller.e"]
+    lines = [
+        f"final e         {error[-1]:.9e} rad at t = {time[-1]:.10g} s",
+        f"largest |u|     {np.max(np.abs(results['controller.u'])):.9g} N",
+    ]
+    if signal == "step":
+        # On a step, the band is relative to the reference
+        band = SETTLING_BAND * abs(results["source.r"][-1])
+        settled = settling_time(time, error, band)
+        text = "never" if math.isnan(settled) else f"{settled:.10g} s"
+        lines.insert(1, f"settling time   {text} (band of ±{SETTLING_BAND:.1%})")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the script; returns its exit status."""
+    options = parser().parse_args(arguments)
+    try:
+        run(options)
+    except MasterError as error:
+        print(f"master.py: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("master.py: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
