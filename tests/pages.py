@@ -54,3 +54,13 @@ def export_models(copy: Path, lines: str) -> None:
     text, count = re.subn(r"^fmu_export::export!\(.*\);$", lines, library.read_text(), flags=re.M)
     assert count == 1, "lib.rs has one line that exports"
     library.write_text(text)
+
+
+def export_panicking(folder: Path, target: str | None = None) -> Path:
+    """Export the model that panics to a folder, in a copy of the sources; returns the FMU."""
+    copy = project()
+    shutil.copy(ROOT / "tests" / "data" / "panicking.rs", copy / "fmu-controller" / "src")
+    export_models(copy, "mod panicking;\nfmu_export::export!(panicking::Panicking);")
+    option = f"--target {target}" if target else ""
+    run(f"cargo fmu export Panicking {option} --out {folder}", copy)
+    return folder / "Panicking.fmu"

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import subprocess
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -21,11 +20,8 @@ DRAWN = "body[data-drawn]"
 
 @pytest.fixture(scope="module")
 def chromium() -> str:
-    """Return the path of Chromium; it is installed if it is missing, as Debian packages it."""
-    if shutil.which("chromium") is None:
-        for command in ("update", "install --yes chromium"):
-            subprocess.run(["apt-get", "-qq", *command.split()], check=True, capture_output=True)
-    return shutil.which("chromium")
+    """Return the path of Chromium."""
+    return shutil.which("chromium") or pytest.skip("no `chromium`: `make system` installs it")
 
 
 @pytest.fixture(scope="module")

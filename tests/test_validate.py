@@ -544,7 +544,7 @@ def test_xml_and_binary_of_different_versions_are_found(pid: Fmu, tmp_path: Path
     xml = pid["modelDescription.xml"].decode()
     guid = xml.split('guid="')[1].split('"')[0]
     pid["modelDescription.xml"] = xml.replace(guid, "{another}").encode()
-    check(findings(write(tmp_path / "x.fmu", pid)), "fmi2Instantiate gave NULL")
+    check(findings(write(tmp_path / "x.fmu", pid)), "fmi2Instantiate returned NULL")
 
 
 @pytest.mark.parametrize(
@@ -631,14 +631,14 @@ FAULTS = {
     "PLATFORM": ("fmi2GetTypesPlatform", '"other"'),
     "VERSION": ("fmi2GetVersion", '"1.0"'),
     "EXIT": ("fmi2Instantiate ended the process",),
-    "OTHER_GUID": ("fmi2Instantiate gave NULL",),
+    "OTHER_GUID": ("fmi2Instantiate returned NULL",),
     "ANY_GUID": ("warning", "GUID of another FMU"),
     "SHARED": ("beside another instance",),
     "HANG": ("fmi2EnterInitializationMode did not return within 1 s",),
     "RESET": ("warning", "after fmi2Reset"),
-    "GET": ('"y" cannot be read', "fmi2GetReal gave fmi2Error"),
+    "GET": ('"y" cannot be read', "fmi2GetReal returned fmi2Error"),
     "NAN": ("warning", '"y" is NaN'),
-    "NO_STATE": ("canGetAndSetFMUstate is true, but", "fmi2GetFMUstate gave fmi2Error"),
+    "NO_STATE": ("canGetAndSetFMUstate is true, but", "fmi2GetFMUstate returned fmi2Error"),
     "STATE": ("canGetAndSetFMUstate is true, but", "restored state"),
     "FREE_STATE": ("fmi2FreeFMUstate", "NULL"),
     "SERIALIZE": ("canSerializeFMUstate is true, but",),
@@ -647,9 +647,9 @@ FAULTS = {
     "INTERPOLATE": ("canInterpolateInputs is true, but",),
     "OUTPUT_DERIVATIVE": ("maxOutputDerivativeOrder is not 0, but",),
     "CRASH": ("fmi2DoStep ended the process (signal 11",),
-    "STEP": ("fmi2DoStep gave fmi2Discard",),
+    "STEP": ("fmi2DoStep returned fmi2Discard",),
     "STEP_SIZE": ("canHandleVariableCommunicationStepSize is true, but",),
-    "STATUS": ("fmi2DoStep gave 77",),
+    "STATUS": ("fmi2DoStep returned 77",),
     "MISSING": ("fmi2CancelStep is missing",),
 }
 

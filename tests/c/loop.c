@@ -1,4 +1,4 @@
-/* Couples FMI 2.0 co-simulation FMUs in sequential order, as tests/coupling.py does, on any platform.
+/* Couples FMI 2.0 co-simulation FMUs in sequential order, as the FMPy master does, on any platform.
  *
  * usage: loop FILE STEPS COMPONENT... with the times 0.001 s, 0.002 s, ...
  *

@@ -39,7 +39,7 @@ impl Csv {
         Ok(csv)
     }
 
-    /// Adds a row; a failure is told by [`Csv::finish`].
+    /// Adds a row; errors surface in [`Csv::finish`].
     pub fn push(&mut self, time: f64, row: &[f64]) {
         let written = self.write(time, row);
         self.keep(written);

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_file_is_told_with_its_line() {
+    fn what_is_wrong_with_a_file_is_reported_with_its_line() {
         for (bad, named) in [
             ("stop = \"x\"\nstep = 1\ncomponent = []", "stop"),
             ("stop = 1\nstep = 1\ncomponent = []\norders = 1", "orders"),

@@ -19,8 +19,8 @@ macro_rules! call {
         const NAME: &str = stringify!($name);
         let library = &*$instance.library;
         // SAFETY: the type is that of the standard, the instance is not freed, and every pointer is
-        // to as many elements as the function is told. The rest is up to the foreign binary, as the
-        // crate says.
+        // to as many elements as the length beside it says. The rest is up to the foreign binary, as
+        // the crate says.
         let status = unsafe {
             let function = library.function(library.functions().$name, NAME)?;
             function($instance.component $(, $value)*)

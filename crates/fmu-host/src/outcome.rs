@@ -88,6 +88,9 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing => f.write_str("is missing in the binary"),
+            Self::Returned(Status::Pending) => {
+                f.write_str("returned fmi2Pending, and asynchronous steps are not supported")
+            }
             Self::Returned(status) => write!(f, "returned {status}"),
             Self::Broke(how) => f.write_str(how),
             Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),

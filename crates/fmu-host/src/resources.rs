@@ -1,4 +1,4 @@
-//! The folder of resources, as an FMU is told of it.
+//! The folder of an FMU's resources, as `fmi2Instantiate` takes it.
 
 use std::path::Path;
 

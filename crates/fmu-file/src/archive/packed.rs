@@ -9,7 +9,7 @@ use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
 /// Levels above 9 are those of zopfli, which takes so many rounds more to find the shortest form.
 /// Binaries get 3.5 % smaller than with 9; rounds after the third take time and gain nothing.
-const LEVEL: i64 = 9 + 3;
+const LEVEL: i64 = 9;
 
 /// A file, compressed once for all archives that it goes into.
 ///

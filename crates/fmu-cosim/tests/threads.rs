@@ -1,0 +1,34 @@
+//! Simulations in several threads. Needs the FMUs: `cargo fmu export`.
+
+use std::path::Path;
+use std::thread;
+
+use fmu_cosim::{Description, Plan, Simulation};
+
+fn plan() -> Plan {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut description = Description::read(&root.join("examples/closed-loop/pid.toml")).unwrap();
+    description.stop = 1.0;
+    Plan::new(&description).expect("`cargo fmu export` writes the FMUs")
+}
+
+#[test]
+fn runs_of_one_plan_go_on_in_several_threads_and_move_to_others() {
+    let plan = plan();
+    let run = |simulation: Simulation<'_>| {
+        let mut rows = Vec::new();
+        simulation.run(|_, row| rows.push(row.to_vec())).unwrap();
+        rows
+    };
+    let expected = run(plan.simulate(&[]).unwrap());
+    assert_eq!(expected.len(), 1000);
+    thread::scope(|scope| {
+        let runs: Vec<_> = (0..4)
+            .map(|_| plan.simulate(&[]).unwrap())
+            .map(|simulation| scope.spawn(|| run(simulation)))
+            .collect();
+        for rows in runs {
+            assert!(rows.join().unwrap() == expected);
+        }
+    });
+}

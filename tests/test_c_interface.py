@@ -1,0 +1,305 @@
+"""The binaries of the FMUs, call by call: what the Rust tests show of the layer arrives in them.
+
+What depends on the model is seen for each: that its state is saved whole, that it says which
+variable diverges, and the derivatives of the pendulum.
+"""
+
+import math
+import multiprocessing
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from ctypes import c_double, c_int, c_uint
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+import pages
+import reference
+from pendulum_fmus.master import Component, MasterError, Reals
+
+MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
+
+H = 0.001
+
+HOSTILE = "%s%n%d%*d %%"
+"""Text that crashes who takes it for a format."""
+
+
+def snapshot(component: Component) -> bytes:
+    """Return the FMU state as bytes."""
+    slave = component.slave
+    state = slave.getFMUstate()
+    serialized = slave.serializeFMUstate(state)
+    slave.freeFMUstate(state)
+    return serialized
+
+
+def resume(component: Component, serialized: bytes) -> None:
+    """Go to the state that the bytes hold."""
+    slave = component.slave
+    state = slave.deSerializeFMUstate(serialized)
+    slave.setFMUstate(state)
+    slave.freeFMUstate(state)
+
+
+# --- the layer, in a binary ---------------------------------------------------------------------
+
+
+def test_calls_that_are_not_allowed_are_refused_with_a_message(fmus, capfd):
+    with Component(HOSTILE, fmus / "PidRbf.fmu") as component:
+        slave = component.slave
+        r, value, number = (c_uint * 1)(component.variable("r").valueReference), c_double(), c_int()
+        nan, unknown = c_double(math.nan), (c_uint * 1)(10**6)
+        for call, arguments, reason in [
+            ("fmi2DoStep", (0.0, H, 1), '"instantiated"; it is allowed in: step complete'),
+            ("fmi2ExitInitializationMode", (), '"instantiated"'),
+            ("fmi2GetReal", (r, 1, value), '"instantiated"'),
+            ("fmi2SetReal", (unknown, 1, value), "value reference 1000000 is unknown"),
+            ("fmi2SetReal", (r, 1, nan), "r = NaN is refused"),
+            ("fmi2SetReal", (None, 1, value), "NULL"),
+            ("fmi2SetReal", (r, 1, None), "NULL"),
+            ("fmi2SetInteger", (r, 1, number), "r is of type Real"),
+            ("fmi2SetDebugLogging", (1, 1, None), "NULL"),
+            ("fmi2SetFMUstate", (None,), "NULL"),
+            ("fmi2CancelStep", (), "canRunAsynchronuously"),
+        ]:
+            before = snapshot(component)
+            with pytest.raises(MasterError) as refusal, component.explained("call"):
+                getattr(slave, call)(slave.component, *arguments)
+            function, text = str(refusal.value).split(" returned status 3: ")
+            assert function.endswith(call)
+            assert text.startswith(call)
+            assert reason in text
+            assert snapshot(component) == before
+            assert getattr(slave.dll, call)(None, *arguments) == 3, "NULL for the instance"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_reset_equals_a_fresh_instance(instance):
+    component, fresh = instance("PidRbf", {"r": 1.0, "rbf.eta": 0.5}, 3.0), instance("PidRbf")
+    component.step(3.0, 10 * H)
+    component.slave.reset()
+    component.initialize(0.0)
+    assert snapshot(component) == snapshot(fresh)
+    component.step(0.0, H)
+
+
+def test_the_library_is_unloaded_after_use(fmus):
+    def is_mapped() -> bool:
+        return library in Path("/proc/self/maps").read_text()
+
+    for _ in range(3):
+        with Component("plant", fmus / "Pendulum.fmu") as component:
+            library = component.slave.dll._name
+            component.initialize(0.0)
+            component.step(0.0, H)
+            assert is_mapped()
+        assert not is_mapped()
+
+
+def test_a_panic_ends_its_instance_alone_and_writes_nothing(tmp_path, capfd):
+    fmu = pages.export_panicking(tmp_path)
+    capfd.readouterr()
+    with Component("bad", fmu, {"u": -1.0}) as bad, Component("good", fmu) as good:
+        bad.initialize(0.0)
+        good.initialize(0.0)
+        with pytest.raises(MasterError, match=r"status 4: .*panicked and is dead: u is -1\.0"):
+            bad.step(0.0, H)
+        with pytest.raises(MasterError, match="status 4"), bad.explained("reset"):
+            bad.slave.reset()
+        good.step(0.0, H)
+    assert capfd.readouterr() == ("", "")
+
+
+# --- what depends on the model ------------------------------------------------------------------
+
+# A controller's weights move, and every form of the plant has a state of its own.
+MOVING = [
+    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "transfer_function"}),
+    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "linear"}),
+    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "nonlinear"}),
+    ("Pid", {"previous_sample_terms": True, "ts": 0.0025}),
+    ("PidRbf", {"rbf.eta": 0.7, "rbf.w0[2]": 1.5}),
+    ("IpidRbf", {"rbf.target": "supervisor", "rbf.alpha": 0.5}),
+    ("Source", {"signal": "sine", "disturbance.amplitude": 1.0, "disturbance.start": 0.02}),
+]
+
+
+def drive(component: Component, first: int) -> list[list[str]]:
+    """Take 20 steps with inputs that change; returns all Reals after each, bit for bit."""
+    variables = component.variables.values()
+    inputs = Reals(component, [v.name for v in variables if v.causality == "input"])
+    everything = Reals(component, [v.name for v in variables if v.type == "Real"])
+    trace = []
+    for k in range(first, first + 20):
+        inputs.values[:] = [0.1 * (k % 7 - j) for j in range(inputs.count)]
+        inputs.set()
+        component.step(k * H, H)
+        everything.get()
+        trace.append([value.hex() for value in everything.values])
+    return trace
+
+
+def drive_on(path: Path, serialized: bytes) -> list[list[str]]:
+    """Go on from a state in a new instance."""
+    with Component("later", path) as component:
+        resume(component, serialized)
+        return drive(component, 20)
+
+
+@pytest.mark.parametrize(("model", "start"), MOVING)
+def test_a_state_goes_on_bit_for_bit_in_another_process(fmus, instance, model, start):
+    component = instance(model, start)
+    before = drive(component, 0)
+    serialized = snapshot(component)
+    expected = drive(component, 20)
+    assert expected[-1] != before[-1], "it moves"
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(drive_on, fmus / f"{model}.fmu", serialized).result() == expected
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_starts_and_bounds_are_those_of_the_model_description(fmus, model):
+    with Component("fresh", fmus / f"{model}.fmu") as component:
+        before = snapshot(component)
+        settable = [v for v in component.variables.values() if v.start is not None]
+        for variable in settable:
+            component.set(variable.name, variable.start)
+        assert snapshot(component) == before
+        for variable in (v for v in settable if v.type == "Real"):
+            for bound, beyond in ((variable.min, -math.inf), (variable.max, math.inf)):
+                if bound is not None:
+                    component.set(variable.name, bound)
+                    with pytest.raises(MasterError, match=r"status 3.* is refused"):
+                        component.set(variable.name, math.nextafter(float(bound), beyond))
+
+
+DIVERGES = [
+    ("Pendulum", {"theta0": 0.1}, {}, 1000.0, "(theta|omega|x|v) became (NaN|-?inf)"),
+    ("Pendulum", {"model": "nonlinear"}, {"u": 1e200}, H, "u = 1e200 N"),
+    ("Pid", {}, {"r": 1.7e308}, H, "(e|u_p|u) became inf"),
+    ("PidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u_n) became (NaN|-?inf)"),
+    ("IpidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u_n) became (NaN|-?inf)"),
+    ("Source", {"signal": "sine", "frequency": 1e6}, {}, 1e303, "r became NaN"),
+]
+"""Parameters, inputs, a step [s] whose result no number holds, and what is said about it."""
+
+
+@pytest.mark.parametrize(("model", "parameters", "inputs", "step", "reason"), DIVERGES)
+def test_a_model_that_diverges_says_so_and_a_reset_mends_it(
+    instance, model, parameters, inputs, step, reason
+):
+    component = instance(model, parameters)
+    component.step(0.0, H)
+    for name, value in inputs.items():
+        component.set(name, value)
+    with pytest.raises(MasterError, match=rf"status 3: .*from t = 0.001 s .*{reason}"):
+        component.step(H, step)
+    component.slave.reset()
+    component.initialize(0.0)
+    component.step(0.0, H)
+
+
+@pytest.mark.parametrize("model", ["Pendulum", "Pid", "PidRbf", "IpidRbf"])
+def test_a_step_of_too_many_samples_is_discarded_and_changes_nothing(instance, model):
+    form = {"model": "transfer_function"} if model == "Pendulum" else {}
+    component = instance(model, {"ts": 1e-6, **form})
+    component.step(0.0, H)
+    before = snapshot(component)
+    with pytest.raises(MasterError, match=r"status 2: .*sample"):
+        component.step(H, 1000.0)
+    resume(component, before)
+    component.step(H, H)
+
+
+# --- derivatives of the pendulum ----------------------------------------------------------------
+
+STATE = ("x", "v", "theta", "omega")
+"""The outputs in the order of the reference's state."""
+
+INITIAL = (0.3, -0.2, 0.1, 0.5)
+
+
+def pendulum(instance, form: str) -> Component:
+    """Return a pendulum that is ready for its first step."""
+    start = dict(zip(("x0", "v0", "theta0", "omega0"), INITIAL, strict=True))
+    return instance("Pendulum", {"model": form, **start})
+
+
+def state(plant: Component) -> np.ndarray:
+    """Return (x, v, theta, omega) in SI units."""
+    return np.array([plant.get(name) for name in STATE])
+
+
+@pytest.mark.parametrize("form", ["transfer_function", "linear", "nonlinear"])
+def test_the_directional_derivative_is_the_difference_quotient_of_the_step(instance, form):
+    plant, delta, ends = pendulum(instance, form), 0.01, []
+    plant.step(0.0, 0.1)
+    start = snapshot(plant)
+    for force in (3.0 + delta, 3.0 - delta, 3.0):
+        resume(plant, start)
+        plant.set("u", force)
+        plant.step(0.1, 0.1)
+        ends.append(state(plant))
+    unknowns = [plant.variable(name).valueReference for name in STATE]
+    known = [plant.variable("u").valueReference]
+    derivative = plant.slave.getDirectionalDerivative(unknowns, known, [1.0])
+    expected = (ends[0] - ends[1]) / (2 * delta)
+    np.testing.assert_allclose(derivative, expected, rtol=2e-6, atol=1e-9 * np.max(abs(expected)))
+    assert np.any(expected)
+
+
+def ramp(plant: Component, slope: float) -> None:
+    """Set the derivative of u [N/s]."""
+    plant.slave.setRealInputDerivatives([plant.variable("u").valueReference], [1], [slope])
+
+
+def linear_response(initial: np.ndarray, u: float, slope: float, step: float) -> np.ndarray:
+    """Return the state after `step` [s] of u + slope t: the matrix exponential of (y, u, u')."""
+    A, B = reference.linear_model()
+    augmented = np.zeros((6, 6))
+    augmented[:4, :4], augmented[:4, 4], augmented[4, 5] = A, B, 1
+    return (expm(augmented * step) @ [*initial, u, slope])[:4]
+
+
+def nonlinear_response(initial: np.ndarray, u: float, slope: float, step: float) -> np.ndarray:
+    """Return the state after `step` [s] of u + slope t on the nonlinear model."""
+    solution = solve_ivp(
+        lambda t, y: reference.derivatives(y, u + slope * t), (0, step), initial,
+        method="DOP853", rtol=1e-12, atol=1e-14,
+    )  # fmt: skip
+    return solution.y[:, -1]
+
+
+@pytest.mark.parametrize(
+    ("form", "respond"), [("linear", linear_response), ("nonlinear", nonlinear_response)]
+)
+def test_a_chain_of_ramps_follows_a_polygon_and_ends_in_a_constant_force(
+    instance, form: str, respond: Callable
+):
+    plant, expected = pendulum(instance, form), np.array(INITIAL)
+    forces, step = [0.0, 3.0, -2.0, 8.0, 8.0], 0.1
+    for k, (u, after) in enumerate(pairwise(forces)):
+        plant.set("u", u)
+        if u != after:
+            ramp(plant, (after - u) / step)
+        plant.step(k * step, step)
+        expected = respond(expected, u, (after - u) / step, step)
+        np.testing.assert_allclose(state(plant), expected, rtol=1e-7, atol=1e-10)
+
+
+def test_the_transfer_function_samples_the_ramp(instance):
+    """(41) holds the force over a sample, so it takes u + u' t at the sample instants."""
+    plant = instance("Pendulum", {"model": "transfer_function"})
+    plant.set("u", 2.0)
+    samples, slope = 50, 40.0
+    ramp(plant, slope)
+    plant.step(0.0, samples * reference.TS)
+    forces = 2.0 + slope * reference.TS * np.arange(samples)
+    expected = lfilter(*reference.difference_equation(), [*forces, 0.0])[-1]
+    assert plant.get("theta") == pytest.approx(expected, rel=1e-6)
