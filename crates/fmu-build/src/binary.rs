@@ -71,12 +71,12 @@ impl Binary {
     /// # Errors
     /// It does not.
     pub fn check_guid(&self, model: &Model<'_>) -> Result<()> {
-        let guid = model.description.guid.as_bytes();
+        let guid = model.guid.as_bytes();
         ensure!(
             self.bytes.windows(guid.len()).any(|window| window == guid),
             "it does not hold the model {} with the interface {}; was it built from another version?",
-            model.name(),
-            model.description.guid
+            model.name,
+            model.guid
         );
         Ok(())
     }

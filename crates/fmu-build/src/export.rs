@@ -175,14 +175,14 @@ fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
 /// The models of the given names, or all.
 fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b Model<'a>>> {
     for name in names {
-        if !models.iter().any(|model| model.name() == name) {
-            let known: Vec<_> = models.iter().map(Model::name).collect();
+        if !models.iter().any(|model| model.name == *name) {
+            let known: Vec<_> = models.iter().map(|model| model.name.as_str()).collect();
             bail!("model {name:?} is unknown; there are {}", known.join(", "));
         }
     }
     Ok(models
         .iter()
-        .filter(|model| names.is_empty() || names.iter().any(|name| name == model.name()))
+        .filter(|model| names.is_empty() || names.iter().any(|name| *name == model.name))
         .collect())
 }
 
@@ -205,7 +205,7 @@ fn write<'a>(
     documents: &[documentation::File],
     out: &Path,
 ) -> Result<Written> {
-    let name = model.name();
+    let name = model.name.as_str();
     let xml = Packed::text(model.xml.as_bytes())?;
     let documents = documents
         .iter()

@@ -40,7 +40,7 @@ impl Model for Probe {
     const DESCRIPTION: &'static str = "Every kind of variable, and failures on demand";
     const VARIABLES: &'static [Variable<Self>] = &[
         Variable::input("u", |m: &mut Self| &mut m.u)
-            .slope(|m| &mut m.u_rate)
+            .input_derivative(|m| &mut m.u_rate)
             .about("is integrated"),
         Variable::input("v", |m: &mut Self| &mut m.v)
             .at_least(-10.0)
@@ -63,7 +63,7 @@ impl Model for Probe {
             .about("whether y is limited"),
         Variable::choice("law", &LAWS, 1, |m: &mut Self| &mut m.law).about("item"),
         Variable::output("y", |m: &mut Self| &mut m.y)
-            .sensitive_to(&[("u", |m| m.y_by_u)])
+            .directional_derivatives(&[("u", |m| m.y_by_u)])
             .about("integral of u"),
         Variable::output_array("parts", 2, |m: &mut Self| &mut m.parts).about("weighted y"),
     ];
