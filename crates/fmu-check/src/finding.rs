@@ -7,7 +7,7 @@ use fmu_file::text::plain;
 /// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// An importer may stumble over it.
+    /// Some importers may reject it.
     Warning,
     /// It breaks the standard.
     Error,
@@ -19,18 +19,23 @@ pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
     /// Where in the FMU it is.
-    pub place: String,
+    pub location: String,
     /// What is there, and what was expected.
     pub text: String,
 }
 
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Warning => "warning",
+            Self::Error => "error",
+        })
+    }
+}
+
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let severity = match self.severity {
-            Severity::Warning => "warning",
-            Severity::Error => "error",
-        };
-        write!(f, "{severity}: {}: {}", self.place, self.text)
+        write!(f, "{}: {}: {}", self.severity, self.location, self.text)
     }
 }
 
@@ -44,24 +49,24 @@ pub struct Findings {
 
 impl Findings {
     /// No more than this are shown: a broken tool breaks each of a thousand variables.
-    const MOST: usize = 200;
-    /// No place and no text is longer than this.
-    const LONGEST: usize = 1000;
+    const MAX_KEPT: usize = 200;
+    /// No location and no text is longer than this.
+    const MAX_LENGTH: usize = 1000;
 
     /// Adds an error.
-    pub fn error(&mut self, place: impl Into<String>, text: impl Into<String>) {
+    pub fn error(&mut self, location: impl Into<String>, text: impl Into<String>) {
         self.add(Finding {
             severity: Severity::Error,
-            place: place.into(),
+            location: location.into(),
             text: text.into(),
         });
     }
 
     /// Adds a warning.
-    pub fn warning(&mut self, place: impl Into<String>, text: impl Into<String>) {
+    pub fn warning(&mut self, location: impl Into<String>, text: impl Into<String>) {
         self.add(Finding {
             severity: Severity::Warning,
-            place: place.into(),
+            location: location.into(),
             text: text.into(),
         });
     }
@@ -72,12 +77,12 @@ impl Findings {
             Severity::Warning => self.warnings += 1,
             Severity::Error => self.errors += 1,
         }
-        if self.kept.len() < Self::MOST {
+        if self.kept.len() < Self::MAX_KEPT {
             // Both may quote the FMU.
             self.kept.push(Finding {
                 severity: finding.severity,
-                place: plain(&finding.place, Self::LONGEST),
-                text: plain(&finding.text, Self::LONGEST),
+                location: plain(&finding.location, Self::MAX_LENGTH),
+                text: plain(&finding.text, Self::MAX_LENGTH),
             });
         }
     }

@@ -1,4 +1,4 @@
-//! FMU files of any maker: writes archives, and reads them with care, for nobody vouches for what a
+//! FMU files from any vendor: writes archives, and reads them with care, for nobody vouches for what a
 //! file from elsewhere holds.
 //!
 //! | module | holds |

@@ -13,7 +13,7 @@ use super::xml::Element;
 /// One name for all sets of start values: tools choose by the name, for all components at once.
 const PARAMETER_SET: &str = "initialValues";
 
-/// All at the root, where every tool bears them.
+/// All at the root, where every tool accepts them.
 const NAMESPACES: [(&str, &str); 4] = [
     (
         "xmlns:ssc",
