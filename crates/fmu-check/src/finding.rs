@@ -10,7 +10,7 @@ use fmu_file::text::{plain, quote};
 /// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// An importer may stumble over it.
+    /// Some importers may reject it.
     Warning,
     /// It breaks the standard.
     Error,
@@ -63,13 +63,18 @@ pub struct Finding {
     pub text: String,
 }
 
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Warning => "warning",
+            Self::Error => "error",
+        })
+    }
+}
+
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let severity = match self.severity {
-            Severity::Warning => "warning",
-            Severity::Error => "error",
-        };
-        write!(f, "{severity}: {}: {}", self.location, self.text)
+        write!(f, "{}: {}: {}", self.severity, self.location, self.text)
     }
 }
 
