@@ -59,9 +59,16 @@ impl Slave {
 
     /// A new instance of a model of the binary.
     pub fn of(model: usize) -> Self {
-        let guid = guid(model);
+        Self::named(c"slave", model, false)
+    }
+
+    /// A new instance with a name of its own; `debug`: it logs events, too.
+    pub fn named(name: &CStr, model: usize, debug: bool) -> Self {
+        let (name, guid) = (Some(name), guid(model));
         Self::with(&Arguments {
+            name,
             guid: Some(&guid),
+            debug,
             ..Arguments::default()
         })
     }

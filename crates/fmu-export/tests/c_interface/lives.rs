@@ -6,7 +6,7 @@ use std::sync::Barrier;
 use allocation_counter::measure;
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 
-use crate::host::{Arguments, Slave, guid};
+use crate::host::Slave;
 use crate::models::*;
 
 /// A simulation from start to end, by FMU states, too.
@@ -66,12 +66,8 @@ fn instances_do_not_know_of_each_other() {
 
 #[test]
 fn the_name_of_an_instance_may_be_gone_after_its_making() {
-    let (name, guid) = (CString::new("fleeting").unwrap(), guid(0));
-    let mut slave = Slave::with(&Arguments {
-        name: Some(&name),
-        guid: Some(&guid),
-        ..Arguments::default()
-    });
+    let name = CString::new("fleeting").unwrap();
+    let mut slave = Slave::named(&name, 0, false);
     name.into_bytes().fill(b'x');
     assert_eq!(slave.step(0.0, 0.1), fmi2Error);
     assert_eq!(&*slave.messages()[0].instance, c"fleeting");

@@ -5,7 +5,7 @@ use std::ffi::CStr;
 
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 
-use crate::host::{Arguments, Slave, guid};
+use crate::host::{Arguments, Slave};
 use crate::models::{PANIC, TROUBLE};
 
 /// Text that crashes who takes it for a format.
@@ -19,13 +19,7 @@ const EVENTS: &CStr = c"logEvents";
 const ALL: &CStr = c"logAll";
 
 fn named(name: &CStr, debug: bool) -> Slave {
-    let guid = guid(0);
-    Slave::with(&Arguments {
-        name: Some(name),
-        guid: Some(&guid),
-        debug,
-        ..Arguments::default()
-    })
+    Slave::named(name, 0, debug)
 }
 
 /// Causes an event, a warning, an error, a discarded step and a panic; returns the categories that

@@ -44,79 +44,50 @@ type Call = fn(&mut Slave) -> fmi2Status;
 
 /// The calls, and whether they are allowed (x) or not (.) in each state but the last, which allows
 /// none.
+#[rustfmt::skip]
 const TABLE: &[(&str, &str, Call)] = &[
-    ("fmi2SetDebugLogging", "xxxxxx", |s| {
-        s.switch_log(true, &[c"logAll"])
-    }),
+    ("fmi2SetDebugLogging", "xxxxxx", |s| s.switch_log(true, &[c"logAll"])),
     ("fmi2SetupExperiment", "x.....", |s| s.setup(0.0, None)),
-    (
-        "fmi2EnterInitializationMode",
-        "x.....",
-        Slave::enter_initialization_mode,
-    ),
-    (
-        "fmi2ExitInitializationMode",
-        ".x....",
-        Slave::exit_initialization_mode,
-    ),
+    ("fmi2EnterInitializationMode", "x.....", Slave::enter_initialization_mode),
+    ("fmi2ExitInitializationMode", ".x....", Slave::exit_initialization_mode),
     ("fmi2Terminate", "..xx..", Slave::terminate),
     ("fmi2Reset", "xxxxxx", Slave::reset),
     ("fmi2GetReal", ".xxxxx", |s| s.get_reals(&[Y], &mut [0.0])),
-    ("fmi2GetInteger", ".xxxxx", |s| {
-        s.get_integers(&[ORDER], &mut [0])
-    }),
-    ("fmi2GetBoolean", ".xxxxx", |s| {
-        s.get_booleans(&[LIMITED], &mut [0])
-    }),
+    ("fmi2GetInteger", ".xxxxx", |s| s.get_integers(&[ORDER], &mut [0])),
+    ("fmi2GetBoolean", ".xxxxx", |s| s.get_booleans(&[LIMITED], &mut [0])),
     // SAFETY: no strings are asked for, so the arrays may be NULL.
-    ("fmi2GetString", ".xxxxx", |s| unsafe {
-        fmi2GetString(s.c, NONE, 0, null_mut())
-    }),
+    ("fmi2GetString", ".xxxxx", |s| unsafe { fmi2GetString(s.c, NONE, 0, null_mut()) }),
     ("fmi2SetReal", "xxx...", |s| s.set(U, 1.0)),
     ("fmi2SetInteger", "xxx...", |s| s.set_integers(&[], &[])),
     ("fmi2SetBoolean", "xxx...", |s| s.set_booleans(&[], &[])),
     // SAFETY: no strings are set, so the arrays may be NULL.
-    ("fmi2SetString", "xxx...", |s| unsafe {
-        fmi2SetString(s.c, NONE, 0, null_mut())
-    }),
-    ("fmi2GetFMUstate", "xxxxxx", |s| {
-        let mut state = null_mut();
-        let status = s.get_state(&mut state);
-        s.free_state(&mut state);
-        status
-    }),
-    ("fmi2SetFMUstate", "xxxxxx", |s| {
-        with_state(s, Slave::set_state)
-    }),
-    ("fmi2FreeFMUstate", "xxxxxx", |s| {
-        s.free_state(&mut null_mut())
-    }),
-    ("fmi2SerializedFMUstateSize", "xxxxxx", |s| {
-        with_state(s, |s, state| s.serialized_size(state, &mut 0))
-    }),
-    ("fmi2SerializeFMUstate", "xxxxxx", |s| {
-        with_state(s, |s, state| s.serialize_into(state, &mut [0; 1000]))
-    }),
-    ("fmi2DeSerializeFMUstate", "xxxxxx", |s| {
-        let (bytes, mut state) = (Slave::new().snapshot(), null_mut());
-        let status = s.deserialize(&bytes, &mut state);
-        Slave::new().free_state(&mut state);
-        status
-    }),
-    ("fmi2GetDirectionalDerivative", ".xxxxx", |s| {
-        s.directional_derivative(&[Y], &[U], &[1.0], &mut [0.0])
-    }),
-    ("fmi2SetRealInputDerivatives", "xxx...", |s| {
-        s.set_input_derivatives(&[U], &[1], &[1.0])
-    }),
+    ("fmi2SetString", "xxx...", |s| unsafe { fmi2SetString(s.c, NONE, 0, null_mut()) }),
+    ("fmi2GetFMUstate", "xxxxxx", save_and_free),
+    ("fmi2SetFMUstate", "xxxxxx", |s| with_state(s, Slave::set_state)),
+    ("fmi2FreeFMUstate", "xxxxxx", |s| s.free_state(&mut null_mut())),
+    ("fmi2SerializedFMUstateSize", "xxxxxx", |s| with_state(s, |s, st| s.serialized_size(st, &mut 0))),
+    ("fmi2SerializeFMUstate", "xxxxxx", |s| with_state(s, |s, st| s.serialize_into(st, &mut [0; 999]))),
+    ("fmi2DeSerializeFMUstate", "xxxxxx", deserialize_and_free),
+    ("fmi2GetDirectionalDerivative", ".xxxxx", |s| s.directional_derivative(&[Y], &[U], &[1.0], &mut [0.0])),
+    ("fmi2SetRealInputDerivatives", "xxx...", |s| s.set_input_derivatives(&[U], &[1], &[1.0])),
     ("fmi2DoStep", "..x...", |s| s.step(0.5, 0.5)),
-    ("fmi2GetRealStatus", "..xxx.", |s| {
-        s.real_status(fmi2LastSuccessfulTime, &mut 0.0)
-    }),
-    ("fmi2GetBooleanStatus", "..xxx.", |s| {
-        s.boolean_status(fmi2Terminated, &mut 0)
-    }),
+    ("fmi2GetRealStatus", "..xxx.", |s| s.real_status(fmi2LastSuccessfulTime, &mut 0.0)),
+    ("fmi2GetBooleanStatus", "..xxx.", |s| s.boolean_status(fmi2Terminated, &mut 0)),
 ];
+
+fn save_and_free(slave: &mut Slave) -> fmi2Status {
+    let mut state = null_mut();
+    let status = slave.get_state(&mut state);
+    slave.free_state(&mut state);
+    status
+}
+
+fn deserialize_and_free(slave: &mut Slave) -> fmi2Status {
+    let (bytes, mut state) = (Slave::new().snapshot(), null_mut());
+    let status = slave.deserialize(&bytes, &mut state);
+    Slave::new().free_state(&mut state);
+    status
+}
 
 /// The calls that the model description says are not there: allowed nowhere.
 const UNSUPPORTED: &[(&str, Call)] = {
