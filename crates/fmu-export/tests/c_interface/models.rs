@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 fmu_export::export!(Probe, Wide);
 
-/// A variable of every kind, and a step that fails as the input `trouble` asks.
+/// A model with every kind of variable, whose step fails as the input `trouble` demands.
 #[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     pub u: f64,
@@ -144,7 +144,7 @@ pub const Y: u32 = 11;
 /// The number of its scalar variables.
 pub const COUNT: u32 = 14;
 
-/// The scalar variables of [`Probe`], written a second time and without its table.
+/// The scalar variables of [`Probe`], written down independently of its table.
 pub const FACTS: [Fact; COUNT as usize] = {
     use {Kind::*, Role::*};
     const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -254,7 +254,7 @@ impl Probe {
     }
 }
 
-/// More variables than the quick way has code of its own for, and bugs in the access to them.
+/// More variables than the fast path has special code for, and bugs in the access to them.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Wide {
     inputs: [f64; 6],

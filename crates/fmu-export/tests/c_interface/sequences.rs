@@ -1,5 +1,4 @@
-//! Random calls, good and bad, are answered as a second, simpler slave says, which is written here
-//! from the standard.
+//! Random calls, valid and invalid, against a second, simpler slave written from the standard.
 
 use std::ptr::null_mut;
 
@@ -27,7 +26,7 @@ use State::*;
 const READABLE: [State; 5] = [Initialization, Complete, Failed, Terminated, Error];
 const WRITABLE: [State; 3] = [Instantiated, Initialization, Complete];
 
-/// What an instance should be.
+/// The expected state of an instance.
 #[derive(Debug, Clone)]
 struct Expected {
     state: State,
@@ -52,7 +51,7 @@ impl Expected {
         self.time.unwrap_or(self.start)
     }
 
-    /// The answer to a call that is allowed in some states, if all else about it is right.
+    /// The answer to a call that is allowed in some states, if its arguments are right.
     fn answer(&self, states: &[State], right: bool) -> fmi2Status {
         match self.state {
             Fatal => fmi2Fatal,
@@ -159,7 +158,7 @@ enum Call {
     Exit,
     Terminate,
     Reset,
-    /// From where the last step ended plus the first, by the second.
+    /// The gap to the end of the last step, and the size of the step.
     Step(f64, f64),
     Set(Kind, Vec<(u32, f64)>),
     Get(Kind, Vec<u32>),
@@ -236,7 +235,7 @@ fn call() -> impl Strategy<Value = Call> {
     ]
 }
 
-/// An FMU state in the host's hands, and what it should hold.
+/// An FMU state, what it should hold, and its bytes.
 type Saved = (fmi2FMUstate, Expected, Vec<u8>);
 
 /// Makes a call, and checks the answer.
@@ -393,7 +392,7 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
     }
 }
 
-/// Makes calls one after the other, and tells the states that they were made in.
+/// Makes the calls in turn; returns the states they were made in.
 fn run(calls: &[Call]) -> Vec<State> {
     let (mut slave, mut expected, mut saved) = (Slave::new(), Expected::new(), Vec::new());
     let mut states = Vec::new();
@@ -419,12 +418,12 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn random_calls_are_answered_as_the_standard_says(calls in calls()) {
+    fn random_calls_are_answered_as_the_standard_requires(calls in calls()) {
         run(&calls);
     }
 }
 
-/// Else the test above would test little.
+/// Otherwise the test above would prove little.
 #[test]
 fn the_calls_reach_every_state() {
     use proptest::strategy::ValueTree;

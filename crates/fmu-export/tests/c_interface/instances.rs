@@ -1,4 +1,4 @@
-//! Instances beside and after each other.
+//! Several instances, at the same time and one after another.
 
 use std::ffi::CString;
 use std::sync::Barrier;
@@ -47,7 +47,7 @@ fn instances_in_threads_give_what_they_give_alone() {
 }
 
 #[test]
-fn instances_do_not_know_of_each_other() {
+fn instances_are_independent() {
     let mut slaves: Vec<_> = (0..50).map(|_| Slave::new()).collect();
     for (k, slave) in (0..).zip(&mut slaves) {
         assert_eq!(slave.set(GAIN, f64::from(k)), fmi2OK);
@@ -65,7 +65,7 @@ fn instances_do_not_know_of_each_other() {
 }
 
 #[test]
-fn the_name_of_an_instance_may_be_gone_after_its_making() {
+fn the_name_of_an_instance_is_copied() {
     let name = CString::new("fleeting").unwrap();
     let mut slave = Slave::named(&name, 0, false);
     name.into_bytes().fill(b'x');
@@ -74,7 +74,7 @@ fn the_name_of_an_instance_may_be_gone_after_its_making() {
 }
 
 #[test]
-fn a_life_leaves_nothing_behind() {
+fn a_freed_instance_leaves_no_memory_behind() {
     let life = || {
         let mut slave = Slave::new();
         let now = slave.start(0.0, None).snapshot();
