@@ -182,7 +182,7 @@ fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b M
     }
     Ok(models
         .iter()
-        .filter(|model| names.is_empty() || names.iter().any(|name| *name == model.name))
+        .filter(|model| names.is_empty() || names.contains(&model.name))
         .collect())
 }
 

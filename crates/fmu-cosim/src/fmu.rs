@@ -37,7 +37,7 @@ pub struct Fmu {
     pub(crate) only_once: bool,
 }
 
-/// A variable of an FMU.
+/// What a coupling needs of a [`ScalarVariable`], owned: the document is dropped once it is read.
 #[derive(Debug, Clone)]
 pub struct Variable {
     /// Its name.
