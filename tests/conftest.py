@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -61,10 +62,10 @@ def table_results(fmus: Path) -> dict[Loop, Columns]:
 
 
 @pytest.fixture(scope="session")
-def report_folder(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report_folder(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a report that was made for the tests."""
     folder = tmp_path_factory.mktemp("report")
-    command = ["make", "--silent", "report", f"REPORT={folder}"]
+    command = [sys.executable, "-m", "pendulum_fmus.report", "--out", str(folder)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""

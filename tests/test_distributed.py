@@ -395,6 +395,6 @@ def test_help_lists_every_option_and_gives_examples():
         text=True,
         check=True,
     )
-    for option in ("--out", "--scheduler", "--workers", "--chunk", "--program", "examples:",
+    for option in ("--out", "--scheduler", "--workers", "--chunk", "--program",
                    "dask scheduler", "dask worker", "same platform"):  # fmt: skip
         assert option in result.stdout

@@ -1,4 +1,4 @@
-//! Fuzzing of `info` and `validate` on damaged FMUs, for FUZZ_SECONDS (60): see `README.md`.
+//! Fuzzing of `info` and `validate` on damaged FMUs, for FUZZ_SECONDS (60): see `docs/fuzzing.md`.
 //!
 //! Inputs are mutated from a corpus. One that makes `validate` say something new is kept and mutated
 //! further, which leads deep into the checks without a compiler's help.

@@ -1,28 +1,20 @@
 """Run a sweep on many processes or machines, by Dask.
 
-    python -m pendulum_fmus.sweep SWEEP.toml --out rows.csv
+The rows are those of `cargo fmu sweep`, byte for byte. With a process for each core of this machine:
 
-gives the same rows as `cargo fmu sweep SWEEP.toml --out rows.csv`, byte for byte. Without a
-scheduler it starts worker processes on this machine. On several machines, start on one
+    python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
+
+On several machines of the same platform, start on one of them, and then on each that is to work,
 
     dask scheduler --host HOST
-
-on each that is to work, with as many processes as it has cores,
-
     dask worker tcp://HOST:8786 --nworkers auto --nthreads 1
 
-and then, where this project is,
+and add `--scheduler tcp://HOST:8786` to the command. The workers need `dask.distributed` in the
+same version, and nothing of this project: each gets the native program, the sweep, the system and
+the FMUs, in a folder that goes away with it.
 
-    python -m pendulum_fmus.sweep SWEEP.toml --out rows.csv --scheduler tcp://HOST:8786
-
-The machines of the workers need Python with `dask.distributed`, of the same versions, and nothing
-of this project: each worker gets the native program, the sweep, the system and the FMUs, and keeps
-them in a folder that goes away with it. The program is that of this machine, so all must be of the
-same platform.
-
-Rows are kept in the same journal as those of `cargo fmu sweep`, beside the table with `.part`
-behind its name. Whatever is killed, the coordinator or a worker, the same command goes on where it
-was; so does `cargo fmu sweep`, and the other way round.
+A sweep that was killed goes on where it was when the same command is given again, or `cargo fmu
+sweep`, which keeps the same journal: the table's name with `.part` behind it.
 
 Dask runs what it is sent: whoever reaches the scheduler can run any program on its workers, and a
 worker can send anything to the coordinator. Use it in a network that you trust, or with Dask's TLS.
@@ -374,21 +366,6 @@ def sweep(options: argparse.Namespace) -> None:
     print(call(program, options.sweep, "--out", out).splitlines()[-1])
 
 
-EXAMPLES = """\
-examples:
-  python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
-      on worker processes of this machine, one for each core
-  python -m pendulum_fmus.sweep examples/sweep/robustness.toml --out target/robustness.parquet \\
-          --scheduler tcp://192.0.2.1:8786
-      on the workers of a scheduler, started on machines of the same platform by
-          dask scheduler --host 192.0.2.1
-          dask worker tcp://192.0.2.1:8786 --nworkers auto --nthreads 1
-
-A sweep that was killed goes on where it was when it is started again. Dask runs what it is sent:
-use a scheduler in a network that you trust.
-"""
-
-
 def positive(text: str) -> int:
     """Read a whole number of at least 1."""
     number = int(text)
@@ -400,8 +377,8 @@ def positive(text: str) -> int:
 def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(
-        description="Run a sweep on many processes or machines, by Dask.",
-        epilog=EXAMPLES,
+        prog="python -m pendulum_fmus.sweep",
+        description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument

@@ -151,7 +151,7 @@ fn only_first_finite_derivatives_of_inputs_that_have_them_are_taken() {
         (U, -1, 1.0, "of order -1"),
         (U, 1, f64::NAN, "the derivative of u = NaN is refused"),
         (U, 1, f64::NEG_INFINITY, "u = -inf"),
-        (V, 1, 1.0, "the host cannot give a time derivative of v"),
+        (V, 1, 1.0, "the host cannot set the input derivative of v"),
         (Y, 1, 1.0, "derivative of y"),
         (LAW, 1, 1.0, "derivative of law"),
         (COUNT, 1, 1.0, "value reference 14 is unknown"),

@@ -42,7 +42,7 @@ impl Model for Probe {
     const DESCRIPTION: &'static str = "Every kind of variable, and failures on demand";
     const VARIABLES: &'static [Row] = &[
         Row::input("u", |m| &mut m.u)
-            .slope(|m| &mut m.u_rate)
+            .input_derivative(|m| &mut m.u_rate)
             .about("is integrated"),
         Row::input("v", |m| &mut m.v)
             .at_least(-10.0)
@@ -63,7 +63,7 @@ impl Model for Probe {
         Row::flag("limited", true, |m| &mut m.limited).about("whether y is limited"),
         Row::choice("law", &LAWS, 1, |m| &mut m.law).about("item"),
         Row::output("y", |m| &mut m.y)
-            .sensitive_to(&[("u", |m| m.y_by_u)])
+            .directional_derivatives(&[("u", |m| m.y_by_u)])
             .about("integral of u"),
         Row::output_array("parts", 2, |m| &mut m.parts).about("weighted y"),
     ];
