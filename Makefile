@@ -15,12 +15,13 @@ UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pi
 # The linkers of other platforms, and the Python that has zig.
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 RUST_SOURCES := lib/rustlib/src/rust/library
+MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 GROUPS := test importers lint portable bench judge setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo plot check test lint report bench fmus native ssp judge portable cross merged system \
+.PHONY: help demo plot check test lint msrv report bench fmus native ssp judge portable cross merged system \
 	valgrind elsewhere fuzz lock clean
 .DEFAULT_GOAL := demo
 
@@ -55,6 +56,11 @@ lint: $(VENV)/.test
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
 	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
+
+## msrv: check that the oldest supported Rust builds everything; rustup installs it
+msrv:
+	rustup toolchain install $(MSRV) --profile minimal
+	cargo +$(MSRV) check --locked --all-targets
 
 ## report: every figure of the paper and what goes beyond it, as a page in REPORT=target/report
 report: fmus native $(VENV)/.test
