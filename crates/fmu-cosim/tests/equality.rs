@@ -1,7 +1,8 @@
 //! The native master gives the bits of the mathematics called in process, at every sample of the 18
-//! loops of Table 1. (`tests/test_native.py` holds it to FMPy.) Needs the FMUs: `cargo fmu export`.
+//! loops of Table 1. (`tests/test_native.py` holds it to FMPy.)
 
-use std::path::Path;
+#[path = "../../../tests/fmus.rs"]
+mod fmus;
 
 use control::Target;
 use control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
@@ -18,11 +19,10 @@ fn rows() -> impl Iterator<Item = (SetPoint, f64)> {
 }
 
 fn plan(example: &str) -> Plan {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let mut description =
-        Description::read(&root.join("examples/closed-loop").join(example)).unwrap();
+    let file = fmus::root().join("examples/closed-loop").join(example);
+    let mut description = Description::read(&file).unwrap();
     description.outputs = vec!["controller.e".into(), "controller.u".into()];
-    Plan::new(&description).expect("`cargo fmu export` writes the FMUs")
+    Plan::new(&description).unwrap()
 }
 
 /// Errors and forces of a loop in process.
@@ -124,8 +124,7 @@ fn supervised_ipid_rbf_loops() {
 #[test]
 fn parallel_order_delays_by_one_sample() {
     let plan_of = |order| {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let file = root.join("examples/closed-loop/pid.toml");
+        let file = fmus::root().join("examples/closed-loop/pid.toml");
         let mut description = Description::read(&file).unwrap();
         description.outputs = vec!["plant.theta".into()];
         description.order = order;

@@ -1,15 +1,17 @@
-//! Simulations in several threads. Needs the FMUs: `cargo fmu export`.
+//! Simulations in several threads.
 
-use std::path::Path;
+#[path = "../../../tests/fmus.rs"]
+mod fmus;
+
 use std::thread;
 
 use fmu_cosim::{Description, Plan, Simulation};
 
 fn plan() -> Plan {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let mut description = Description::read(&root.join("examples/closed-loop/pid.toml")).unwrap();
+    let file = fmus::root().join("examples/closed-loop/pid.toml");
+    let mut description = Description::read(&file).unwrap();
     description.stop = 1.0;
-    Plan::new(&description).expect("`cargo fmu export` writes the FMUs")
+    Plan::new(&description).unwrap()
 }
 
 #[test]

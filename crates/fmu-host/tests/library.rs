@@ -1,6 +1,9 @@
-//! A library and its instances. Needs the FMUs: `cargo fmu export`.
+//! A library and its instances.
 
-use std::path::{Path, PathBuf};
+#[path = "../../../tests/fmus.rs"]
+mod fmus;
+
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use fmu_file::archive::Archive;
@@ -17,9 +20,8 @@ struct Pendulum {
 
 impl Pendulum {
     fn unpack() -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/fmu");
-        let mut archive =
-            Archive::open(&root.join("Pendulum.fmu")).expect("`cargo fmu export` writes the FMUs");
+        let file = fmus::root().join("target/fmu/Pendulum.fmu");
+        let mut archive = Archive::open(&file).unwrap();
         let folder = tempfile::tempdir().unwrap();
         archive.unpack("", folder.path()).unwrap();
         let text = archive.model_description().unwrap();
