@@ -170,13 +170,6 @@ def sweeps(folder: Path) -> Iterator[tuple[int, float]]:
         yield threads, float(text.split(" runs in ")[1].split(": ")[1].split(" a second")[0])
 
 
-def table1() -> float:
-    """Return the time [s] of the whole program that computes Table 1."""
-    begin = time.perf_counter()
-    run([PROGRAM, "table1"])
-    return time.perf_counter() - begin
-
-
 def build(folder: Path) -> list[Unpacked]:
     """Build the C host and all FMUs; PythonFMU's only where it can run."""
     compiler = os.environ.get("CC", "cc")
@@ -219,7 +212,6 @@ def measure(quick: bool) -> dict:
         results["coupled"] = coupled(2 if quick else 10)
         say("sweeps and Table 1")
         results["sweeps"] = list(sweeps(folder))
-        results["table1_s"] = min(table1() for _ in range(3))
     results["sizes"] = {file.stem: file.stat().st_size for file in sorted(FMUS.glob("*.fmu"))}
     return results
 
@@ -260,7 +252,6 @@ def rows(results: Mapping) -> Iterator[tuple[str, str, str, str]]:
         f"FMPy: {ns(by_fmpy)}",
         ratio(native, by_fmpy),
     )
-    yield "Table 1: 18 loops of 20000 steps", f"{results['table1_s']:.2f} s", "", ""
     rates = dict(results["sweeps"])
     for threads, rate in rates.items():
         against = f"1 thread: {rates[1]:.0f}" if threads > 1 else ""

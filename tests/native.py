@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import zipfile
@@ -100,75 +101,7 @@ def _toml(value: Any) -> str:
 
 # --- FMUs in C ------------------------------------------------------------------------------------
 
-DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="Relay" guid=GUID>
-  <CoSimulation modelIdentifier="Relay"/>
-  <UnitDefinitions>
-    <Unit name="s"><BaseUnit s="1"/></Unit>
-    <Unit name="rad"><BaseUnit rad="1"/></Unit>
-    <Unit name="radian"><BaseUnit rad="1" factor="1"/></Unit>
-    <Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>
-    <Unit name="gon"/>
-  </UnitDefinitions>
-  <TypeDefinitions>
-    <SimpleType name="Shape"><Enumeration>
-      <Item name="linear" value="1"/><Item name="square" value="4"/>
-    </Enumeration></SimpleType>
-  </TypeDefinitions>
-  <ModelVariables>
-    <ScalarVariable name="time" valueReference="0" causality="output"><Real unit="s"/>
-    </ScalarVariable>
-    <ScalarVariable name="u" valueReference="1" causality="input"><Real start="0" unit="U_UNIT"/>
-    </ScalarVariable>
-    <ScalarVariable name="y" valueReference="2" causality="output"><Real unit="Y_UNIT"/>
-    </ScalarVariable>
-    <ScalarVariable name="gain" valueReference="3" causality="parameter" variability="fixed">
-      <Real start="1"/></ScalarVariable>
-    <ScalarVariable name="status_time" valueReference="4" causality="parameter"
-      variability="tunable"><Real start="1e300" unit="s"/></ScalarVariable>
-    <ScalarVariable name="number" valueReference="5" causality="output"><Real/></ScalarVariable>
-    <ScalarVariable name="count" valueReference="0" causality="output" variability="discrete">
-      <Integer/></ScalarVariable>
-    <ScalarVariable name="n" valueReference="1" causality="input" variability="discrete">
-      <Integer start="0"/></ScalarVariable>
-    <ScalarVariable name="m" valueReference="2" causality="output" variability="discrete">
-      <Integer/></ScalarVariable>
-    <ScalarVariable name="add" valueReference="3" causality="parameter" variability="fixed">
-      <Integer start="0"/></ScalarVariable>
-    <ScalarVariable name="status" valueReference="4" causality="parameter" variability="fixed">
-      <Integer start="0"/></ScalarVariable>
-    <ScalarVariable name="logged" valueReference="5" causality="parameter" variability="fixed">
-      <Integer start="-1"/></ScalarVariable>
-    <ScalarVariable name="shape" valueReference="6" causality="parameter" variability="fixed">
-      <Enumeration declaredType="Shape" start="1"/></ScalarVariable>
-    <ScalarVariable name="choice" valueReference="7" causality="output" variability="discrete">
-      <Enumeration declaredType="Shape"/></ScalarVariable>
-    <ScalarVariable name="odd" valueReference="0" causality="output" variability="discrete">
-      <Boolean/></ScalarVariable>
-    <ScalarVariable name="b" valueReference="1" causality="input" variability="discrete">
-      <Boolean start="false"/></ScalarVariable>
-    <ScalarVariable name="c" valueReference="2" causality="output" variability="discrete">
-      <Boolean/></ScalarVariable>
-    <ScalarVariable name="invert" valueReference="3" causality="parameter" variability="fixed">
-      <Boolean start="false"/></ScalarVariable>
-    <ScalarVariable name="direct" valueReference="4" causality="parameter" variability="fixed">
-      <Boolean start="false"/></ScalarVariable>
-    <ScalarVariable name="file" valueReference="0" causality="parameter" variability="fixed">
-      <String start=""/></ScalarVariable>
-    <ScalarVariable name="label" valueReference="1" causality="output" variability="discrete">
-      <String/></ScalarVariable>
-    <ScalarVariable name="u_max" valueReference="6" causality="parameter" variability="fixed">
-      <Real start="1e300"/></ScalarVariable>
-  </ModelVariables>
-  <ModelStructure>
-    <Outputs>
-      <Unknown index="1"/><Unknown index="3"/><Unknown index="6"/><Unknown index="7"/>
-      <Unknown index="9"/><Unknown index="14"/><Unknown index="15"/><Unknown index="17"/>
-      <Unknown index="21"/>
-    </Outputs>
-  </ModelStructure>
-</fmiModelDescription>
-"""
+DESCRIPTION = (ROOT / "tests" / "c" / "relay.xml").read_text(encoding="utf-8")
 
 GUID = "{relay <&> 'single' \"double\"}"
 """As in relay.c."""
@@ -195,10 +128,13 @@ def description(
     guid: str = GUID,
 ) -> str:
     """Return the model description, with some of its text replaced."""
-    text = DESCRIPTION.replace("GUID", quoteattr(guid))
-    for name, unit in (("U_UNIT", u_unit), ("Y_UNIT", y_unit)):
-        text = text.replace(name, unit).replace(' unit=""', "")
-    for old, new in (replaced or {}).items():
+    text = re.sub(r'guid="[^"]*"', lambda _: f"guid={quoteattr(guid)}", DESCRIPTION)
+    replaced = dict(replaced or {})
+    if u_unit:
+        replaced['"input"><Real start="0"'] = f'"input"><Real start="0" unit="{u_unit}"'
+    if y_unit:
+        replaced['"2" causality="output"><Real'] = f'"2" causality="output"><Real unit="{y_unit}"'
+    for old, new in replaced.items():
         assert old in text, old
         text = text.replace(old, new)
     return text

@@ -1,36 +1,21 @@
-"""Pages of the documentation: what stands in them, and the sources changed as a page says."""
+"""Copies of the sources, changed as a page of the documentation says."""
 
+import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-from pendulum_fmus.project import PROGRAM, ROOT
-
-NATIVE = re.compile(r"^cargo fmu (?=(simulate|sweep|ssp|table1)\b)")
-"""Commands that cargo hands on to the native master."""
-
-
-def blocks(language: str, text: str) -> list[str]:
-    """Return the fenced blocks of a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
-def links(text: str) -> list[str]:
-    """Return the targets of the links that do not lead to other sites."""
-    return re.findall(r"\]\((?!https?:)([^)]+)\)", text)
+from pendulum_fmus.project import ROOT
 
 
 def run(command: str, folder: Path = ROOT) -> None:
-    """Run a shell command of a page, by the interpreter that has the packages."""
+    """Run shell commands in a folder, with the Python package and the FMUs of that folder."""
     command = command.replace("target/venv/bin/python", sys.executable)
-    subprocess.run(["bash", "-ec", command], cwd=folder, check=True, stdout=subprocess.DEVNULL)
-
-
-def run_natively(command: str, folder: Path = ROOT) -> None:
-    """As `run`; what the native master does is done by the program that is built already."""
-    run(NATIVE.sub(f"{PROGRAM} ", command), folder)
+    env = {**os.environ, "PYTHONPATH": str(folder / "python"), "FMUS": "target/fmu"}
+    shell = ["bash", "-exc", command]
+    subprocess.run(shell, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
 
 
 def project(name: str = "own-controller") -> Path:

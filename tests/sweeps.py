@@ -49,10 +49,20 @@ count = 200
 """200 runs of some milliseconds each: time enough to kill what does them."""
 
 
-def written(folder: Path, text: str, system: str = "pid-rbf") -> Path:
+SIGNALS = """
+[signals]
+reference = "source.r"
+output = "plant.theta"
+error = "controller.e"
+control = "controller.u"
+"""
+
+
+def written(folder: Path, text: str, system: str = "pid-rbf", signals: str = SIGNALS) -> Path:
     """Write a sweep of a system of the examples."""
     file = folder / "sweep.toml"
-    file.write_text(f'system = "{SYSTEMS / system}.toml"\n{text}', encoding="utf-8")
+    text = f'system = "{SYSTEMS / system}.toml"\n{text}\n{signals}'
+    file.write_text(text, encoding="utf-8")
     return file
 
 

@@ -47,7 +47,7 @@ def texts(element: etree._Element, path: str) -> list[str]:
 
 
 @each_model
-def test_page_licences_and_icon_are_there(fmus, model):
+def test_page_licences_and_icon_are_there_and_small(fmus, model):
     files = names(fmus, model)
     assert PAGE in files
     assert {"documentation/licenses/LICENSE-MIT", "documentation/licenses/LICENSE-APACHE"} <= {
@@ -57,10 +57,6 @@ def test_page_licences_and_icon_are_there(fmus, model):
     # All else that the folder of the model has is part of the page.
     beside = [f for f in files if f.startswith("documentation/") and "/licenses/" not in f]
     assert beside == [PAGE]
-
-
-@each_model
-def test_documentation_is_small(fmus, model):
     with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
         sizes = [archive.getinfo(name).compress_size for name in (PAGE, "model.png")]
     assert sum(sizes) <= SIZE_OF_DOCUMENTATION
@@ -84,6 +80,9 @@ def test_html_and_xml_agree_on_the_page(fmus, model, page):
         e.tag for e in page.iter("h1", "h2", "h3", "p", "li", "td", "th")
     ]
     assert texts(as_html, ".//td") == texts(page, ".//td")
+    text = content(fmus, model, PAGE).decode()
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffd\ufffe\uffff]", text)
+    assert "<!-- include" not in text
 
 
 @each_model
@@ -144,16 +143,12 @@ def test_table_has_every_variable_as_the_xml_has_it(page, fmus, model):
 
 
 @each_model
-def test_page_says_which_fmu_it_is(page, fmus, model):
+def test_page_says_which_fmu_it_is_and_what_the_reader_looks_for(page, fmus, model):
     description = fmpy.read_model_description(fmus / f"{model}.fmu")
     text = "".join(page.itertext())
     assert texts(page, ".//h1") == [model]
     for expected in (description.description, description.guid, description.version):
         assert expected in text
-
-
-@each_model
-def test_page_tells_what_the_reader_looks_for(page, model):
     headings = texts(page, ".//h2")
     for heading in ("What it is", "Equations", "Result", "Coupling", "Limits", "Variables"):
         assert headings.count(heading) == 1
@@ -175,13 +170,6 @@ def test_page_can_be_read_by_those_who_do_not_see_it(page, model):
         assert len(picture.get("aria-label")) > 40
     assert all("alt" in image.attrib for image in page.iter("img"))
     assert all(cell.get("scope") in {"col", "row"} for cell in page.iter("th"))
-
-
-@each_model
-def test_text_has_no_forbidden_character(fmus, model):
-    text = content(fmus, model, PAGE).decode()
-    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffd\ufffe\uffff]", text)
-    assert "<!-- include" not in text
 
 
 @each_model

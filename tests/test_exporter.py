@@ -89,11 +89,6 @@ def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
     assert all(model in message for model in MODELS)
 
 
-def test_an_unknown_target_is_named() -> None:
-    assert "x86_64-nonsense-linux-gnu" in refusal("export", "--target", "x86_64-nonsense-linux-gnu")
-    assert "platform folder" in refusal("export", "--target", "thumbv7em-none-eabihf")
-
-
 def glibc_versions(binary: Path) -> set[tuple[int, ...]]:
     """Return the versions of glibc whose symbols a binary asks for."""
     symbols = subprocess.run(
@@ -132,12 +127,6 @@ def test_a_target_without_standard_library_is_answered_with_the_remedies(
         assert remedy in result.stderr
 
 
-def test_two_binaries_for_one_platform_are_refused(fmus: Path, tmp_path: Path) -> None:
-    binary = library(fmus, "Pid", tmp_path)
-    twice = ["--binary", f"linux64={binary}"] * 2
-    assert "two binaries" in refusal("export", "Pid", *twice, "--out", tmp_path)
-
-
 def test_a_binary_of_another_model_or_format_is_refused(fmus: Path, tmp_path: Path) -> None:
     source = library(fmus, "Source", tmp_path)
     out = ["--out", tmp_path / "out"]
@@ -148,34 +137,6 @@ def test_a_binary_of_another_model_or_format_is_refused(fmus: Path, tmp_path: Pa
     message = refusal("export", "Source", "--binary", f"linux64={tmp_path / 'nothing.so'}", *out)
     assert "nothing.so" in message
     assert not list((tmp_path / "out").iterdir()), "nothing is half-written"
-
-
-def test_a_binary_option_must_have_its_form() -> None:
-    assert "PLATFORM=FILE" in refusal("export", "--binary", "linux64")
-    assert "linux64, linux32, win64" in refusal("export", "--binary", "amiga=x")
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    taken = tmp_path / "taken"
-    taken.write_text("a file")
-    assert str(taken / "out") in refusal("export", "--out", taken / "out")
-
-
-def test_a_folder_that_cannot_be_written_is_named_before_the_build() -> None:
-    # Even root cannot write there.
-    assert "/proc" in refusal("export", "--out", "/proc")
-
-
-def test_a_workspace_without_models_is_told(tmp_path: Path) -> None:
-    (tmp_path / "src").mkdir()
-    (tmp_path / "src" / "lib.rs").write_text("")
-    (tmp_path / "Cargo.toml").write_text('[package]\nname = "empty"\nversion = "0.1.0"\n')
-    program = ROOT / "target" / "debug" / "cargo-fmu"
-    result = subprocess.run(
-        [program, "fmu", "export"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert result.returncode != 0
-    assert "fmu-export" in result.stderr
 
 
 # --- info -----------------------------------------------------------------------------------------
@@ -197,71 +158,7 @@ def test_info_shows_variables_capabilities_and_platforms(fmus: Path) -> None:
         assert re.search(pattern, text, re.MULTILINE), pattern
 
 
-def test_info_reads_an_fmu_of_another_maker(fmus: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.fmu"
-    xml = """<?xml version="1.0"?>
-<fmiModelDescription fmiVersion="2.0" modelName="Other" guid="x" numberOfEventIndicators="0">
-  <ModelExchange modelIdentifier="Other"/>
-  <VendorAnnotations><Tool name="t"><a/></Tool></VendorAnnotations>
-  <ModelVariables>
-    <ScalarVariable name="s" valueReference="7"><String start="text"/></ScalarVariable>
-  </ModelVariables>
-  <ModelStructure/>
-</fmiModelDescription>"""
-    with zipfile.ZipFile(other, "w") as archive:
-        archive.writestr("modelDescription.xml", xml)
-    text = cargo_fmu("info", other).stdout
-    assert "not for co-simulation" in text
-    assert re.search(r"^  s +String +text", text, re.MULTILINE), text
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (None, "cannot open"),
-        (b"", "damaged, or not an FMU"),
-        (b"PK\x03\x04 and no more", "damaged, or not an FMU"),
-    ],
-)
-def test_info_names_a_file_that_is_no_fmu(content: bytes | None, says: str, tmp_path: Path) -> None:
-    file = tmp_path / "broken.fmu"
-    if content is not None:
-        file.write_bytes(content)
-    message = refusal("info", file)
-    assert str(file) in message
-    assert says in message
-
-
-@pytest.mark.parametrize("xml", ["", "<a/>", "<fmiModelDescription>", "\xff"])
-def test_info_names_a_model_description_that_is_none(xml: str, tmp_path: Path) -> None:
-    file = tmp_path / "broken.fmu"
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("modelDescription.xml", xml.encode("latin-1"))
-    assert "modelDescription.xml" in refusal("info", file)
-
-
-def test_info_of_an_archive_without_model_description(tmp_path: Path) -> None:
-    file = tmp_path / "empty.fmu"
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("readme.txt", "nothing")
-    assert "modelDescription.xml" in refusal("info", file)
-
-
-def test_info_of_a_truncated_fmu(fmus: Path, tmp_path: Path) -> None:
-    whole = (fmus / "Pid.fmu").read_bytes()
-    file = tmp_path / "cut.fmu"
-    file.write_bytes(whole[: len(whole) // 2])
-    assert str(file) in refusal("info", file)
-
-
 # --- help and completions -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("command", [[], ["export"], ["info"], ["merge"], ["completions"]])
-def test_help_has_examples(command: list[str]) -> None:
-    text = cargo_fmu(*command, "--help").stdout
-    assert "Usage: cargo fmu" in text
-    assert not command or "Example" in text
 
 
 def complete(words: str, script: Path) -> list[str]:

@@ -18,8 +18,15 @@ TOLERANCE = 1e-10
 """The two implementations differ by their rounding only."""
 
 
-@pytest.mark.parametrize("order", ["sequential", "parallel"])
-@pytest.mark.parametrize("signal", ["step", "sine", "square"])
+@pytest.mark.parametrize(
+    ("signal", "order"),
+    [
+        ("step", "sequential"),
+        ("sine", "sequential"),
+        ("square", "sequential"),
+        ("square", "parallel"),
+    ],
+)
 @pytest.mark.parametrize(("controller", "target"), LOOPS)
 def test_loop_agrees(fmus, controller, target, signal, order):
     late = None if order == "sequential" else False
@@ -30,18 +37,18 @@ def test_loop_agrees(fmus, controller, target, signal, order):
     assert_close(computed, expected, TOLERANCE)
 
 
-@pytest.mark.parametrize(("controller", "target"), LOOPS)
+@pytest.mark.parametrize(("controller", "target"), LOOPS[1:])
 def test_loop_with_initial_weights_agrees(fmus, controller, target):
-    weights = {} if controller == "Pid" else {"w0": (1.0, -2.0, 3.0, -0.5)}
+    weights = {"w0": (1.0, -2.0, 3.0, -0.5)}
     if target == "supervisor":
         weights["supervisor_w0"] = (-0.1, 0.2, 0.3, 0.4)
     computed, expected = both(fmus, controller, "sine", target=target, steps=2000, **weights)
     assert_close(computed, expected, TOLERANCE)
 
 
-@pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize(("controller", "target"), LOOPS)
-def test_loop_agrees_with_and_without_previous_sample_terms(fmus, controller, target, late):
+def test_loop_agrees_where_previous_sample_terms_are_not_as_by_default(fmus, controller, target):
+    late = controller == "IpidRbf"
     computed, expected = both(
         fmus, controller, "square", target=target, previous_sample_terms=late, steps=STEPS
     )

@@ -243,8 +243,9 @@ def test_the_last_communication_point_is_the_last_up_to_the_stop_time(stop, star
 LOOPS = [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "supervisor")]
 
 
-@pytest.mark.parametrize("order", ["sequential", "parallel"])
-@pytest.mark.parametrize(("step", "steps"), [(1 / 1024, 6000), (0.01, 200), (0.00025, 22000)])
+@pytest.mark.parametrize(
+    ("order", "step", "steps"), [("sequential", 1 / 1024, 6000), ("parallel", 0.01, 200)]
+)
 @pytest.mark.parametrize(("controller", "target"), LOOPS)
 def test_loop_agrees_with_the_reference_at_any_step(fmus, controller, target, step, steps, order):
     """At 10 ms the loops are unstable, for the derivative acts on one sample in ten: no matter."""

@@ -17,12 +17,14 @@ def signals(source: Component) -> tuple[float, float]:
     return tuple(outputs.values)
 
 
-@pytest.mark.parametrize(("signal", "frequency"), [("step", 0.2), ("sine", 0.2), ("square", 0.1)])
-@pytest.mark.parametrize("h", [TS, 0.00025, 1 / 1024, 0.01])
+@pytest.mark.parametrize(
+    ("signal", "frequency", "h"),
+    [("step", 0.2, TS), ("sine", 0.2, TS), ("square", 0.1, TS), ("square", 0.1, 1 / 1024)],
+)
 def test_signals_follow_their_formulas(instance, signal, frequency, h):
     start = {"signal": signal, "frequency": frequency, "disturbance.amplitude": 1.0}
     source = instance("Source", start)
-    for k in range(round(10.5 / h) if h > 0.0005 else 22000):
+    for k in range(round(10.5 / h)):
         expected = (
             reference.reference(signal, k * h, frequency),
             reference.disturbance(k * h, 1.0),

@@ -1,7 +1,6 @@
 """SSP packages: what the standard asks of them, and what importers that are not ours make of it."""
 
 import itertools
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -14,8 +13,7 @@ import pytest
 from lxml import etree
 
 from importers import by_ecos, by_fmpy, by_libcosim
-from native import LOOPS, ROOT, compiled, description, pack, refusal, run, simulate, write_system
-from test_readme import blocks
+from native import LOOPS, ROOT, compiled, description, pack, run, simulate, write_system
 
 SYSTEMS = ROOT / "examples" / "ssp"
 NAMES = ["pid", "pid-rbf", "ipid-rbf", "supervised"]
@@ -34,7 +32,7 @@ TEXT = "1 < 2 & 'é'"
 def packages(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the packages of the loops of the paper; returns their folder."""
     folder = tmp_path_factory.mktemp("packages")
-    written = run("ssp", "--out", folder, cwd=ROOT)
+    written = run("ssp", *(SYSTEMS / f"{name}.toml" for name in NAMES), "--out", folder, cwd=ROOT)
     assert written.returncode == 0, written.stderr
     assert written.stderr == ""
     assert [line.split()[0] for line in written.stdout.splitlines()] == [
@@ -321,16 +319,6 @@ def test_importers_without_enumerations_refuse_to_run_without_the_value(importer
     assert "Enumeration" in done.stderr or "Unknown XML node in ssv:Parameter" in done.stderr
 
 
-def test_the_documentation_shows_how_to_run_a_package(packages, tmp_path, monkeypatch):
-    (tmp_path / "target").mkdir()
-    (tmp_path / "target" / "fmu").symlink_to(packages)
-    monkeypatch.chdir(tmp_path)
-    examples = blocks("python", (ROOT / "docs" / "ssp.md").read_text())
-    assert len(examples) == 2
-    for example in examples:
-        exec(example, {})
-
-
 # --- the loops of examples/ssp --------------------------------------------------------------------
 
 
@@ -364,80 +352,3 @@ def test_the_same_system_gives_the_same_bytes(packages, tmp_path):
     assert written.returncode == 0, written.stderr
     assert (tmp_path / "new/folder/supervised.ssp").read_bytes() == first
     assert [path.name for path in (tmp_path / "new/folder").iterdir()] == ["supervised.ssp"]
-
-
-def test_a_sequential_system_is_packaged_with_a_warning(fmus, tmp_path):
-    written = run("ssp", LOOPS / "pid.toml", "--out", tmp_path)
-    assert written.returncode == 0
-    assert "most tools step in parallel" in written.stderr
-    assert (tmp_path / "pid.ssp").exists()
-
-
-@pytest.fixture
-def folder(relay: Path, tmp_path: Path) -> Path:
-    """Return a folder with an FMU for systems."""
-    shutil.copy(relay.parent / "Relay.fmu", tmp_path)
-    return tmp_path
-
-
-UNSOUND = {
-    "unknown variable": ({"a": {"gian": 1}}, [], "did you mean gain?"),
-    "value of another type": ({"a": {"add": 0.5}}, [], "expected a whole number"),
-    "value that the FMU refuses": ({"a": {"u": 1, "u_max": 0}}, [], "u"),
-    "start value of an output": ({"a": {"y": 1}}, [], "only inputs and parameters"),
-    "unknown component": ({"a": {}}, ["b.y -> a.u"], "no component"),
-    "input as output": ({"a": {}, "b": {}}, ["a.u -> b.u"], "is connected as an output"),
-    "types": ({"a": {}, "b": {}}, ["a.m -> b.u"], "the types differ"),
-    "units": ({"a": {}, "b": {}}, ["a.y -> b.u"], "the units differ"),
-    "no step": ({"a": {}}, [], "the step is 0 s"),
-}
-
-
-@pytest.mark.parametrize("case", UNSOUND)
-def test_what_simulate_refuses_is_refused_with_the_same_words(case, folder):
-    components, connections, message = UNSOUND[case]
-    write_system(folder, components, connections, step=0.0 if case == "no step" else 0.25)
-    told = refusal(folder, "ssp", "system.toml", "--out", ".").removeprefix("system.toml: ")
-    assert message in told
-    simulated = refusal(folder, "simulate", "system.toml").removeprefix("system.toml: ")
-    assert told == simulated
-
-
-def test_a_missing_fmu_or_file_is_named(folder):
-    write_system(folder, {"a": {}})
-    (folder / "Relay.fmu").unlink()
-    assert "Relay.fmu" in refusal(folder, "ssp", "system.toml", "--out", ".")
-    assert "nowhere.toml" in refusal(folder, "ssp", "nowhere.toml", "--out", ".")
-    assert "nowhere" in refusal(folder, "ssp", "--fmus", "nowhere", "--out", ".")
-
-
-def test_nothing_is_written_when_one_system_of_two_is_refused(folder):
-    sound = write_system(folder, {"a": {}}).rename(folder / "sound.toml")
-    write_system(folder, {"a": {"gian": 1}})
-    assert "gian" in refusal(folder, "ssp", sound, "system.toml", "--out", ".")
-
-
-@pytest.mark.parametrize("out", ["system.toml", "system.toml/below", "/proc"])
-def test_a_folder_that_cannot_be_written_to_is_named(folder, out):
-    write_system(folder, {"a": {}})
-    assert out in refusal(folder, "ssp", "system.toml", "--out", out)
-
-
-def test_a_package_that_cannot_be_replaced_is_named(folder):
-    write_system(folder, {"a": {}})
-    (folder / "system.ssp").mkdir()
-    assert "system.ssp" in refusal(folder, "ssp", "system.toml", "--out", ".")
-
-
-def test_two_systems_of_one_name_are_refused(folder):
-    system = write_system(folder, {"a": {}})
-    assert "two of the systems" in refusal(folder, "ssp", system, "system.toml", "--out", ".")
-
-
-def test_two_fmus_of_one_name_are_refused(folder, fmus):
-    (folder / "other").mkdir()
-    shutil.copy(fmus / "Source.fmu", folder / "other" / "Relay.fmu")
-    system = write_system(folder, {"a": {}, "b": {}})
-    head, _, tail = system.read_text().rpartition("Relay.fmu")
-    system.write_text(f"{head}other/Relay.fmu{tail}")
-    assert "different FMUs" in refusal(folder, "ssp", "system.toml", "--out", ".")

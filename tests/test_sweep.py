@@ -311,101 +311,6 @@ def test_a_killed_sweep_goes_on_where_it_was(program, tmp_path):
     assert out.read_bytes() == expected(sweep)
 
 
-def with_signals(text: str) -> str:
-    """Add signals to a sound parameter."""
-    return f"{PARAMETER}\n[signals]\n{text}"
-
-
-PARAMETER = '[[parameter]]\nvariable = "controller.pid.kp"\nvalues = [300]'
-
-BAD_SWEEP = {
-    "unknown component": (
-        PARAMETER.replace("controller", "controler"),
-        'controler.pid.kp: there is no component "controler"; did you mean controller?',
-    ),
-    "unknown variable": (
-        PARAMETER.replace("pid.kp", "pid.kpp"),
-        "controller.pid.kpp: PidRbf.fmu has no variable pid.kpp; did you mean pid.kp",
-    ),
-    "output": (PARAMETER.replace("pid.kp", "u"), "controller.u = 300 is refused: only inputs"),
-    "boolean for a Real": (
-        PARAMETER.replace("300", "true"),
-        "controller.pid.kp = true is refused; expected a number",
-    ),
-    "number for a Boolean": (
-        PARAMETER.replace("pid.kp", "previous_sample_terms"),
-        "controller.previous_sample_terms = 300 is refused; expected true or false",
-    ),
-    "unknown item, neither first nor last": (
-        '[[parameter]]\nvariable = "plant.model"\nvalues = ["linear", "cubic", "nonlinear"]',
-        'plant.model = "cubic" is refused; expected one of transfer_function, linear, nonlinear',
-    ),
-    "values of two types": (
-        PARAMETER.replace("300", '300, "high"'),
-        "controller.pid.kp: the value high, expected a number as the first one",
-    ),
-    "below the bound": (PARAMETER.replace("300", "-1"), "run 0: controller (PidRbf.fmu), pid.kp ="),
-    "out of bounds, neither first nor last": (
-        PARAMETER.replace("300", "300, 1e20, 200"),
-        "run 1: controller (PidRbf.fmu), pid.kp = 1e20: ",
-    ),
-    "out of bounds at the end of a range": (
-        PARAMETER.replace("values = [300]", "from = 0\nto = 2e9\ncount = 5"),
-        "run 4: controller (PidRbf.fmu), pid.kp = 2000000000.0: ",
-    ),
-    "start value out of bounds": (
-        f'set = {{ "plant.M" = -1 }}\n{PARAMETER}',
-        "run 0: plant (Pendulum.fmu), M = -1.0: ",
-    ),
-    "empty range": (
-        PARAMETER.replace("values = [300]", "from = 2\nto = 1\ncount = 5"),
-        "controller.pid.kp: to = 1.0, expected more than from = 2.0",
-    ),
-    "no values": (
-        PARAMETER.replace("values = [300]", ""),
-        "controller.pid.kp: no values, expected",
-    ),
-    "unknown key of a parameter": (
-        PARAMETER.replace("values", "value"),
-        "unknown field `value`, expected one of `variable`, `variables`, `values`",
-    ),
-    "unknown key": (f"stopp = 1\n{PARAMETER}", "unknown field `stopp`"),
-    "no parameter": ("", "no parameter, expected at least one [[parameter]]"),
-    "a variable twice": (
-        f"{PARAMETER}\n{PARAMETER}",
-        "controller.pid.kp stands twice, expected it in one parameter",
-    ),
-    "draws of nothing random": (
-        f"draws = 2\n{PARAMETER}",
-        "draws = 2, expected a random parameter",
-    ),
-    "unknown start value": (
-        f'set = {{ "plant.modell" = "linear" }}\n{PARAMETER}',
-        "plant.modell: Pendulum.fmu has no variable modell; did you mean model?",
-    ),
-    "wrong start value": (
-        f'set = {{ "plant.model" = "cubic" }}\n{PARAMETER}',
-        'plant.model = "cubic" is refused; expected one of transfer_function, linear, nonlinear',
-    ),
-    "unknown signal": (
-        with_signals('output = "plant.thetta"'),
-        "plant.thetta: Pendulum.fmu has no variable thetta; did you mean theta",
-    ),
-    "unknown key of signals": (
-        with_signals('measured = "plant.theta"'),
-        "unknown field `measured`",
-    ),
-    "negative band": (
-        f"{PARAMETER}\n[metrics]\nband = -1",
-        "band = -1.0, expected a finite number",
-    ),
-    "unknown order": (f'order = "gauss"\n{PARAMETER}', "unknown variant `gauss`"),
-    "step of 0": (f"step = 0\n{PARAMETER}", "the step is 0 s; expected a positive number"),
-    "stop before the start": (f"stop = 0\n{PARAMETER}", "the stop time 0 s lies before the start"),
-    "no TOML": ("stop = ", "TOML parse error at line 2"),
-}
-
-
 def complaint(sweep: Path, out: Path, *options: object) -> str:
     """Return what is said of a sweep that cannot be done, which must leave nothing behind."""
     before = sorted(sweep.parent.rglob("*"))
@@ -417,14 +322,6 @@ def complaint(sweep: Path, out: Path, *options: object) -> str:
     assert result.stdout == ""
     assert sorted(sweep.parent.rglob("*")) == before, "nothing is half-written"
     return result.stderr
-
-
-@pytest.mark.parametrize(("text", "message"), BAD_SWEEP.values(), ids=BAD_SWEEP.keys())
-def test_a_bad_sweep_is_answered_with_what_was_expected(program, tmp_path, text, message):
-    sweep = sweeps.written(tmp_path, text)
-    said = complaint(sweep, tmp_path / "out.csv")
-    assert said.startswith(f"error: {sweep}: ")
-    assert message in said
 
 
 def test_a_draw_that_an_fmu_refuses_ends_the_sweep_with_the_run_and_the_reason(program, tmp_path):
@@ -439,25 +336,6 @@ def test_a_draw_that_an_fmu_refuses_ends_the_sweep_with_the_run_and_the_reason(p
     assert "expected a finite number from 0.000001 to 1000000 [kg]" in result.stderr
     assert int(said[1]) not in done(out)
     assert not out.exists()
-
-
-def test_bad_files_are_named(program, tmp_path):
-    sweep = sweeps.written(tmp_path, SHORT)
-    out = tmp_path / "out.csv"
-    assert "no.toml: cannot read it" in complaint(tmp_path / "no.toml", out)
-    assert "nowhere.toml: No such file" in complaint(sweep, out, "--system", "nowhere.toml")
-    assert "nowhere/PidRbf.fmu" in complaint(sweep, out, "--fmus", "nowhere")
-    assert "out.xlsx: expected a file named .csv or .parquet" in complaint(
-        sweep, tmp_path / "out.xlsx"
-    )
-    nowhere = tmp_path / "out.csv" / "out.csv"
-    out.write_text("a file, and no folder")
-    result = subprocess.run(
-        [PROGRAM, "sweep", sweep, "--out", nowhere], capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"error: cannot open {nowhere}.part: Not a directory")
-    assert out.read_text() == "a file, and no folder"
 
 
 def test_a_journal_of_another_sweep_is_left_alone(program, tmp_path):

@@ -92,25 +92,6 @@ def test_our_fmus_have_no_finding(fmus: Path, model: str) -> None:
     assert findings(fmus / f"{model}.fmu") == []
 
 
-def test_several_files_have_a_summary_each(fmus: Path, tmp_path: Path) -> None:
-    none = tmp_path / "none.fmu"
-    result = cargo_fmu("validate", fmus / "Pid.fmu", none, fmus / "Source.fmu")
-    assert result.returncode == 1
-    assert result.stdout.splitlines() == [
-        f"{fmus / 'Pid.fmu'}: no error, no warning",
-        f"{none}: error: archive: cannot open it: No such file or directory (os error 2)",
-        f"{none}: 1 error, no warning",
-        f"{fmus / 'Source.fmu'}: no error, no warning",
-    ]
-
-
-def test_help_has_an_example() -> None:
-    text = cargo_fmu("validate", "--help").stdout
-    assert "Example" in text
-    assert "cargo fmu validate" in text
-    assert "probe" not in cargo_fmu("--help").stdout
-
-
 # --- the model description ------------------------------------------------------------------------
 
 FULL = (ROOT / "fuzz" / "corpus" / "full.xml").read_text()
@@ -233,7 +214,7 @@ def test_many_findings_are_counted_and_not_all_shown(tmp_path: Path) -> None:
     assert result.returncode == 1
     lines = result.stdout.splitlines()
     assert len(lines) == 202
-    assert "findings more" in lines[-2]
+    assert "more findings" in lines[-2]
     assert "100" in lines[-1]
 
 
@@ -373,17 +354,6 @@ def test_a_name_cannot_steer_the_terminal(
     output = result.stdout + result.stderr
     assert not set("\x1b\u202e") & set(output)
     assert "\nerror: b" not in output
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x05\x06", b"x" * 1000])
-def test_what_is_no_archive_is_told(content: bytes, tmp_path: Path) -> None:
-    file = tmp_path / "x.fmu"
-    file.write_bytes(content)
-    check(findings(file), "damaged, or not an FMU")
-
-
-def test_a_folder_is_told(tmp_path: Path) -> None:
-    check(findings(tmp_path), "expected a file")
 
 
 def bomb(file: Path, name: str, size: int) -> Path:

@@ -1,6 +1,6 @@
 //! The pendulum in its three forms behind one interface.
 
-use control::clock::MOST_SAMPLES;
+use control::clock::MAX_SAMPLES;
 use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use fmu_export::unit::{
     KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
@@ -65,26 +65,26 @@ impl Model for Pendulum {
     const DESCRIPTION: &'static str = "Cart with an inverted pendulum";
     const VARIABLES: &'static [Row] = &[
         Row::input("u", |m| &mut m.u.value)
-            .slope(|m| &mut m.u.slope)
+            .input_derivative(|m| &mut m.u.slope)
             .unit(NEWTON)
             .about("force on the cart"),
         Row::output("theta", |m| &mut m.state.theta)
-            .sensitive_to(&[("u", |m| m.sensitivity().theta)])
+            .directional_derivatives(&[("u", |m| m.derivative_by_force().theta)])
             .unit(RADIAN)
             .initially_from(&["theta0"])
             .about("angle of the pendulum from the upright"),
         Row::output("omega", |m| &mut m.state.omega)
-            .sensitive_to(&[("u", |m| m.sensitivity().omega)])
+            .directional_derivatives(&[("u", |m| m.derivative_by_force().omega)])
             .unit(RADIAN_PER_SECOND)
             .initially_from(&["omega0", "model"])
             .about("angular velocity of the pendulum"),
         Row::output("x", |m| &mut m.state.x)
-            .sensitive_to(&[("u", |m| m.sensitivity().x)])
+            .directional_derivatives(&[("u", |m| m.derivative_by_force().x)])
             .unit(METRE)
             .initially_from(&["x0", "model"])
             .about("position of the cart"),
         Row::output("v", |m| &mut m.state.v)
-            .sensitive_to(&[("u", |m| m.sensitivity().v)])
+            .directional_derivatives(&[("u", |m| m.derivative_by_force().v)])
             .unit(METRE_PER_SECOND)
             .initially_from(&["v0", "model"])
             .about("velocity of the cart"),
@@ -206,9 +206,9 @@ impl Pendulum {
         ))
     }
 
-    /// The derivative of the state by the force that was held over the last step, per N; zero before
-    /// the first.
-    fn sensitivity(&self) -> State {
+    /// The derivative of the state with respect to the force held over the last step, per N; zero
+    /// before the first.
+    fn derivative_by_force(&self) -> State {
         let Some(Step { from, u, step }) = &self.last else {
             return State::default();
         };
@@ -234,9 +234,9 @@ fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
             "with the model transfer_function the communication step must be a whole number of ts = {ts} s, but it is {step} s"
         )));
     }
-    if samples > MOST_SAMPLES {
+    if samples > MAX_SAMPLES {
         return Err(ModelError::discard(format_args!(
-            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MOST_SAMPLES} that are computed in one step"
+            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MAX_SAMPLES} that are computed in one step"
         )));
     }
     Ok(samples as u32)

@@ -60,12 +60,16 @@ impl Hash {
                 Causality::Parameter => 0,
                 Causality::Input => 1,
                 Causality::Output => 2,
+                Causality::CalculatedParameter => 3,
+                Causality::Local => 4,
+                Causality::Independent => 5,
             })
             .byte(match variable.variability {
                 Variability::Fixed => 0,
                 Variability::Tunable => 1,
                 Variability::Discrete => 2,
                 Variability::Continuous => 3,
+                Variability::Constant => 4,
             })
             .number(variable.count() as u64);
         match &variable.domain {

@@ -1,9 +1,9 @@
-//! What a model tells the world.
+//! Model descriptions of FMI 2.0.4.
 //!
 //! A model declares its interface once, as a table of [`Variable`]s: names, units, starts, bounds,
 //! causality, and where each value lives in the model. The FMU binary reads and writes values
-//! through the table, [`guid`](guid::guid) identifies it, and with the feature `xml` the
-//! `modelDescription.xml` of FMI 2.0.4 is written from it. So they cannot drift.
+//! through the table, [`guid`](guid::guid) identifies it, and [`describe`] writes
+//! `modelDescription.xml` from it. So they cannot drift.
 //!
 //! ```
 //! use fmu_description::{Variable, unit};
@@ -19,19 +19,27 @@
 //! ];
 //! # assert_eq!(VARIABLES.len(), 3);
 //! ```
+//!
+//! With the feature `xml`, the model description of an FMU from any vendor is read: `xml::parse`
+//! makes a tree of it, and `ModelDescription` a typed view of that.
 #![forbid(unsafe_code)]
 
-#[cfg(feature = "xml")]
 mod describe;
 pub mod guid;
 #[cfg(feature = "xml")]
-pub mod schema;
+pub mod model;
 pub mod unit;
-mod variable;
-
 #[cfg(feature = "xml")]
+pub mod value;
+mod variable;
+mod vocabulary;
+pub mod xml;
+
 pub use describe::{Subject, describe};
+#[cfg(feature = "xml")]
+pub use model::{ModelDescription, ScalarVariable, Unknown};
 pub use unit::Unit;
 pub use variable::{
-    Causality, Domain, Enumeration, Info, Place, Sensitivity, Start, Variability, Variable, check,
+    DirectionalDerivative, Domain, Enumeration, Info, Start, ValueMut, Variable, check,
 };
+pub use vocabulary::{Capability, Causality, Initial, Variability, VariableType};

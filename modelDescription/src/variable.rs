@@ -1,31 +1,7 @@
 //! The table of a model's variables, and the functions that build its rows at compile time.
 
-use crate::Unit;
 use crate::unit::ONE;
-
-/// Who gives a variable its value (FMI 2.0.4, section 2.2.7).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Causality {
-    /// Set by the host before the simulation, or while it runs if the variability is tunable.
-    Parameter,
-    /// Set by the host, mostly from another model's output.
-    Input,
-    /// Computed by the model.
-    Output,
-}
-
-/// When a variable may change (FMI 2.0.4, section 2.2.7).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Variability {
-    /// Never after the initialization.
-    Fixed,
-    /// When the host sets it, between steps.
-    Tunable,
-    /// At certain instants only.
-    Discrete,
-    /// At any time.
-    Continuous,
-}
+use crate::{Causality, Unit, Variability};
 
 /// One row of a model's table: what a variable is, and where its value lives in the model `M`.
 #[derive(Debug, Clone, Copy)]
@@ -33,13 +9,13 @@ pub struct Variable<M: 'static> {
     /// What it is.
     pub info: Info,
     access: Access<M>,
-    slope: Option<fn(&mut M) -> &mut f64>,
-    sensitivities: &'static [Sensitivity<M>],
+    input_derivative: Option<fn(&mut M) -> &mut f64>,
+    directional_derivatives: &'static [DirectionalDerivative<M>],
 }
 
-/// The name of an input, and the derivative by it of an output's present value, as the input was
-/// held over the last step.
-pub type Sensitivity<M> = (&'static str, fn(&M) -> f64);
+/// The name of an input, and the derivative of an output's present value with respect to the value
+/// at which that input was held over the last step.
+pub type DirectionalDerivative<M> = (&'static str, fn(&M) -> f64);
 
 /// What a variable is: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
 #[derive(Debug, Clone, Copy)]
@@ -106,9 +82,9 @@ enum Access<M: 'static> {
     Boolean(fn(&mut M) -> &mut bool),
 }
 
-/// Where the value of a scalar variable lives.
+/// The value of a scalar variable, in its model.
 #[derive(Debug)]
-pub enum Place<'a> {
+pub enum ValueMut<'a> {
     /// A Real.
     Real(&'a mut f64),
     /// An Integer, or the index of an Enumeration.
@@ -298,8 +274,8 @@ impl<M> Variable<M> {
                 domain,
             },
             access,
-            slope: None,
-            sensitivities: &[],
+            input_derivative: None,
+            directional_derivatives: &[],
         }
     }
 
@@ -353,62 +329,66 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Lets the host give an input's time derivative for the next step, and says where it lives.
-    pub const fn slope(mut self, access: fn(&mut M) -> &mut f64) -> Self {
+    /// Lets the host set an input's time derivative for the next step, and says where it lives.
+    pub const fn input_derivative(mut self, access: fn(&mut M) -> &mut f64) -> Self {
         assert!(
             matches!(self.info.causality, Causality::Input),
-            "only an input has a slope"
+            "only an input has an input derivative"
         );
-        self.slope = Some(access);
+        self.input_derivative = Some(access);
         self
     }
 
-    /// Gives the derivatives of a scalar output by inputs; those by other inputs are zero.
-    pub const fn sensitive_to(mut self, sensitivities: &'static [Sensitivity<M>]) -> Self {
+    /// Gives the derivatives of a scalar output with respect to inputs; those not listed are zero.
+    pub const fn directional_derivatives(
+        mut self,
+        derivatives: &'static [DirectionalDerivative<M>],
+    ) -> Self {
         assert!(
             matches!(self.info.causality, Causality::Output) && self.info.array.is_none(),
-            "only a scalar output has sensitivities"
+            "only a scalar output has directional derivatives"
         );
-        self.sensitivities = sensitivities;
+        self.directional_derivatives = derivatives;
         self
     }
 
-    /// Whether the host may give the variable's time derivative.
-    pub const fn has_slope(&self) -> bool {
-        self.slope.is_some()
+    /// Whether the host may set the variable's time derivative.
+    pub const fn has_input_derivative(&self) -> bool {
+        self.input_derivative.is_some()
     }
 
-    /// Whether the variable's derivatives by inputs are known.
-    pub const fn has_sensitivities(&self) -> bool {
-        !self.sensitivities.is_empty()
+    /// Whether the variable's derivatives with respect to inputs are known.
+    pub const fn has_directional_derivatives(&self) -> bool {
+        !self.directional_derivatives.is_empty()
     }
 
-    /// Where the variable's time derivative lives in `model`, if the host may give it.
-    pub fn slope_place<'a>(&self, model: &'a mut M) -> Option<&'a mut f64> {
-        self.slope.map(|access| access(model))
+    /// The variable's time derivative in `model`, if the host may set it.
+    pub fn input_derivative_mut<'a>(&self, model: &'a mut M) -> Option<&'a mut f64> {
+        self.input_derivative.map(|access| access(model))
     }
 
-    /// The derivative of the variable's present value by an input, as it was held over the last step.
-    pub fn sensitivity(&self, model: &M, input: &str) -> f64 {
-        self.sensitivities
+    /// The derivative of the variable's present value with respect to an input, as it was held over
+    /// the last step.
+    pub fn derivative_by(&self, model: &M, input: &str) -> f64 {
+        self.directional_derivatives
             .iter()
             .find(|(name, _)| *name == input)
             .map_or(0.0, |(_, derivative)| derivative(model))
     }
 
-    /// Where the value of the element `index` (from 0) lives in `model`; none if the model's array
-    /// is shorter than the table says.
-    pub fn place<'a>(&self, model: &'a mut M, index: usize) -> Option<Place<'a>> {
+    /// The value of the element `index` (from 0) in `model`; none if the model's array is shorter
+    /// than the table says.
+    pub fn value_mut<'a>(&self, model: &'a mut M, index: usize) -> Option<ValueMut<'a>> {
         Some(match self.access {
-            Access::Real(access) => Place::Real(access(model)),
-            Access::Reals(access) => Place::Real(access(model).get_mut(index)?),
-            Access::Integer(access) => Place::Integer(access(model)),
-            Access::Boolean(access) => Place::Boolean(access(model)),
+            Access::Real(access) => ValueMut::Real(access(model)),
+            Access::Reals(access) => ValueMut::Real(access(model).get_mut(index)?),
+            Access::Integer(access) => ValueMut::Integer(access(model)),
+            Access::Boolean(access) => ValueMut::Boolean(access(model)),
         })
     }
 
-    /// Where the element `index` (from 0) of a Real lives in `model`; none if the variable is of
-    /// another type, or the model's array is shorter than the table says.
+    /// The element `index` (from 0) of a Real in `model`; none if the variable is of another type, or
+    /// the model's array is shorter than the table says.
     #[inline(always)]
     pub fn real<'a>(&self, model: &'a mut M, index: usize) -> Option<&'a mut f64> {
         match self.access {
@@ -421,17 +401,17 @@ impl<M> Variable<M> {
     /// Sets the variable, if it has start values, to them.
     pub fn start(&self, model: &mut M) {
         for index in 0..self.info.count() {
-            match (self.place(model, index), &self.info.domain) {
-                (Some(Place::Real(value)), Domain::Real { start, .. }) => {
+            match (self.value_mut(model, index), &self.info.domain) {
+                (Some(ValueMut::Real(value)), Domain::Real { start, .. }) => {
                     if let Some(start) = start.of(index) {
                         *value = start;
                     }
                 }
                 (
-                    Some(Place::Integer(value)),
+                    Some(ValueMut::Integer(value)),
                     Domain::Integer { start, .. } | Domain::Enumeration { start, .. },
                 ) => *value = *start,
-                (Some(Place::Boolean(value)), Domain::Boolean { start }) => *value = *start,
+                (Some(ValueMut::Boolean(value)), Domain::Boolean { start }) => *value = *start,
                 _ => {}
             }
         }
@@ -540,12 +520,12 @@ mod tests {
         assert_eq!(model.k, 2.0);
         let w = Row::fixed_array("w", &[1.0, 2.0, 3.0], |m| &mut m.w);
         w.start(&mut model);
-        let Some(Place::Real(second)) = w.place(&mut model, 1) else {
+        let Some(ValueMut::Real(second)) = w.value_mut(&mut model, 1) else {
             panic!()
         };
         *second = 7.0;
         assert_eq!(model.w, [1.0, 7.0, 3.0]);
-        assert!(w.place(&mut model, 3).is_none());
+        assert!(w.value_mut(&mut model, 3).is_none());
     }
 
     #[test]
@@ -557,20 +537,20 @@ mod tests {
     }
 
     #[test]
-    fn sensitivities_are_found_by_the_name_of_the_input() {
-        let row = Row::output("y", |m| &mut m.k).sensitive_to(&[("u", |m| 2.0 * m.k)]);
+    fn directional_derivatives_are_found_by_the_name_of_the_input() {
+        let row = Row::output("y", |m| &mut m.k).directional_derivatives(&[("u", |m| 2.0 * m.k)]);
         let model = Model {
             k: 3.0,
             w: [0.0; 3],
         };
-        assert_eq!(row.sensitivity(&model, "u"), 6.0);
-        assert_eq!(row.sensitivity(&model, "d"), 0.0);
+        assert_eq!(row.derivative_by(&model, "u"), 6.0);
+        assert_eq!(row.derivative_by(&model, "d"), 0.0);
     }
 
     #[test]
-    #[should_panic(expected = "only an input has a slope")]
-    fn outputs_have_no_slope() {
-        let _ = Row::output("y", |m| &mut m.k).slope(|m| &mut m.k);
+    #[should_panic(expected = "only an input has an input derivative")]
+    fn outputs_have_no_input_derivative() {
+        let _ = Row::output("y", |m| &mut m.k).input_derivative(|m| &mut m.k);
     }
 
     #[test]

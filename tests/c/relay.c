@@ -59,6 +59,17 @@ EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
 EXPORT int fmi2SetDebugLogging(void) { return OK; }
 
+static void start(Instance *c) {
+    memset(c->reals, 0, sizeof c->reals);
+    memset(c->integers, 0, sizeof c->integers);
+    memset(c->booleans, 0, sizeof c->booleans);
+    memset(c->strings, 0, sizeof c->strings);
+    c->reals[GAIN] = 1;
+    c->reals[STATUS_TIME] = c->reals[U_MAX] = 1e300;
+    c->integers[LOGGED] = -1;
+    c->integers[SHAPE] = LINEAR;
+}
+
 #ifndef WITHOUT_INIT
 EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources,
                                  const Callbacks *callbacks) {
@@ -73,10 +84,7 @@ EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, c
         free(c);
         return NULL;
     }
-    c->reals[GAIN] = 1;
-    c->reals[STATUS_TIME] = c->reals[U_MAX] = 1e300;
-    c->integers[LOGGED] = -1;
-    c->integers[SHAPE] = LINEAR;
+    start(c);
     return c;
 }
 #endif
@@ -151,6 +159,21 @@ EXPORT int fmi2SetString(Instance *c, References references, size_t n, const cha
     return OK;
 }
 
+EXPORT int fmi2GetString(Instance *c, References references, size_t n, const char **values) {
+    check_alive();
+    for (size_t i = 0; i < n; i++) {
+        if (references[i] >= STRINGS) return ERROR;
+        values[i] = c->strings[references[i]];
+    }
+    return OK;
+}
+
+EXPORT int fmi2Reset(Instance *c) {
+    check_alive();
+    start(c);
+    return OK;
+}
+
 #ifndef WITHOUT_STEP
 EXPORT int fmi2DoStep(Instance *c, double time, double step) {
     check_alive();
@@ -169,8 +192,6 @@ EXPORT int fmi2DoStep(Instance *c, double time, double step) {
 }
 #endif
 
-STUB(fmi2Reset)
-STUB(fmi2GetString)
 STUB(fmi2GetFMUstate)
 STUB(fmi2SetFMUstate)
 STUB(fmi2FreeFMUstate)

@@ -1,7 +1,8 @@
-//! `cargo fmu`: builds the models of a workspace into FMUs, looks into FMUs, joins and checks them.
+//! The command line `cargo fmu`.
 #![forbid(unsafe_code)]
 
 pub mod commands;
+mod style;
 mod table;
 
 use std::ffi::OsString;
@@ -11,11 +12,18 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, table1, validate};
+use style::ERROR;
 
-/// Builds models into FMUs (FMI 2.0 co-simulation), looks into FMUs, joins and checks them.
+use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, validate};
+
+/// Builds models into FMUs; inspects, merges, checks, couples and sweeps FMUs
 #[derive(Parser)]
-#[command(name = "cargo-fmu", bin_name = "cargo fmu", version)]
+#[command(
+    name = "cargo-fmu",
+    bin_name = "cargo fmu",
+    version,
+    max_term_width = 80
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -23,72 +31,67 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Build the models of this workspace and write an FMU of each
+    /// Build the models of this workspace into FMUs
     #[command(after_help = "Examples:
-  cargo fmu export                          all models, for this machine, to target/fmu
-  cargo fmu export Pid Pendulum --out fmus  two of them, to another folder
-  cargo fmu export --portable               for every Linux with glibc 2.17 or newer
-  cargo fmu export --portable --target x86_64-pc-windows-gnu --target universal2-apple-darwin
-                                            for Linux, Windows and macOS
-  cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out aarch64
-                                            for Linux on ARM
+  cargo fmu export                     all models, for this machine, to target/fmu
+  cargo fmu export Pid --out fmus      one of them, to another folder
+  cargo fmu export --portable          for every Linux with glibc 2.17 or newer
+  cargo fmu export --portable --target x86_64-pc-windows-gnu \\
+      --target universal2-apple-darwin for Linux, Windows and macOS
   cargo fmu export Pid --binary win64=fmu_controller.dll
-                                            with a binary that was built elsewhere")]
+                                       with a binary that was built elsewhere")]
     Export(export::ExportArgs),
-    /// Show what is in an FMU: variables, capabilities, platforms
+    /// Show the variables, capabilities and platforms of an FMU
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
     Info {
-        /// The FMU, of any maker
+        /// The FMU, from any vendor
         file: PathBuf,
     },
-    /// Join FMUs of one model that were built on several machines
+    /// Merge FMUs of one model that were built on several machines
     #[command(
-        after_help = "The FMUs must be of one version of the model. A file that several have must be the same in all of
-them; only where it is documentation, that of the first is taken.
+        after_help = "The FMUs must be of one version of the model, and equal in every file that more
+than one has. Only documentation may differ; that of the first FMU is kept.
 
 Examples:
   cargo fmu merge linux/Pid.fmu windows/Pid.fmu -o Pid.fmu
-  cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu
-                                            adds to an FMU what another one has"
+  cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu"
     )]
     Merge(merge::MergeArgs),
     /// Check FMUs as an importer would, and run their binaries
     #[command(
-        after_help = "Exit code: 1 if there is an error, 0 if there are warnings at most.
+        after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
 
 Example:\n  cargo fmu validate target/fmu/*.fmu"
     )]
     Validate(validate::ValidateArgs),
-    /// Simulate a system of coupled FMUs by the native master
+    /// Simulate a system of coupled FMUs
     #[command(after_help = "Examples:
   cargo fmu simulate examples/closed-loop/pid.toml --csv target/pid.csv
   cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
     Simulate(simulate::SimulateArgs),
-    /// Compute the paper's Table 1 by the native master
-    #[command(after_help = "Exit code: 1 if a number is missed.")]
-    Table1(table1::Table1Args),
-    /// Run a system thousands of times, each with other values, and write metrics of each run
+    /// Simulate a system with many sets of parameters; write metrics of each run
     #[command(
-        after_help = "A sweep that was killed goes on where it was when it is started again.
+        after_help = "A sweep that was interrupted continues when it is started again.
 
 Example:
   cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv"
     )]
     Sweep(sweep::SweepArgs),
-    /// Write systems of coupled FMUs as packages for other tools (SSP 1.0)
+    /// Write systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(
-        after_help = "A package does not say in which order a tool steps; most step all components in parallel.
+        after_help = "A package does not state the order of stepping; most tools step all components
+in parallel.
 
 Examples:
-  cargo fmu ssp                             the loops of examples/ssp, to target/fmu
+  cargo fmu ssp examples/ssp/*.toml
   cargo fmu ssp my-system.toml --out packages"
     )]
     Ssp(ssp::SspArgs),
     /// One test of a binary, in a process of its own
     #[command(hide = true)]
     Probe(probe::ProbeArgs),
-    /// Print the completions of a shell for this command
+    /// Print completions for a shell
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
     Completions {
@@ -104,7 +107,8 @@ pub fn main(arguments: impl Iterator<Item = OsString>) -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Messages of the TOML parser end with a line feed of their own.
-            eprintln!("error: {}", format!("{error:#}").trim_end());
+            let text = format!("{error:#}");
+            anstream::eprintln!("{ERROR}error:{ERROR:#} {}", text.trim_end());
             ExitCode::FAILURE
         }
     }
@@ -119,14 +123,13 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
 
 fn run(command: Command) -> anyhow::Result<ExitCode> {
     // Not locked: a sweep prints rows from several threads.
-    let out = &mut io::stdout();
+    let out = &mut anstream::stdout();
     let is_ok = match command {
         Command::Export(args) => export::run(args, out).map(|()| true),
         Command::Info { file } => info::print(&file, out).map(|()| true),
         Command::Merge(args) => merge::run(&args, out).map(|()| true),
         Command::Validate(args) => validate::run(&args, out),
         Command::Simulate(args) => simulate::run(&args, out).map(|()| true),
-        Command::Table1(args) => table1::run(&args, out),
         Command::Sweep(args) => sweep::run(&args, out).map(|()| true),
         Command::Ssp(args) => ssp::run(&args, out).map(|()| true),
         Command::Probe(args) => probe::run(&args).map(|()| true),

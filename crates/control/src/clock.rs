@@ -5,7 +5,7 @@
 const TOLERANCE: f64 = 1e-6;
 
 /// More samples than this in one communication step are refused rather than computed for minutes.
-pub const MOST_SAMPLES: f64 = 1e8;
+pub const MAX_SAMPLES: f64 = 1e8;
 
 /// The clock of a sampled system: its instants are `start + k ts`, k = 0, 1, ...
 ///
@@ -36,7 +36,7 @@ impl core::fmt::Display for TooManySamples {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "the communication step holds {} sample instants, more than the {MOST_SAMPLES} that are computed in one step",
+            "the communication step holds {} sample instants, more than the {MAX_SAMPLES} that are computed in one step",
             self.samples
         )
     }
@@ -87,7 +87,7 @@ impl SampleClock {
             None => libm::ceil(self.samples_to(time)).max(0.0),
         };
         let samples = libm::ceil(end - next).max(0.0);
-        if samples > MOST_SAMPLES {
+        if samples > MAX_SAMPLES {
             return Err(TooManySamples { samples });
         }
         self.next = Some(next + samples);

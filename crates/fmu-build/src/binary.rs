@@ -1,15 +1,18 @@
 //! Shared libraries of models: built, joined or given, checked, and packed.
 
 use std::fs;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use cargo_metadata::Metadata;
-use fat_macho::FatWriter;
-use fmu_file::archive::Packed;
+use fmu_description::guid::checksum;
+use fmu_file::archive::{Compression, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
+use fmu_file::replace;
 
 use crate::library::{Library, Model};
-use crate::toolchain::{Target, Way};
+use crate::macho;
+use crate::toolchain::{Recipe, Target};
 
 /// A shared library, for one platform or several.
 pub struct Binary {
@@ -32,13 +35,13 @@ impl Binary {
     /// What the compiler said.
     pub fn build(library: &Library, target: &Target, metadata: &Metadata) -> Result<Self> {
         let mut parts = target
-            .ways
+            .recipes
             .iter()
-            .map(|way| build(library, way, target.platforms[0].extension, metadata))
+            .map(|recipe| build(library, recipe, target.platforms[0].extension, metadata))
             .collect::<Result<Vec<_>>>()?;
         let bytes = match parts.len() {
             1 => parts.remove(0),
-            _ => join(parts).context("cannot join the parts of a universal binary")?,
+            _ => macho::join(&parts).context("cannot join the parts of a universal binary")?,
         };
         Ok(Self {
             platforms: target.platforms.clone(),
@@ -68,51 +71,58 @@ impl Binary {
     /// # Errors
     /// It does not.
     pub fn check_guid(&self, model: &Model<'_>) -> Result<()> {
-        let guid = model.description.guid.as_bytes();
+        let guid = model.guid.as_bytes();
         ensure!(
             self.bytes.windows(guid.len()).any(|window| window == guid),
             "it does not hold the model {} with the interface {}; was it built from another version?",
-            model.name(),
-            model.description.guid
+            model.name,
+            model.guid
         );
         Ok(())
     }
 
-    /// Compresses the binary.
+    /// Compresses the binary, unless that was done before: packed binaries are kept in the folder
+    /// `cache` under a checksum of their content.
     ///
     /// # Errors
     /// It is too large for an archive.
-    pub fn pack(&self) -> Result<PackedBinary> {
+    pub fn pack(&self, compression: Compression, cache: &Path) -> Result<PackedBinary> {
+        let cached = cache.join(format!("{:032x}-{compression:?}", checksum(&self.bytes)));
+        let known = fs::read(&cached).ok();
+        let known = known.and_then(|packed| Packed::from_bytes(packed, &self.bytes));
+        let file = match known {
+            Some(file) => file,
+            None => {
+                let file = Packed::program(&self.bytes, compression)?;
+                // Without the cache the next export takes longer, and that is all.
+                let _ = replace::write(&cached, file.as_bytes());
+                file
+            }
+        };
         Ok(PackedBinary {
             platforms: self.platforms.clone(),
-            file: Packed::program(&self.bytes)?,
+            file,
         })
     }
 }
 
-/// Builds a library in one way.
-fn build(library: &Library, way: &Way, extension: &str, metadata: &Metadata) -> Result<Vec<u8>> {
+/// Builds a library by one recipe.
+fn build(
+    library: &Library,
+    recipe: &Recipe,
+    extension: &str,
+    metadata: &Metadata,
+) -> Result<Vec<u8>> {
     // As `cdylib` alone it is optimized across its dependencies, which is not done beside an rlib.
-    let file = way
+    let file = recipe
         .cargo_rustc(&format!("building {}", library.package))
         .args(["--release", "--lib", "--crate-type", "cdylib"])
         .args(["--package", &library.package])
-        .without_local_paths(metadata, way.sources().as_deref())
+        .without_local_paths(metadata, recipe.sources().as_deref())
         .args(["--"])
-        .args(way.compiler_args(&library.target))
+        .args(recipe.compiler_args(&library.target))
         .run(metadata.packages.len())?
         .shared_library(&library.target, extension)
         .with_context(|| format!("cargo built no shared library of {}", library.package))?;
     fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
-}
-
-/// Joins binaries for macOS, each for a processor of its own, to one.
-fn join(parts: Vec<Vec<u8>>) -> Result<Vec<u8>> {
-    let mut writer = FatWriter::new();
-    for part in parts {
-        writer.add(part)?;
-    }
-    let mut bytes = Vec::new();
-    writer.write_to(&mut bytes)?;
-    Ok(bytes)
 }

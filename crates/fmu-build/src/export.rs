@@ -6,7 +6,7 @@ use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
-use fmu_file::archive::{self, Entry, MODEL_DESCRIPTION, Packed};
+use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
@@ -28,6 +28,8 @@ pub struct Options {
     pub targets: Vec<String>,
     /// Shared libraries that were built elsewhere.
     pub binaries: Vec<Prebuilt>,
+    /// How binaries are compressed.
+    pub compression: Compression,
 }
 
 /// An FMU that was written.
@@ -78,11 +80,14 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         .map(|model| documentation::files(model, &licenses))
         .collect::<Result<Vec<_>>>()?;
 
-    // A binary takes a second to pack: each once, and beside the build of the next.
+    // Each binary is packed once, while the next one is built.
+    let cache = metadata.target_directory.join("fmu-packed");
+    fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
+    let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
     let (built, prebuilt) = thread::scope(|scope| {
         let prebuilt: Vec<_> = prebuilt
             .iter()
-            .map(|binary| scope.spawn(|| binary.pack()))
+            .map(|binary| scope.spawn(move || pack(binary)))
             .collect();
         let mut built = Vec::new();
         for library in &libraries {
@@ -94,7 +99,7 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
                 for model in of_library(library, &chosen) {
                     binary.check_guid(model)?;
                 }
-                built.push((library, scope.spawn(move || binary.pack())));
+                built.push((library, scope.spawn(move || pack(&binary))));
             }
         }
         let built = built
@@ -144,8 +149,8 @@ fn targets(options: &Options) -> Result<Vec<Target>> {
     }
     let targets = names.iter().map(|name| Target::named(name));
     let targets = targets.collect::<Result<Vec<_>>>()?;
-    for way in targets.iter().flat_map(|target| &target.ways) {
-        eprintln!("{way}");
+    for recipe in targets.iter().flat_map(|target| &target.recipes) {
+        eprintln!("{recipe}");
     }
     Ok(targets)
 }
@@ -170,14 +175,14 @@ fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
 /// The models of the given names, or all.
 fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b Model<'a>>> {
     for name in names {
-        if !models.iter().any(|model| model.name() == name) {
-            let known: Vec<_> = models.iter().map(Model::name).collect();
+        if !models.iter().any(|model| model.name == *name) {
+            let known: Vec<_> = models.iter().map(|model| model.name.as_str()).collect();
             bail!("model {name:?} is unknown; there are {}", known.join(", "));
         }
     }
     Ok(models
         .iter()
-        .filter(|model| names.is_empty() || names.iter().any(|name| name == model.name()))
+        .filter(|model| names.is_empty() || names.contains(&model.name))
         .collect())
 }
 
@@ -200,7 +205,7 @@ fn write<'a>(
     documents: &[documentation::File],
     out: &Path,
 ) -> Result<Written> {
-    let name = model.name();
+    let name = model.name.as_str();
     let xml = Packed::text(model.xml.as_bytes())?;
     let documents = documents
         .iter()

@@ -7,7 +7,10 @@ mod build;
 mod documentation;
 mod export;
 mod library;
+mod macho;
 pub mod table;
 mod toolchain;
+
+pub use fmu_file::archive::Compression;
 
 pub use export::{Options, Written, export};

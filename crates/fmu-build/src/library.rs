@@ -6,7 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package};
-use fmu_description::schema::ModelDescription;
+use fmu_description::{ModelDescription, xml};
 
 use crate::build::Build;
 
@@ -29,17 +29,12 @@ pub struct Library {
 pub struct Model<'a> {
     /// The library that it is in.
     pub library: &'a Library,
+    /// Its name, and that of its binary.
+    pub name: String,
+    /// The GUID of its interface.
+    pub guid: String,
     /// The text of its `modelDescription.xml`.
     pub xml: String,
-    /// The same, read.
-    pub description: ModelDescription,
-}
-
-impl Model<'_> {
-    /// Name of the model, and of its binary.
-    pub fn name(&self) -> &str {
-        &self.description.model_name
-    }
 }
 
 /// What cargo knows of the workspace around the current folder.
@@ -104,9 +99,12 @@ pub fn describe<'a>(libraries: &'a [Library], metadata: &Metadata) -> Result<Vec
         );
         let text = String::from_utf8(output.stdout)?;
         for xml in documents(&text) {
+            let root = xml::parse(xml)?;
+            let description = ModelDescription::read(&root)?;
             models.push(Model {
                 library,
-                description: ModelDescription::from_xml(xml)?,
+                name: description.name().to_owned(),
+                guid: root.attribute("guid").unwrap_or_default().to_owned(),
                 xml: xml.to_owned(),
             });
         }
@@ -126,7 +124,7 @@ fn documents(text: &str) -> impl Iterator<Item = &str> {
 fn check_names(models: &[Model<'_>]) -> Result<()> {
     let mut names = BTreeSet::new();
     for model in models {
-        let name = model.name();
+        let name = model.name.as_str();
         ensure!(
             name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
                 && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'),

@@ -22,15 +22,15 @@ const MACOS: &str = "11.0";
 pub struct Target {
     /// Where its binary goes.
     pub platforms: Vec<Platform>,
-    /// How its binary is built: one way, or two whose binaries are joined.
-    pub ways: Vec<Way>,
+    /// How its binary is built: by one recipe, or by two whose binaries are joined.
+    pub recipes: Vec<Recipe>,
 }
 
 /// How a binary for one processor and system is built.
-pub struct Way {
+pub struct Recipe {
     /// As cargo or cargo-zigbuild takes it.
     target: String,
-    /// Whether cargo is told of it, or builds for this machine.
+    /// Whether cargo gets it as `--target`, or builds for this machine.
     is_named: bool,
     toolchain: Toolchain,
     std_from_source: bool,
@@ -38,7 +38,7 @@ pub struct Way {
 }
 
 impl Target {
-    /// The target of this machine, in the way that needs a Rust toolchain only.
+    /// The target of this machine, which needs a Rust toolchain only.
     ///
     /// # Errors
     /// There is no toolchain, or FMI does not know this machine.
@@ -46,7 +46,7 @@ impl Target {
         let host = host()?;
         Ok(Self {
             platforms: Platform::of_target(&host)?,
-            ways: vec![Way {
+            recipes: vec![Recipe {
                 target: host,
                 is_named: false,
                 toolchain: Toolchain::active(),
@@ -67,13 +67,13 @@ impl Target {
         };
         Ok(Self {
             platforms: Platform::of_target(name)?,
-            ways: parts.into_iter().map(Way::to).collect::<Result<_>>()?,
+            recipes: parts.into_iter().map(Recipe::to).collect::<Result<_>>()?,
         })
     }
 }
 
-impl Way {
-    /// The way to a target that this machine offers.
+impl Recipe {
+    /// The recipe for a target that this machine can build for.
     fn to(target: &str) -> Result<Self> {
         let (triple, glibc) = match target.split_once('.') {
             Some((triple, version)) => (triple, Some(version)),
@@ -139,7 +139,7 @@ impl Way {
         build
     }
 
-    /// What the compiler is told when it makes the shared library `name`.
+    /// Arguments of the compiler for the shared library `name`.
     pub fn compiler_args(&self, name: &str) -> Vec<String> {
         let mut args = Vec::new();
         if self.target.ends_with("-windows-gnu") {
@@ -167,7 +167,7 @@ impl Way {
     }
 }
 
-impl Display for Way {
+impl Display for Recipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let toolchain = &self.toolchain;
         write!(f, "{}: {}", self.target, toolchain.version())?;
@@ -309,8 +309,8 @@ fn runs(program: impl AsRef<OsStr>) -> bool {
 mod tests {
     use super::*;
 
-    fn way(target: &str, by_zig: bool) -> Way {
-        Way {
+    fn recipe(target: &str, by_zig: bool) -> Recipe {
+        Recipe {
             target: target.into(),
             is_named: true,
             toolchain: Toolchain::active(),
@@ -321,13 +321,13 @@ mod tests {
 
     #[test]
     fn a_library_for_macos_is_named_and_stripped_by_its_linker() {
-        let args = way("aarch64-apple-darwin", true).compiler_args("models");
+        let args = recipe("aarch64-apple-darwin", true).compiler_args("models");
         assert!(args[0].ends_with("-install_name,@rpath/models.dylib"));
         assert!(args.contains(&"-Cstrip=none".to_owned()));
-        let by_apple = way("aarch64-apple-darwin", false).compiler_args("models");
+        let by_apple = recipe("aarch64-apple-darwin", false).compiler_args("models");
         assert_eq!(by_apple, args[..1]);
         assert!(
-            way("x86_64-unknown-linux-gnu", true)
+            recipe("x86_64-unknown-linux-gnu", true)
                 .compiler_args("models")
                 .is_empty()
         );
@@ -336,17 +336,17 @@ mod tests {
     #[test]
     fn this_machine_has_what_it_needs() {
         let host = host().unwrap();
-        let way = Way::to(&host).unwrap();
-        assert!(!way.std_from_source && !way.by_zig);
+        let recipe = Recipe::to(&host).unwrap();
+        assert!(!recipe.std_from_source && !recipe.by_zig);
         assert!(
-            way.to_string().starts_with(&format!("{host}: rustc 1.")),
-            "{way}"
+            recipe.to_string().starts_with(&format!("{host}: rustc 1.")),
+            "{recipe}"
         );
     }
 
     #[test]
     fn an_unknown_target_is_named() {
-        let error = Way::to("x86_64-nonsense-linux-gnu")
+        let error = Recipe::to("x86_64-nonsense-linux-gnu")
             .err()
             .unwrap()
             .to_string();

@@ -2,15 +2,54 @@
 
 use std::fmt;
 
-use fmu_file::text::plain;
+use fmu_description::ScalarVariable;
+use fmu_description::xml::Element;
+use fmu_file::archive::MODEL_DESCRIPTION;
+use fmu_file::text::{plain, quote};
 
 /// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// An importer may stumble over it.
+    /// Some importers may reject it.
     Warning,
     /// It breaks the standard.
     Error,
+}
+
+/// Where in the FMU a finding is.
+#[derive(Debug, Clone)]
+pub struct Location(String);
+
+impl From<&str> for Location {
+    fn from(text: &str) -> Self {
+        // It may quote the FMU.
+        Self(plain(text, Findings::MAX_LENGTH))
+    }
+}
+
+impl From<String> for Location {
+    fn from(text: String) -> Self {
+        Self::from(text.as_str())
+    }
+}
+
+impl From<&Element<'_>> for Location {
+    fn from(element: &Element<'_>) -> Self {
+        Self(format!("{MODEL_DESCRIPTION}:{}", element.line))
+    }
+}
+
+impl From<&ScalarVariable<'_>> for Location {
+    fn from(variable: &ScalarVariable<'_>) -> Self {
+        let Self(line) = variable.element.into();
+        Self(format!("{line}: {}", quote(variable.name)))
+    }
+}
+
+impl fmt::Display for Location {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
 }
 
 /// One thing that is wrong.
@@ -19,18 +58,23 @@ pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
     /// Where in the FMU it is.
-    pub place: String,
+    pub location: Location,
     /// What is there, and what was expected.
     pub text: String,
 }
 
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Warning => "warning",
+            Self::Error => "error",
+        })
+    }
+}
+
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let severity = match self.severity {
-            Severity::Warning => "warning",
-            Severity::Error => "error",
-        };
-        write!(f, "{severity}: {}: {}", self.place, self.text)
+        write!(f, "{}: {}: {}", self.severity, self.location, self.text)
     }
 }
 
@@ -44,40 +88,29 @@ pub struct Findings {
 
 impl Findings {
     /// No more than this are shown: a broken tool breaks each of a thousand variables.
-    const MOST: usize = 200;
-    /// No place and no text is longer than this.
-    const LONGEST: usize = 1000;
+    const MAX_KEPT: usize = 200;
+    /// No location and no text is longer than this.
+    const MAX_LENGTH: usize = 1000;
 
     /// Adds an error.
-    pub fn error(&mut self, place: impl Into<String>, text: impl Into<String>) {
-        self.add(Finding {
-            severity: Severity::Error,
-            place: place.into(),
-            text: text.into(),
-        });
+    pub fn error(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
+        self.errors += 1;
+        self.keep(Severity::Error, location, text);
     }
 
     /// Adds a warning.
-    pub fn warning(&mut self, place: impl Into<String>, text: impl Into<String>) {
-        self.add(Finding {
-            severity: Severity::Warning,
-            place: place.into(),
-            text: text.into(),
-        });
+    pub fn warning(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
+        self.warnings += 1;
+        self.keep(Severity::Warning, location, text);
     }
 
-    /// Adds a finding.
-    pub fn add(&mut self, finding: Finding) {
-        match finding.severity {
-            Severity::Warning => self.warnings += 1,
-            Severity::Error => self.errors += 1,
-        }
-        if self.kept.len() < Self::MOST {
-            // Both may quote the FMU.
+    fn keep(&mut self, severity: Severity, location: impl Into<Location>, text: impl AsRef<str>) {
+        if self.kept.len() < Self::MAX_KEPT {
             self.kept.push(Finding {
-                severity: finding.severity,
-                place: plain(&finding.place, Self::LONGEST),
-                text: plain(&finding.text, Self::LONGEST),
+                severity,
+                location: location.into(),
+                // It may quote the FMU.
+                text: plain(text.as_ref(), Self::MAX_LENGTH),
             });
         }
     }

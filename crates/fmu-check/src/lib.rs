@@ -16,9 +16,9 @@ use std::path::Path;
 pub use binary::Probes;
 pub use binary::probe::run as probe;
 pub use finding::{Finding, Findings, Severity};
+use fmu_description::ModelDescription;
+use fmu_description::xml;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-use fmu_file::model::Model;
-use fmu_file::xml;
 
 /// Checks an FMU; its binaries are only run if there are probes.
 pub fn check(file: &Path, probes: Option<&Probes>) -> Findings {
@@ -42,7 +42,7 @@ fn check_all(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
         Err(error) => return findings.error(MODEL_DESCRIPTION, format!("{error:#}")),
     };
     schema::check(&root, findings);
-    let model = Model::new(&root);
+    let model = ModelDescription::new(&root);
     rules::check(&model, findings);
     package::check_binaries(&model, &mut archive, findings);
     if let Some(probes) = probes

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeSet, HashSet};
 
+use fmu_description::ModelDescription;
 use fmu_file::archive::Archive;
-use fmu_file::model::{Model, place};
 use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
@@ -26,7 +26,11 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
 }
 
 /// Checks that each kind of the FMU has its sources, or its binary for each platform.
-pub fn check_binaries(model: &Model<'_>, archive: &mut Archive, findings: &mut Findings) {
+pub fn check_binaries(
+    model: &ModelDescription<'_>,
+    archive: &mut Archive,
+    findings: &mut Findings,
+) {
     sources(model, archive, findings);
     let folders: BTreeSet<String> = platform::folders(&archive.names)
         .into_iter()
@@ -52,7 +56,12 @@ pub fn check_binaries(model: &Model<'_>, archive: &mut Archive, findings: &mut F
     }
 }
 
-fn binaries(model: &Model<'_>, platform: Platform, archive: &mut Archive, findings: &mut Findings) {
+fn binaries(
+    model: &ModelDescription<'_>,
+    platform: Platform,
+    archive: &mut Archive,
+    findings: &mut Findings,
+) {
     let kinds = model
         .root
         .children
@@ -83,7 +92,7 @@ fn binaries(model: &Model<'_>, platform: Platform, archive: &mut Archive, findin
 }
 
 /// Checks that the source files that are named are there.
-fn sources(model: &Model<'_>, archive: &Archive, findings: &mut Findings) {
+fn sources(model: &ModelDescription<'_>, archive: &Archive, findings: &mut Findings) {
     let kinds = model
         .root
         .children
@@ -95,7 +104,7 @@ fn sources(model: &Model<'_>, archive: &Archive, findings: &mut Findings) {
             && !names.contains(format!("sources/{name}").as_str())
         {
             findings.error(
-                place(file),
+                file,
                 format!(
                     "the source file {} is missing, expected it in sources",
                     quote(name)

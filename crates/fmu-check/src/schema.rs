@@ -1,9 +1,9 @@
 //! The XML schema of FMI 2.0.4 as tables, and the check of a document against it.
 
-use fmu_file::model::place;
+use fmu_description::value::Form;
+use fmu_description::xml::Element;
+use fmu_description::{Causality, Initial, Variability};
 use fmu_file::text::quote;
-use fmu_file::value::Form;
-use fmu_file::xml::Element;
 
 use super::finding::Findings;
 
@@ -73,18 +73,6 @@ const fn sequence(attributes: &'static [Attribute], content: &'static [Part]) ->
         content: Content::Sequence(content),
     }
 }
-
-/// The values of `causality`.
-const CAUSALITIES: Form = Form::Word(&[
-    "parameter",
-    "calculatedParameter",
-    "input",
-    "output",
-    "local",
-    "independent",
-]);
-/// The values of `variability`.
-const VARIABILITIES: Form = Form::Word(&["constant", "fixed", "tunable", "discrete", "continuous"]);
 
 static ROOT: Type = sequence(
     &[
@@ -271,13 +259,9 @@ static VARIABLE: Type = sequence(
         ("name", Form::Text, REQUIRED),
         ("valueReference", Form::Unsigned, REQUIRED),
         ("description", Form::Text, OPTIONAL),
-        ("causality", CAUSALITIES, OPTIONAL),
-        ("variability", VARIABILITIES, OPTIONAL),
-        (
-            "initial",
-            Form::Word(&["exact", "approx", "calculated"]),
-            OPTIONAL,
-        ),
+        ("causality", Form::Word(Causality::WORDS), OPTIONAL),
+        ("variability", Form::Word(Variability::WORDS), OPTIONAL),
+        ("initial", Form::Word(Initial::WORDS), OPTIONAL),
         (
             "canHandleMultipleSetPerTimeInstant",
             Form::Boolean,
@@ -354,7 +338,7 @@ pub fn check(root: &Element<'_>, findings: &mut Findings) {
         element(root, &ROOT, findings);
     } else {
         findings.error(
-            place(root),
+            root,
             format!(
                 "the root is {}, expected fmiModelDescription",
                 quote(root.name)
@@ -370,14 +354,14 @@ fn element(element: &Element<'_>, of: &Type, findings: &mut Findings) {
     attributes(element, of.attributes, findings);
     if element.has_text {
         findings.error(
-            place(element),
+            element,
             format!("{} holds text, expected elements only", element.name),
         );
     }
     match of.content {
         Content::Sequence(parts) => children(element, parts, findings),
         Content::Anything if element.children.len() > 1 => findings.warning(
-            place(element),
+            element,
             format!(
                 "{} holds {} elements, expected at most one",
                 element.name,
@@ -392,11 +376,11 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
     for (name, form, required) in of {
         match element.attribute(name) {
             None if *required => findings.error(
-                place(element),
+                element,
                 format!("{} has no attribute {name}, expected one", element.name),
             ),
             Some(value) if !form.fits(value) => findings.error(
-                place(element),
+                element,
                 format!("{name} is {}, expected {}", quote(value), form.expected()),
             ),
             _ => {}
@@ -410,7 +394,7 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
                 .any(|p| name.starts_with(p));
         if !special && !of.iter().any(|(known, _, _)| known == name) {
             findings.error(
-                place(element),
+                element,
                 format!(
                     "{} has the attribute {}, which FMI 2.0 has not",
                     element.name,
@@ -432,7 +416,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
         });
         let Some((index, of)) = found else {
             findings.error(
-                place(child),
+                child,
                 format!(
                     "{} holds {}, expected {}",
                     parent.name,
@@ -444,7 +428,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
         };
         if index < reached {
             findings.error(
-                place(child),
+                child,
                 format!(
                     "{} stands after {}, expected it before",
                     child.name, parts[reached].choice[0].0
@@ -455,7 +439,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
         counts[index] += 1;
         if counts[index] > parts[index].at_most && counts[index] <= parts[index].at_most + 1 {
             findings.error(
-                place(child),
+                child,
                 format!(
                     "{} holds {} once too often, expected {} at most",
                     parent.name, child.name, parts[index].at_most
@@ -467,7 +451,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
     for (part, count) in parts.iter().zip(counts) {
         if count < part.at_least {
             findings.error(
-                place(parent),
+                parent,
                 format!(
                     "{} holds no {}, expected one",
                     parent.name,

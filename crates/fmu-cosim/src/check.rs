@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::{Result, bail, ensure};
-use fmu_file::model::{Causality, Kind};
+use fmu_description::{Causality, VariableType};
 
 use crate::system::{Link, Planned, Port};
 use crate::wiring::channel;
@@ -34,7 +34,7 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             to.kind
         );
         ensure!(
-            from.kind != Kind::String,
+            from.kind != VariableType::String,
             "{} is a String; connections carry numbers and Booleans",
             name(link.from)
         );

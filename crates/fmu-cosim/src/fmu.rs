@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use fmu_description::value::real;
+use fmu_description::xml::{self, Element};
+use fmu_description::{
+    Capability, Causality, ModelDescription, ScalarVariable, Variability, VariableType,
+};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-use fmu_file::model::{Causality, Kind, Model, Variability};
 use fmu_file::platform::Platform;
-use fmu_file::value::{boolean, integer, real};
-use fmu_file::xml::{self, Element};
 use fmu_host::{Instance, Instantiation, Library, LoadError};
 use tempfile::TempDir;
 
@@ -35,7 +37,7 @@ pub struct Fmu {
     pub(crate) only_once: bool,
 }
 
-/// A variable of an FMU.
+/// What a coupling needs of a [`ScalarVariable`], owned: the document is dropped once it is read.
 #[derive(Debug, Clone)]
 pub struct Variable {
     /// Its name.
@@ -43,7 +45,7 @@ pub struct Variable {
     /// Its value reference.
     pub reference: u32,
     /// Its type.
-    pub kind: Kind,
+    pub kind: VariableType,
     /// Who gives it its value.
     pub causality: Causality,
     /// When it may change.
@@ -69,24 +71,18 @@ impl Fmu {
         let mut archive = Archive::open_sound(path)?;
         let text = archive.model_description()?;
         let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
-        let version = root.attribute("fmiVersion").unwrap_or_default();
-        ensure!(
-            version == "2.0",
-            "it is of FMI version {version:?}; expected 2.0"
-        );
-        let slave = root
-            .child("CoSimulation")
+        let model = ModelDescription::read(&root)?;
+        let slave = model
+            .co_simulation()
             .context("it is not for co-simulation")?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
         check_identifier(identifier)?;
         let binary = binary(&archive, identifier)?;
-        let only_once = slave.attribute("canBeInstantiatedOnlyOncePerProcess");
-        let only_once = only_once.and_then(boolean).unwrap_or(false);
+        let only_once = Capability::CanBeInstantiatedOnlyOncePerProcess.is_claimed_by(slave);
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path())?;
-        let model = Model::new(&root);
-        let variables = variables(&model)?;
+        let variables: Vec<_> = model.variables().map(|(_, v)| variable(v)).collect();
         let index = variables
             .iter()
             .enumerate()
@@ -209,42 +205,24 @@ fn binary(archive: &Archive, identifier: &str) -> Result<String> {
     Ok(binary)
 }
 
-fn variables(model: &Model<'_>) -> Result<Vec<Variable>> {
-    model
-        .variables
-        .iter()
-        .enumerate()
-        .map(|(index, variable)| {
-            let variable = variable
-                .as_ref()
-                .and_then(|v| Some((v, v.reference?)))
-                .with_context(|| format!("the variable with the index {} is invalid", index + 1))?;
-            let (variable, reference) = variable;
-            Ok(Variable {
-                name: variable.name.to_owned(),
-                reference,
-                kind: variable.kind,
-                causality: variable.causality,
-                variability: variable.variability,
-                unit: variable.unit().map(str::to_owned),
-                declared_type: variable.value.attribute("declaredType").map(str::to_owned),
-                items: variable.of_type.map(items).unwrap_or_default(),
-            })
-        })
-        .collect()
+/// What the master keeps of a variable when the document is dropped.
+fn variable(v: &ScalarVariable<'_>) -> Variable {
+    Variable {
+        name: v.name.to_owned(),
+        reference: v.reference,
+        kind: v.kind,
+        causality: v.causality,
+        variability: v.variability,
+        unit: v.unit().map(str::to_owned),
+        declared_type: v.value.attribute("declaredType").map(str::to_owned),
+        items: v
+            .items()
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect(),
+    }
 }
 
-fn items(of_type: &Element<'_>) -> Vec<(String, i32)> {
-    let items = of_type.children.iter().filter(|child| child.name == "Item");
-    items
-        .filter_map(|item| {
-            let name = item.attribute("name")?.to_owned();
-            Some((name, integer(item.attribute("value")?)?))
-        })
-        .collect()
-}
-
-fn feedthrough(model: &Model<'_>) -> Vec<(usize, Option<Vec<usize>>)> {
+fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Vec<usize>>)> {
     let zero_based = |index: u32| (index as usize).checked_sub(1);
     model
         .outputs

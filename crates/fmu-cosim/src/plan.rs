@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use anyhow::{Context, Result, ensure};
-use fmu_file::model::{Causality, Kind};
+use fmu_description::{Causality, VariableType};
 
 use crate::system::{Link, Planned, Port, planned, port, start};
 use crate::value::Typed;
@@ -156,10 +156,9 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
             .iter()
             .enumerate()
             .flat_map(|(component, planned)| {
-                let outputs =
-                    planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
-                        v.causality == Causality::Output && v.kind != Kind::String
-                    });
+                let outputs = planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
+                    v.causality == Causality::Output && v.kind != VariableType::String
+                });
                 outputs.map(move |(variable, _)| Port {
                     component,
                     variable,
@@ -171,7 +170,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     for name in names {
         let port = port(components, name)?;
         ensure!(
-            port.of(components).kind != Kind::String,
+            port.of(components).kind != VariableType::String,
             "{name} is a String, which cannot be recorded"
         );
         ensure!(!ports.contains(&port), "{name} is recorded twice");

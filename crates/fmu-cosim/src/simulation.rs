@@ -1,7 +1,7 @@
 //! One run of a system.
 
 use anyhow::Result;
-use fmu_file::model::Kind;
+use fmu_description::VariableType;
 
 use crate::instance::{Called, Instance};
 use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
@@ -44,8 +44,8 @@ impl Inputs {
         let mut inputs = Self::default();
         for wire in wires {
             match wire.kind {
-                Kind::Real => inputs.reals.push(transfer(wire)),
-                Kind::Boolean => inputs.booleans.push(transfer(wire)),
+                VariableType::Real => inputs.reals.push(transfer(wire)),
+                VariableType::Boolean => inputs.booleans.push(transfer(wire)),
                 _ => inputs.integers.push(transfer(wire)),
             }
         }
@@ -92,8 +92,8 @@ impl Readers {
     fn push(&mut self, record: &Record) {
         let (group, columns) = (record.group.clone(), record.columns.clone());
         match record.kind {
-            Kind::Real => self.reals.push(Reader::new(group, columns)),
-            Kind::Boolean => self.booleans.push(Reader::new(group, columns)),
+            VariableType::Real => self.reals.push(Reader::new(group, columns)),
+            VariableType::Boolean => self.booleans.push(Reader::new(group, columns)),
             _ => self.integers.push(Reader::new(group, columns)),
         }
     }

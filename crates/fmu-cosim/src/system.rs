@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use fmu_file::model::{Causality, Variability};
+use fmu_description::{Causality, Variability};
 
 use crate::fmu::similar;
 use crate::value::Typed;

@@ -3,7 +3,7 @@
 use std::ffi::CString;
 
 use anyhow::{Result, bail};
-use fmu_file::model::Kind;
+use fmu_description::VariableType;
 use serde::Deserialize;
 
 use crate::Variable;
@@ -67,11 +67,11 @@ impl Value {
     /// The value is not one of the variable's type.
     pub(crate) fn typed(&self, variable: &Variable, name: &str) -> Result<Typed> {
         let typed = match variable.kind {
-            Kind::Real => self.real().map(Typed::Real),
-            Kind::Integer => self.integer().map(Typed::Integer),
-            Kind::Boolean => self.boolean().map(Typed::Boolean),
-            Kind::Enumeration => self.item(&variable.items).map(Typed::Integer),
-            Kind::String => match self {
+            VariableType::Real => self.real().map(Typed::Real),
+            VariableType::Integer => self.integer().map(Typed::Integer),
+            VariableType::Boolean => self.boolean().map(Typed::Boolean),
+            VariableType::Enumeration => self.item(&variable.items).map(Typed::Integer),
+            VariableType::String => match self {
                 Self::Text(text) => CString::new(text.as_str()).ok().map(Typed::String),
                 _ => None,
             },
@@ -128,11 +128,11 @@ impl Value {
 
 fn expected(variable: &Variable) -> String {
     match variable.kind {
-        Kind::Real => "a number".into(),
-        Kind::Integer => "a whole number of 32 bits".into(),
-        Kind::Boolean => "true or false".into(),
-        Kind::String => "a text in quotes, without a zero byte".into(),
-        Kind::Enumeration => {
+        VariableType::Real => "a number".into(),
+        VariableType::Integer => "a whole number of 32 bits".into(),
+        VariableType::Boolean => "true or false".into(),
+        VariableType::String => "a text in quotes, without a zero byte".into(),
+        VariableType::Enumeration => {
             let names: Vec<&str> = variable
                 .items
                 .iter()

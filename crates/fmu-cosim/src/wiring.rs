@@ -2,39 +2,43 @@
 
 use std::collections::BTreeMap;
 
-use fmu_file::model::Kind;
+use fmu_description::VariableType;
 
 use crate::system::{Link, Planned, Port};
 use crate::transfer::Group;
 
 /// The inputs of one component and type, and the outputs that feed them, in the same order.
 pub(crate) struct Wire {
-    pub(crate) kind: Kind,
+    pub(crate) kind: VariableType,
     pub(crate) outputs: Vec<Group>,
     pub(crate) inputs: Group,
 }
 
 /// Variables of one component and type that are recorded, and their columns.
 pub(crate) struct Record {
-    pub(crate) kind: Kind,
+    pub(crate) kind: VariableType,
     pub(crate) group: Group,
     pub(crate) columns: Vec<usize>,
 }
 
 /// The types that have functions of their own: an Enumeration is an Integer there.
-pub(crate) fn channel(kind: Kind) -> Kind {
+pub(crate) fn channel(kind: VariableType) -> VariableType {
     match kind {
-        Kind::Enumeration => Kind::Integer,
+        VariableType::Enumeration => VariableType::Integer,
         other => other,
     }
 }
 
-const CHANNELS: [Kind; 3] = [Kind::Real, Kind::Integer, Kind::Boolean];
+const CHANNELS: [VariableType; 3] = [
+    VariableType::Real,
+    VariableType::Integer,
+    VariableType::Boolean,
+];
 
 /// Groups the connections by the component that they feed, the type, and the component they come from.
 pub(crate) fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
     let of_component = |fed: usize| {
-        let of_kind = |kind: Kind| {
+        let of_kind = |kind: VariableType| {
             let mut groups: BTreeMap<usize, (Group, Group)> = BTreeMap::new();
             for link in links.iter().filter(|link| {
                 link.to.component == fed && channel(link.to.of(components).kind) == kind

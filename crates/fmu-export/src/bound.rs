@@ -39,10 +39,10 @@ const fn writable(info: &Info) -> (f64, f64) {
     }
 }
 
-const fn has_slopes<M>(variables: &[Variable<M>]) -> bool {
+const fn has_input_derivatives<M>(variables: &[Variable<M>]) -> bool {
     let mut row = 0;
     while row < variables.len() {
-        if variables[row].has_slope() {
+        if variables[row].has_input_derivative() {
             return true;
         }
         row += 1;
@@ -54,8 +54,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
     pub(crate) const GUID: Guid = guid::guid(M::NAME, M::VARIABLES);
     /// The row of each value reference, and the index in its array.
     const SLOTS: &'static [(u16, u16); N] = &Self::slots();
-    /// Whether the host may give the time derivative of any input.
-    pub(crate) const HAS_SLOPES: bool = has_slopes(M::VARIABLES);
+    /// Whether the host may set the time derivative of any input.
+    pub(crate) const HAS_INPUT_DERIVATIVES: bool = has_input_derivatives(M::VARIABLES);
     /// See [`writable`].
     const BOUNDS: &'static [(f64, f64); N] = &Self::bounds();
 
@@ -102,7 +102,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         Some((M::VARIABLES.get(usize::from(row))?, usize::from(element)))
     }
 
-    /// Where a Real lives.
+    /// The Real of a value reference.
     ///
     /// Each of the first references has an arm of its own, in which the compiler knows the variable:
     /// the author's closure is then not called, but becomes a part of the arm.
@@ -153,7 +153,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
     }
 
-    // `black_box`: else the compiler computes the places of all variables before the loop.
+    // `black_box`: else the compiler computes the addresses of all variables before the loop.
     #[inline(never)]
     fn get_many(&mut self, references: &[u32], values: &mut [f64]) -> bool {
         // All are looked at before the first is handed out.
@@ -167,7 +167,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     #[inline(always)]
     fn read(&mut self, reference: u32, value: &mut f64) -> bool {
         match Self::real(&mut self.0, reference) {
-            Some(place) => *value = *place,
+            Some(real) => *value = *real,
             None => return false,
         }
         true
@@ -213,7 +213,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     fn write(&mut self, references: &[u32], values: &[f64], i: usize) -> bool {
         if let (Some(&reference), Some(&value)) = (references.get(i), values.get(i)) {
             match Self::real(&mut self.0, reference) {
-                Some(place) => *place = value,
+                Some(real) => *real = value,
                 None => return false,
             }
         }
@@ -239,29 +239,32 @@ impl<M: Model, const N: usize> Slave for Bound<M, N> {
         Some(Scalar {
             info: &variable.info,
             element,
-            place: variable.place(&mut self.0, element)?,
+            value: variable.value_mut(&mut self.0, element)?,
         })
     }
 
-    fn slope(&mut self, reference: u32) -> Option<&mut f64> {
-        Self::variable(reference)?.0.slope_place(&mut self.0)
+    fn input_derivative(&mut self, reference: u32) -> Option<&mut f64> {
+        let (variable, _) = Self::variable(reference)?;
+        variable.input_derivative_mut(&mut self.0)
     }
 
-    fn clear_slopes(&mut self) {
+    fn clear_input_derivatives(&mut self) {
         for variable in M::VARIABLES {
-            if let Some(slope) = variable.slope_place(&mut self.0) {
-                *slope = 0.0;
+            if let Some(derivative) = variable.input_derivative_mut(&mut self.0) {
+                *derivative = 0.0;
             }
         }
     }
 
-    fn has_sensitivities(&self) -> bool {
-        M::VARIABLES.iter().any(Variable::has_sensitivities)
+    fn has_directional_derivatives(&self) -> bool {
+        M::VARIABLES
+            .iter()
+            .any(Variable::has_directional_derivatives)
     }
 
-    fn sensitivity(&self, output: u32, input: u32) -> f64 {
+    fn derivative(&self, output: u32, input: u32) -> f64 {
         match (Self::variable(output), Self::variable(input)) {
-            (Some((output, _)), Some((input, _))) => output.sensitivity(&self.0, input.info.name),
+            (Some((output, _)), Some((input, _))) => output.derivative_by(&self.0, input.info.name),
             _ => 0.0,
         }
     }

@@ -266,8 +266,8 @@ impl Component {
         self.call(call, |c| Ok(values::no_string(&mut c.slave, references)?))
     }
 
-    /// Gives inputs their first time derivatives for the next step, all or none.
-    pub(crate) fn set_slopes(
+    /// Sets first time derivatives of inputs for the next step, all or none.
+    pub(crate) fn set_input_derivatives(
         &mut self,
         references: &[u32],
         orders: &[i32],
@@ -275,8 +275,8 @@ impl Component {
     ) -> Outcome {
         self.call(&phase::INPUT_DERIVATIVES, |c| {
             let slave = &mut c.slave;
-            values::set_slopes(slave, references, orders, values)?;
-            c.life.sloped |= !references.is_empty();
+            values::set_input_derivatives(slave, references, orders, values)?;
+            c.life.has_input_derivatives |= !references.is_empty();
             Ok(())
         })
     }

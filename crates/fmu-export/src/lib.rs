@@ -35,8 +35,8 @@
 //! How a call goes: an entry point of [`fmi2`] turns pointers into slices, and hands them to the
 //! component, which holds what FMI asks of any slave: the state machine, the checks
 //! of arguments, the logger and the guard that stops a panic. The component reads and writes the
-//! model through its table. Only the first of these layers knows the C types of FMI 2.0, so that
-//! the entry points of another version can stand beside it.
+//! model through its table. Only the first of these layers knows the C types of FMI 2.0 and has
+//! `unsafe` code; the others know the names of its functions, for messages.
 //!
 //! The three calls that a host makes at every step, to set Reals, step and get Reals, are made for
 //! each model anew. They do what is usual, with few checks that together let nothing pass that the
@@ -60,9 +60,9 @@ mod values;
 pub use bound::scalars;
 #[cfg(feature = "describe")]
 pub use description::print_descriptions;
+pub use fmi2::Entry;
 pub use fmu_description::{Enumeration, Unit, Variable, unit};
 pub use model::{Model, ModelError, finite};
-pub use slave::Entry;
 
 /// Makes the library an FMU binary of one or more [`Model`]s, which `fmi2Instantiate` tells apart by
 /// their GUIDs, and lists them in `MODELS`.

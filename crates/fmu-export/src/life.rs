@@ -7,7 +7,7 @@ use crate::phase::Phase;
 use crate::reason::{Reason, reason};
 
 /// By how much (s) communication points may differ in any case.
-const LEAST_TOLERANCE: f64 = 1e-9;
+const MIN_TOLERANCE: f64 = 1e-9;
 
 /// Where an instance stands in its life. With the model's values, that is all of its state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -20,7 +20,7 @@ pub(crate) struct Life {
     /// Whether values were set since the outputs were last initialized.
     pub(crate) stale: bool,
     /// Whether an input has a time derivative for the next step.
-    pub(crate) sloped: bool,
+    pub(crate) has_input_derivatives: bool,
 }
 
 impl Life {
@@ -30,7 +30,7 @@ impl Life {
         stop_time: None,
         time: None,
         stale: true,
-        sloped: false,
+        has_input_derivatives: false,
     };
 
     /// Whether the state of an instance in it can be saved: a dead one answers no call.
@@ -45,7 +45,7 @@ impl Life {
         self.phase == Phase::StepComplete
             && 0.0 < step
             && step <= f64::MAX
-            && (self.time).is_some_and(|end| (time - end).abs() <= LEAST_TOLERANCE)
+            && (self.time).is_some_and(|end| (time - end).abs() <= MIN_TOLERANCE)
             && (self.stop_time).is_none_or(|stop| time + step <= stop)
     }
 
@@ -62,7 +62,7 @@ impl Life {
             ));
         }
         // Hosts add up or multiply times, and differ by rounding.
-        let tolerance = 1e-6 * step + LEAST_TOLERANCE * (1.0 + time.abs());
+        let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         match self.time {
             Some(end) if (time - end).abs() > tolerance => {
                 return Err(reason!(
@@ -109,8 +109,6 @@ impl Life {
 
 #[cfg(test)]
 mod tests {
-    use std::ffi::CString;
-
     use super::*;
 
     /// The life of an instance whose last step ended at 1 s, and that stops at 2 s.
@@ -122,7 +120,7 @@ mod tests {
     };
 
     fn is_allowed(life: &Life, time: f64, step: f64) -> bool {
-        let log = Log::new(None, std::ptr::null_mut(), CString::default(), false);
+        let log = Log::new(None, false);
         life.check_step(time, step, &log).is_ok()
     }
 

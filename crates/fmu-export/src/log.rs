@@ -1,8 +1,7 @@
-//! The log categories of FMI 2.0.4 (section 2.2.4), and the way to the host's logger.
+//! The log categories of FMI 2.0.4 (section 2.2.4), and which of them are on.
 
 use std::ffi::{CStr, CString};
 
-use crate::fmi2::{fmi2CallbackLogger, fmi2ComponentEnvironment, fmi2Status};
 use crate::reason::Reason;
 
 /// A log category.
@@ -67,31 +66,32 @@ pub(crate) fn categories() -> Vec<(&'static str, &'static str)> {
         .collect()
 }
 
+impl Category {
+    /// Its name in FMI.
+    pub(crate) fn name(self) -> &'static CStr {
+        CATEGORIES
+            .iter()
+            .find(|(known, _, _)| *known == self)
+            .map_or(c"logAll", |(_, name, _)| *name)
+    }
+}
+
+/// Takes a message of a category to the host.
+pub(crate) type Sink = Box<dyn Fn(Category, &str)>;
+
 /// Where the messages of one instance go.
 pub(crate) struct Log {
-    logger: Option<fmi2CallbackLogger>,
-    environment: fmi2ComponentEnvironment,
-    instance: CString,
+    sink: Option<Sink>,
     /// Categories that are on, as a set of [`Category`] bits.
     on: u8,
 }
 
 impl Log {
-    /// What a call's status tells is always told, until the host switches them off by `fmi2SetDebugLogging`; events
-    /// only if `debug`.
-    pub(crate) fn new(
-        logger: Option<fmi2CallbackLogger>,
-        environment: fmi2ComponentEnvironment,
-        instance: CString,
-        debug: bool,
-    ) -> Self {
+    /// Reports the reasons of statuses until the host switches them off by `fmi2SetDebugLogging`, and
+    /// events only if `debug`.
+    pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
         let on = if debug { EVERY } else { STATUSES };
-        Self {
-            logger,
-            environment,
-            instance,
-            on,
-        }
+        Self { sink, on }
     }
 
     /// Switches on exactly the named categories, or the named ones off; without names, all.
@@ -120,44 +120,12 @@ impl Log {
             .ok_or_else(|| unknown(name.to_owned()))
     }
 
-    /// Sends a message, which is only made if somebody hears it.
+    /// Sends a message, which is only formatted if its category is on.
     pub(crate) fn send(&self, category: Category, message: impl FnOnce() -> String) {
-        if let Some(logger) = self.logger
+        if let Some(sink) = &self.sink
             && self.on & category as u8 != 0
         {
-            self.deliver(logger, category, &message());
-        }
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn deliver(&self, logger: fmi2CallbackLogger, category: Category, message: &str) {
-        let status = match category {
-            Category::Error => fmi2Status::fmi2Error,
-            Category::Warning => fmi2Status::fmi2Warning,
-            Category::Discard => fmi2Status::fmi2Discard,
-            Category::Fatal => fmi2Status::fmi2Fatal,
-            Category::Events => fmi2Status::fmi2OK,
-        };
-        let name = CATEGORIES
-            .iter()
-            .find(|(known, _, _)| *known == category)
-            .map_or(c"logAll", |(_, name, _)| *name);
-        // A zero inside would end the text early for the host; a message never holds one, but a
-        // name that the host gave may be quoted.
-        let text = CString::new(message.replace('\0', " ")).unwrap_or_default();
-        // SAFETY: the host gave this function to be called with these C types (FMI 2.0.4, section
-        // 2.1.5); all texts end in zero and live through the call; the text is an argument of the
-        // format "%s", never the format itself.
-        unsafe {
-            logger(
-                self.environment,
-                self.instance.as_ptr(),
-                status,
-                name.as_ptr(),
-                c"%s".as_ptr(),
-                text.as_ptr(),
-            );
+            sink(category, &message());
         }
     }
 }

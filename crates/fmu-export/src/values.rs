@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use fmu_description::{Causality, Domain, Info, Place, Variability};
+use fmu_description::{Causality, Domain, Info, ValueMut, Variability};
 
 use crate::reason::{Reason, reason};
 use crate::slave::{Scalar, Slave};
@@ -11,10 +11,10 @@ use crate::slave::{Scalar, Slave};
 pub(crate) trait Value: Copy + 'static {
     /// Name of the type.
     const TYPE: &'static str;
-    /// The value that lives at a place, if it is of this type.
-    fn read(place: &Place<'_>) -> Option<Self>;
-    /// Puts the value at a place of its type.
-    fn write(self, place: Place<'_>);
+    /// The value of a variable, if it is of this type.
+    fn read(from: &ValueMut<'_>) -> Option<Self>;
+    /// Sets a variable of this type.
+    fn write(self, to: ValueMut<'_>);
     /// The value, to be checked.
     fn given(self) -> Given;
 }
@@ -22,15 +22,15 @@ pub(crate) trait Value: Copy + 'static {
 impl Value for f64 {
     const TYPE: &'static str = "Real";
 
-    fn read(place: &Place<'_>) -> Option<Self> {
-        match place {
-            Place::Real(value) => Some(**value),
+    fn read(from: &ValueMut<'_>) -> Option<Self> {
+        match from {
+            ValueMut::Real(value) => Some(**value),
             _ => None,
         }
     }
 
-    fn write(self, place: Place<'_>) {
-        if let Place::Real(value) = place {
+    fn write(self, to: ValueMut<'_>) {
+        if let ValueMut::Real(value) = to {
             *value = self;
         }
     }
@@ -43,15 +43,15 @@ impl Value for f64 {
 impl Value for i32 {
     const TYPE: &'static str = "Integer";
 
-    fn read(place: &Place<'_>) -> Option<Self> {
-        match place {
-            Place::Integer(value) => Some(**value),
+    fn read(from: &ValueMut<'_>) -> Option<Self> {
+        match from {
+            ValueMut::Integer(value) => Some(**value),
             _ => None,
         }
     }
 
-    fn write(self, place: Place<'_>) {
-        if let Place::Integer(value) = place {
+    fn write(self, to: ValueMut<'_>) {
+        if let ValueMut::Integer(value) = to {
             *value = self;
         }
     }
@@ -69,15 +69,15 @@ pub(crate) struct Boolean(pub(crate) i32);
 impl Value for Boolean {
     const TYPE: &'static str = "Boolean";
 
-    fn read(place: &Place<'_>) -> Option<Self> {
-        match place {
-            Place::Boolean(value) => Some(Self(i32::from(**value))),
+    fn read(from: &ValueMut<'_>) -> Option<Self> {
+        match from {
+            ValueMut::Boolean(value) => Some(Self(i32::from(**value))),
             _ => None,
         }
     }
 
-    fn write(self, place: Place<'_>) {
-        if let Place::Boolean(value) = place {
+    fn write(self, to: ValueMut<'_>) {
+        if let ValueMut::Boolean(value) = to {
             *value = self.0 == 1;
         }
     }
@@ -105,13 +105,13 @@ impl fmt::Display for Given {
 }
 
 impl Given {
-    /// Whether a place is one for values of the type.
-    fn fits(self, place: &Place<'_>) -> bool {
+    /// Whether a variable is of the type.
+    fn fits(self, value: &ValueMut<'_>) -> bool {
         matches!(
-            (self, place),
-            (Self::Real(_), Place::Real(_))
-                | (Self::Integer(_), Place::Integer(_))
-                | (Self::Boolean(_), Place::Boolean(_))
+            (self, value),
+            (Self::Real(_), ValueMut::Real(_))
+                | (Self::Integer(_), ValueMut::Integer(_))
+                | (Self::Boolean(_), ValueMut::Boolean(_))
         )
     }
 
@@ -185,7 +185,7 @@ pub(crate) fn get<V: Value>(
 
 fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Reason> {
     match slave.find(reference) {
-        Some(scalar) => V::read(&scalar.place).ok_or_else(|| wrong_type(&scalar, V::TYPE)),
+        Some(scalar) => V::read(&scalar.value).ok_or_else(|| wrong_type(&scalar, V::TYPE)),
         None => Err(unknown(slave, reference)),
     }
 }
@@ -202,7 +202,7 @@ pub(crate) fn set<V: Value>(
     }
     for (&reference, &value) in references.iter().zip(values) {
         if let Some(scalar) = slave.find(reference) {
-            value.write(scalar.place);
+            value.write(scalar.value);
         }
     }
     Ok(())
@@ -213,7 +213,7 @@ fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> 
     let Some(scalar) = slave.find(reference) else {
         return Err(unknown(slave, reference));
     };
-    if !value.fits(&scalar.place) {
+    if !value.fits(&scalar.value) {
         return Err(wrong_type(&scalar, value.type_name()));
     }
     let (name, domain) = (scalar.name(), &scalar.info.domain);
@@ -229,8 +229,8 @@ fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> 
     Ok(())
 }
 
-/// Gives inputs their first time derivatives, all or none.
-pub(crate) fn set_slopes(
+/// Sets first time derivatives of inputs, all or none.
+pub(crate) fn set_input_derivatives(
     slave: &mut dyn Slave,
     references: &[u32],
     orders: &[i32],
@@ -241,8 +241,10 @@ pub(crate) fn set_slopes(
             return Err(unknown(slave, reference));
         };
         let name = scalar.name();
-        if slave.slope(reference).is_none() {
-            return Err(reason!("the host cannot give a time derivative of {name}"));
+        if slave.input_derivative(reference).is_none() {
+            return Err(reason!(
+                "the host cannot set the input derivative of {name}"
+            ));
         }
         if order != 1 {
             return Err(reason!(
@@ -256,8 +258,8 @@ pub(crate) fn set_slopes(
         }
     }
     for (&reference, &value) in references.iter().zip(values) {
-        if let Some(slope) = slave.slope(reference) {
-            *slope = value;
+        if let Some(derivative) = slave.input_derivative(reference) {
+            *derivative = value;
         }
     }
     Ok(())
@@ -271,7 +273,7 @@ pub(crate) fn directional_derivative(
     direction: &[f64],
     derivatives: &mut [f64],
 ) -> Result<(), Reason> {
-    if !slave.has_sensitivities() {
+    if !slave.has_directional_derivatives() {
         return Err("the model has no derivatives: providesDirectionalDerivative is false".into());
     }
     check_causality(slave, unknowns, Causality::Output, "an output")?;
@@ -285,7 +287,7 @@ pub(crate) fn directional_derivative(
         *derivative = knowns
             .iter()
             .zip(direction)
-            .map(|(&known, change)| slave.sensitivity(unknown, known) * change)
+            .map(|(&known, change)| slave.derivative(unknown, known) * change)
             .sum();
     }
     Ok(())

@@ -68,6 +68,17 @@ impl Write for Replacement {
     }
 }
 
+/// Writes a file, whole or not at all.
+///
+/// # Errors
+/// It cannot be written.
+pub fn write(path: &Path, content: &[u8]) -> Result<()> {
+    let mut new = Replacement::of(path)?;
+    new.write_all(content)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    new.finish()
+}
+
 /// Checks that files can be written to a folder.
 ///
 /// # Errors

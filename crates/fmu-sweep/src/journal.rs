@@ -232,11 +232,11 @@ impl Journal {
     fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>, Error> {
         let mut rows = BTreeMap::new();
         let headers = self.header.lines().count();
-        for (place, line) in text.lines().enumerate().skip(headers) {
+        for (number, line) in text.lines().enumerate().skip(headers) {
             let refused = |error: Error| {
                 let advice = "delete the line to have the run done again";
                 let file = self.path.display();
-                Error::new(format!("{file}:{}: {error}; {advice}", place + 1))
+                Error::new(format!("{file}:{}: {error}; {advice}", number + 1))
             };
             let row = self.columns.parse(line).map_err(refused)?;
             self.check(row.index).map_err(refused)?;

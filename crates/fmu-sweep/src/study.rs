@@ -34,7 +34,6 @@ struct File {
     draws: u64,
     #[serde(default)]
     parameter: Vec<Parameter>,
-    #[serde(default)]
     signals: Signals,
     #[serde(default)]
     metrics: crate::Options,
@@ -46,23 +45,12 @@ fn one() -> u64 {
 
 /// The variables that the metrics are of.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 struct Signals {
     reference: String,
     output: String,
     error: String,
     control: String,
-}
-
-impl Default for Signals {
-    fn default() -> Self {
-        Self {
-            reference: "source.r".into(),
-            output: "plant.theta".into(),
-            error: "controller.e".into(),
-            control: "controller.u".into(),
-        }
-    }
 }
 
 /// A sweep that is ready to run.
@@ -121,10 +109,10 @@ impl Study {
             description.take_fmus_from(folder);
         }
         apply(&file, &mut description);
-        let fingerprint = fingerprint(&file, &description)?;
-        let files = std::iter::once(system)
+        let files: Vec<_> = std::iter::once(system)
             .chain(description.components.iter().map(|c| c.fmu.clone()))
             .collect();
+        let fingerprint = fingerprint(&text, &files)?;
         file.metrics.check()?;
         let system = fmu_cosim::Plan::new(&description)?;
         let plan = Plan::new(file.seed, file.draws, file.parameter)?;
@@ -340,16 +328,12 @@ fn convert(value: &crate::Value) -> Value {
     }
 }
 
-/// A digest of all that the rows depend on: the sweep, the system, the content of the FMUs.
-fn fingerprint(file: &File, description: &Description) -> Result<String> {
-    let mut content = Vec::new();
-    let mut system = description.clone();
-    for component in &mut system.components {
-        let fmu = fs::read(&component.fmu)
-            .with_context(|| format!("cannot read {}", component.fmu.display()))?;
-        content.extend_from_slice(&checksum(&fmu).to_le_bytes());
-        component.fmu = PathBuf::new();
+/// A digest of all that the rows depend on: the content of the sweep, of the system and of the FMUs.
+fn fingerprint(sweep: &str, files: &[PathBuf]) -> Result<String> {
+    let mut content = checksum(sweep.as_bytes()).to_le_bytes().to_vec();
+    for file in files {
+        let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+        content.extend_from_slice(&checksum(&bytes).to_le_bytes());
     }
-    content.extend_from_slice(format!("{file:?}{system:?}").as_bytes());
     Ok(format!("{:032x}", checksum(&content)))
 }

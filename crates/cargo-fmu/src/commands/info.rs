@@ -3,96 +3,101 @@
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Error, Result};
 use fmu_build::table;
-use fmu_description::schema::ModelDescription;
+use fmu_description::{Capability, ModelDescription, xml};
 use fmu_file::archive::{Archive, DOCUMENTATION, ICON, MODEL_DESCRIPTION};
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
-use fmu_file::xml;
 
 /// No cell is wider than this.
-const WIDEST: usize = 200;
+const MAX_WIDTH: usize = 200;
 
 /// Writes what is in an FMU.
 ///
 /// # Errors
 /// The file is not a sound FMU, or `out` cannot be written.
 pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
-    let (archive, model) = read(file).map_err(|error| about(file, &error))?;
+    let (archive, text) = open(file).map_err(|error| about(file, &error))?;
+    let cannot = |error: Error| {
+        about(
+            file,
+            &error.context(format!("{MODEL_DESCRIPTION} cannot be read")),
+        )
+    };
+    let root = xml::parse(&text).map_err(cannot)?;
+    let model = ModelDescription::read(&root).map_err(cannot)?;
     header(&model, &archive, out)?;
     capabilities(&model, out)?;
     variables(&model, out)?;
     Ok(())
 }
 
-fn read(file: &Path) -> Result<(Archive, ModelDescription)> {
+fn open(file: &Path) -> Result<(Archive, String)> {
     let mut archive = Archive::open_sound(file)?;
     let text = archive.model_description()?;
-    let cannot = || format!("{MODEL_DESCRIPTION} cannot be read");
-    // This reader has bounds, and the one that knows the types has none.
-    xml::parse(&text).with_context(cannot)?;
-    let model = ModelDescription::from_xml(&text).with_context(cannot)?;
-    Ok((archive, model))
+    Ok((archive, text))
 }
 
-fn header(model: &ModelDescription, archive: &Archive, out: &mut impl Write) -> Result<()> {
-    let experiment = model.default_experiment.as_ref().map(|e| {
-        [
-            ("start", e.start_time),
-            ("stop", e.stop_time),
-            ("step", e.step_size),
-        ]
+fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
+    let times = [
+        ("start", "startTime"),
+        ("stop", "stopTime"),
+        ("step", "stepSize"),
+    ];
+    let experiment: Vec<String> = times
         .iter()
-        .filter_map(|(name, value)| value.map(|value| format!("{name} {value} s")))
-        .collect::<Vec<_>>()
-        .join(", ")
-    });
+        .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
+        .collect();
     let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
     let documents: Vec<&str> = [DOCUMENTATION, ICON]
         .into_iter()
         .filter(|file| archive.names.iter().any(|name| name == file))
         .collect();
+    let text = |name| model.root.attribute(name).unwrap_or_default().to_owned();
     let lines = [
-        ("model", Some(model.model_name.clone())),
-        ("description", model.description.clone()),
-        ("FMI version", Some(model.fmi_version.clone())),
-        ("GUID", Some(model.guid.clone())),
-        ("version", model.version.clone()),
-        ("licence", model.license.clone()),
-        ("made by", model.generation_tool.clone()),
-        ("experiment", experiment),
-        ("platforms", Some(platforms.join(" "))),
-        (
-            "documents",
-            (!documents.is_empty()).then(|| documents.join(" ")),
-        ),
-        ("size", Some(format!("{} KB", archive.size.div_ceil(1000)))),
+        ("model", text("modelName")),
+        ("description", text("description")),
+        ("FMI version", text("fmiVersion")),
+        ("GUID", text("guid")),
+        ("version", text("version")),
+        ("licence", text("license")),
+        ("made by", text("generationTool")),
+        ("experiment", experiment.join(", ")),
+        ("platforms", platforms.join(" ")),
+        ("documents", documents.join(" ")),
+        ("size", format!("{} KB", archive.size.div_ceil(1000))),
     ];
     for (name, value) in lines {
-        if let Some(value) = value {
-            writeln!(out, "{name:12} {}", plain(&value, WIDEST))?;
+        if !value.is_empty() {
+            writeln!(out, "{name:12} {}", plain(&value, MAX_WIDTH))?;
         }
     }
     Ok(())
 }
 
-fn capabilities(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
-    let Some(slave) = &model.co_simulation else {
+fn capabilities(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+    let Some(slave) = model.co_simulation() else {
         writeln!(out, "\nnot for co-simulation")?;
         return Ok(());
     };
     writeln!(out, "\nco-simulation")?;
-    for (name, flag) in slave.capabilities() {
+    for capability in Capability::ALL {
+        let (name, flag) = (capability.as_str(), capability.is_claimed_by(slave));
         writeln!(out, "  {name:40} {flag}")?;
     }
-    let order = slave.max_output_derivative_order;
-    writeln!(out, "  {:40} {order}", "maxOutputDerivativeOrder")?;
+    let order = slave.attribute("maxOutputDerivativeOrder").unwrap_or("0");
+    writeln!(
+        out,
+        "  {:40} {}",
+        "maxOutputDerivativeOrder",
+        plain(order, MAX_WIDTH)
+    )?;
     Ok(())
 }
 
-fn variables(model: &ModelDescription, out: &mut impl Write) -> Result<()> {
-    let cells = |row: table::Row| row.map(|cell| plain(&cell, WIDEST));
+fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+    let cells = |row: table::Row| row.map(|cell| plain(&cell, MAX_WIDTH));
     let head = table::HEAD.map(str::to_owned);
     let rows: Vec<_> = [head]
         .into_iter()

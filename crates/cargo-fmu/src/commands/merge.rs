@@ -15,7 +15,7 @@ pub struct MergeArgs {
     /// The FMUs, two or more, from any vendor
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
-    /// The FMU that is written; it may be one of those
+    /// The FMU to write; may be one of those
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 }

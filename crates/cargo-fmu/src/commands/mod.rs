@@ -8,5 +8,4 @@ pub mod probe;
 pub mod simulate;
 pub mod ssp;
 pub mod sweep;
-pub mod table1;
 pub mod validate;

@@ -10,34 +10,34 @@ use clap::{Args, ValueEnum};
 use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::style::WARNING;
 use crate::table;
 
 /// What to simulate, and what to change in it.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// File that describes the system; examples/closed-loop has some
+    /// File that describes the system, such as those in examples/closed-loop
     #[arg(value_name = "SYSTEM.toml")]
     system: PathBuf,
-    /// Start value in place of that of the file, with the name of an item for an enumeration; may be
-    /// repeated
+    /// Start value; for an enumeration the name of an item; may be repeated
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE")]
     sets: Vec<Assignment>,
-    /// Start time in place of that of the file (s)
+    /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     start: Option<f64>,
-    /// Last communication point that is recorded, in place of that of the file (s)
+    /// Last communication point that is recorded, in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// Communication step in place of that of the file (s)
+    /// Communication step in s
     #[arg(long, value_name = "H", allow_negative_numbers = true)]
     step: Option<f64>,
-    /// Order of stepping in place of that of the file
+    /// Order of stepping
     #[arg(long)]
     order: Option<Order>,
-    /// Variable to record, in place of those of the file; may be repeated
+    /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     outputs: Vec<String>,
-    /// Folder to take the FMUs from, in place of those of the file
+    /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
     /// Write time and recorded variables to this file
@@ -167,8 +167,10 @@ fn explain(error: anyhow::Error, has_file: bool) -> anyhow::Error {
 fn warn(message: &Message) {
     let Message { instance, text, .. } = message;
     match message.times {
-        1 => eprintln!("warning: {instance}: {text}"),
-        times => eprintln!("warning: {instance}: {text} ({times} times)"),
+        1 => anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text}"),
+        times => {
+            anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text} ({times} times)")
+        }
     }
 }
 

@@ -10,6 +10,8 @@ use fmu_cosim::ssp::Package;
 use fmu_cosim::{Description, Order};
 use fmu_file::replace;
 
+use crate::style::WARNING;
+
 /// What to package, and where it goes.
 #[derive(Debug, Args)]
 pub struct SspArgs {
@@ -19,7 +21,7 @@ pub struct SspArgs {
     /// Folder that the packages are written to
     #[arg(long, value_name = "DIR", default_value = "target/fmu")]
     out: PathBuf,
-    /// Folder to take the FMUs from, in place of those of the files
+    /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
 }
@@ -51,8 +53,8 @@ pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
         let file = package.file().display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
         if package.order() == Order::Sequential {
-            eprintln!(
-                "warning: {file} cannot say that the system steps in sequential order; most tools step in parallel"
+            anstream::eprintln!(
+                "{WARNING}warning:{WARNING:#} {file} cannot state that the system steps in sequential order; most tools step in parallel"
             );
         }
     }

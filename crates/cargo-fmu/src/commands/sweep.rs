@@ -14,26 +14,26 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// What to sweep, and where the rows go.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// File that describes the sweep; examples/sweep has some
+    /// File that describes the sweep, such as those in examples/sweep
     #[arg(value_name = "SWEEP.toml")]
     sweep: PathBuf,
     /// File for the rows, .csv or .parquet [default: the sweep's name with .csv]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Threads; as many as there are cores without it
+    /// Number of threads [default: one for each core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// File of the system, in place of that of the sweep
+    /// File of the system, instead of the one that the sweep names
     #[arg(long, value_name = "SYSTEM.toml")]
     system: Option<PathBuf>,
-    /// Folder to take the FMUs from, in place of those of the system
+    /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
-    /// Print the rows of these runs, from 0 and without the last, and write no file: what one of
-    /// several machines does
+    /// Print the rows of these runs, counted from 0, END excluded, as a worker of a distributed
+    /// sweep does
     #[arg(long, value_name = "FIRST..END", conflicts_with = "out")]
     rows: Option<Runs>,
-    /// Print what a coordinator of several machines needs to know, as JSON
+    /// Print what the coordinator of a distributed sweep needs, as JSON
     #[arg(long, conflicts_with_all = ["out", "rows"])]
     plan: bool,
 }

@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
-use fmu_check::{Findings, Probes};
+use fmu_check::{Findings, Probes, Severity};
 
 use super::probe;
+use crate::style::{ERROR, OK, WARNING};
 
 /// What to check.
 #[derive(Debug, Args)]
@@ -16,7 +17,7 @@ pub struct ValidateArgs {
     /// The FMUs, from any vendor
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
-    /// Only read the FMUs, and do not run their binaries
+    /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
     /// Time limit for each test of a binary
@@ -49,7 +50,16 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
 fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     let file = file.display();
     for finding in findings.kept() {
-        writeln!(out, "{file}: {finding}")?;
+        let style = match finding.severity {
+            Severity::Error => ERROR,
+            Severity::Warning => WARNING,
+        };
+        let (severity, location) = (finding.severity, &finding.location);
+        writeln!(
+            out,
+            "{file}: {style}{severity}{style:#}: {location}: {}",
+            finding.text
+        )?;
     }
     if findings.left_out() > 0 {
         writeln!(out, "{file}: and {} more findings", findings.left_out())?;
@@ -61,6 +71,11 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     };
     let errors = count(findings.errors(), "error");
     let warnings = count(findings.warnings(), "warning");
-    writeln!(out, "{file}: {errors}, {warnings}")?;
+    let style = match (findings.errors(), findings.warnings()) {
+        (0, 0) => OK,
+        (0, _) => WARNING,
+        _ => ERROR,
+    };
+    writeln!(out, "{file}: {style}{errors}, {warnings}{style:#}")?;
     Ok(())
 }

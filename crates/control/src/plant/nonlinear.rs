@@ -8,7 +8,7 @@ const RELATIVE: f64 = 1e-11;
 /// Accepted error of a substep where a state is near zero (m, m/s, rad, rad/s).
 const ABSOLUTE: f64 = 1e-13;
 /// More substeps than this in one step are refused: the motion is too fast to be followed.
-const MOST_SUBSTEPS: u32 = 1_000_000;
+const MAX_SUBSTEPS: u32 = 1_000_000;
 
 /// Why a step of the nonlinear plant could not be computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,7 +157,7 @@ fn integrate<const N: usize>(
 ) -> Result<[f64; N], StepFailure> {
     let mut reached = 0.0;
     let mut h = step;
-    for _ in 0..MOST_SUBSTEPS {
+    for _ in 0..MAX_SUBSTEPS {
         let remaining = step - reached;
         if remaining <= 0.0 {
             return Ok(y);

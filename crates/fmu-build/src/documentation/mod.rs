@@ -5,6 +5,7 @@ mod folder;
 mod page;
 
 use anyhow::{Context, Result};
+use fmu_description::{ModelDescription, xml};
 use fmu_file::archive::{DOCUMENTATION, ICON};
 
 use crate::library::Model;
@@ -18,15 +19,12 @@ pub type File = (String, Vec<u8>);
 /// # Errors
 /// A file of the model cannot be used.
 pub fn files(model: &Model<'_>, licenses: &[File]) -> Result<Vec<File>> {
-    let path = model
-        .library
-        .folder
-        .join("documentation")
-        .join(model.name());
+    let path = model.library.folder.join("documentation").join(&model.name);
     let folder = Folder::read(&path)
-        .with_context(|| format!("the documentation of {} cannot be used", model.name()))?;
+        .with_context(|| format!("the documentation of {} cannot be used", model.name))?;
+    let root = xml::parse(&model.xml)?;
     let page = page::html(
-        model,
+        &ModelDescription::new(&root),
         folder.about.as_deref(),
         folder.icon.is_some(),
         licenses,

@@ -1,19 +1,24 @@
 //! The page of a model as HTML, which is also well-formed XML: it needs no network, no script and no
 //! other file.
 
-use fmu_description::schema::{DefaultExperiment, ModelDescription, SimpleType};
+use fmu_description::model::item;
+use fmu_description::xml::Element;
+use fmu_description::{Capability, Causality, ModelDescription};
 
 use super::File;
-use crate::library::Model;
 use crate::table;
 
 const STYLE: &str = include_str!("style.css");
 
 /// The page; `about` is its middle, a fragment of HTML.
-pub fn html(model: &Model<'_>, about: Option<&str>, has_icon: bool, licenses: &[File]) -> String {
-    let description = &model.description;
+pub fn html(
+    model: &ModelDescription<'_>,
+    about: Option<&str>,
+    has_icon: bool,
+    licenses: &[File],
+) -> String {
     let name = escape(model.name());
-    let what = escape(description.description.as_deref().unwrap_or_default());
+    let what = escaped(model.root, "description");
     // Seen only where the whole FMU is unpacked.
     let icon = if has_icon {
         "<img src=\"../model.png\" alt=\"\" width=\"64\" height=\"64\"/>\n"
@@ -25,9 +30,9 @@ pub fn html(model: &Model<'_>, about: Option<&str>, has_icon: bool, licenses: &[
     } else {
         format!("{name}: {what}")
     };
-    let version = description
-        .version
-        .as_deref()
+    let version = model
+        .root
+        .attribute("version")
         .map_or(String::new(), |version| {
             format!("<br/>version {}", escape(version))
         });
@@ -39,53 +44,51 @@ pub fn html(model: &Model<'_>, about: Option<&str>, has_icon: bool, licenses: &[
             "<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}{version}</p>\n</header>\n<main>\n"
         ),
         about.unwrap_or_default().trim_end(),
-        &use_of(description),
-        &variables(description),
-        &capabilities(description),
-        &identity(description, licenses),
+        &use_of(model),
+        &variables(model),
+        &capabilities(model),
+        &identity(model.root, licenses),
         "</main>\n</body>\n</html>\n",
     ]
     .concat()
 }
 
 /// How to use the FMU, as far as every FMU is used so.
-fn use_of(model: &ModelDescription) -> String {
-    let named = |causality: &str| -> String {
-        let all = &model.model_variables.variables;
-        let names: Vec<_> = all
-            .iter()
-            .filter(|v| v.causality.as_deref() == Some(causality))
-            .map(|v| format!("<code>{}</code>", escape(&v.name)))
+fn use_of(model: &ModelDescription<'_>) -> String {
+    let named = |causality| -> String {
+        let names: Vec<_> = model
+            .variables()
+            .filter(|(_, v)| v.causality == causality)
+            .map(|(_, v)| format!("<code>{}</code>", escape(v.name)))
             .collect();
         match names.len() {
             0 => "none".into(),
             _ => names.join(", "),
         }
     };
-    let experiment = model.default_experiment.as_ref();
     format!(
         "\n<h2>Use</h2>\n<ul>\n\
         <li>Import <code>{name}.fmu</code> for co-simulation, FMI {version}.</li>\n\
         <li>Connect the inputs ({inputs}) and the outputs ({outputs}).</li>\n\
         <li>Set fixed parameters before the initialization, tunable ones at any time.</li>\n\
         {experiment}</ul>\n",
-        name = escape(&model.model_name),
-        version = escape(&model.fmi_version),
-        inputs = named("input"),
-        outputs = named("output"),
-        experiment = experiment.map_or(String::new(), default_experiment),
+        name = escape(model.name()),
+        version = escaped(model.root, "fmiVersion"),
+        inputs = named(Causality::Input),
+        outputs = named(Causality::Output),
+        experiment = default_experiment(model),
     )
 }
 
-fn default_experiment(experiment: &DefaultExperiment) -> String {
+fn default_experiment(model: &ModelDescription<'_>) -> String {
     let times = [
-        ("starts at", experiment.start_time),
-        ("stops at", experiment.stop_time),
-        ("has communication steps of", experiment.step_size),
+        ("starts at", "startTime"),
+        ("stops at", "stopTime"),
+        ("has communication steps of", "stepSize"),
     ];
     let known: Vec<_> = times
         .into_iter()
-        .filter_map(|(what, time)| Some(format!("{what} {} s", time?)))
+        .filter_map(|(what, name)| Some(format!("{what} {} s", model.experiment(name)?)))
         .collect();
     match known.len() {
         0 => String::new(),
@@ -93,7 +96,7 @@ fn default_experiment(experiment: &DefaultExperiment) -> String {
     }
 }
 
-fn variables(model: &ModelDescription) -> String {
+fn variables(model: &ModelDescription<'_>) -> String {
     let head = cells("th scope=\"col\"", table::HEAD);
     let body: String = table::rows(model)
         .map(|[name, others @ ..]| {
@@ -101,7 +104,7 @@ fn variables(model: &ModelDescription) -> String {
             format!("<tr>{name}{}</tr>\n", cells("td", others))
         })
         .collect();
-    let types = model.type_definitions.iter().flat_map(|types| &types.types);
+    let types = model.root.list("TypeDefinitions", "SimpleType");
     let choices: String = types.map(choices).collect();
     format!(
         "<h2>Variables</h2>\n\
@@ -112,44 +115,42 @@ fn variables(model: &ModelDescription) -> String {
 }
 
 /// The items of an enumeration.
-fn choices(defined: &SimpleType) -> String {
-    let Some(enumeration) = &defined.enumeration else {
+fn choices(defined: &Element<'_>) -> String {
+    let Some(enumeration) = defined.child("Enumeration") else {
         return String::new();
     };
-    let about = defined.description.as_deref().unwrap_or_default();
     let items: String = enumeration
-        .items
-        .iter()
-        .map(|item| {
-            let about = item.description.as_deref().unwrap_or_default();
-            format!(
-                "<dt><code>{}</code> = {}</dt><dd>{}</dd>\n",
-                escape(&item.name),
-                item.value,
-                escape(about)
-            )
+        .children("Item")
+        .filter_map(|element| Some((item(element)?, escaped(element, "description"))))
+        .map(|((name, value), about)| {
+            let name = escape(name);
+            format!("<dt><code>{name}</code> = {value}</dt><dd>{about}</dd>\n")
         })
         .collect();
     format!(
         "<h3>{}</h3>\n<p>{}:</p>\n<dl>\n{items}</dl>\n",
-        escape(&defined.name),
-        escape(about)
+        escaped(defined, "name"),
+        escaped(defined, "description")
     )
 }
 
-fn capabilities(model: &ModelDescription) -> String {
-    let Some(slave) = &model.co_simulation else {
+fn capabilities(model: &ModelDescription<'_>) -> String {
+    let Some(slave) = model.co_simulation() else {
         return String::new();
     };
-    let rows: String = slave
-        .capabilities()
-        .into_iter()
-        .map(|(name, flag)| {
-            let flag = if flag { "yes" } else { "no" };
+    let rows: String = Capability::ALL
+        .iter()
+        .map(|capability| {
+            let name = capability.as_str();
+            let flag = if capability.is_claimed_by(slave) {
+                "yes"
+            } else {
+                "no"
+            };
             format!("<tr><th scope=\"row\">{name}</th><td>{flag}</td></tr>\n")
         })
         .collect();
-    let order = slave.max_output_derivative_order;
+    let order = escape(slave.attribute("maxOutputDerivativeOrder").unwrap_or("0"));
     format!(
         "<h2>Capabilities</h2>\n<table>\n<tbody>\n{rows}\
         <tr><th scope=\"row\">maxOutputDerivativeOrder</th><td>{order}</td></tr>\n\
@@ -158,7 +159,7 @@ fn capabilities(model: &ModelDescription) -> String {
 }
 
 /// Which FMU it is, and under which licence.
-fn identity(model: &ModelDescription, licenses: &[File]) -> String {
+fn identity(root: &Element<'_>, licenses: &[File]) -> String {
     let links: Vec<_> = licenses
         .iter()
         .map(|(path, _)| {
@@ -167,12 +168,11 @@ fn identity(model: &ModelDescription, licenses: &[File]) -> String {
             format!("<a href=\"{path}\">{name}</a>")
         })
         .collect();
-    let license = model.license.as_deref().map(escape);
-    let license: Vec<String> = license.into_iter().chain(links).collect();
-    let text = |text: Option<&String>| text.map(|text| escape(text));
+    let text = |name| root.attribute(name).map(escape);
+    let license: Vec<String> = text("license").into_iter().chain(links).collect();
     let lines = [
-        ("GUID", Some(escape(&model.guid))),
-        ("Made by", text(model.generation_tool.as_ref())),
+        ("GUID", text("guid")),
+        ("Made by", text("generationTool")),
         ("Licence", (!license.is_empty()).then(|| license.join(", "))),
     ];
     let lines: String = lines
@@ -189,6 +189,11 @@ fn cells<const N: usize>(tag: &str, texts: [impl AsRef<str>; N]) -> String {
         .iter()
         .map(|text| format!("<{tag}>{}</{end}>", escape(text.as_ref())))
         .collect()
+}
+
+/// An attribute for HTML; empty if it is not there.
+fn escaped(element: &Element<'_>, attribute: &str) -> String {
+    escape(element.attribute(attribute).unwrap_or_default())
 }
 
 /// The text as it stands in HTML, between tags or in a quoted attribute.
@@ -211,25 +216,14 @@ fn escape(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
+    use fmu_description::xml::parse;
 
     use super::*;
-    use crate::library::Library;
 
     fn page(xml: &str, about: Option<&str>, has_icon: bool) -> String {
-        let library = Library {
-            package: String::new(),
-            target: String::new(),
-            folder: PathBuf::new(),
-            describe: String::new(),
-        };
-        let model = Model {
-            library: &library,
-            xml: xml.into(),
-            description: ModelDescription::from_xml(xml).unwrap(),
-        };
+        let root = parse(xml).unwrap();
         let licenses = [("licenses/LICENSE-A&B".to_owned(), Vec::new())];
-        html(&model, about, has_icon, &licenses)
+        html(&ModelDescription::new(&root), about, has_icon, &licenses)
     }
 
     const XML: &str = r#"<fmiModelDescription fmiVersion="2.0" modelName="A" guid="{1}"
@@ -248,7 +242,7 @@ mod tests {
         for (about, has_icon) in [(None, false), (Some("<h2>About</h2>\n"), true)] {
             let page = page(XML, about, has_icon);
             let body = page.strip_prefix("<!DOCTYPE html>\n").unwrap();
-            fmu_file::xml::parse(body).unwrap();
+            parse(body).unwrap();
             assert_eq!(page.contains("model.png"), has_icon);
             assert_eq!(
                 page.contains("<main>\n<h2>About</h2>\n<h2>"),

@@ -12,8 +12,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use fmu_description::ModelDescription;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-use fmu_file::model::Model;
 use fmu_file::platform::{Platform, is_for_this_processor};
 
 use super::finding::Findings;
@@ -32,7 +32,12 @@ pub struct Probes {
 }
 
 /// Runs the binaries for this machine, if there are any.
-pub fn check(model: &Model<'_>, archive: &mut Archive, probes: &Probes, findings: &mut Findings) {
+pub fn check(
+    model: &ModelDescription<'_>,
+    archive: &mut Archive,
+    probes: &Probes,
+    findings: &mut Findings,
+) {
     let Some(platform) = Platform::of_this_machine() else {
         return;
     };
@@ -70,7 +75,7 @@ pub fn check(model: &Model<'_>, archive: &mut Archive, probes: &Probes, findings
         head.is_ok_and(|head| !is_for_this_processor(&head))
     }) {
         findings.warning(
-            binary,
+            binary.as_str(),
             "it is for another processor than this machine's, so none was run",
         );
         return;

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use fmu_description::value::{boolean, integer, real};
+use fmu_description::xml;
+use fmu_description::{Capability, Causality, Initial, ModelDescription};
 use fmu_file::archive::MODEL_DESCRIPTION;
-use fmu_file::model::{Causality, Initial, Model};
 use fmu_file::text::quote;
-use fmu_file::value::{boolean, integer, real};
-use fmu_file::xml;
 use fmu_host::{self, Library};
 
 use super::report::Report;
@@ -136,7 +136,7 @@ pub fn run(arguments: &[OsString]) -> Result<()> {
     end_after(Duration::from_secs(options.time_limit.saturating_add(5)));
     let text = std::fs::read_to_string(MODEL_DESCRIPTION)?;
     let root = xml::parse(&text)?;
-    let model = Model::new(&root);
+    let model = ModelDescription::new(&root);
     let report = Arc::new(Report::open(Path::new("log"))?);
     let here = std::env::current_dir()?;
     if let Err(error) = test(options, &model, &here, &report) {
@@ -156,7 +156,12 @@ fn end_after(limit: Duration) {
     });
 }
 
-fn test(options: &Options, model: &Model<'_>, here: &Path, report: &Arc<Report>) -> Result<()> {
+fn test(
+    options: &Options,
+    model: &ModelDescription<'_>,
+    here: &Path,
+    report: &Arc<Report>,
+) -> Result<()> {
     let trace = Arc::clone(report);
     let binary = here.join(&options.binary);
     let library = Library::load_traced(&binary, move |name| trace.call(name))?;
@@ -231,13 +236,13 @@ fn start(subject: &Subject<'_>, report: &Report) -> Result<()> {
             continue;
         };
         match get(&mut instance, variable) {
-            Some(Ok(value)) if !is_start(&value, expected) => report.error(&format!(
+            Ok(value) if !is_start(&value, expected) => report.error(&format!(
                 "the start value of {} is {value} in the binary, expected {} as in the XML",
                 quote(variable.name),
                 quote(expected)
             )),
-            Some(Err(error)) => report.error(&format!("{error:#}")),
-            _ => {}
+            Err(error) => report.error(&format!("{error:#}")),
+            Ok(_) => {}
         }
     }
     Ok(())
@@ -263,7 +268,7 @@ fn simulation(subject: &Subject<'_>, report: &Report) -> Result<()> {
     let mut run = Run::begin(subject)?;
     run.advance(step)?;
     let first = run.observe()?;
-    if subject.claims("canHandleVariableCommunicationStepSize") {
+    if subject.claims(Capability::CanHandleVariableCommunicationStepSize) {
         for other in [step / 2.0, step / 4.0, step] {
             run.advance(other).context(
                 "canHandleVariableCommunicationStepSize is true, but for a step of another size",
@@ -300,12 +305,12 @@ fn difference(values: &[(&str, Value)], expected: &[(&str, Value)]) -> Option<St
 }
 
 fn state(subject: &Subject<'_>) -> Result<()> {
-    if !subject.claims("canGetAndSetFMUstate") {
+    if !subject.claims(Capability::CanGetAndSetFMUstate) {
         return Ok(());
     }
     let mut run = Run::begin(subject)?;
     save_and_restore(&mut run, subject, false).context("canGetAndSetFMUstate is true, but")?;
-    if subject.claims("canSerializeFMUstate") {
+    if subject.claims(Capability::CanSerializeFMUstate) {
         save_and_restore(&mut run, subject, true).context("canSerializeFMUstate is true, but")?;
     }
     Ok(())
@@ -342,7 +347,7 @@ fn derivatives(subject: &Subject<'_>) -> Result<()> {
     let outputs = subject.reals(Causality::Output);
     let mut run = Run::begin(subject)?;
     run.advance(subject.step())?;
-    if subject.claims("providesDirectionalDerivative") {
+    if subject.claims(Capability::ProvidesDirectionalDerivative) {
         for input in &inputs {
             let values = run
                 .instance
@@ -354,7 +359,7 @@ fn derivatives(subject: &Subject<'_>) -> Result<()> {
             );
         }
     }
-    if subject.claims("canInterpolateInputs") && !inputs.is_empty() {
+    if subject.claims(Capability::CanInterpolateInputs) && !inputs.is_empty() {
         let zeros = vec![0.0; inputs.len()];
         run.instance
             .set_input_derivatives(&inputs, &zeros)
@@ -374,8 +379,9 @@ fn derivatives(subject: &Subject<'_>) -> Result<()> {
 
 /// Runs an instance alone, and again beside another one with other inputs.
 fn instances(subject: &Subject<'_>) -> Result<()> {
-    const FLAG: &str = "canBeInstantiatedOnlyOncePerProcess";
-    if subject.claims(FLAG) {
+    const ONLY_ONCE: Capability = Capability::CanBeInstantiatedOnlyOncePerProcess;
+    const FLAG: &str = ONLY_ONCE.as_str();
+    if subject.claims(ONLY_ONCE) {
         return Ok(());
     }
     let step = subject.step();

@@ -78,15 +78,15 @@ pub struct Outcome {
 
 impl Outcome {
     /// Reads a report, and adds its findings.
-    pub fn read(text: &str, place: &str, findings: &mut Findings) -> Self {
+    pub fn read(text: &str, location: &str, findings: &mut Findings) -> Self {
         let mut outcome = Self::default();
         for line in text.lines() {
             if let Some(call) = line.strip_prefix(CALL) {
                 call.clone_into(&mut outcome.last_call);
             } else if let Some(text) = line.strip_prefix(ERROR) {
-                findings.error(place, text);
+                findings.error(location, text);
             } else if let Some(text) = line.strip_prefix(WARNING) {
-                findings.warning(place, text);
+                findings.warning(location, text);
             } else if line == END {
                 outcome.ended = true;
             }

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_file::model::{self, Causality, Model, Variable};
-use fmu_file::value::unsigned;
-use fmu_file::xml::Element;
+use fmu_description::value::unsigned;
+use fmu_description::xml::Element;
+use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
 use fmu_host::{Instance, Instantiation, Kind, Library};
+
+use crate::finding::Location;
 
 /// More rounds of `fmi2NewDiscreteStates` than this do not end.
 const MAX_ROUNDS: usize = 1000;
@@ -14,7 +16,7 @@ const MAX_ROUNDS: usize = 1000;
 /// An FMU to be tested.
 pub struct Subject<'a> {
     /// Its model description.
-    pub model: &'a Model<'a>,
+    pub model: &'a ModelDescription<'a>,
     /// Its binary.
     pub library: &'a Arc<Library>,
     /// The kind that is tested.
@@ -27,15 +29,15 @@ pub struct Subject<'a> {
 
 impl<'a> Subject<'a> {
     /// Whether a capability is claimed.
-    pub fn claims(&self, flag: &str) -> bool {
-        matches!(self.element.attribute(flag), Some("true" | "1"))
+    pub fn claims(&self, capability: Capability) -> bool {
+        capability.is_claimed_by(self.element)
     }
 
     /// A new instance.
     pub fn instantiate(&self) -> Result<Instance> {
         let guid = self.model.root.attribute("guid").unwrap_or_default();
         self.try_instantiate(guid)?.with_context(|| {
-            let tool = match self.claims("needsExecutionTool") {
+            let tool = match self.claims(Capability::NeedsExecutionTool) {
                 true => "; needsExecutionTool is true: is its tool installed?",
                 false => "",
             };
@@ -91,8 +93,8 @@ impl<'a> Subject<'a> {
     pub fn reals(&self, causality: Causality) -> Vec<u32> {
         self.model
             .variables()
-            .filter(|(_, v)| v.kind == model::Kind::Real && v.causality == causality)
-            .filter_map(|(_, v)| v.reference)
+            .filter(|(_, v)| v.kind == VariableType::Real && v.causality == causality)
+            .map(|(_, v)| v.reference)
             .collect()
     }
 
@@ -191,8 +193,7 @@ impl<'a> Run<'a> {
             .model
             .variables()
             .filter(|(_, v)| matches!(v.causality, Causality::Output | Causality::Local))
-            .filter_map(|(_, v)| Some((v.name, get(&mut self.instance, v)?)))
-            .map(|(name, value)| Ok((name, value?)))
+            .map(|(_, v)| Ok((v.name, get(&mut self.instance, v)?)))
             .collect()
     }
 }
@@ -235,28 +236,27 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// Asks for the value of a variable; none if it has no value reference.
-pub fn get(instance: &mut Instance, variable: &Variable<'_>) -> Option<Result<Value>> {
-    let reference = [variable.reference?];
-    let value = value(instance, variable.kind, &reference);
-    Some(value.with_context(|| format!("the value of {} cannot be read", variable.place())))
+/// Asks for the value of a variable.
+pub fn get(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Value> {
+    value(instance, variable.kind, &[variable.reference])
+        .with_context(|| format!("the value of {} cannot be read", Location::from(variable)))
 }
 
-fn value(instance: &mut Instance, kind: model::Kind, reference: &[u32; 1]) -> Result<Value> {
+fn value(instance: &mut Instance, kind: VariableType, reference: &[u32; 1]) -> Result<Value> {
     let (mut real, mut number) = ([0.0], [0]);
     Ok(match kind {
-        model::Kind::Real => {
+        VariableType::Real => {
             instance.get_real(reference, &mut real)?;
             Value::Real(real[0])
         }
-        model::Kind::Integer | model::Kind::Enumeration => {
+        VariableType::Integer | VariableType::Enumeration => {
             instance.get_integer(reference, &mut number)?;
             Value::Integer(number[0])
         }
-        model::Kind::Boolean => {
+        VariableType::Boolean => {
             instance.get_boolean(reference, &mut number)?;
             Value::Boolean(number[0])
         }
-        model::Kind::String => Value::String(instance.get_string(reference)?.concat()),
+        VariableType::String => Value::String(instance.get_string(reference)?.concat()),
     })
 }

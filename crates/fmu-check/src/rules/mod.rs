@@ -9,14 +9,14 @@ mod variables;
 
 use std::collections::HashSet;
 
-use fmu_file::model::{Model, place};
+use fmu_description::ModelDescription;
+use fmu_description::xml::Element;
 use fmu_file::text::quote;
-use fmu_file::xml::Element;
 
 use super::finding::Findings;
 
 /// Applies all rules.
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     root::check(model, findings);
     units::check(model, findings);
     types::check(model, findings);
@@ -38,13 +38,13 @@ fn unique<'a>(
         };
         if name.is_empty() {
             findings.error(
-                place(element),
+                element,
                 format!("the name of a {what} is empty, expected a text"),
             );
         }
         if !names.insert(name) {
             findings.error(
-                place(element),
+                element,
                 format!(
                     "the {what} {} is defined twice, expected each name once",
                     quote(name)

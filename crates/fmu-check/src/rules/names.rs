@@ -2,19 +2,19 @@
 
 use std::collections::HashSet;
 
-use fmu_file::model::Model;
+use fmu_description::ModelDescription;
 use fmu_file::text::quote;
 
 use crate::finding::Findings;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let structured = model.root.attribute("variableNamingConvention") == Some("structured");
     let mut names = HashSet::new();
     for (_, variable) in model.variables() {
         let name = variable.name;
         if !names.insert(name) {
             findings.error(
-                variable.place(),
+                variable,
                 format!(
                     "two variables have the name {}, expected each once",
                     quote(name)
@@ -22,10 +22,10 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
             );
         }
         if name.trim().is_empty() {
-            findings.error(variable.place(), "the name is empty, expected a text");
+            findings.error(variable, "the name is empty, expected a text");
         } else if structured && !is_structured(name) {
             findings.error(
-                variable.place(),
+                variable,
                 "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)",
             );
         }

@@ -1,28 +1,28 @@
 //! Rules of the attributes of the root, of log categories, of the kinds of FMU, and of the default experiment.
 
-use fmu_file::model::{Model, place};
+use fmu_description::xml::Element;
+use fmu_description::{Capability, ModelDescription};
 use fmu_file::text::quote;
-use fmu_file::xml::Element;
 
 use super::unique;
 use crate::finding::Findings;
 use crate::package::KINDS;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let root = model.root;
     for name in ["modelName", "guid"] {
         if root
             .attribute(name)
             .is_some_and(|text| text.trim().is_empty())
         {
-            findings.error(place(root), format!("{name} is empty, expected a text"));
+            findings.error(root, format!("{name} is empty, expected a text"));
         }
     }
     if let Some(date) = root.attribute("generationDateAndTime")
         && !date.trim().ends_with('Z')
     {
         findings.warning(
-            place(root),
+            root,
             format!(
                 "generationDateAndTime is {}, expected a time in UTC, which ends in Z",
                 quote(date)
@@ -40,18 +40,15 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
 
 fn kinds(root: &Element<'_>, findings: &mut Findings) {
     for kind in KINDS {
-        let mut of_kind = root.children.iter().filter(|child| child.name == kind);
+        let mut of_kind = root.children(kind);
         if let (Some(_), Some(second)) = (of_kind.next(), of_kind.next()) {
-            findings.error(
-                place(second),
-                format!("{kind} stands twice, expected it once"),
-            );
+            findings.error(second, format!("{kind} stands twice, expected it once"));
         }
     }
     if root.child("ModelExchange").is_some() && root.attribute("numberOfEventIndicators").is_none()
     {
         findings.warning(
-            place(root),
+            root,
             "numberOfEventIndicators is missing, expected it for model exchange",
         );
     }
@@ -64,17 +61,18 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
             && !is_c_identifier(identifier)
         {
             findings.error(
-                place(kind),
+                kind,
                 format!(
                     "modelIdentifier is {}, expected a C identifier",
                     quote(identifier)
                 ),
             );
         }
-        let flag = |name| matches!(kind.attribute(name), Some("true" | "1"));
-        if flag("canSerializeFMUstate") && !flag("canGetAndSetFMUstate") {
+        if Capability::CanSerializeFMUstate.is_claimed_by(kind)
+            && !Capability::CanGetAndSetFMUstate.is_claimed_by(kind)
+        {
             findings.error(
-                place(kind),
+                kind,
                 "canSerializeFMUstate is true, expected canGetAndSetFMUstate to be true with it",
             );
         }
@@ -87,7 +85,7 @@ fn is_c_identifier(text: &str) -> bool {
         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-fn experiment(model: &Model<'_>, findings: &mut Findings) {
+fn experiment(model: &ModelDescription<'_>, findings: &mut Findings) {
     let Some(element) = model.root.child("DefaultExperiment") else {
         return;
     };
@@ -100,10 +98,7 @@ fn experiment(model: &Model<'_>, findings: &mut Findings) {
                 } else {
                     "a finite number"
                 };
-                findings.error(
-                    place(element),
-                    format!("{name} is {value}, expected {expected}"),
-                );
+                findings.error(element, format!("{name} is {value}, expected {expected}"));
             }
         }
     }
@@ -112,7 +107,7 @@ fn experiment(model: &Model<'_>, findings: &mut Findings) {
         && stop <= start
     {
         findings.error(
-            place(element),
+            element,
             format!("stopTime is {stop}, expected it after startTime {start}"),
         );
     }

@@ -2,12 +2,12 @@
 
 use std::collections::HashSet;
 
-use fmu_file::model::{Causality, Initial, Model, Unknown, Variable, place};
-use fmu_file::value::{items, unsigned};
+use fmu_description::value::{items, unsigned};
+use fmu_description::{Causality, Initial, ModelDescription, ScalarVariable, Unknown};
 
 use crate::finding::Findings;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     for (list, unknowns) in [
         ("Outputs", &model.outputs),
         ("Derivatives", &model.derivatives),
@@ -25,15 +25,19 @@ fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
 }
 
 /// Checks indices and dependencies of the unknowns of a list.
-fn each(list: &str, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut Findings) {
+fn each(
+    list: &str,
+    unknowns: &[Unknown<'_>],
+    model: &ModelDescription<'_>,
+    findings: &mut Findings,
+) {
     let count = model.variables.len();
     let exists = |index: usize| (1..=count).contains(&index);
     let mut seen = HashSet::new();
     for unknown in unknowns {
-        let at = place(unknown.element);
         if !exists(unknown.index) {
             findings.error(
-                &at,
+                unknown.element,
                 format!(
                     "{list} has the index {}, expected 1 to {count}",
                     unknown.index
@@ -42,7 +46,7 @@ fn each(list: &str, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut 
         }
         if !seen.insert(unknown.index) {
             findings.error(
-                &at,
+                unknown.element,
                 format!(
                     "{list} has the index {} twice, expected it once",
                     unknown.index
@@ -52,12 +56,15 @@ fn each(list: &str, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut 
         let dependencies = unknown.dependencies.as_deref().unwrap_or_default();
         if let Some(wrong) = dependencies.iter().find(|index| !exists(**index as usize)) {
             findings.error(
-                &at,
+                unknown.element,
                 format!("dependencies has {wrong}, expected indices from 1 to {count}"),
             );
         }
         if dependencies.iter().collect::<HashSet<_>>().len() < dependencies.len() {
-            findings.error(&at, "dependencies has an index twice, expected each once");
+            findings.error(
+                unknown.element,
+                "dependencies has an index twice, expected each once",
+            );
         }
         let kinds = unknown
             .element
@@ -67,7 +74,7 @@ fn each(list: &str, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut 
             && kinds != dependencies.len()
         {
             findings.error(
-                &at,
+                unknown.element,
                 format!(
                     "dependenciesKind has {kinds} items, expected {}, one per dependency",
                     dependencies.len()
@@ -77,19 +84,19 @@ fn each(list: &str, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut 
     }
 }
 
-fn outputs(model: &Model<'_>, findings: &mut Findings) {
+fn outputs(model: &ModelDescription<'_>, findings: &mut Findings) {
     let listed = indices(&model.outputs);
     for (index, variable) in model.variables() {
         let is_output = variable.causality == Causality::Output;
         if is_output && !listed.contains(&index) {
             findings.error(
-                variable.place(),
+                variable,
                 "the output is not in Outputs of ModelStructure, expected there",
             );
         }
         if !is_output && listed.contains(&index) {
             findings.error(
-                variable.place(),
+                variable,
                 "it is in Outputs of ModelStructure, expected outputs only",
             );
         }
@@ -97,18 +104,18 @@ fn outputs(model: &Model<'_>, findings: &mut Findings) {
 }
 
 /// The index of the state that a variable is the derivative of.
-fn state_of(variable: &Variable<'_>) -> Option<usize> {
+fn state_of(variable: &ScalarVariable<'_>) -> Option<usize> {
     let index = variable.value.attribute("derivative")?;
     Some(unsigned(index)? as usize)
 }
 
-fn derivatives(model: &Model<'_>, findings: &mut Findings) {
+fn derivatives(model: &ModelDescription<'_>, findings: &mut Findings) {
     for unknown in &model.derivatives {
         if let Some(variable) = model.variable(unknown.index)
             && state_of(variable).is_none()
         {
             findings.error(
-                variable.place(),
+                variable,
                 "it is in Derivatives of ModelStructure, expected it to have the attribute derivative",
             );
         }
@@ -117,7 +124,7 @@ fn derivatives(model: &Model<'_>, findings: &mut Findings) {
 
 /// Checks that the variables that are computed in the initialization are in `InitialUnknowns`, and no
 /// others.
-fn initial_unknowns(model: &Model<'_>, findings: &mut Findings) {
+fn initial_unknowns(model: &ModelDescription<'_>, findings: &mut Findings) {
     let listed = indices(&model.initial_unknowns);
     let mut of_states = HashSet::new();
     for unknown in &model.derivatives {
@@ -136,13 +143,13 @@ fn initial_unknowns(model: &Model<'_>, findings: &mut Findings) {
         };
         if unknown && !listed.contains(&index) {
             findings.error(
-                variable.place(),
+                variable,
                 "it is computed in the initialization and not in InitialUnknowns of ModelStructure, expected there",
             );
         }
         if !unknown && listed.contains(&index) {
             findings.warning(
-                variable.place(),
+                variable,
                 "it is in InitialUnknowns of ModelStructure, expected outputs, calculated parameters, states and derivatives that are computed",
             );
         }

@@ -2,24 +2,24 @@
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_file::model::{Kind, Model, Variable, place};
+use fmu_description::value::{integer, real};
+use fmu_description::xml::Element;
+use fmu_description::{ModelDescription, ScalarVariable, VariableType};
 use fmu_file::text::quote;
-use fmu_file::value::{integer, real};
-use fmu_file::xml::Element;
 
 use super::unique;
-use crate::finding::Findings;
+use crate::finding::{Findings, Location};
 
 /// The values of the items of each enumeration type, by its name.
 type Items<'a> = HashMap<&'a str, HashSet<i32>>;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let types = || model.root.list("TypeDefinitions", "SimpleType");
     unique(types(), "type", findings);
     let mut items = Items::new();
     for defined in types() {
         if let (Some(name), Some(value)) = (defined.attribute("name"), defined.children.first()) {
-            bounds(value, &place(value), None, findings);
+            bounds(value, value, None, findings);
             items.insert(name, enumeration(value, findings));
         }
     }
@@ -27,16 +27,11 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
         declared_type(variable, findings);
         if matches!(
             variable.kind,
-            Kind::Real | Kind::Integer | Kind::Enumeration
+            VariableType::Real | VariableType::Integer | VariableType::Enumeration
         ) {
-            bounds(
-                variable.value,
-                &variable.place(),
-                variable.of_type,
-                findings,
-            );
+            bounds(variable.value, variable, variable.declared, findings);
         }
-        if variable.kind == Kind::Enumeration {
+        if variable.kind == VariableType::Enumeration {
             start_item(variable, &items, findings);
         }
     }
@@ -45,20 +40,20 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
 /// Checks that min <= start <= max, where a variable has what its type has unless it says other.
 fn bounds(
     value: &Element<'_>,
-    place: &str,
-    of_type: Option<&Element<'_>>,
+    at: impl Into<Location> + Copy,
+    declared: Option<&Element<'_>>,
     findings: &mut Findings,
 ) {
     let number = |name: &str| {
         let own = value.attribute(name);
-        own.or_else(|| of_type?.attribute(name)).and_then(real)
+        own.or_else(|| declared?.attribute(name)).and_then(real)
     };
     let (min, max) = (number("min"), number("max"));
     if let (Some(min), Some(max)) = (min, max)
         && (min > max || min.is_nan() || max.is_nan())
     {
         findings.error(
-            place,
+            at,
             format!("min is {min} and max is {max}, expected min <= max"),
         );
     }
@@ -66,12 +61,12 @@ fn bounds(
         return;
     };
     if value.name == "Real" && !start.is_finite() {
-        findings.warning(place, format!("start is {start}, expected a finite number"));
+        findings.warning(at, format!("start is {start}, expected a finite number"));
     }
     if min.is_some_and(|min| start < min) || max.is_some_and(|max| start > max) {
         let bound = |bound: Option<f64>| bound.map_or("none".into(), |bound| bound.to_string());
         findings.error(
-            place,
+            at,
             format!(
                 "start is {start}, expected it from min {} to max {}",
                 bound(min),
@@ -83,7 +78,7 @@ fn bounds(
 
 /// Checks the items of an enumeration, and returns their values.
 fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
-    let items = || value.children.iter().filter(|child| child.name == "Item");
+    let items = || value.children("Item");
     unique(items(), "item", findings);
     let mut values = HashSet::new();
     for item in items() {
@@ -91,7 +86,7 @@ fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
             && !values.insert(number)
         {
             findings.error(
-                place(item),
+                item,
                 format!("two items have the value {number}, expected each value once"),
             );
         }
@@ -99,11 +94,11 @@ fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
     values
 }
 
-fn declared_type(variable: &Variable<'_>, findings: &mut Findings) {
+fn declared_type(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     let Some(declared) = variable.value.attribute("declaredType") else {
         return;
     };
-    let is = match variable.of_type {
+    let is = match variable.declared {
         Some(of_type) if of_type.name == variable.value.name => return,
         Some(of_type) => format!(
             "is {}, expected {}",
@@ -112,14 +107,11 @@ fn declared_type(variable: &Variable<'_>, findings: &mut Findings) {
         ),
         None => "is not defined, expected one of TypeDefinitions".into(),
     };
-    findings.error(
-        variable.place(),
-        format!("the type {} {is}", quote(declared)),
-    );
+    findings.error(variable, format!("the type {} {is}", quote(declared)));
 }
 
 /// Checks that the start value of an enumeration is one of its items.
-fn start_item(variable: &Variable<'_>, items: &Items<'_>, findings: &mut Findings) {
+fn start_item(variable: &ScalarVariable<'_>, items: &Items<'_>, findings: &mut Findings) {
     let declared = variable.value.attribute("declaredType");
     let (Some(start), Some(items)) = (
         variable.start().and_then(integer),
@@ -129,7 +121,7 @@ fn start_item(variable: &Variable<'_>, items: &Items<'_>, findings: &mut Finding
     };
     if !items.contains(&start) {
         findings.error(
-            variable.place(),
+            variable,
             format!("start is {start}, expected the value of an item of its type"),
         );
     }

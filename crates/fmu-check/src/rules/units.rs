@@ -2,10 +2,10 @@
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_file::model::{Kind, Model, place};
+use fmu_description::value::real;
+use fmu_description::xml::Element;
+use fmu_description::{ModelDescription, VariableType};
 use fmu_file::text::quote;
-use fmu_file::value::real;
-use fmu_file::xml::Element;
 
 use super::unique;
 use crate::finding::Findings;
@@ -13,17 +13,13 @@ use crate::finding::Findings;
 /// The display units of each unit, by its name.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let defined = || model.root.list("UnitDefinitions", "Unit");
     unique(defined(), "unit", findings);
     let mut units = Units::new();
     for unit in defined() {
         factors(unit, findings);
-        let displays = unit
-            .children
-            .iter()
-            .filter(|child| child.name == "DisplayUnit");
-        let displays = unique(displays, "display unit", findings);
+        let displays = unique(unit.children("DisplayUnit"), "display unit", findings);
         if let Some(name) = unit.attribute("name") {
             units.insert(name, displays);
         }
@@ -34,7 +30,7 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
         }
     }
     for (_, variable) in model.variables() {
-        if variable.kind == Kind::Real {
+        if variable.kind == VariableType::Real {
             usage(variable.value, variable.unit(), &units, findings);
         }
     }
@@ -48,7 +44,7 @@ fn factors(unit: &Element<'_>, findings: &mut Findings) {
             && (factor == 0.0 || !factor.is_finite())
         {
             findings.error(
-                place(child),
+                child,
                 format!("the factor of a unit is {factor}, expected a number other than 0"),
             );
         }
@@ -56,7 +52,7 @@ fn factors(unit: &Element<'_>, findings: &mut Findings) {
             && !offset.is_finite()
         {
             findings.error(
-                place(child),
+                child,
                 format!("the offset of a unit is {offset}, expected a finite number"),
             );
         }
@@ -70,7 +66,7 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
         && displays.is_none()
     {
         findings.error(
-            place(value),
+            value,
             format!(
                 "the unit {} is not defined, expected one of UnitDefinitions",
                 quote(own)
@@ -82,7 +78,7 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
     };
     if unit.is_none() {
         findings.error(
-            place(value),
+            value,
             format!(
                 "displayUnit is {} without a unit, expected both",
                 quote(display)
@@ -91,7 +87,7 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
     } else if displays.is_some_and(|displays| !displays.contains(display)) && unit != Some(display)
     {
         findings.error(
-            place(value),
+            value,
             format!(
                 "the display unit {} is not defined for its unit, expected a DisplayUnit",
                 quote(display)

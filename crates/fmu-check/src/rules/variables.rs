@@ -3,27 +3,29 @@
 
 use std::collections::HashMap;
 
-use fmu_file::model::{Causality, Initial, Kind, Model, Variability, Variable};
-use fmu_file::value::unsigned;
+use fmu_description::value::unsigned;
+use fmu_description::{
+    Causality, Initial, ModelDescription, ScalarVariable, Variability, VariableType,
+};
 
 use crate::finding::Findings;
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut independent = None;
     for (_, variable) in model.variables() {
         combination(variable, findings);
         start(variable, findings);
         derivative(variable, model, findings);
         if variable.causality == Causality::Independent {
-            if variable.kind != Kind::Real {
+            if variable.kind != VariableType::Real {
                 findings.error(
-                    variable.place(),
+                    variable,
                     "the independent variable is no Real, expected a Real",
                 );
             }
             if let Some(first) = independent.replace(variable.name) {
                 findings.error(
-                    variable.place(),
+                    variable,
                     format!("it is independent as {first:?} is, expected at most one independent variable"),
                 );
             }
@@ -55,19 +57,19 @@ fn allowed(causality: Causality, variability: Variability) -> Option<&'static [O
     }
 }
 
-fn combination(variable: &Variable<'_>, findings: &mut Findings) {
+fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     let written = |name, default| variable.element.attribute(name).unwrap_or(default);
     let causality = written("causality", "local");
     let variability = written("variability", "continuous");
     match allowed(variable.causality, variable.variability) {
         None => findings.error(
-            variable.place(),
+            variable,
             format!(
                 "causality {causality} and variability {variability} stand together, expected a combination of section 2.2.7 of FMI 2.0.4"
             ),
         ),
         Some(initials) if !initials.contains(&variable.initial) => findings.error(
-            variable.place(),
+            variable,
             format!(
                 "initial is {}, expected one that goes with causality {causality} and variability {variability}",
                 written("initial", "missing")
@@ -75,9 +77,9 @@ fn combination(variable: &Variable<'_>, findings: &mut Findings) {
         ),
         Some(_) => {}
     }
-    if variable.kind != Kind::Real && variable.variability == Variability::Continuous {
+    if variable.kind != VariableType::Real && variable.variability == Variability::Continuous {
         findings.error(
-            variable.place(),
+            variable,
             format!(
                 "variability is continuous (or missing), expected another for the type {}",
                 variable.value.name
@@ -86,38 +88,43 @@ fn combination(variable: &Variable<'_>, findings: &mut Findings) {
     }
 }
 
-fn start(variable: &Variable<'_>, findings: &mut Findings) {
+fn start(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     let needs = matches!(variable.initial, Some(Initial::Exact | Initial::Approx))
         || variable.causality == Causality::Input;
     match variable.start() {
         None if needs => findings.error(
-            variable.place(),
+            variable,
             "it has no start, expected one for an input, a constant, and initial exact or approx",
         ),
         Some(_) if !needs => findings.error(
-            variable.place(),
+            variable,
             "it has a start, expected none for initial calculated and the independent variable",
         ),
         _ => {}
     }
 }
 
-fn derivative(variable: &Variable<'_>, model: &Model<'_>, findings: &mut Findings) {
+fn derivative(
+    variable: &ScalarVariable<'_>,
+    model: &ModelDescription<'_>,
+    findings: &mut Findings,
+) {
     let Some(index) = variable.value.attribute("derivative").and_then(unsigned) else {
         return;
     };
     match model.variable(index as usize) {
-        Some(state) if state.kind == Kind::Real && state.variability == Variability::Continuous => {
+        Some(state)
+            if state.kind == VariableType::Real && state.variability == Variability::Continuous => {
         }
         Some(state) => findings.error(
-            variable.place(),
+            variable,
             format!(
                 "it is the derivative of {:?}, expected a continuous Real",
                 state.name
             ),
         ),
         None => findings.error(
-            variable.place(),
+            variable,
             format!(
                 "derivative is {index}, expected the index of a variable, 1 to {}",
                 model.variables.len()
@@ -127,17 +134,16 @@ fn derivative(variable: &Variable<'_>, model: &Model<'_>, findings: &mut Finding
 }
 
 /// Checks variables of one type with one value reference, which have one value.
-fn aliases(model: &Model<'_>, findings: &mut Findings) {
-    let mut sets: HashMap<(Kind, u32), Vec<&Variable<'_>>> = HashMap::new();
+fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
+    let mut sets: HashMap<(VariableType, u32), Vec<&ScalarVariable<'_>>> = HashMap::new();
     for (_, variable) in model.variables() {
-        if let Some(reference) = variable.reference {
-            // Enumerations are read and set as Integers.
-            let kind = match variable.kind {
-                Kind::Enumeration => Kind::Integer,
-                kind => kind,
-            };
-            sets.entry((kind, reference)).or_default().push(variable);
-        }
+        // Enumerations are read and set as Integers.
+        let kind = match variable.kind {
+            VariableType::Enumeration => VariableType::Integer,
+            kind => kind,
+        };
+        let set = sets.entry((kind, variable.reference)).or_default();
+        set.push(variable);
     }
     let mut sets: Vec<_> = sets.into_values().filter(|set| set.len() > 1).collect();
     sets.sort_by_key(|set| set[0].element.line);
@@ -146,18 +152,18 @@ fn aliases(model: &Model<'_>, findings: &mut Findings) {
     }
 }
 
-fn alias_set(set: &[&Variable<'_>], findings: &mut Findings) {
-    let constant = |v: &&&Variable<'_>| v.variability == Variability::Constant;
-    let settable = |v: &&&Variable<'_>| {
+fn alias_set(set: &[&ScalarVariable<'_>], findings: &mut Findings) {
+    let constant = |v: &&&ScalarVariable<'_>| v.variability == Variability::Constant;
+    let settable = |v: &&&ScalarVariable<'_>| {
         matches!(
             v.causality,
             Causality::Parameter | Causality::Input | Causality::Independent
         )
     };
-    let started = |v: &&&Variable<'_>| v.start().is_some();
-    let mut report = |variable: &Variable<'_>, what: &str| {
+    let started = |v: &&&ScalarVariable<'_>| v.start().is_some();
+    let mut report = |variable: &ScalarVariable<'_>, what: &str| {
         findings.error(
-            variable.place(),
+            variable,
             format!("it has the value reference of {:?} {what}", set[0].name),
         );
     };

@@ -4,6 +4,5 @@ mod layout;
 mod package;
 mod resources;
 mod structure;
-mod xml;
 
 pub use package::Package;

@@ -61,7 +61,7 @@ impl Resources {
     }
 }
 
-/// The file name, without what a URI does not bear.
+/// The file name, without what a URI cannot have.
 fn name(fmu: &Path) -> String {
     let name = fmu.file_name().unwrap_or_default().to_string_lossy();
     name.replace(

@@ -3,17 +3,17 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result};
-use fmu_file::model::{Causality, Kind};
+use fmu_description::{Causality, VariableType};
 
 use crate::{Connection, Description, Fmu, Plan, Planned, Typed, Variable};
 
 use super::layout::{self, Area, Layout, Link, Part, Pin};
-use super::xml::Element;
+use fmu_description::xml::Element;
 
 /// One name for all sets of start values: tools choose by the name, for all components at once.
 const PARAMETER_SET: &str = "initialValues";
 
-/// All at the root, where every tool bears them.
+/// All at the root, where every tool accepts them.
 const NAMESPACES: [(&str, &str); 4] = [
     (
         "xmlns:ssc",
@@ -63,7 +63,7 @@ pub fn document(
         .listing("ssd:Connections", connections(&links, &faces, &layout))
         .holding(area("ssd:SystemGeometry", layout.extent));
     let root = Element::new("ssd:SystemStructureDescription");
-    NAMESPACES
+    let root = NAMESPACES
         .into_iter()
         .fold(root, |root, (name, uri)| root.with(name, uri))
         .with("version", "1.0")
@@ -80,8 +80,8 @@ pub fn document(
         .holding(system)
         .listing("ssd:Enumerations", terms.enumerations())
         .listing("ssd:Units", terms.units())
-        .holding(experiment(description))
-        .document()
+        .holding(experiment(description));
+    Ok(root.document()?)
 }
 
 /// A component, and its connectors by the sides that they are on.
@@ -142,7 +142,7 @@ fn pin<'a>(
     Some(Pin { part, index })
 }
 
-fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Element {
+fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Element<'static> {
     let fmu = &face.component.fmu;
     let mut connectors = Vec::new();
     let (count, left) = (face.inputs.len(), 0.0);
@@ -176,13 +176,13 @@ fn connector(
     (x, y): (f64, f64),
     fmu: &Fmu,
     terms: &mut Terms,
-) -> Element {
+) -> Element<'static> {
     let of_type = match variable.kind {
-        Kind::Real => Element::new("ssc:Real").with_some("unit", terms.unit(fmu, variable)),
-        Kind::Integer => Element::new("ssc:Integer"),
-        Kind::Boolean => Element::new("ssc:Boolean"),
-        Kind::String => Element::new("ssc:String"),
-        Kind::Enumeration => {
+        VariableType::Real => Element::new("ssc:Real").with_some("unit", terms.unit(fmu, variable)),
+        VariableType::Integer => Element::new("ssc:Integer"),
+        VariableType::Boolean => Element::new("ssc:Boolean"),
+        VariableType::String => Element::new("ssc:String"),
+        VariableType::Enumeration => {
             Element::new("ssc:Enumeration").with("name", terms.enumeration(fmu, variable))
         }
     };
@@ -197,9 +197,9 @@ fn connector(
 }
 
 /// The start values, in the component itself: that is where all tools read them.
-fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element> {
+fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element<'static>> {
     let fmu = &face.component.fmu;
-    let parameters: Vec<Element> = face
+    let parameters: Vec<Element<'static>> = face
         .component
         .starts()
         .map(|(variable, value)| {
@@ -219,12 +219,12 @@ fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element> {
     vec![Element::new("ssd:ParameterBinding").holding(values)]
 }
 
-fn start(variable: &Variable, value: &Typed, fmu: &Fmu, terms: &mut Terms) -> Element {
+fn start(variable: &Variable, value: &Typed, fmu: &Fmu, terms: &mut Terms) -> Element<'static> {
     match value {
         Typed::Real(value) => Element::new("ssv:Real")
             .with("value", real(*value))
             .with_some("unit", terms.unit(fmu, variable)),
-        Typed::Integer(number) if variable.kind == Kind::Enumeration => {
+        Typed::Integer(number) if variable.kind == VariableType::Enumeration => {
             let mut items = variable.items.iter();
             let item = items.find(|(_, known)| known == number);
             Element::new("ssv:Enumeration")
@@ -246,7 +246,7 @@ fn real(value: f64) -> String {
     }
 }
 
-fn connections(links: &[Link], faces: &[Face<'_>], layout: &Layout) -> Vec<Element> {
+fn connections(links: &[Link], faces: &[Face<'_>], layout: &Layout) -> Vec<Element<'static>> {
     let connection = |(link, line): (&Link, &Vec<(f64, f64)>)| {
         let (from, to) = (&faces[link.from.part], &faces[link.to.part]);
         Element::new("ssd:Connection")
@@ -268,7 +268,7 @@ fn list(values: impl Iterator<Item = f64>) -> String {
     texts.join(" ")
 }
 
-fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element {
+fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element<'static> {
     Element::new(name)
         .with("x1", x1)
         .with("y1", y1)
@@ -277,7 +277,7 @@ fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element {
 }
 
 /// The times, and the step where libcosim looks for it.
-fn experiment(description: &Description) -> Element {
+fn experiment(description: &Description) -> Element<'static> {
     let step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(description.step));
     let algorithm = Element::new("osp:Algorithm").holding(step);
     let annotation = Element::new("ssc:Annotation")
@@ -320,7 +320,7 @@ impl Terms {
         name
     }
 
-    fn enumerations(&self) -> Vec<Element> {
+    fn enumerations(&self) -> Vec<Element<'static>> {
         let item = |(name, value): &(String, i32)| {
             Element::new("ssc:Item")
                 .with("name", name)
@@ -336,7 +336,7 @@ impl Terms {
             .collect()
     }
 
-    fn units(&self) -> Vec<Element> {
+    fn units(&self) -> Vec<Element<'static>> {
         let units = self.units.iter();
         units
             .map(|(name, base)| {

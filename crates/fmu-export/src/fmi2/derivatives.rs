@@ -44,7 +44,7 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
         let arrays = (slice(references, n), slice(orders, n), slice(values, n));
         with(c, |component| match arrays {
             (Some(references), Some(orders), Some(values)) => {
-                component.set_slopes(references, orders, values)
+                component.set_input_derivatives(references, orders, values)
             }
             _ => component.refuse(phase::INPUT_DERIVATIVES.name, NULL_ARRAY),
         })

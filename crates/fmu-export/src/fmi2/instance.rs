@@ -116,9 +116,9 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
             self.slave.step(time, step)?;
-            if Bound::<M, N>::HAS_SLOPES && self.life.sloped {
-                self.slave.clear_slopes();
-                self.life.sloped = false;
+            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.life.has_input_derivatives {
+                self.slave.clear_input_derivatives();
+                self.life.has_input_derivatives = false;
             }
             Ok(())
         }));

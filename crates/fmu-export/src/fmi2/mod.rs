@@ -12,25 +12,27 @@
 mod access;
 mod common;
 mod derivatives;
+mod entry;
 mod instance;
+mod logger;
 mod slave;
 mod state;
 mod unsupported;
 
-use std::ffi::{CStr, CString};
+use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
 pub use access::*;
 pub use common::*;
 pub use derivatives::*;
+pub use entry::Entry;
 pub use fmu_types::fmi2::*;
 pub(crate) use instance::Instance;
 pub use slave::*;
 pub use state::*;
 pub use unsupported::*;
 
-use crate::Entry;
 use crate::component::{Component, Outcome};
 use crate::log::{Category, Log};
 
@@ -131,12 +133,7 @@ pub unsafe fn instantiate(
     let (functions, name, guid) = unsafe { (functions.as_ref(), text(instance_name), text(guid)) };
     silence_panics();
     let made = catch_unwind(AssertUnwindSafe(|| {
-        let log = Log::new(
-            functions.and_then(|f| f.logger),
-            functions.map_or(std::ptr::null_mut(), |f| f.componentEnvironment),
-            name.map_or_else(CString::default, CStr::to_owned),
-            logging_on != fmi2False,
-        );
+        let log = Log::new(logger::sink(functions, name), logging_on != fmi2False);
         match choose(models, name, fmu_type, guid) {
             Ok(model) => Some(Box::new(model.create(log))),
             Err(reason) => {

@@ -1,4 +1,4 @@
-//! Every argument of every call: what is wrong is refused with a message, and changes nothing.
+//! Every argument of every call: a wrong one is refused with a message and changes nothing.
 
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
@@ -9,7 +9,7 @@ use fmu_export::fmi2::*;
 use crate::host::{Arguments, MODEL_EXCHANGE, Slave, guid};
 use crate::models::*;
 
-/// The places at which values are set and read.
+/// The states in which values can be set.
 const PHASES: [fn() -> Slave; 3] = [Slave::new, initializing, running];
 
 /// An instance in initialization mode, whose outputs are computed.
@@ -91,7 +91,7 @@ fn values_come_back_as_they_were_set() {
 }
 
 #[test]
-fn bounds_belong_to_the_values_allowed_and_what_is_beyond_is_refused_by_name() {
+fn bounds_are_inclusive_and_values_beyond_them_are_refused_by_name() {
     for (_, mut slave, fact) in settable() {
         let (min, max) = fact.bounds;
         for bound in [min, max].into_iter().filter(|bound| bound.is_finite()) {
@@ -115,8 +115,8 @@ fn bounds_belong_to_the_values_allowed_and_what_is_beyond_is_refused_by_name() {
             _ => vec![min - 1.0, max + 1.0, -7.0, i32::MAX.into(), i32::MIN.into()],
         };
         for value in outside.into_iter().filter(|value| !fact.allows(*value)) {
-            let told = format!("{} = {value} is refused; expected ", fact.name);
-            slave.refuses(&[&told], |s| set(s, fact, value));
+            let reason = format!("{} = {value} is refused; expected ", fact.name);
+            slave.refuses(&[&reason], |s| set(s, fact, value));
         }
     }
 }
@@ -151,7 +151,7 @@ fn outputs_and_what_is_fixed_after_the_initialization_cannot_be_set() {
 }
 
 #[test]
-fn a_tunable_parameter_counts_from_the_next_step_on() {
+fn a_tunable_parameter_takes_effect_in_the_next_step() {
     let mut slave = Slave::new();
     slave.start(0.0, None);
     assert_eq!(slave.set_reals(&[U, LIMIT], &[100.0, 50.0]), fmi2OK);
@@ -164,7 +164,7 @@ fn a_tunable_parameter_counts_from_the_next_step_on() {
 
 type Access = fn(&mut Slave, u32) -> fmi2Status;
 
-/// The getters and setters, with one reference and some value.
+/// Getters and setters, each called with one reference and an arbitrary value.
 const ACCESS: [(&str, Option<Kind>, Access); 8] = [
     ("fmi2GetReal", Some(Kind::Real), |s, r| {
         s.get_reals(&[r], &mut [0.0])
@@ -203,8 +203,8 @@ fn unknown_references_and_other_types_are_refused_by_name() {
             slave.refuses(&words, |s| access(s, reference));
         }
         for fact in FACTS.iter().filter(|fact| Some(fact.kind) != kind) {
-            let (told, asked) = (format!("{} is ", fact.name), &name[7..]);
-            slave.refuses(&[name, &told, asked], |s| access(s, fact.reference));
+            let (reason, asked) = (format!("{} is ", fact.name), &name[7..]);
+            slave.refuses(&[name, &reason, asked], |s| access(s, fact.reference));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Bytes that are not those of an FMU state, and bytes that are forged.
+//! Serialized FMU states that are damaged or forged.
 
 use std::ptr::null_mut;
 
@@ -17,14 +17,18 @@ fn stepped(model: usize) -> (Slave, Vec<u8>) {
     (slave, bytes)
 }
 
-/// Checks that bytes are refused, with a reason and into no state.
+/// Checks that bytes are refused with a reason, and that no state is made.
 fn assert_refused(slave: &mut Slave, bytes: &[u8]) {
     let mut state = null_mut();
     slave.forget_messages();
     assert_eq!(slave.deserialize(bytes, &mut state), fmi2Error, "{bytes:?}");
     assert!(state.is_null());
     assert_eq!(slave.messages().len(), 1);
-    assert!(slave.told().starts_with("fmi2DeSerializeFMUstate: "));
+    assert!(
+        slave
+            .last_message()
+            .starts_with("fmi2DeSerializeFMUstate: ")
+    );
 }
 
 #[test]
@@ -64,7 +68,7 @@ fn refused_bytes_leave_the_state_in_hand() {
     assert_eq!(slave.free_state(&mut state), fmi2OK);
 }
 
-/// Content, with the checksum that lets it pass: FNV-1a of 128 bits.
+/// The content followed by a valid checksum: 128-bit FNV-1a.
 fn sealed(content: &[u8]) -> Vec<u8> {
     let sum = content.iter().fold(
         0x6c62_272e_07bb_0142_62b8_2175_6295_c58d,
@@ -73,13 +77,13 @@ fn sealed(content: &[u8]) -> Vec<u8> {
     [content, &sum.to_le_bytes()].concat()
 }
 
-/// Bytes of a state but for the checksum.
+/// The bytes of a state without the checksum.
 fn content(bytes: &[u8]) -> &[u8] {
     &bytes[..bytes.len() - 16]
 }
 
 #[test]
-fn what_is_forged_passes_only_the_checksum() {
+fn a_valid_checksum_does_not_make_other_damage_pass() {
     let (mut slave, bytes) = stepped(0);
     assert_eq!(sealed(content(&bytes)), bytes);
     // Magic, version, both ends of the GUID, and a phase that is dead, or none.
@@ -115,7 +119,7 @@ fn edit() -> impl Strategy<Value = Edit> {
     ]
 }
 
-/// Length of what is the same in every state of a model.
+/// Length of the header: magic, version and GUID.
 const HEADER: usize = 8 + 4 + 38;
 
 fn apply(bytes: &mut Vec<u8>, edit: &Edit) {
@@ -139,7 +143,7 @@ fn apply(bytes: &mut Vec<u8>, edit: &Edit) {
     }
 }
 
-/// Does with an instance whatever its state allows.
+/// Makes the usual calls; each may be refused, but none may panic unless the model was told to.
 fn uses(slave: &mut Slave) {
     let (mut time, mut trouble) = (0.0, [PANIC]);
     let mut all = [0.0; COUNT as usize];
@@ -161,7 +165,7 @@ fn uses(slave: &mut Slave) {
         assert!(
             !statuses.contains(&fmi2Fatal),
             "{statuses:?} {}",
-            slave.told()
+            slave.last_message()
         );
         assert_eq!(slave.reset(), fmi2OK);
     }
@@ -178,7 +182,7 @@ proptest! {
         assert_refused(&mut slave, &[&bytes[..keep], &noise].concat());
     }
 
-    /// What has a right checksum may be accepted; what is done with it afterwards ends well.
+    /// A state with a valid checksum may be accepted; using it must not crash or hang.
     #[test]
     fn no_forged_state_crashes_or_hangs(
         model in 0..2usize,

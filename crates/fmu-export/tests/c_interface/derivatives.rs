@@ -31,7 +31,7 @@ fn ramp(slave: &mut Slave, slope: f64) -> fmi2Status {
 }
 
 #[test]
-fn the_derivative_is_that_of_the_last_step_whatever_is_set_since() {
+fn the_derivative_belongs_to_the_last_step_not_to_values_set_since() {
     let mut slave = running();
     assert_eq!(derivative(&mut slave), 0.0);
     assert_eq!(slave.step(0.0, 0.25), fmi2OK);
@@ -125,8 +125,8 @@ fn a_ramp_is_that_of_the_next_step_alone() {
         if phase == 2 {
             set(&mut slave);
         }
-        assert_eq!(slave.step(0.0, 0.0), fmi2OK, "uses no ramp up");
-        assert_eq!(slave.step(0.0, -1.0), fmi2Error, "neither does this");
+        assert_eq!(slave.step(0.0, 0.0), fmi2OK, "does not consume the ramp");
+        assert_eq!(slave.step(0.0, -1.0), fmi2Error, "nor does this");
         let bytes = slave.snapshot();
         assert_eq!(slave.step(0.0, 0.5), fmi2OK);
         // 2 (3 h + 8 h²/2)
@@ -151,7 +151,7 @@ fn only_first_finite_derivatives_of_inputs_that_have_them_are_taken() {
         (U, -1, 1.0, "of order -1"),
         (U, 1, f64::NAN, "the derivative of u = NaN is refused"),
         (U, 1, f64::NEG_INFINITY, "u = -inf"),
-        (V, 1, 1.0, "the host cannot give a time derivative of v"),
+        (V, 1, 1.0, "the host cannot set the input derivative of v"),
         (Y, 1, 1.0, "derivative of y"),
         (LAW, 1, 1.0, "derivative of law"),
         (COUNT, 1, 1.0, "value reference 14 is unknown"),

@@ -1,4 +1,4 @@
-//! The experiment, its times, and the steps that fit into them.
+//! The experiment, and which communication steps fit into it.
 
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 use fmu_export::fmi2::*;
@@ -61,7 +61,7 @@ fn a_step_of_zero_changes_nothing() {
 }
 
 #[test]
-fn a_step_that_is_no_time_is_refused() {
+fn a_step_that_is_negative_or_not_finite_is_refused() {
     let mut slave = running(0.0, None);
     let (nan, infinite) = (f64::NAN, f64::INFINITY);
     for step in [nan, infinite, -infinite, -H, -1e-300] {
@@ -124,9 +124,9 @@ fn the_last_successful_time_is_the_end_of_the_last_step() {
     let mut slave = Slave::new();
     slave.start(3.0, None);
     for (k, time) in [3.0, 3.25, 3.5].into_iter().enumerate() {
-        let mut told = f64::NAN;
-        assert_eq!(slave.real_status(fmi2LastSuccessfulTime, &mut told), fmi2OK);
-        assert_eq!(told, time, "{k} steps");
+        let mut last = f64::NAN;
+        assert_eq!(slave.real_status(fmi2LastSuccessfulTime, &mut last), fmi2OK);
+        assert_eq!(last, time, "{k} steps");
         assert_eq!(slave.step(time, f64::NAN), fmi2Error);
         assert_eq!(slave.step(time, 0.25), fmi2OK);
     }
@@ -148,7 +148,7 @@ fn the_slave_never_ends_the_simulation_and_answers_no_other_question() {
     }
     assert_eq!((ended, time), (0, 7.0));
     let null = std::ptr::null_mut();
-    // SAFETY: the instance lives; NULL is what the functions are asked to bear.
+    // SAFETY: the instance lives; NULL is what is tested.
     slave.refuses(&["NULL"], |s| unsafe {
         fmi2GetRealStatus(s.c, fmi2LastSuccessfulTime, null)
     });

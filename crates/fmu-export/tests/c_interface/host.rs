@@ -1,4 +1,4 @@
-//! A host: instances with their messages, and the calls of C with slices for arrays.
+//! A host: instances, the messages they log, and the C functions with slices for arrays.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
@@ -59,9 +59,16 @@ impl Slave {
 
     /// A new instance of a model of the binary.
     pub fn of(model: usize) -> Self {
-        let guid = guid(model);
+        Self::named(c"slave", model, false)
+    }
+
+    /// A new instance with a name of its own; `debug`: it logs events, too.
+    pub fn named(name: &CStr, model: usize, debug: bool) -> Self {
+        let (name, guid) = (Some(name), guid(model));
         Self::with(&Arguments {
+            name,
             guid: Some(&guid),
+            debug,
             ..Arguments::default()
         })
     }
@@ -107,12 +114,12 @@ impl Slave {
     }
 
     /// The newest message.
-    pub fn told(&self) -> String {
+    pub fn last_message(&self) -> String {
         let messages = self.log.borrow();
         messages.last().expect("nothing was logged").text.clone()
     }
 
-    /// Checks that a call is refused with one message that holds the words, and changes nothing.
+    /// Checks that a call is refused with one message that contains the words, and changes nothing.
     #[track_caller]
     pub fn refuses(&mut self, words: &[&str], call: impl FnOnce(&mut Self) -> fmi2Status) {
         let before = self.snapshot();
@@ -141,7 +148,7 @@ pub fn guid(model: usize) -> CString {
     CString::new(MODELS[model].guid()).unwrap()
 }
 
-/// The first instance lets no panic write to stderr; here, that of a failed test is wanted.
+/// The library silences panics when it makes its first instance; a failed test is to be heard.
 fn keep_messages_of_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -197,7 +204,7 @@ unsafe extern "C" fn receive(
     });
 }
 
-/// Methods that pass their arguments on.
+/// Methods that pass their arguments to C.
 macro_rules! calls {
     ($($method:ident($($argument:ident: $type:ty),*) = $function:ident($($passed:expr),*);)*) => {
         impl Slave {

@@ -5,10 +5,10 @@ use std::ffi::CStr;
 
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 
-use crate::host::{Arguments, Slave, guid};
+use crate::host::{Arguments, Slave};
 use crate::models::{PANIC, TROUBLE};
 
-/// Text that crashes who takes it for a format.
+/// Text that crashes a logger which takes it for a format.
 const HOSTILE: &CStr = c"%s%n%d%*d %%";
 
 const ERRORS: &CStr = c"logStatusError";
@@ -19,13 +19,7 @@ const EVENTS: &CStr = c"logEvents";
 const ALL: &CStr = c"logAll";
 
 fn named(name: &CStr, debug: bool) -> Slave {
-    let guid = guid(0);
-    Slave::with(&Arguments {
-        name: Some(name),
-        guid: Some(&guid),
-        debug,
-        ..Arguments::default()
-    })
+    Slave::named(name, 0, debug)
 }
 
 /// Causes an event, a warning, an error, a discarded step and a panic; returns the categories that
@@ -121,7 +115,7 @@ fn text_of_the_host_is_handed_on_as_it_is() {
         guid: Some(HOSTILE),
         ..Arguments::default()
     });
-    assert!(refused.told().contains(hostile));
+    assert!(refused.last_message().contains(hostile));
     for message in slave.messages().into_iter().chain(refused.messages()) {
         assert_eq!(&*message.instance, HOSTILE);
     }
@@ -146,11 +140,11 @@ fn every_message_is_well_formed() {
 }
 
 #[test]
-fn events_tell_of_every_change_of_the_state() {
+fn every_change_of_the_state_is_an_event() {
     let mut slave = named(c"x", true);
     slave.start(0.0, None);
     assert_eq!((slave.terminate(), slave.reset()), (fmi2OK, fmi2OK));
-    let told: Vec<String> = slave
+    let events: Vec<String> = slave
         .messages()
         .into_iter()
         .map(|message| message.text)
@@ -161,7 +155,7 @@ fn events_tell_of_every_change_of_the_state() {
         "terminated",
         "instantiated",
     ];
-    assert_eq!(told, states.map(|state| format!("state: {state}")));
+    assert_eq!(events, states.map(|state| format!("state: {state}")));
 }
 
 #[test]

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 fmu_export::export!(Probe, Wide);
 
-/// A variable of every kind, and a step that fails as the input `trouble` asks.
+/// A model with every kind of variable, whose step fails as the input `trouble` demands.
 #[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     pub u: f64,
@@ -35,37 +35,37 @@ static LAWS: Enumeration = Enumeration {
     items: &[("added", "y + v"), ("ignored", "y alone")],
 };
 
+type Row = Variable<Probe>;
+
 impl Model for Probe {
     const NAME: &'static str = "Probe";
     const DESCRIPTION: &'static str = "Every kind of variable, and failures on demand";
-    const VARIABLES: &'static [Variable<Self>] = &[
-        Variable::input("u", |m: &mut Self| &mut m.u)
-            .slope(|m| &mut m.u_rate)
+    const VARIABLES: &'static [Row] = &[
+        Row::input("u", |m| &mut m.u)
+            .input_derivative(|m| &mut m.u_rate)
             .about("is integrated"),
-        Variable::input("v", |m: &mut Self| &mut m.v)
+        Row::input("v", |m| &mut m.v)
             .at_least(-10.0)
             .at_most(10.0)
             .about("is bounded"),
-        Variable::input("trouble", |m: &mut Self| &mut m.trouble)
+        Row::input("trouble", |m| &mut m.trouble)
             .at_least(0.0)
             .at_most(PANIC)
             .about("how the step fails"),
-        Variable::fixed("gain", 2.0, |m: &mut Self| &mut m.gain)
+        Row::fixed("gain", 2.0, |m| &mut m.gain)
             .at_least(0.0)
             .about("of u"),
-        Variable::tunable("limit", 1e6, |m: &mut Self| &mut m.limit)
+        Row::tunable("limit", 1e6, |m| &mut m.limit)
             .at_least(0.0)
             .about("of y"),
-        Variable::fixed_array("weights", &[1.0, 2.0, 3.0], |m: &mut Self| &mut m.weights)
-            .about("array"),
-        Variable::integer("order", 1, (1, 4), |m: &mut Self| &mut m.order).about("whole number"),
-        Variable::flag("limited", true, |m: &mut Self| &mut m.limited)
-            .about("whether y is limited"),
-        Variable::choice("law", &LAWS, 1, |m: &mut Self| &mut m.law).about("item"),
-        Variable::output("y", |m: &mut Self| &mut m.y)
-            .sensitive_to(&[("u", |m| m.y_by_u)])
+        Row::fixed_array("weights", &[1.0, 2.0, 3.0], |m| &mut m.weights).about("array"),
+        Row::integer("order", 1, (1, 4), |m| &mut m.order).about("whole number"),
+        Row::flag("limited", true, |m| &mut m.limited).about("whether y is limited"),
+        Row::choice("law", &LAWS, 1, |m| &mut m.law).about("item"),
+        Row::output("y", |m| &mut m.y)
+            .directional_derivatives(&[("u", |m| m.y_by_u)])
             .about("integral of u"),
-        Variable::output_array("parts", 2, |m: &mut Self| &mut m.parts).about("weighted y"),
+        Row::output_array("parts", 2, |m| &mut m.parts).about("weighted y"),
     ];
 
     fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
@@ -144,7 +144,7 @@ pub const Y: u32 = 11;
 /// The number of its scalar variables.
 pub const COUNT: u32 = 14;
 
-/// The scalar variables of [`Probe`], written a second time and without its table.
+/// The scalar variables of [`Probe`], written down independently of its table.
 pub const FACTS: [Fact; COUNT as usize] = {
     use {Kind::*, Role::*};
     const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -254,7 +254,7 @@ impl Probe {
     }
 }
 
-/// More variables than the quick way has code of its own for, and bugs in the access to them.
+/// More variables than the fast path has special code for, and bugs in the access to them.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Wide {
     inputs: [f64; 6],
@@ -265,27 +265,28 @@ pub struct Wide {
     fuse: f64,
 }
 
+type WideRow = Variable<Wide>;
+
 impl Model for Wide {
     const NAME: &'static str = "Wide";
     const DESCRIPTION: &'static str = "Many variables";
-    const VARIABLES: &'static [Variable<Self>] = &[
-        Variable::input("u0", |m: &mut Self| &mut m.inputs[0]).about("input"),
-        Variable::input("u1", |m: &mut Self| &mut m.inputs[1])
+    const VARIABLES: &'static [WideRow] = &[
+        WideRow::input("u0", |m| &mut m.inputs[0]).about("input"),
+        WideRow::input("u1", |m| &mut m.inputs[1])
             .at_most(10.0)
             .about("input"),
-        Variable::input("u2", |m: &mut Self| &mut m.inputs[2])
+        WideRow::input("u2", |m| &mut m.inputs[2])
             .at_least(-1.0)
             .about("input"),
-        Variable::input("u3", |m: &mut Self| &mut m.inputs[3]).about("input"),
-        Variable::input("u4", |m: &mut Self| &mut m.inputs[4]).about("input"),
-        Variable::input("u5", |m: &mut Self| &mut m.inputs[5]).about("input"),
-        Variable::fixed("fixed", 1.0, |m: &mut Self| &mut m.fixed).about("fixed"),
-        Variable::flag("flag", false, |m: &mut Self| &mut m.flag).about("flag"),
-        Variable::output_array("many", 60, |m: &mut Self| &mut m.many)
-            .about("shorter in the model"),
-        Variable::tunable("last", 5.0, |m: &mut Self| &mut m.last).about("past the first 48"),
-        Variable::tunable("fuse", 0.0, |m: &mut Self| &mut m.fuse).about("arms the bomb"),
-        Variable::tunable("bomb", 0.0, |m: &mut Self| {
+        WideRow::input("u3", |m| &mut m.inputs[3]).about("input"),
+        WideRow::input("u4", |m| &mut m.inputs[4]).about("input"),
+        WideRow::input("u5", |m| &mut m.inputs[5]).about("input"),
+        WideRow::fixed("fixed", 1.0, |m| &mut m.fixed).about("fixed"),
+        WideRow::flag("flag", false, |m| &mut m.flag).about("flag"),
+        WideRow::output_array("many", 60, |m| &mut m.many).about("shorter in the model"),
+        WideRow::tunable("last", 5.0, |m| &mut m.last).about("past the first 48"),
+        WideRow::tunable("fuse", 0.0, |m| &mut m.fuse).about("arms the bomb"),
+        WideRow::tunable("bomb", 0.0, |m| {
             assert!(m.fuse == 0.0, "the bomb is armed");
             &mut m.fuse
         })

@@ -1,4 +1,4 @@
-//! Sets and gets of Reals between steps: the quick way does what the checked one does, or leaves it.
+//! Setting and getting Reals between steps: the fast path gives the same answers as the checked one.
 
 use fmu_export::fmi2::fmi2Status::{self, fmi2Error, fmi2Fatal, fmi2OK};
 
@@ -94,7 +94,7 @@ fn a_get_that_is_refused_hands_out_nothing() {
 }
 
 #[test]
-fn a_panic_in_the_way_to_a_value_is_stopped() {
+fn a_panic_in_the_access_to_a_value_is_caught() {
     for get in [true, false] {
         let mut slave = Slave::new();
         assert_eq!(slave.get(&[BOMB]), (fmi2OK, vec![0.0]));

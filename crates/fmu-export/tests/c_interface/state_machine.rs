@@ -1,5 +1,5 @@
-//! The table of allowed calls of FMI 2.0.4, section 4.2.4, cell by cell; and what leads out of the
-//! states in which steps have failed.
+//! The table of allowed calls of FMI 2.0.4, section 4.2.4, cell by cell, and how an instance recovers
+//! from a failed step.
 
 use std::ptr::null_mut;
 
@@ -19,7 +19,7 @@ const STATES: [&str; 7] = [
     "fatal",
 ];
 
-/// Brings an instance to a state; those that follow a step at 0.5.
+/// Brings an instance to a state; after a step, time is 0.5.
 fn bring<'a>(slave: &'a mut Slave, state: &str) -> &'a mut Slave {
     let fail_by = |slave: &mut Slave, trouble| {
         slave.start(0.0, None);
@@ -39,86 +39,57 @@ fn bring<'a>(slave: &'a mut Slave, state: &str) -> &'a mut Slave {
     slave
 }
 
-/// A call with arguments with which it works, where it is allowed.
+/// A call with valid arguments.
 type Call = fn(&mut Slave) -> fmi2Status;
 
-/// The calls, and whether they are allowed (x) or not (.) in each state but the last, which allows
-/// none.
+/// The calls, and whether they are allowed (x) or not (.) in each state but the last, where
+/// none is.
+#[rustfmt::skip]
 const TABLE: &[(&str, &str, Call)] = &[
-    ("fmi2SetDebugLogging", "xxxxxx", |s| {
-        s.switch_log(true, &[c"logAll"])
-    }),
+    ("fmi2SetDebugLogging", "xxxxxx", |s| s.switch_log(true, &[c"logAll"])),
     ("fmi2SetupExperiment", "x.....", |s| s.setup(0.0, None)),
-    (
-        "fmi2EnterInitializationMode",
-        "x.....",
-        Slave::enter_initialization_mode,
-    ),
-    (
-        "fmi2ExitInitializationMode",
-        ".x....",
-        Slave::exit_initialization_mode,
-    ),
+    ("fmi2EnterInitializationMode", "x.....", Slave::enter_initialization_mode),
+    ("fmi2ExitInitializationMode", ".x....", Slave::exit_initialization_mode),
     ("fmi2Terminate", "..xx..", Slave::terminate),
     ("fmi2Reset", "xxxxxx", Slave::reset),
     ("fmi2GetReal", ".xxxxx", |s| s.get_reals(&[Y], &mut [0.0])),
-    ("fmi2GetInteger", ".xxxxx", |s| {
-        s.get_integers(&[ORDER], &mut [0])
-    }),
-    ("fmi2GetBoolean", ".xxxxx", |s| {
-        s.get_booleans(&[LIMITED], &mut [0])
-    }),
+    ("fmi2GetInteger", ".xxxxx", |s| s.get_integers(&[ORDER], &mut [0])),
+    ("fmi2GetBoolean", ".xxxxx", |s| s.get_booleans(&[LIMITED], &mut [0])),
     // SAFETY: no strings are asked for, so the arrays may be NULL.
-    ("fmi2GetString", ".xxxxx", |s| unsafe {
-        fmi2GetString(s.c, NONE, 0, null_mut())
-    }),
+    ("fmi2GetString", ".xxxxx", |s| unsafe { fmi2GetString(s.c, NONE, 0, null_mut()) }),
     ("fmi2SetReal", "xxx...", |s| s.set(U, 1.0)),
     ("fmi2SetInteger", "xxx...", |s| s.set_integers(&[], &[])),
     ("fmi2SetBoolean", "xxx...", |s| s.set_booleans(&[], &[])),
     // SAFETY: no strings are set, so the arrays may be NULL.
-    ("fmi2SetString", "xxx...", |s| unsafe {
-        fmi2SetString(s.c, NONE, 0, null_mut())
-    }),
-    ("fmi2GetFMUstate", "xxxxxx", |s| {
-        let mut state = null_mut();
-        let status = s.get_state(&mut state);
-        s.free_state(&mut state);
-        status
-    }),
-    ("fmi2SetFMUstate", "xxxxxx", |s| {
-        with_state(s, Slave::set_state)
-    }),
-    ("fmi2FreeFMUstate", "xxxxxx", |s| {
-        s.free_state(&mut null_mut())
-    }),
-    ("fmi2SerializedFMUstateSize", "xxxxxx", |s| {
-        with_state(s, |s, state| s.serialized_size(state, &mut 0))
-    }),
-    ("fmi2SerializeFMUstate", "xxxxxx", |s| {
-        with_state(s, |s, state| s.serialize_into(state, &mut [0; 1000]))
-    }),
-    ("fmi2DeSerializeFMUstate", "xxxxxx", |s| {
-        let (bytes, mut state) = (Slave::new().snapshot(), null_mut());
-        let status = s.deserialize(&bytes, &mut state);
-        Slave::new().free_state(&mut state);
-        status
-    }),
-    ("fmi2GetDirectionalDerivative", ".xxxxx", |s| {
-        s.directional_derivative(&[Y], &[U], &[1.0], &mut [0.0])
-    }),
-    ("fmi2SetRealInputDerivatives", "xxx...", |s| {
-        s.set_input_derivatives(&[U], &[1], &[1.0])
-    }),
+    ("fmi2SetString", "xxx...", |s| unsafe { fmi2SetString(s.c, NONE, 0, null_mut()) }),
+    ("fmi2GetFMUstate", "xxxxxx", save_and_free),
+    ("fmi2SetFMUstate", "xxxxxx", |s| with_state(s, Slave::set_state)),
+    ("fmi2FreeFMUstate", "xxxxxx", |s| s.free_state(&mut null_mut())),
+    ("fmi2SerializedFMUstateSize", "xxxxxx", |s| with_state(s, |s, st| s.serialized_size(st, &mut 0))),
+    ("fmi2SerializeFMUstate", "xxxxxx", |s| with_state(s, |s, st| s.serialize_into(st, &mut [0; 999]))),
+    ("fmi2DeSerializeFMUstate", "xxxxxx", deserialize_and_free),
+    ("fmi2GetDirectionalDerivative", ".xxxxx", |s| s.directional_derivative(&[Y], &[U], &[1.0], &mut [0.0])),
+    ("fmi2SetRealInputDerivatives", "xxx...", |s| s.set_input_derivatives(&[U], &[1], &[1.0])),
     ("fmi2DoStep", "..x...", |s| s.step(0.5, 0.5)),
-    ("fmi2GetRealStatus", "..xxx.", |s| {
-        s.real_status(fmi2LastSuccessfulTime, &mut 0.0)
-    }),
-    ("fmi2GetBooleanStatus", "..xxx.", |s| {
-        s.boolean_status(fmi2Terminated, &mut 0)
-    }),
+    ("fmi2GetRealStatus", "..xxx.", |s| s.real_status(fmi2LastSuccessfulTime, &mut 0.0)),
+    ("fmi2GetBooleanStatus", "..xxx.", |s| s.boolean_status(fmi2Terminated, &mut 0)),
 ];
 
-/// The calls that the model description says are not there: allowed nowhere.
+fn save_and_free(slave: &mut Slave) -> fmi2Status {
+    let mut state = null_mut();
+    let status = slave.get_state(&mut state);
+    slave.free_state(&mut state);
+    status
+}
+
+fn deserialize_and_free(slave: &mut Slave) -> fmi2Status {
+    let (bytes, mut state) = (Slave::new().snapshot(), null_mut());
+    let status = slave.deserialize(&bytes, &mut state);
+    Slave::new().free_state(&mut state);
+    status
+}
+
+/// Functions that the model description declares as not supported.
 const UNSUPPORTED: &[(&str, Call)] = {
     use std::ptr::null;
     macro_rules! unsupported {
@@ -148,7 +119,7 @@ const UNSUPPORTED: &[(&str, Call)] = {
 
 const NONE: *const fmi2ValueReference = std::ptr::null();
 
-/// Makes a call with an FMU state of the instance, or with NULL where there is none to be had.
+/// Makes a call with an FMU state of the instance, or with NULL if it gives none.
 fn with_state(
     slave: &mut Slave,
     call: impl FnOnce(&mut Slave, fmi2FMUstate) -> fmi2Status,
@@ -174,7 +145,11 @@ fn every_call_is_allowed_as_the_table_says() {
             if state == "fatal" {
                 slave.forget_messages();
                 assert_eq!(call(&mut slave), fmi2Fatal);
-                assert!(slave.told().contains("\"fatal\""), "{}", slave.told());
+                assert!(
+                    slave.last_message().contains("\"fatal\""),
+                    "{}",
+                    slave.last_message()
+                );
             } else if allowed.as_bytes()[column] == b'x' {
                 assert_eq!(call(&mut slave), fmi2OK);
             } else {
@@ -271,7 +246,7 @@ fn a_discarded_step_changes_no_value_and_a_restored_state_goes_on() {
 }
 
 #[test]
-fn a_failed_step_is_mended_by_a_reset_or_an_earlier_state() {
+fn a_reset_or_an_earlier_state_recovers_from_a_failed_step() {
     let mut slave = Slave::new();
     let before = bring(&mut slave, "step complete").snapshot();
     for mend in [
@@ -285,7 +260,11 @@ fn a_failed_step_is_mended_by_a_reset_or_an_earlier_state() {
         assert_eq!(slave.set(TROUBLE, BREAK), fmi2OK);
         assert_eq!(slave.step(0.5, 0.25), fmi2Error);
         for word in ["fmi2DoStep", "t = 0.5 s", "y became NaN"] {
-            assert!(slave.told().contains(word), "{}", slave.told());
+            assert!(
+                slave.last_message().contains(word),
+                "{}",
+                slave.last_message()
+            );
         }
         assert_eq!(slave.step(0.5, 0.25), fmi2Error);
         assert_eq!(mend(&mut slave, &before), fmi2OK);
@@ -305,14 +284,14 @@ fn an_initialization_that_fails_can_be_tried_again() {
     assert_eq!(slave.exit_initialization_mode(), fmi2OK);
 }
 
-/// Checks that nothing but freeing is left, and that others live on.
-fn assert_dead(slave: &mut Slave, told: &str, other: &mut Slave) {
+/// Checks that the instance can only be freed, and that another one is unaffected.
+fn assert_dead(slave: &mut Slave, reason: &str, other: &mut Slave) {
     let message = slave.messages().pop().unwrap();
     assert_eq!(
         (message.category.as_str(), message.status),
         ("logStatusFatal", fmi2Fatal)
     );
-    assert!(message.text.ends_with(told), "{message:?}");
+    assert!(message.text.ends_with(reason), "{message:?}");
     let mut value = [7.0];
     assert_eq!(slave.get_reals(&[Y], &mut value), fmi2Fatal);
     assert_eq!(slave.step(0.0, 0.1), fmi2Fatal);

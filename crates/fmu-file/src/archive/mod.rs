@@ -3,15 +3,15 @@
 mod packed;
 mod read;
 
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use zip::ZipWriter;
 
-use crate::replace::Replacement;
+use crate::replace;
 
-pub use packed::Packed;
+pub use packed::{Compression, Packed};
 pub use read::{Archive, MODEL_DESCRIPTION};
 
 /// Path of the documentation page in an FMU.
@@ -43,10 +43,7 @@ impl<'a> Entry<'a> {
 /// It cannot be written.
 pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
     let bytes = zip(entries).with_context(|| format!("cannot pack {}", file.display()))?;
-    let mut new = Replacement::of(file)?;
-    new.write_all(&bytes)
-        .with_context(|| format!("cannot write {}", file.display()))?;
-    new.finish()?;
+    replace::write(file, &bytes)?;
     Ok(bytes.len() as u64)
 }
 
@@ -67,7 +64,10 @@ mod tests {
     use super::*;
 
     fn files() -> [Packed; 2] {
-        let (text, program) = (Packed::text(b"<a/>"), Packed::program(b"\x7fELF"));
+        let (text, program) = (
+            Packed::text(b"<a/>"),
+            Packed::program(b"\x7fELF", Compression::Deflate),
+        );
         [text.unwrap(), program.unwrap()]
     }
 

@@ -7,9 +7,26 @@ use zip::read::ZipFile;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-/// Levels above 9 are those of zopfli, which takes so many rounds more to find the shortest form.
-/// Binaries get 3.5 % smaller than with 9; rounds after the third take time and gain nothing.
-const LEVEL: i64 = 9;
+/// How hard to compress.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// By deflate at its highest level.
+    #[default]
+    Deflate,
+    /// By zopfli, a slow search for the shortest form: binaries get 3.5 % smaller.
+    Zopfli,
+}
+
+impl Compression {
+    /// As the crate `zip` takes it: a level above 9 is zopfli with so many rounds more. Rounds after
+    /// the third take time and gain nothing.
+    fn level(self) -> i64 {
+        match self {
+            Self::Deflate => 9,
+            Self::Zopfli => 9 + 3,
+        }
+    }
+}
 
 /// A file, compressed once for all archives that it goes into.
 ///
@@ -22,7 +39,7 @@ impl Packed {
     /// # Errors
     /// It cannot be compressed.
     pub fn text(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o644, CompressionMethod::Deflated)
+        Self::new(content, 0o644, Some(Compression::Deflate))
     }
 
     /// A file that is compressed already, as an FMU in a package of several.
@@ -30,29 +47,49 @@ impl Packed {
     /// # Errors
     /// It is too large for an archive.
     pub fn stored(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o644, CompressionMethod::Stored)
+        Self::new(content, 0o644, None)
     }
 
     /// A file to be loaded or run.
     ///
     /// # Errors
     /// It cannot be compressed.
-    pub fn program(content: &[u8]) -> Result<Self> {
-        Self::new(content, 0o755, CompressionMethod::Deflated)
+    pub fn program(content: &[u8], compression: Compression) -> Result<Self> {
+        Self::new(content, 0o755, Some(compression))
     }
 
     /// Its time stamp is that of an empty clock, so the same content gives the same bytes.
-    fn new(content: &[u8], mode: u32, method: CompressionMethod) -> Result<Self> {
-        let level = (method == CompressionMethod::Deflated).then_some(LEVEL);
+    fn new(content: &[u8], mode: u32, compression: Option<Compression>) -> Result<Self> {
+        let method = match compression {
+            Some(_) => CompressionMethod::Deflated,
+            None => CompressionMethod::Stored,
+        };
         let options = SimpleFileOptions::default()
             .compression_method(method)
-            .compression_level(level)
+            .compression_level(compression.map(Compression::level))
             .last_modified_time(DateTime::default())
             .unix_permissions(mode);
         let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
         writer.start_file("file", options)?;
         writer.write_all(content)?;
         Ok(Self(writer.finish()?.into_inner()))
+    }
+
+    /// The bytes to keep for [`Packed::from_bytes`].
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.0
+    }
+
+    /// What was packed before, if it holds this content.
+    pub fn from_bytes(packed: Vec<u8>, content: &[u8]) -> Option<Self> {
+        let mut archive = ZipArchive::new(Cursor::new(packed.as_slice())).ok()?;
+        let mut unpacked = Vec::new();
+        let file = archive.by_name("file").ok()?;
+        file.take(content.len() as u64 + 1)
+            .read_to_end(&mut unpacked)
+            .ok()?;
+        drop(archive);
+        (unpacked == content).then_some(Self(packed))
     }
 
     /// A file of another archive, as it is packed there.

@@ -1,5 +1,5 @@
-//! Reads FMUs that nobody vouches for: no name leaves the folder that it is unpacked to, and no size
-//! goes beyond what memory and disk bear.
+//! Reads untrusted FMUs: no file leaves the folder that it is unpacked to, and no size exceeds the
+//! limits of memory and disk.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read};
@@ -12,14 +12,14 @@ use super::packed::Packed;
 use crate::text::quote;
 
 /// A model description larger than this is not read: it is damaged, or made to exhaust memory.
-const MOST_XML: u64 = 64 << 20;
+const MAX_XML: u64 = 64 << 20;
 /// More files than this are not looked at.
-const MOST_FILES: usize = 1 << 16;
+const MAX_FILES: usize = 1 << 16;
 /// All files together may inflate to this size.
-const MOST_INFLATED: u64 = 1 << 30;
+const MAX_INFLATED: u64 = 1 << 30;
 /// Above [`RATIO_FROM`], all files together may inflate to so many times the size of the archive.
 /// Binaries shrink to a third, tables to a twentieth.
-const MOST_RATIO: u64 = 200;
+const MAX_RATIO: u64 = 200;
 const RATIO_FROM: u64 = 16 << 20;
 
 /// The name of the model description in every FMU.
@@ -51,8 +51,8 @@ impl Archive {
         let mut zip =
             ZipArchive::new(BufReader::new(open)).context("it is damaged, or not an FMU")?;
         ensure!(
-            zip.len() <= MOST_FILES,
-            "it holds {} files, expected at most {MOST_FILES}",
+            zip.len() <= MAX_FILES,
+            "it holds {} files, expected at most {MAX_FILES}",
             zip.len()
         );
         let names = zip
@@ -93,7 +93,7 @@ impl Archive {
             .with_context(|| {
                 format!("it is not an FMU: it has no {MODEL_DESCRIPTION} at its root")
             })?;
-        let bytes = self.read(index, MOST_XML)?;
+        let bytes = self.read(index, MAX_XML)?;
         String::from_utf8(bytes).map_err(|error| {
             let at = error.utf8_error().valid_up_to();
             anyhow::anyhow!("{MODEL_DESCRIPTION} is not UTF-8 from byte {at} on")
@@ -111,20 +111,20 @@ impl Archive {
         Ok(bytes)
     }
 
-    fn read(&mut self, index: usize, most: u64) -> Result<Vec<u8>> {
+    fn read(&mut self, index: usize, max_size: u64) -> Result<Vec<u8>> {
         let name = &self.names[index];
         let file = self
             .zip
             .by_index(index)
             .with_context(|| format!("{name} cannot be read"))?;
         let mut bytes = Vec::new();
-        file.take(most + 1)
+        file.take(max_size + 1)
             .read_to_end(&mut bytes)
             .with_context(|| format!("{name} is damaged"))?;
         ensure!(
-            bytes.len() as u64 <= most,
+            bytes.len() as u64 <= max_size,
             "{name} is larger than {} MB",
-            most >> 20
+            max_size >> 20
         );
         Ok(bytes)
     }
@@ -224,15 +224,15 @@ fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) ->
             Err(fault) => faults.push(format!("{} {fault}", quote(name))),
         }
     }
-    if inflated > MOST_INFLATED {
+    if inflated > MAX_INFLATED {
         faults.push(format!(
             "it inflates to {} MB, expected at most {} MB: a zip bomb?",
             inflated >> 20,
-            MOST_INFLATED >> 20
+            MAX_INFLATED >> 20
         ));
-    } else if inflated > RATIO_FROM && inflated / MOST_RATIO > size {
+    } else if inflated > RATIO_FROM && inflated / MAX_RATIO > size {
         faults.push(format!(
-            "it inflates to {} times its size, expected at most {MOST_RATIO} times: a zip bomb?",
+            "it inflates to {} times its size, expected at most {MAX_RATIO} times: a zip bomb?",
             inflated / size.max(1)
         ));
     }

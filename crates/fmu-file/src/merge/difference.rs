@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use crate::text::{plain, quote};
-use crate::xml::Element;
+use fmu_description::xml::Element;
 
 /// Attributes of the root that tell of an export, not of the model.
 const OF_THE_EXPORT: [&str; 2] = ["generationTool", "generationDateAndTime"];
@@ -11,9 +11,9 @@ const OF_THE_EXPORT: [&str; 2] = ["generationTool", "generationDateAndTime"];
 const OF_A_TOOL: [&str; 2] = ["VendorAnnotations", "Annotations"];
 
 /// No more than this are looked for.
-const MOST: usize = 100;
+const MAX_DIFFERENCES: usize = 100;
 /// No text is longer than this.
-const LONGEST: usize = 300;
+const MAX_LENGTH: usize = 300;
 
 /// An attribute or element that is not the same in two model descriptions.
 #[derive(Debug, PartialEq)]
@@ -30,8 +30,8 @@ impl Difference {
     fn new(place: String, values: [Option<String>; 2]) -> Self {
         Self {
             is_harmless: OF_THE_EXPORT.contains(&place.as_str()),
-            place: plain(&place, LONGEST),
-            values: values.map(|value| value.map(|value| plain(&value, LONGEST))),
+            place: plain(&place, MAX_LENGTH),
+            values: values.map(|value| value.map(|value| plain(&value, MAX_LENGTH))),
         }
     }
 }
@@ -49,7 +49,7 @@ fn compare(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec
     let [in_left, in_right] =
         [left, right].map(|element| children(element).map(label).collect::<HashSet<_>>());
     let (mut of_left, mut of_right) = (children(left).peekable(), children(right).peekable());
-    while found.len() < MOST {
+    while found.len() < MAX_DIFFERENCES {
         let next = [of_left.peek(), of_right.peek()].map(Option::<&&_>::copied);
         let labels = next.map(|element| element.map(label));
         let labels = match (next, labels) {
@@ -116,7 +116,7 @@ fn label(element: &Element<'_>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::xml;
+    use fmu_description::xml;
 
     use super::*;
 
@@ -215,6 +215,6 @@ mod tests {
                 .collect();
             format!("<r>{variables}</r>")
         };
-        assert_eq!(found(&long("1"), &long("2")).len(), MOST);
+        assert_eq!(found(&long("1"), &long("2")).len(), MAX_DIFFERENCES);
     }
 }

@@ -10,11 +10,11 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::archive::{self, Archive, Entry, ICON, MODEL_DESCRIPTION, Packed};
 use crate::platform;
 use crate::text::{about, quote};
-use crate::xml::{self, Element};
 use difference::{Difference, differences};
+use fmu_description::xml::{self, Element};
 
 /// No more differences than this are shown.
-const MOST_SHOWN: usize = 20;
+const MAX_SHOWN: usize = 20;
 
 /// What a merge wrote.
 #[derive(Debug)]
@@ -136,8 +136,8 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
         )
     };
     if !grave.is_empty() {
-        let mut lines: Vec<_> = grave.iter().take(MOST_SHOWN).map(shown).collect();
-        if grave.len() > MOST_SHOWN {
+        let mut lines: Vec<_> = grave.iter().take(MAX_SHOWN).map(shown).collect();
+        if grave.len() > MAX_SHOWN {
             lines.push("and more".into());
         }
         bail!(

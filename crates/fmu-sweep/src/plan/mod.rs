@@ -40,7 +40,7 @@ use crate::{Cell, Column, Error, Row, Value};
 pub use parameter::Parameter;
 
 /// More runs than this are taken for a mistake.
-const MOST_RUNS: u64 = 1_000_000_000;
+const MAX_RUNS: u64 = 1_000_000_000;
 
 /// The parameters of every run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -129,10 +129,10 @@ impl Plan {
         let runs = parameters
             .iter()
             .try_fold(draws, |runs, parameter| runs.checked_mul(parameter.count()))
-            .filter(|&runs| runs <= MOST_RUNS)
+            .filter(|&runs| runs <= MAX_RUNS)
             .ok_or_else(|| {
                 Error::new(format!(
-                    "the plan has too many runs, expected {MOST_RUNS} at most"
+                    "the plan has too many runs, expected {MAX_RUNS} at most"
                 ))
             })?;
         Ok(Self {

@@ -7,9 +7,10 @@
 
 mod parquet;
 
-use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+
+use fmu_file::replace::Replacement;
 
 use crate::{Columns, Error, Row};
 
@@ -47,8 +48,7 @@ pub fn check(file: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Writes rows in their order, whole or not at all: to a file beside it with `.tmp` behind the name,
-/// which then takes the place of any file of the same name.
+/// Writes rows in their order, whole or not at all, in place of any file of the same name.
 ///
 /// # Errors
 /// If the file is not named `.csv` or `.parquet`, cannot be written, or a row is an error or does not
@@ -59,21 +59,13 @@ pub fn write(
     rows: impl Iterator<Item = Result<Row, Error>>,
 ) -> Result<(), Error> {
     let format = Format::of(file)?;
-    let temporary = with_suffix(file, ".tmp");
-    let written = File::create(&temporary)
-        .map_err(Error::file("write", &temporary))
-        .and_then(|output| {
-            match format {
-                Format::Csv => csv(&output, file, columns, rows)?,
-                Format::Parquet => parquet::write(&output, file, columns, rows)?,
-            }
-            output.sync_all().map_err(Error::file("write", file))
-        })
-        .and_then(|()| fs::rename(&temporary, file).map_err(Error::file("write", file)));
-    if written.is_err() {
-        let _ = fs::remove_file(&temporary); // the first error says more
+    let failed = |error: anyhow::Error| Error::new(format!("{error:#}"));
+    let mut output = Replacement::of(file).map_err(failed)?;
+    match format {
+        Format::Csv => csv(&mut output, file, columns, rows)?,
+        Format::Parquet => parquet::write(&mut output, file, columns, rows)?,
     }
-    written
+    output.finish().map_err(failed)
 }
 
 /// The path with more behind its name.
@@ -84,7 +76,7 @@ pub(crate) fn with_suffix(file: &Path, suffix: &str) -> PathBuf {
 }
 
 fn csv(
-    output: &File,
+    output: &mut Replacement,
     file: &Path,
     columns: &Columns,
     rows: impl Iterator<Item = Result<Row, Error>>,

@@ -1,9 +1,9 @@
 //! Rows as columns of Parquet.
 
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
+use fmu_file::replace::Replacement;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
@@ -18,7 +18,7 @@ use crate::{Columns, Error, Kind, Row, Value};
 const ROWS_OF_A_GROUP: usize = 1 << 16;
 
 pub fn write(
-    output: &File,
+    output: &mut Replacement,
     file: &Path,
     columns: &Columns,
     mut rows: impl Iterator<Item = Result<Row, Error>>,
@@ -78,14 +78,14 @@ fn schema(columns: &Columns) -> Result<TypePtr, ParquetError> {
 
 /// Writes rows that fit the columns.
 fn write_group(
-    mut group: SerializedRowGroupWriter<'_, &File>,
+    mut group: SerializedRowGroupWriter<'_, &mut Replacement>,
     columns: &Columns,
     rows: &[Row],
 ) -> Result<(), ParquetError> {
     let indices: Vec<_> = rows.iter().map(|row| row.index as i64).collect();
     write_column::<Int64Type>(&mut group, &indices, None)?;
-    for (place, column) in columns.iter().enumerate() {
-        let cells = || rows.iter().map(|row| &row.cells[place]);
+    for (number, column) in columns.iter().enumerate() {
+        let cells = || rows.iter().map(|row| &row.cells[number]);
         let present: Option<Vec<i16>> = column
             .optional
             .then(|| cells().map(|cell| i16::from(cell.is_some())).collect());
@@ -120,7 +120,7 @@ fn write_group(
 
 /// Writes the next column: its values, and for an optional one where there is a value.
 fn write_column<T: DataType>(
-    group: &mut SerializedRowGroupWriter<'_, &File>,
+    group: &mut SerializedRowGroupWriter<'_, &mut Replacement>,
     values: &[T::T],
     present: Option<&[i16]>,
 ) -> Result<(), ParquetError> {

@@ -1,3 +1,5 @@
+use std::fs::{self, File};
+
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::Field;
 
@@ -140,7 +142,7 @@ fn a_table_that_cannot_be_written_leaves_what_was_there() {
         .unwrap_err()
         .to_string();
     assert!(
-        error.starts_with(&format!("cannot write {}.tmp: ", nowhere.display())),
+        error.contains(&nowhere.parent().unwrap().display().to_string()),
         "{error}"
     );
 }

@@ -78,6 +78,8 @@ def _toml(variables: list[str], values: np.ndarray, settings: dict, limit: float
     return (
         f'system = "system.toml"\nset = {{ {fixed} }}\n'
         f"[[parameter]]\nvariables = [{names}]\nvalues = [{numbers}]\n"
+        '[signals]\nreference = "source.r"\noutput = "plant.theta"\n'
+        'error = "controller.e"\ncontrol = "controller.u"\n'
         f"[metrics]\nlimit = {limit!r}\n"
     )
 

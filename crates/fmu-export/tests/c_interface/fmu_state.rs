@@ -1,4 +1,4 @@
-//! FMU states: what they hold, in whose hands they are, and the buffers for their bytes.
+//! FMU states: what they hold, who owns them, and the buffers for their bytes.
 
 use std::ptr::null_mut;
 
@@ -16,7 +16,7 @@ fn drive(slave: &mut Slave, first: u32, steps: u32) -> Vec<[f64; 3]> {
         let k = f64::from(k);
         assert_eq!(slave.set_reals(&[U, V], &[0.1 * k, -0.3 * k]), fmi2OK);
         assert_eq!(slave.set_input_derivatives(&[U], &[1], &[0.7 - k]), fmi2OK);
-        assert_eq!(slave.step(k * H, H), fmi2OK, "{}", slave.told());
+        assert_eq!(slave.step(k * H, H), fmi2OK, "{}", slave.last_message());
         slave.get([Y, 12, 13])
     };
     (first..first + steps).map(step).collect()
@@ -149,7 +149,7 @@ fn a_buffer_that_is_too_small_is_not_touched() {
 }
 
 #[test]
-fn a_buffer_may_be_larger_whatever_the_instance_does_now() {
+fn a_buffer_may_be_larger_and_the_instance_may_have_moved_on() {
     let mut slave = moving();
     let mut state = slave.save();
     let bytes = slave.serialize(state);
@@ -201,7 +201,7 @@ fn null_is_refused_and_a_state_that_is_not_there_can_be_freed() {
 }
 
 #[test]
-fn a_pointer_to_something_else_is_seen_to_be_none_to_a_state() {
+fn a_pointer_to_something_else_is_refused() {
     let mut slave = moving();
     let mut memory = [0u128; 64];
     for offset in [0, 1] {

@@ -1,5 +1,5 @@
-//! XML of others as a tree: no document types, no entities but XML's own, and bounds on depth and
-//! number, so that a small file cannot ask for much memory.
+//! Reads untrusted XML: no document types, no entities but XML's own, and bounds on depth and number,
+//! so that a small file cannot ask for much memory.
 
 use std::borrow::Cow;
 
@@ -9,55 +9,19 @@ use quick_xml::escape::resolve_predefined_entity;
 use quick_xml::events::{BytesDecl, BytesRef, BytesStart, Event};
 use quick_xml::reader::Reader;
 
-use crate::text::quote;
+use super::{Element, is_forbidden, quote};
 
-/// Elements within elements; model descriptions have six, annotations of vendors some more.
-const MOST_DEPTH: usize = 64;
+/// Depth of nested elements; model descriptions have six, annotations of vendors some more.
+const MAX_DEPTH: usize = 64;
 /// Elements in all.
-const MOST_ELEMENTS: usize = 1 << 20;
+const MAX_ELEMENTS: usize = 1 << 20;
 /// Attributes of one element.
-const MOST_ATTRIBUTES: usize = 64;
-
-/// An element.
-#[derive(Debug, Default)]
-pub struct Element<'a> {
-    /// Its name, with the prefix of its namespace.
-    pub name: &'a str,
-    /// Names and values, without references and with spaces for line breaks.
-    pub attributes: Vec<(&'a str, Cow<'a, str>)>,
-    /// The elements in it, in their order.
-    pub children: Vec<Element<'a>>,
-    /// Whether there is text between them, other than space.
-    pub has_text: bool,
-    /// Where it begins.
-    pub line: u32,
-}
-
-impl<'a> Element<'a> {
-    /// The value of an attribute.
-    pub fn attribute(&self, name: &str) -> Option<&str> {
-        let (_, value) = self.attributes.iter().find(|(n, _)| *n == name)?;
-        Some(value)
-    }
-
-    /// The first element of a name in it.
-    pub fn child(&self, name: &str) -> Option<&Element<'a>> {
-        self.children.iter().find(|child| child.name == name)
-    }
-
-    /// The elements of one name in its first element of another name.
-    pub fn list(&self, list: &str, item: &str) -> impl Iterator<Item = &Element<'a>> {
-        self.child(list)
-            .into_iter()
-            .flat_map(|list| &list.children)
-            .filter(move |child| child.name == item)
-    }
-}
+const MAX_ATTRIBUTES: usize = 64;
 
 /// Reads a document; errors name the line.
 ///
 /// # Errors
-/// It is no XML, or exceeds the bounds of this module.
+/// It is not XML, or it exceeds the bounds of this module.
 pub fn parse(text: &str) -> Result<Element<'_>> {
     // The reader leaves a byte order mark out of its positions.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -128,8 +92,8 @@ impl<'a> Parser<'a> {
             Event::Start(start) => {
                 let element = self.element(&start, line)?;
                 ensure!(
-                    self.open.len() < MOST_DEPTH,
-                    "elements lie deeper than {MOST_DEPTH} within each other"
+                    self.open.len() < MAX_DEPTH,
+                    "elements are nested deeper than {MAX_DEPTH}"
                 );
                 self.open.push(element);
             }
@@ -159,8 +123,8 @@ impl<'a> Parser<'a> {
     fn element(&mut self, start: &BytesStart<'a>, line: u32) -> Result<Element<'a>> {
         self.elements += 1;
         ensure!(
-            self.elements <= MOST_ELEMENTS,
-            "there are more than {MOST_ELEMENTS} elements"
+            self.elements <= MAX_ELEMENTS,
+            "there are more than {MAX_ELEMENTS} elements"
         );
         let source = self.lines.text;
         let mut element = Element {
@@ -172,8 +136,8 @@ impl<'a> Parser<'a> {
             let attribute = attribute?;
             let name = within(source, attribute.key.into_inner())?;
             ensure!(
-                element.attributes.len() < MOST_ATTRIBUTES,
-                "an element has more than {MOST_ATTRIBUTES} attributes"
+                element.attributes.len() < MAX_ATTRIBUTES,
+                "an element has more than {MAX_ATTRIBUTES} attributes"
             );
             ensure!(
                 !attribute.value.contains('<'),
@@ -256,8 +220,7 @@ fn within<'a>(source: &'a str, part: &str) -> Result<&'a str> {
 }
 
 fn check_characters(text: &str) -> Result<()> {
-    let bad = |c: &char| matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}');
-    match text.chars().find(bad) {
+    match text.chars().find(|c| is_forbidden(*c)) {
         Some(c) => bail!("the character U+{:04X} is not allowed in XML", u32::from(c)),
         None => Ok(()),
     }
@@ -318,7 +281,7 @@ mod tests {
         let entities = "<!DOCTYPE a [<!ENTITY x \"ha\"><!ENTITY y \"&x;&x;\">]><a>&y;</a>";
         assert!(refusal(entities).contains("DTD"));
         assert!(refusal(&"<a>".repeat(100_000)).contains("deeper than 64"));
-        let wide = format!("<a>{}</a>", "<b/>".repeat(MOST_ELEMENTS));
+        let wide = format!("<a>{}</a>", "<b/>".repeat(MAX_ELEMENTS));
         assert!(refusal(&wide).contains("more than"));
         let attributes: String = (0..100).map(|i| format!(" a{i}=''")).collect();
         assert!(refusal(&format!("<a{attributes}/>")).contains("attributes"));

@@ -1,4 +1,4 @@
-//! Instances beside and after each other.
+//! Several instances, at the same time and one after another.
 
 use std::ffi::CString;
 use std::sync::Barrier;
@@ -6,7 +6,7 @@ use std::sync::Barrier;
 use allocation_counter::measure;
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 
-use crate::host::{Arguments, Slave, guid};
+use crate::host::Slave;
 use crate::models::*;
 
 /// A simulation from start to end, by FMU states, too.
@@ -47,7 +47,7 @@ fn instances_in_threads_give_what_they_give_alone() {
 }
 
 #[test]
-fn instances_do_not_know_of_each_other() {
+fn instances_are_independent() {
     let mut slaves: Vec<_> = (0..50).map(|_| Slave::new()).collect();
     for (k, slave) in (0..).zip(&mut slaves) {
         assert_eq!(slave.set(GAIN, f64::from(k)), fmi2OK);
@@ -65,20 +65,16 @@ fn instances_do_not_know_of_each_other() {
 }
 
 #[test]
-fn the_name_of_an_instance_may_be_gone_after_its_making() {
-    let (name, guid) = (CString::new("fleeting").unwrap(), guid(0));
-    let mut slave = Slave::with(&Arguments {
-        name: Some(&name),
-        guid: Some(&guid),
-        ..Arguments::default()
-    });
+fn the_name_of_an_instance_is_copied() {
+    let name = CString::new("fleeting").unwrap();
+    let mut slave = Slave::named(&name, 0, false);
     name.into_bytes().fill(b'x');
     assert_eq!(slave.step(0.0, 0.1), fmi2Error);
     assert_eq!(&*slave.messages()[0].instance, c"fleeting");
 }
 
 #[test]
-fn a_life_leaves_nothing_behind() {
+fn a_freed_instance_leaves_no_memory_behind() {
     let life = || {
         let mut slave = Slave::new();
         let now = slave.start(0.0, None).snapshot();
