@@ -293,14 +293,8 @@ def test_missing_fmus_are_answered_with_what_to_do(command, tmp_path):
     options = ["-m", f"pendulum_fmus.{command}", "--fmus", "nowhere"]
     if command == "report":
         options += ["--out", str(tmp_path)]
-    module = f"pendulum_fmus.{command}"
-    run = subprocess.run(
-        [sys.executable, "-m", module, *options],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, *options]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert "run `cargo fmu export`" in run.stderr
     assert "Traceback" not in run.stderr

@@ -1,6 +1,6 @@
 """Run a sweep on many processes or machines, by Dask.
 
-The rows are those of `cargo fmu sweep`, byte for byte. With a process for each core of this machine:
+The rows are those of `cargo fmu sweep`, byte for byte. With one process for each core:
 
     python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
 
