@@ -20,7 +20,7 @@ const MAX_TIME: Duration = Duration::from_secs(5);
 /// Most memory that one input may ask for.
 const MAX_MEMORY: u64 = 256 << 20;
 /// Larger inputs are not made.
-const LARGEST: usize = 1 << 18;
+const MAX_SIZE: usize = 1 << 18;
 /// Inputs that are kept for further mutation.
 const MAX_KEPT: usize = 4000;
 
@@ -182,7 +182,7 @@ impl Input {
                 for _ in 0..rounds {
                     mutate_text(&mut bytes, random);
                 }
-                bytes.truncate(LARGEST);
+                bytes.truncate(MAX_SIZE);
                 Self::Xml(bytes)
             }
             Self::Fmu(bytes) => {
@@ -190,7 +190,7 @@ impl Input {
                 for _ in 0..rounds {
                     mutate_bytes(&mut bytes, random);
                 }
-                bytes.truncate(LARGEST);
+                bytes.truncate(MAX_SIZE);
                 Self::Fmu(bytes)
             }
         }
@@ -271,7 +271,7 @@ fn mutate_text(text: &mut Vec<u8>, random: &mut Random) {
         _ => {
             let range = random.range(text.len());
             let times = random.one(&[2, 70, 1000]);
-            let times = times.min(LARGEST / range.len().max(1));
+            let times = times.min(MAX_SIZE / range.len().max(1));
             let part = text[range.clone()].repeat(times);
             text.splice(range, part);
         }

@@ -109,6 +109,9 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
             *width = (*width).max(cell.chars().count());
         }
     }
+    // On a terminal a long description is cut off rather than wrapped into the columns.
+    let terminal = terminal_size::terminal_size_of(std::io::stdout());
+    let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
     writeln!(out, "\n{} variables", rows.len() - 1)?;
     for row in &rows {
         let line: String = row
@@ -116,7 +119,8 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
             .zip(widths)
             .map(|(cell, width)| format!("  {cell:width$}"))
             .collect();
-        writeln!(out, "{}", line.trim_end())?;
+        let line: String = line.trim_end().chars().take(width).collect();
+        writeln!(out, "{line}")?;
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ const OF_THE_EXPORT: [&str; 2] = ["generationTool", "generationDateAndTime"];
 /// Elements of the tool that wrote them, which have no meaning to others.
 const OF_A_TOOL: [&str; 2] = ["VendorAnnotations", "Annotations"];
 
-/// No more than this are looked for.
+/// The comparison stops after this many.
 const MAX_DIFFERENCES: usize = 100;
 /// No text is longer than this.
 const MAX_LENGTH: usize = 300;
@@ -19,7 +19,7 @@ const MAX_LENGTH: usize = 300;
 #[derive(Debug, PartialEq)]
 pub struct Difference {
     /// What differs: the elements that lead to it, and its name.
-    pub place: String,
+    pub path: String,
     /// What each has there, if it has anything.
     pub values: [Option<String>; 2],
     /// Whether the FMUs are of one version of a model all the same.
@@ -27,10 +27,10 @@ pub struct Difference {
 }
 
 impl Difference {
-    fn new(place: String, values: [Option<String>; 2]) -> Self {
+    fn new(path: String, values: [Option<String>; 2]) -> Self {
         Self {
-            is_harmless: OF_THE_EXPORT.contains(&place.as_str()),
-            place: plain(&place, MAX_LENGTH),
+            is_harmless: OF_THE_EXPORT.contains(&path.as_str()),
+            path: plain(&path, MAX_LENGTH),
             values: values.map(|value| value.map(|value| plain(&value, MAX_LENGTH))),
         }
     }
@@ -43,9 +43,9 @@ pub fn differences(left: &Element<'_>, right: &Element<'_>) -> Vec<Difference> {
     found
 }
 
-fn compare(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
-    attributes(place, left, right, found);
-    let parent = if place.is_empty() { left.name } else { place };
+fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
+    attributes(path, left, right, found);
+    let parent = if path.is_empty() { left.name } else { path };
     let [in_left, in_right] =
         [left, right].map(|element| children(element).map(label).collect::<HashSet<_>>());
     let (mut of_left, mut of_right) = (children(left).peekable(), children(right).peekable());
@@ -55,7 +55,7 @@ fn compare(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec
         let labels = match (next, labels) {
             ([None, None], _) => return,
             ([Some(left), Some(right)], [Some(label), Some(other)]) if label == other => {
-                compare(&below(place, &label), left, right, found);
+                compare(&below(path, &label), left, right, found);
                 of_left.next();
                 of_right.next();
                 continue;
@@ -79,7 +79,7 @@ fn compare(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec
 }
 
 /// Adds the attributes that differ. Their order has no meaning.
-fn attributes(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
+fn attributes(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
     let names = [left, right].map(|element| element.attributes.iter().map(|(name, _)| *name));
     let [of_left, of_right] = names;
     let of_right_alone = of_right.filter(|name| left.attribute(name).is_none());
@@ -87,17 +87,17 @@ fn attributes(place: &str, left: &Element<'_>, right: &Element<'_>, found: &mut 
         let values = [left, right].map(|element| element.attribute(name));
         if values[0] != values[1] {
             let values = values.map(|value| value.map(quote));
-            found.push(Difference::new(below(place, name), values));
+            found.push(Difference::new(below(path, name), values));
         }
     }
 }
 
-/// The place of what lies at a place; that of the root is empty.
-fn below(place: &str, name: &str) -> String {
-    if place.is_empty() {
+/// The path of what lies at a path; that of the root is empty.
+fn below(path: &str, name: &str) -> String {
+    if path.is_empty() {
         name.to_owned()
     } else {
-        format!("{place}/{name}")
+        format!("{path}/{name}")
     }
 }
 
@@ -124,19 +124,19 @@ mod tests {
         let (left, right) = (xml::parse(left).unwrap(), xml::parse(right).unwrap());
         differences(&left, &right)
             .into_iter()
-            .map(|Difference { place, values, .. }| {
+            .map(|Difference { path, values, .. }| {
                 let [left, right] = values;
-                (place, left, right)
+                (path, left, right)
             })
             .collect()
     }
 
     fn difference(
-        place: &str,
+        path: &str,
         left: Option<&str>,
         right: Option<&str>,
     ) -> (String, Option<String>, Option<String>) {
-        (place.into(), left.map(Into::into), right.map(Into::into))
+        (path.into(), left.map(Into::into), right.map(Into::into))
     }
 
     #[test]

@@ -128,7 +128,7 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
         let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".into());
         format!(
             "{}: {} in {}, {} in {}",
-            difference.place,
+            difference.path,
             text(left),
             first.path.display(),
             text(right),
