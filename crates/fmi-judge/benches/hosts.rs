@@ -3,26 +3,34 @@
 use std::hint::black_box;
 use std::path::Path;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::measurement::WallTime;
+use criterion::{BatchSize, BenchmarkGroup, Criterion, criterion_group, criterion_main};
 use fmi::fmi2::instance::InstanceCS;
 use fmi_judge::{ClosedLoop, Fmus, Slave, time};
 use fmu_cosim::{Description, Plan};
 
 const STEPS: u32 = 20_000;
 
-fn coupled<S: Slave>(fmus: &Fmus) -> f64 {
-    let mut closed_loop = ClosedLoop::<S>::new(fmus);
-    (0..STEPS).map(|k| closed_loop.step(time(k))[1]).sum()
+/// The loop by hand, which loads and instantiates the FMUs beforehand.
+fn by_hand<S: Slave>(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, fmus: &Fmus) {
+    group.bench_function(name, |b| {
+        b.iter_batched_ref(
+            || ClosedLoop::<S>::new(fmus),
+            |closed_loop| {
+                (0..STEPS)
+                    .map(|k| closed_loop.step(time(k))[1])
+                    .sum::<f64>()
+            },
+            BatchSize::PerIteration,
+        );
+    });
 }
 
 fn hosts(criterion: &mut Criterion) {
     let fmus = Fmus::open();
     let mut group = criterion.benchmark_group("20000 steps");
-    group.sample_size(20);
-    group.bench_function("fmi", |b| b.iter(|| coupled::<InstanceCS>(&fmus)));
-    group.bench_function("fmu-host", |b| {
-        b.iter(|| coupled::<fmu_host::Instance>(&fmus));
-    });
+    by_hand::<InstanceCS>(&mut group, "fmi", &fmus);
+    by_hand::<fmu_host::Instance>(&mut group, "fmu-host", &fmus);
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let file = root.join("examples/closed-loop/pid-rbf.toml");
@@ -30,10 +38,11 @@ fn hosts(criterion: &mut Criterion) {
     description.outputs = vec!["controller.e".into(), "controller.u".into()];
     let plan = Plan::new(&description).unwrap();
     group.bench_function("fmu-cosim", |b| {
-        b.iter(|| {
-            let simulation = plan.simulate(&[]).unwrap();
-            simulation.run(|_, row| _ = black_box(row)).unwrap()
-        });
+        b.iter_batched(
+            || plan.simulate(&[]).unwrap(),
+            |simulation| simulation.run(|_, row| _ = black_box(row)).unwrap(),
+            BatchSize::PerIteration,
+        );
     });
     group.finish();
 }
