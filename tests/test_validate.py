@@ -345,15 +345,14 @@ def test_a_missing_model_description_is_found(tmp_path: Path) -> None:
     check(findings(file), "modelDescription.xml")
 
 
-@pytest.mark.parametrize("command", ["info", "validate"])
 @pytest.mark.parametrize("name", ["binaries/a\x1b[31m/b", "a\nerror: b", "\u202eevil"])
-def test_a_name_cannot_steer_the_terminal(
-    command: str, name: str, pid: Fmu, tmp_path: Path
-) -> None:
-    result = cargo_fmu(command, write(tmp_path / "x.fmu", {**pid, name: b""}))
-    output = result.stdout + result.stderr
-    assert not set("\x1b\u202e") & set(output)
-    assert "\nerror: b" not in output
+def test_a_name_cannot_steer_the_terminal(name: str, pid: Fmu, tmp_path: Path) -> None:
+    file = write(tmp_path / "x.fmu", {**pid, name: b""})
+    for command in ("info", "validate"):
+        result = cargo_fmu(command, file)
+        output = result.stdout + result.stderr
+        assert not set("\x1b\u202e") & set(output)
+        assert "\nerror: b" not in output
 
 
 def bomb(file: Path, name: str, size: int) -> Path:
@@ -366,13 +365,13 @@ def bomb(file: Path, name: str, size: int) -> Path:
     return file
 
 
-@pytest.mark.parametrize("command", ["info", "validate"])
-def test_a_zip_bomb_is_refused(command: str, tmp_path: Path) -> None:
+def test_a_zip_bomb_is_refused(tmp_path: Path) -> None:
     file = bomb(tmp_path / "x.fmu", "resources/zeros", 200 << 20)
     assert file.stat().st_size < 1 << 20
-    result = cargo_fmu(command, file)
-    assert result.returncode == 1
-    assert "zip bomb" in result.stdout + result.stderr
+    for command in ("info", "validate"):
+        result = cargo_fmu(command, file)
+        assert result.returncode == 1
+        assert "zip bomb" in result.stdout + result.stderr
 
 
 def test_a_zip_bomb_that_lies_about_its_size_is_not_inflated(tmp_path: Path) -> None:
@@ -409,19 +408,19 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("command", ["info", "validate"])
 @pytest.mark.parametrize("text", HOSTILE)
-def test_hostile_xml_is_refused(command: str, text: str, tmp_path: Path) -> None:
+def test_hostile_xml_is_refused(text: str, tmp_path: Path) -> None:
     file = tmp_path / "x.fmu"
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("modelDescription.xml", HOSTILE[text])
         # Enough that does not shrink, so that the archive is no bomb by its ratio.
         archive.writestr("resources/noise", os.urandom(1 << 20))
-    result = cargo_fmu(command, file)
-    assert result.returncode == 1
-    output = result.stdout + result.stderr
-    assert "modelDescription.xml" in output
-    assert len(output) < 2000
+    for command in ("info", "validate"):
+        result = cargo_fmu(command, file)
+        assert result.returncode == 1
+        output = result.stdout + result.stderr
+        assert "modelDescription.xml" in output
+        assert len(output) < 2000
 
 
 N = 20_000
@@ -450,11 +449,8 @@ LAST = {
 }
 
 
-@pytest.mark.parametrize("command", ["info", "validate"])
 @pytest.mark.parametrize("what", LARGE)
-def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(
-    command: str, what: str, tmp_path: Path
-) -> None:
+def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(what: str, tmp_path: Path) -> None:
     definitions, value = LARGE[what]
     variables = "".join(
         f'<ScalarVariable name="v{i}" valueReference="{i + 99}" causality="parameter" '
@@ -465,8 +461,10 @@ def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(
     xml = xml.replace("</ModelVariables>", variables + "</ModelVariables>")
     content = {f"sources/s{i}": b"" for i in range(N)} if what == "sources" else {}
     content |= {"modelDescription.xml": xml.encode(), "sources/full.c": b""}
-    result = cargo_fmu(command, write(tmp_path / "x.fmu", content))
-    assert result.returncode == 0, (result.stdout + result.stderr)[:1000]
+    file = write(tmp_path / "x.fmu", content)
+    for command in ("info", "validate"):
+        result = cargo_fmu(command, file)
+        assert result.returncode == 0, (result.stdout + result.stderr)[:1000]
 
 
 # --- binaries -------------------------------------------------------------------------------------
