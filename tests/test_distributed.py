@@ -107,7 +107,7 @@ def test_runs_that_are_done_are_not_done_again(program, tmp_path):
     result = distributed(sweep, out, "--chunk", 3)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("27 runs in ")
-    assert "\n5 runs were done before\n" in result.stdout
+    assert "\n5 runs were already done\n" in result.stdout
     assert out.read_bytes() == expected(sweep)
 
 
@@ -158,7 +158,7 @@ def test_a_killed_coordinator_goes_on_where_it_was(tmp_path, long_table):
             journal.write("199,40")  # what a kill in the middle of a write leaves
     result = distributed(sweep, out)
     assert result.returncode == 0, result.stderr
-    assert f"\n{len(after)} runs were done before\n" in result.stdout
+    assert f"\n{len(after)} runs were already done\n" in result.stdout
     assert out.read_bytes() == long_table
 
 

@@ -306,7 +306,7 @@ def test_a_killed_sweep_goes_on_where_it_was(program, tmp_path):
     result = local(sweep, out)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith(f"{200 - len(after)} runs in ")
-    assert f"\n{len(after)} runs were done before\n" in result.stdout
+    assert f"\n{len(after)} runs were already done\n" in result.stdout
     assert not journal_of(out).exists()
     assert out.read_bytes() == expected(sweep)
 

@@ -506,7 +506,7 @@ def _hidden(progress: bool) -> bool | None:
 def steps_until(stop: float, start: float, step: float) -> int:
     """Return how many communication points start + k step there are, up to `stop` [s]."""
     if not (math.isfinite(start) and math.isfinite(stop) and stop >= start):
-        raise MasterError(f"the stop time {stop} s lies before the start time {start} s")
+        raise MasterError(f"the stop time {stop} s is before the start time {start} s")
     if not 0 < step < math.inf:
         raise MasterError(f"the step {step} s is not a positive number")
     steps = (stop - start) / step

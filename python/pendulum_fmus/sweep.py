@@ -349,7 +349,7 @@ def compute(client: Client, plan: Plan, journal: Journal, size: int | None) -> N
     elapsed = time.monotonic() - begin
     print(f"{left} runs in {elapsed:.3f} s: {left / elapsed:.0f} a second")
     if journal.done:
-        print(f"{len(journal.done)} runs were done before")
+        print(f"{len(journal.done)} runs were already done")
 
 
 def sweep(options: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ use crate::Error;
 
 /// A value of a parameter or a metric.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "expected a number, a boolean or a text")]
+#[serde(untagged, expecting = "expected a number, a boolean or a string")]
 pub enum Value {
     /// A number, also an integer.
     Number(f64),
@@ -122,7 +122,7 @@ impl Columns {
             }
             if !names.insert(name) {
                 return Err(Error::new(format!(
-                    "the column {name} stands twice, expected different names"
+                    "the column {name} appears twice, expected different names"
                 )));
             }
         }
@@ -164,7 +164,7 @@ impl Columns {
                 None if column.optional => {}
                 Some(Value::Text(text)) if text.contains(char::is_control) => {
                     return Err(Error::new(format!(
-                        "run {}: {} is {text:?}, expected a text without control characters",
+                        "run {}: {} is {text:?}, expected a string without control characters",
                         row.index, column.name
                     )));
                 }
@@ -407,10 +407,10 @@ mod tests {
         for (row, reason) in [
             (short, "run 3: a row of 3 values, expected 4"),
             (empty, "run 3: boolean is empty, expected true or false"),
-            (wrong, "run 3: text is 1.0, expected a text"),
+            (wrong, "run 3: text is 1.0, expected a string"),
             (
                 row(1.0, None, true, Some("a\nb")),
-                "run 3: text is \"a\\nb\", expected a text without control characters",
+                "run 3: text is \"a\\nb\", expected a string without control characters",
             ),
         ] {
             assert_eq!(columns().line(&row).unwrap_err().to_string(), reason);
@@ -430,11 +430,11 @@ mod tests {
         for (wrong, reason) in [
             (
                 ["a", "a"],
-                "the column a stands twice, expected different names",
+                "the column a appears twice, expected different names",
             ),
             (
                 ["a", "index"],
-                "the column index stands twice, expected different names",
+                "the column index appears twice, expected different names",
             ),
             (
                 ["a", ""],

@@ -32,7 +32,7 @@ pub struct SspArgs {
 /// What does not fit in a system, as `simulate` reports it; the folder cannot be written to.
 pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
     fs::create_dir_all(&args.out)
-        .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
+        .with_context(|| format!("cannot create the folder {}", args.out.display()))?;
     replace::check_writable(&args.out)?;
     let mut packages: Vec<Package> = Vec::new();
     for system in &args.systems {

@@ -104,12 +104,12 @@ fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
         left as f64 / elapsed
     )?;
     if before > 0 {
-        writeln!(out, "{before} runs were done before")?;
+        writeln!(out, "{before} runs were already done")?;
     }
     if let Some((run, failure)) = study.first_failure() {
         writeln!(
             out,
-            "runs broke off, the first of them run {run}: {failure}"
+            "some runs stopped early, the first was run {run}: {failure}"
         )?;
     }
     writeln!(out, "wrote {}: {runs} rows", file.display())?;

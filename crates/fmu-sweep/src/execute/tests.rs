@@ -156,7 +156,7 @@ fn a_run_that_the_plan_does_not_have_is_an_error() {
     );
     assert_eq!(
         outcome.unwrap_err().to_string(),
-        "runs 3..4, expected some of 0..3"
+        "runs 3..4, expected a range within 0..3"
     );
 }
 

@@ -114,7 +114,7 @@ impl Plan {
         for variable in parameters.iter().flat_map(Parameter::variables) {
             if !variables.insert(variable) {
                 return Err(Error::new(format!(
-                    "{variable} stands twice, expected it in one parameter"
+                    "{variable} appears twice, expected it in one parameter"
                 )));
             }
         }
@@ -218,7 +218,7 @@ impl Plan {
             return Ok(());
         }
         Err(Error::new(format!(
-            "runs {}..{}, expected some of 0..{}",
+            "runs {}..{}, expected a range within 0..{}",
             range.start, range.end, self.runs
         )))
     }

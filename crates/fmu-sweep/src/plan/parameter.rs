@@ -148,7 +148,7 @@ impl TryFrom<Description> for Parameter {
             }
             (Some(variable), Some(_)) => {
                 return Err(Error::new(format!(
-                    "{variable}: variable and variables, expected one of them"
+                    "{variable}: both variable and variables, expected one of them"
                 )));
             }
             (None, None) => {
@@ -235,7 +235,7 @@ fn list(values: Vec<Value>) -> Result<Values, String> {
             }
             _ if value.kind() != kind => {
                 return Err(format!(
-                    "the value {value}, expected {kind} as the first one"
+                    "the value {value}, expected {kind} like the first one"
                 ));
             }
             _ => {}

@@ -233,10 +233,10 @@ fn columns_have_the_types_of_their_values() {
 fn a_run_beyond_the_last_is_refused() {
     let plan = plan(&parameter("values = [1, 2]"));
     for (index, reason) in [
-        (2, "runs 2..3, expected some of 0..2"),
+        (2, "runs 2..3, expected a range within 0..2"),
         (
             u64::MAX,
-            "runs 18446744073709551615..18446744073709551615, expected some of 0..2",
+            "runs 18446744073709551615..18446744073709551615, expected a range within 0..2",
         ),
     ] {
         assert_eq!(plan.run(index).unwrap_err().to_string(), reason);
@@ -276,17 +276,17 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "values = [1, true]",
-            "p: the value true, expected a number as the first one",
+            "p: the value true, expected a number like the first one",
         ),
         (
             "values = ['a', 1]",
-            "p: the value 1.0, expected a text as the first one",
+            "p: the value 1.0, expected a string like the first one",
         ),
         (
             "values = [\"a\\n\"]",
             "p: the value \"a\\n\", expected no control characters",
         ),
-        ("values = [[1]]", "expected a number, a boolean or a text"),
+        ("values = [[1]]", "expected a number, a boolean or a string"),
         (
             "from = 0\nto = 1\ncount = 0",
             "p: count = 0, expected at least 2",
@@ -349,7 +349,7 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "values = [1]\nvariables = ['q']",
-            "p: variable and variables, expected one of them",
+            "p: both variable and variables, expected one of them",
         ),
         (
             "value = [1]",
@@ -378,11 +378,11 @@ fn a_wrong_plan_is_refused_with_what_was_expected() {
         ),
         (
             parameter("values = [1]").repeat(2),
-            "p stands twice, expected it in one parameter",
+            "p appears twice, expected it in one parameter",
         ),
         (
             "[[parameter]]\nvariables = ['q', 'q']\nvalues = [1]".into(),
-            "q stands twice, expected it in one parameter",
+            "q appears twice, expected it in one parameter",
         ),
         (
             "[[parameter]]\nvariables = []".into(),
