@@ -631,7 +631,7 @@ def test_every_fault_of_a_binary_is_found(decay: Callable[..., Path], fault: str
 
 def test_a_fault_of_model_exchange_is_found(decay: Callable[..., Path]) -> None:
     found = findings(decay("ROUNDS", MODEL_EXCHANGE))
-    check(found, "fmi2NewDiscreteStates wanted 1000 calls more")
+    check(found, "new discrete states after 1000 calls")
 
 
 @pytest.mark.parametrize("fault", ["CRASH", "HANG", "EXIT"])

@@ -200,7 +200,7 @@ mod tests {
     "#;
 
     #[test]
-    fn a_file_gives_components_in_their_order() {
+    fn components_keep_the_order_of_the_file() {
         let mut system = Description::parse(SYSTEM).unwrap();
         assert_eq!(system.order, Order::Sequential);
         assert_eq!(system.experiment().steps().unwrap(), 20_000);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_file_is_reported_with_its_line() {
+    fn errors_in_a_file_name_the_line() {
         for (bad, named) in [
             ("stop = \"x\"\nstep = 1\ncomponent = []", "stop"),
             ("stop = 1\nstep = 1\ncomponent = []\norders = 1", "orders"),
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_do_not_fit_are_refused() {
+    fn inconsistent_times_are_rejected() {
         let steps = |start, stop, step| Experiment { start, stop, step }.steps();
         assert_eq!(steps(0.0, 1.0, 0.1).unwrap(), 11);
         assert_eq!(steps(0.0, 0.0, 0.1).unwrap(), 1);

@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn an_fmu_is_there_once() {
+    fn an_fmu_is_stored_once() {
         let places = add(&[
             ("A.fmu", "a"),
             ("A.fmu", "a"),
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn different_fmus_of_one_name_are_refused() {
+    fn different_fmus_with_the_same_name_are_rejected() {
         for other in ["other/A.fmu", "other/a.fmu"] {
             let error = add(&[("A.fmu", "a"), (other, "b")]).unwrap_err();
             let error = error.to_string();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_a_uri() {
+    fn a_path_is_a_uri() {
         let places = add(&[("Cart & pole #1.fmu", "a")]).unwrap();
         assert_eq!(places, ["resources/Cart___pole__1.fmu"]);
     }
