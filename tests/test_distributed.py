@@ -113,7 +113,7 @@ def test_runs_that_are_done_are_not_done_again(program, tmp_path):
 
 def test_chunks_that_wait_for_others_are_done_too(monkeypatch):
     """Left out, they would be done by the program that makes the table, and nobody would notice."""
-    monkeypatch.setattr(by_dask, "AHEAD", 3)
+    monkeypatch.setattr(by_dask, "MAX_QUEUED", 3)
     answer = subprocess.CompletedProcess([], 0, b"rows", b"")
     monkeypatch.setattr(by_dask, "simulate", lambda bundle, chunk: answer)
     with Client(processes=False, n_workers=1, dashboard_address=None) as client:
@@ -187,7 +187,7 @@ def test_an_interrupt_ends_it_at_once_and_quietly(program, tmp_path):
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=sweeps.PATIENCE)
         assert process.returncode == 130
-        assert errors == "sweep.py: interrupted; the same command goes on\n"
+        assert errors == "sweep.py: interrupted; run the same command to resume\n"
     wait_until(lambda: not any(map(alive, family)))
     assert 20 < len(done(out)) < 200
 
@@ -203,10 +203,10 @@ def failing(folder: Path, action: str) -> Path:
 @pytest.mark.parametrize(
     ("action", "message"),
     [
-        ("kill -9 $PPID", "the runs 0..32 end every worker that does them"),
-        ("kill -11 $$", "a worker failed at the runs 0..32: the program was ended by signal 11"),
+        ("kill -9 $PPID", "the runs 0..32 crash every worker that runs them"),
+        ("kill -11 $$", "a worker failed at the runs 0..32: the program was killed by signal 11"),
         ("echo error: no licence >&2; exit 1", "sweep.py: no licence"),
-        ("echo 0,1; echo 0,1; exit 0", "a worker gave other rows than the runs 0..32"),
+        ("echo 0,1; echo 0,1; exit 0", "a worker returned rows that do not match the runs 0..32"),
     ],
 )
 def test_a_program_that_fails_on_the_workers_ends_the_sweep(program, tmp_path, action, message):
@@ -288,7 +288,7 @@ def test_a_scheduler_that_goes_away_is_told(program, tmp_path):
         scheduling.kill()
         _, errors = process.communicate(timeout=sweeps.PATIENCE)
         assert process.returncode == 1
-        assert errors == "sweep.py: the scheduler is lost; the same command goes on\n"
+        assert errors == "sweep.py: lost the scheduler; run the same command to resume\n"
     assert 20 < len(done(out)) < 200
 
 
@@ -296,7 +296,7 @@ def test_a_scheduler_that_is_not_there_is_told_within_seconds(program, tmp_path)
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
     result = distributed(sweep, out, "--scheduler", "tcp://127.0.0.1:9")  # nobody listens there
-    assert "no scheduler answers at tcp://127.0.0.1:9" in complaint(result)
+    assert "no scheduler is running at tcp://127.0.0.1:9" in complaint(result)
     assert not journal_of(out).exists()
 
 
