@@ -370,7 +370,7 @@ class System:
             for name, causality in zip(pair, ("output", "input"), strict=True):
                 component, variable = self.locate(name)
                 if component.variable(variable).causality != causality:
-                    raise MasterError(f"{name} is connected as an {causality}, but is not one")
+                    raise MasterError(f"{name} is connected as an {causality}, but is none")
             if pair[1] in targets:
                 raise MasterError(f"{pair[1]} is connected twice")
             targets.add(pair[1])

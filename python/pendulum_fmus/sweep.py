@@ -220,7 +220,7 @@ def named(chunk: range) -> str:
 
 
 class Bundle(WorkerPlugin):
-    """The files of a sweep, unpacked in a folder of each worker, including workers that join later."""
+    """The files of a sweep, unpacked on every worker, including those that join later."""
 
     idempotent = True  # A killed coordinator of the same sweep may have left it registered.
 

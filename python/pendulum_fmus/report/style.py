@@ -1,4 +1,4 @@
-"""Styles of curves, which differ in colour, dashes, width and marker, so that grey prints work too."""
+"""Styles of curves, which differ in colour, dashes, width and marker for greyscale prints."""
 
 from dataclasses import dataclass
 

@@ -81,7 +81,7 @@ def part(data: Data, fmus: Path) -> Part:
                         heads,
                         {
                             "largest stable η [1]": list(limits.values()),
-                            "fraction of the printed bound [1]": [v / bound for v in limits.values()],
+                            "share of the printed bound [1]": [v / bound for v in limits.values()],
                             "spectral radius at η = 0.30 [1]": [
                                 spectral_radius(delay, ETA) for delay in DELAYS
                             ],

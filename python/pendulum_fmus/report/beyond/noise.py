@@ -128,8 +128,7 @@ def part(data: Data, fmus: Path) -> Part:
         figure(off, ring),
         [
             statement(
-                "Measurement noise moves the pendulum more with a network than with the PID"
-                " alone",
+                "Measurement noise moves the pendulum more with a network than with the PID alone",
                 f"step, white noise, RMS from {LATE:g} s to {STEPS * TS:g} s of the difference of θ"
                 " from the same run without noise; holds if larger for both at the smallest noise,"
                 " fully if at every noise level",

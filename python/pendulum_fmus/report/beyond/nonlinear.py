@@ -81,8 +81,8 @@ def part(data: Data, fmus: Path) -> Part:
         figure(data),
         [
             statement(
-                "The controllers, designed for the linear model, stabilize the nonlinear pendulum far"
-                " beyond the 20° up to which section 2 linearises",
+                "The controllers, designed for the linear model, stabilize the nonlinear pendulum"
+                " far beyond the 20° up to which section 2 linearises",
                 "largest step, and largest initial angle at set-point 0, after which |e| is below"
                 " 0.05 rad at 20 s and never above π; holds if all are beyond 20°, fully if all"
                 " steps also exceed the paper’s 1 rad",

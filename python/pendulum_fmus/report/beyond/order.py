@@ -62,8 +62,8 @@ def part(data: Data, fmus: Path) -> Part:
         ),
         [
             statement(
-                "A parallel master with current terms gives the same loop as a sequential master with"
-                " those of the previous sample, as in Table 1",
+                "A parallel master with current terms gives the same loop as a sequential master"
+                " with those of the previous sample, as in Table 1",
                 "the angles differ by less than 1e-9 rad over 20 s",
                 Finding(judge(apart < SAME), Table(["both"], {"max |Δθ| [rad]": [apart]})),
             ),

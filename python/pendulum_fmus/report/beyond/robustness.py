@@ -101,8 +101,8 @@ def part(data: Data, fmus: Path) -> Part:
         low, high = value * FACTORS[0], value * FACTORS[-1]
         claims.append(
             statement(
-                f"All controllers stabilize a pendulum whose {meaning} is between a quarter and four"
-                " times the nominal one",
+                f"All controllers stabilize a pendulum whose {meaning} is between a quarter and"
+                " four times the nominal one",
                 f"step, linear plant, {len(FACTORS)} values of {variable} from {low:.3g} {unit} to"
                 f" {high:.3g} {unit}; holds if no loop diverges, fully if the integral of |e|"
                 " grows by less than 10 %",

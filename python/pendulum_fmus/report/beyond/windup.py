@@ -77,9 +77,9 @@ def part(data: Data, fmus: Path) -> Part:
         figure({style: steps["PID", on][0] for on, style in STYLES.items()}, above),
         [winding(above), printed(data), nothing_to_wind(steps)],
         (
-            "The parameter anti_windup, off by default, omits a sample from the sum of the error if"
-            " its force is limited and the error would drive the force further beyond the limit. The"
-            " paper has no anti-windup.",
+            "The parameter anti_windup, off by default, omits a sample from the sum of the error"
+            " if its force is limited and the error would drive the force further beyond the"
+            " limit. The paper has no anti-windup.",
         ),
     )
 

@@ -116,7 +116,9 @@ def _entry(
     )
     notes = ["The logarithmic panel was added, as the final errors of Table 1 span ten decades."]
     if len(amplitudes) > 1:
-        notes.append("The paper does not state the amplitude of the disturbance here: both are shown.")
+        notes.append(
+            "The paper does not state the amplitude of the disturbance here: both are shown."
+        )
     return Entry(number, caption, figure, claims(data, signal, amplitudes), notes)
 
 

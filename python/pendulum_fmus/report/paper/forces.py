@@ -112,7 +112,7 @@ def square(data: Data) -> list[Claim]:
     return [
         Claim(
             "“superposed curves u are the sum of” u_n and u_p",
-            "u is u_p + u_n, limited to ±100 N, at all samples; fully if the limit is never reached",
+            "u is u_p + u_n, limited to ±100 N, at all samples; fully if the limit is not reached",
             composed,
         ),
         Claim(

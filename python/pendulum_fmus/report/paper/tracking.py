@@ -313,8 +313,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
 
 
 DIFFERING = (
-    "The text states a disturbance amplitude of two here, but one reproduces Table 1: both are"
-    " shown."
+    "The text states a disturbance amplitude of two here, one reproduces Table 1: both are shown."
 )
 
 
@@ -381,8 +380,8 @@ def entries(data: Data) -> list[Entry]:
             ),
             step_disturbed(data),
             (
-                "The paper does not state whether its picture shows the angle θ or the measured θ + d:"
-                " both are drawn. The controllers see θ + d, and so drive θ away from r.",
+                "The paper does not state whether its picture shows the angle θ or the measured"
+                " θ + d: both are drawn. The controllers see θ + d, and so drive θ away from r.",
             ),
         ),
         Entry(
