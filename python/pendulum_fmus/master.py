@@ -447,7 +447,7 @@ class Recorder:
             self.blocks.append((Reals(system.components[name], variables), block))
 
     def rows(self, *, sampled: bool) -> list[tuple[Reals, c_double, int]]:
-        """Return (variables, first value, bytes per row) of the sampled or of the other components."""
+        """Return (variables, first value, bytes per row) of the sampled or the other components."""
         return [
             (reals, c_double.from_buffer(block), block.strides[0])
             for reals, block in self.blocks

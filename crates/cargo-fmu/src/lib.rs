@@ -71,12 +71,10 @@ Example:\n  cargo fmu validate target/fmu/*.fmu"
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
     Simulate(simulate::SimulateArgs),
     /// Simulate a system with many parameter sets; write the metrics of each run
-    #[command(
-        after_help = "An interrupted sweep resumes when it is started again.
+    #[command(after_help = "An interrupted sweep resumes when it is started again.
 
 Example:
-  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv"
-    )]
+  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv")]
     Sweep(sweep::SweepArgs),
     /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(

@@ -120,10 +120,13 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
     let elapsed = begin.elapsed();
     progress.bar.finish_and_clear();
     let logged = match &outcome {
-        said, => Ok(logged) => logged, => said,
+        Ok(logged) => logged,
         Err(_) => &messages.take(),
     };
-    logged.iter().filter(|message| message.warning).for_each(warn);
+    logged
+        .iter()
+        .filter(|message| message.warning)
+        .for_each(warn);
     outcome.map_err(|error| explain(error, csv.is_some()))?;
     let rows = csv.map(Csv::finish).transpose()?;
     report(out, plan.columns(), &last, plan.experiment(), elapsed)?;

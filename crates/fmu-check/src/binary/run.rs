@@ -148,7 +148,9 @@ impl<'a> Run<'a> {
                 return Ok(());
             }
         }
-        bail!("fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end")
+        bail!(
+            "fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end"
+        )
     }
 
     /// Advances by one step.

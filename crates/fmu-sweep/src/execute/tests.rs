@@ -133,10 +133,20 @@ fn at_twenty(index: u64) -> Result<(), Error> {
 fn an_error_ends_the_sweep_and_keeps_finished_runs() {
     let not_cancelled = AtomicBool::new(false);
     let failed = Err(Error::new("run 20 fails"));
-    let (outcome, kept) = failing(|| Ok(()), |run| at_twenty(run.index), |_| Ok(()), &not_cancelled);
+    let (outcome, kept) = failing(
+        || Ok(()),
+        |run| at_twenty(run.index),
+        |_| Ok(()),
+        &not_cancelled,
+    );
     assert_eq!(outcome, failed);
     assert!((20..1000).contains(&kept), "{kept}");
-    let (outcome, kept) = failing(|| Ok(()), |_| Ok(()), |row| at_twenty(row.index), &not_cancelled);
+    let (outcome, kept) = failing(
+        || Ok(()),
+        |_| Ok(()),
+        |row| at_twenty(row.index),
+        &not_cancelled,
+    );
     assert_eq!(outcome, failed);
     assert!((20..1000).contains(&kept), "{kept}");
     let (outcome, kept) = failing(|| at_twenty(20), |_| Ok(()), |_| Ok(()), &not_cancelled);

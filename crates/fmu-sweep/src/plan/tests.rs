@@ -195,10 +195,7 @@ fn random_numbers_are_within_their_bounds() {
         ("log_uniform = [1e-300, 1e289]", 1e-300, 1e289),
     ] {
         let drawn = numbers(&format!("draws = 1000\n{}", parameter(keys)));
-        assert!(
-            drawn.iter().all(|x| (min..=max).contains(x)),
-            "{keys}"
-        );
+        assert!(drawn.iter().all(|x| (min..=max).contains(x)), "{keys}");
         assert!(drawn.iter().any(|x| x != &drawn[0]), "{keys}");
     }
 }
