@@ -49,8 +49,9 @@ enum Command {
     },
     /// Merge FMUs of one model that were built on different machines
     #[command(
-        after_help = "The FMUs must be built from the same version of the model, and files that several of
-        them contain must be equal. Only documentation may differ; the first FMU's is kept.
+        after_help = "The FMUs must be built from the same version of the model, and files that
+several of them contain must be equal. Only documentation may differ; the first
+FMU's is kept.
 
 Examples:
   cargo fmu merge linux/Pid.fmu windows/Pid.fmu -o Pid.fmu
@@ -79,7 +80,7 @@ Example:
     /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(
         after_help = "A package cannot specify the order of stepping; most tools step all components
-        in parallel.
+in parallel.
 
 Examples:
   cargo fmu ssp examples/ssp/*.toml
