@@ -75,7 +75,7 @@ def test_the_last_sample_of_the_script_matches_table_1(fmus, tmp_path, table_res
     error = values[:, header.index("controller.e [rad]")]
     np.testing.assert_array_equal(error, table_results[Loop("Pid", "step", 0.0)]["controller.e"])
     assert "-1.96384" in run.stdout
-    assert "maximum |u|      100 N" in run.stdout
+    assert "maximum |u|     100 N" in run.stdout
     assert "20000 rows" in run.stdout
 
 
@@ -93,7 +93,7 @@ def test_set_reaches_any_parameter(fmus, tmp_path):
         cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    assert "maximum |u|      7 N" in run.stdout
+    assert "maximum |u|     7 N" in run.stdout
 
 
 BAD_INPUT = [
