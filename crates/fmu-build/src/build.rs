@@ -5,12 +5,13 @@ use std::ffi::OsStr;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use cargo_metadata::{Artifact, CrateType, Message, Metadata};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 const ENCODED_RUSTFLAGS: &str = "CARGO_ENCODED_RUSTFLAGS";
 const SEPARATOR: &str = "\x1f";
@@ -136,7 +137,9 @@ fn inherited_rustflags() -> Vec<String> {
 }
 
 fn progress_bar(title: &str, packages: usize) -> ProgressBar {
-    let bar = ProgressBar::new(packages as u64).with_prefix(title.to_owned());
+    // Two builds may run at the same time.
+    static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+    let bar = BARS.add(ProgressBar::new(packages as u64).with_prefix(title.to_owned()));
     if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} [{bar:24}] {msg} {elapsed}")
     {
         bar.set_style(style.progress_chars("=> "));

@@ -71,7 +71,14 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         "no package of the workspace {} has models: a cdylib that depends on fmu-export, with a program that describes it",
         metadata.workspace_root
     );
-    let models = library::describe(&libraries, &metadata)?;
+    // Both compile most of their dependencies one after the other, so they go on at the same time,
+    // unless the models decide which libraries are needed.
+    let all = options.models.is_empty() && options.binaries.is_empty();
+    let (models, built) = thread::scope(|scope| {
+        let describing = scope.spawn(|| library::describe(&libraries, &metadata));
+        let built = all.then(|| build(libraries.iter(), &targets, &metadata));
+        anyhow::Ok((join(describing)?, built.transpose()?))
+    })?;
     let chosen = choose(&models, &options.models)?;
     check_prebuilt(&chosen, options, &prebuilt)?;
     let licenses = licenses(&metadata)?;
@@ -79,29 +86,27 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         .iter()
         .map(|model| documentation::files(model, &licenses))
         .collect::<Result<Vec<_>>>()?;
+    let has_chosen = |library: &&Library| of_library(library, &chosen).next().is_some();
+    let built = match built {
+        Some(built) => built,
+        None => build(libraries.iter().filter(has_chosen), &targets, &metadata)?,
+    };
+    for (library, binary) in &built {
+        for model in of_library(library, &chosen) {
+            binary.check_guid(model)?;
+        }
+    }
 
-    // Each binary is packed once, while the next one is built.
     let cache = metadata.target_directory.join("fmu-packed");
     fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
     let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
     let (built, prebuilt) = thread::scope(|scope| {
-        let prebuilt: Vec<_> = prebuilt
+        let packing = |binary| scope.spawn(move || pack(binary));
+        let built: Vec<_> = built
             .iter()
-            .map(|binary| scope.spawn(move || pack(binary)))
+            .map(|(library, binary)| (*library, packing(binary)))
             .collect();
-        let mut built = Vec::new();
-        for library in &libraries {
-            if of_library(library, &chosen).next().is_none() {
-                continue;
-            }
-            for target in &targets {
-                let binary = Binary::build(library, target, &metadata)?;
-                for model in of_library(library, &chosen) {
-                    binary.check_guid(model)?;
-                }
-                built.push((library, scope.spawn(move || pack(&binary))));
-            }
-        }
+        let prebuilt: Vec<_> = prebuilt.iter().map(packing).collect();
         let built = built
             .into_iter()
             .map(|(library, packing)| Ok((library, join(packing)?)))
@@ -117,6 +122,18 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         write(model, of_model.chain(&prebuilt), documents, &out)
     };
     chosen.iter().zip(&documents).map(write).collect()
+}
+
+/// Builds libraries for all targets.
+fn build<'a>(
+    libraries: impl Iterator<Item = &'a Library>,
+    targets: &[Target],
+    metadata: &Metadata,
+) -> Result<Vec<(&'a Library, Binary)>> {
+    libraries
+        .flat_map(|library| targets.iter().map(move |target| (library, target)))
+        .map(|(library, target)| Ok((library, Binary::build(library, target, metadata)?)))
+        .collect()
 }
 
 /// The models that are in a library.
