@@ -1,4 +1,4 @@
-//! What FMI asks of any slave, whatever its version: the state machine, checks, the panic guard.
+//! What FMI requires of every slave: the state machine, checks and the panic guard.
 
 use std::any::Any;
 use std::ffi::CStr;
@@ -13,7 +13,7 @@ use crate::slave::Slave;
 use crate::snapshot::Snapshot;
 use crate::values::{self, Value};
 
-/// How a call ended, numbered as in FMI, so that it costs nothing to hand on.
+/// The outcome of a call, numbered like `fmi2Status`, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) enum Outcome {
@@ -25,11 +25,11 @@ pub(crate) enum Outcome {
 
 /// Why a call failed.
 pub(crate) enum Failure {
-    /// The call was wrong, and changed nothing.
+    /// The call was invalid and changed nothing.
     Refused(Reason),
-    /// The step was not taken, and the model is as it was.
+    /// The step was not taken, and the model is unchanged.
     Discarded(Reason),
-    /// The model cannot go on.
+    /// The model cannot continue.
     Broken(Reason),
 }
 
@@ -71,7 +71,7 @@ impl<S> Component<S> {
 }
 
 impl Component {
-    /// Does the work of a call if the state allows it, and tells what went wrong.
+    /// Runs `work` if the call is allowed in the current state, and logs failures.
     pub(crate) fn call(
         &mut self,
         call: &Call,
@@ -81,7 +81,7 @@ impl Component {
         self.guard(call, &mut |c| work.take().map_or(Ok(()), |work| work(c)))
     }
 
-    /// As [`call`](Self::call): the code that all calls share.
+    /// The code of [`call`](Self::call) that all calls share.
     #[inline(never)]
     fn guard(
         &mut self,
@@ -89,16 +89,16 @@ impl Component {
         work: &mut dyn FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Outcome {
         if !call.is_allowed(self.life.phase) {
-            return self.refuse_in_this_phase(call);
+            return self.refuse_in_phase(call);
         }
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
             Ok(Ok(())) => Outcome::Ok,
             Ok(Err(failure)) => self.fail(call.name, failure),
-            Err(panic) => self.die(call.name, panic),
+            Err(panic) => self.fail_by_panic(call.name, panic),
         }
     }
 
-    /// Refuses a call that no state allows, with its reason.
+    /// Logs why a call failed and returns [`Outcome::Error`].
     pub(crate) fn refuse(&self, name: &str, reason: impl Into<Reason>) -> Outcome {
         self.log.send(Category::Error, || {
             format!("{name}: {}", reason.into().text())
@@ -107,7 +107,7 @@ impl Component {
     }
 
     #[cold]
-    fn refuse_in_this_phase(&self, call: &Call) -> Outcome {
+    fn refuse_in_phase(&self, call: &Call) -> Outcome {
         self.log.send(Category::Error, || {
             format!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
@@ -142,7 +142,7 @@ impl Component {
 
     #[cold]
     #[inline(never)]
-    pub(crate) fn die(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
+    pub(crate) fn fail_by_panic(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
         self.life.phase = Phase::Fatal;
         let text = panic
             .downcast_ref::<&str>()
@@ -218,20 +218,20 @@ impl Component {
         })
     }
 
-    /// Checks a step; how the call ends if there is none to be taken.
+    /// Checks a step. Returns the outcome of the call if no step is to be taken.
     #[cold]
     #[inline(never)]
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
         let mut due = false;
         let outcome = self.call(&phase::DO_STEP, |c| {
             c.life.check_step(time, step, &c.log)?;
-            due = step != 0.0; // 0: event iterations of some hosts
+            due = step != 0.0; // some hosts iterate events with steps of 0
             Ok(())
         });
         (!due).then_some(outcome)
     }
 
-    /// Reads the values of the references.
+    /// Reads the values with the given references.
     pub(crate) fn get<V: Value>(
         &mut self,
         call: &Call,
@@ -246,7 +246,7 @@ impl Component {
         })
     }
 
-    /// Writes all values, or none.
+    /// Writes all values or none.
     pub(crate) fn set<V: Value>(
         &mut self,
         call: &Call,
@@ -261,12 +261,12 @@ impl Component {
         })
     }
 
-    /// There are no String variables: refuses any reference to one.
+    /// Rejects every reference, as there are no String variables.
     pub(crate) fn strings(&mut self, call: &Call, references: &[u32]) -> Outcome {
         self.call(call, |c| Ok(values::no_string(&mut c.slave, references)?))
     }
 
-    /// Sets first time derivatives of inputs for the next step, all or none.
+    /// Sets the first time derivatives of inputs for the next step, all or none.
     pub(crate) fn set_input_derivatives(
         &mut self,
         references: &[u32],
@@ -281,7 +281,7 @@ impl Component {
         })
     }
 
-    /// Derivatives of outputs in a direction of the inputs.
+    /// Computes directional derivatives of outputs with respect to inputs.
     pub(crate) fn directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -297,12 +297,12 @@ impl Component {
         })
     }
 
-    /// All that the future of the instance depends on.
+    /// The complete state of the instance.
     pub(crate) fn snapshot(&self) -> Snapshot {
         Snapshot::new(self.life, &self.slave)
     }
 
-    /// Continues from a snapshot, of this or another instance of the model.
+    /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
         self.life = snapshot.restore(&mut self.slave)?;
         Ok(())
@@ -312,12 +312,12 @@ impl Component {
         &self.slave
     }
 
-    /// The end of the last step taken (s).
+    /// The end of the last successful step (s).
     pub(crate) fn time(&self) -> f64 {
         self.life.time.unwrap_or(self.life.start_time)
     }
 
-    /// Computes the outputs from start values and inputs.
+    /// Computes the outputs from the start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
         self.slave
             .initialize(self.life.start_time)
