@@ -4,7 +4,7 @@ use std::any::Any;
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::life::Life;
+use crate::lifecycle::Lifecycle;
 use crate::log::{Category, Log};
 use crate::model::{Kind, ModelError};
 use crate::phase::{self, Call, Phase};
@@ -56,7 +56,7 @@ impl Failure {
 /// An instance of a model; `S` is its [`Slave`].
 pub(crate) struct Component<S: ?Sized = dyn Slave> {
     log: Log,
-    pub(crate) life: Life,
+    pub(crate) lifecycle: Lifecycle,
     pub(crate) slave: S,
 }
 
@@ -64,7 +64,7 @@ impl<S> Component<S> {
     pub(crate) fn new(log: Log, slave: S) -> Self {
         Self {
             log,
-            life: Life::NEW,
+            lifecycle: Lifecycle::NEW,
             slave,
         }
     }
@@ -88,7 +88,7 @@ impl Component {
         call: &Call,
         work: &mut dyn FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Outcome {
-        if !call.is_allowed(self.life.phase) {
+        if !call.is_allowed(self.lifecycle.phase) {
             return self.refuse_in_phase(call);
         }
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
@@ -112,11 +112,11 @@ impl Component {
             format!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
                 call.name,
-                self.life.phase.name(),
+                self.lifecycle.phase.name(),
                 call.allowed_names()
             )
         });
-        match self.life.phase {
+        match self.lifecycle.phase {
             Phase::Fatal => Outcome::Fatal,
             _ => Outcome::Error,
         }
@@ -143,7 +143,7 @@ impl Component {
     #[cold]
     #[inline(never)]
     pub(crate) fn fail_by_panic(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
-        self.life.phase = Phase::Fatal;
+        self.lifecycle.phase = Phase::Fatal;
         let text = panic
             .downcast_ref::<&str>()
             .copied()
@@ -156,7 +156,7 @@ impl Component {
     }
 
     fn enter(&mut self, phase: Phase) {
-        self.life.phase = phase;
+        self.lifecycle.phase = phase;
         self.log
             .send(Category::Events, || format!("state: {}", phase.name()));
     }
@@ -180,9 +180,9 @@ impl Component {
                 )
                 .into());
             }
-            c.life.start_time = start;
-            c.life.stop_time = stop;
-            c.life.stale = true;
+            c.lifecycle.start_time = start;
+            c.lifecycle.stop_time = stop;
+            c.lifecycle.stale = true;
             Ok(())
         })
     }
@@ -212,7 +212,7 @@ impl Component {
     pub(crate) fn reset(&mut self) -> Outcome {
         self.call(&phase::RESET, |c| {
             c.slave.reset();
-            c.life = Life::NEW;
+            c.lifecycle = Lifecycle::NEW;
             c.enter(Phase::Instantiated);
             Ok(())
         })
@@ -224,7 +224,7 @@ impl Component {
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
         let mut due = false;
         let outcome = self.call(&phase::DO_STEP, |c| {
-            c.life.check_step(time, step, &c.log)?;
+            c.lifecycle.check_step(time, step, &c.log)?;
             due = step != 0.0; // some hosts iterate events with steps of 0
             Ok(())
         });
@@ -239,7 +239,7 @@ impl Component {
         values: &mut [V],
     ) -> Outcome {
         self.call(call, |c| {
-            if c.life.phase == Phase::Initialization && c.life.stale {
+            if c.lifecycle.phase == Phase::Initialization && c.lifecycle.stale {
                 c.refresh()?;
             }
             Ok(values::get(&mut c.slave, references, values)?)
@@ -254,9 +254,9 @@ impl Component {
         values: &[V],
     ) -> Outcome {
         self.call(call, |c| {
-            let running = c.life.phase == Phase::StepComplete;
+            let running = c.lifecycle.phase == Phase::StepComplete;
             values::set(&mut c.slave, references, values, running)?;
-            c.life.stale |= !running;
+            c.lifecycle.stale |= !running;
             Ok(())
         })
     }
@@ -276,7 +276,7 @@ impl Component {
         self.call(&phase::INPUT_DERIVATIVES, |c| {
             let slave = &mut c.slave;
             values::set_input_derivatives(slave, references, orders, values)?;
-            c.life.has_input_derivatives |= !references.is_empty();
+            c.lifecycle.has_input_derivatives |= !references.is_empty();
             Ok(())
         })
     }
@@ -299,12 +299,12 @@ impl Component {
 
     /// The complete state of the instance.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot::new(self.life, &self.slave)
+        Snapshot::new(self.lifecycle, &self.slave)
     }
 
     /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
-        self.life = snapshot.restore(&mut self.slave)?;
+        self.lifecycle = snapshot.restore(&mut self.slave)?;
         Ok(())
     }
 
@@ -314,15 +314,15 @@ impl Component {
 
     /// The end of the last successful step (s).
     pub(crate) fn time(&self) -> f64 {
-        self.life.time.unwrap_or(self.life.start_time)
+        self.lifecycle.time.unwrap_or(self.lifecycle.start_time)
     }
 
     /// Computes the outputs from the start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
         self.slave
-            .initialize(self.life.start_time)
+            .initialize(self.lifecycle.start_time)
             .map_err(|error: ModelError| Reason::new(move || error.reason().to_owned()))?;
-        self.life.stale = false;
+        self.lifecycle.stale = false;
         Ok(())
     }
 }

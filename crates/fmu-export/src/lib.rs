@@ -47,7 +47,7 @@ mod component;
 #[cfg(feature = "describe")]
 mod description;
 pub mod fmi2;
-mod life;
+mod lifecycle;
 mod log;
 mod model;
 mod phase;

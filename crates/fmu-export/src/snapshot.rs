@@ -4,7 +4,7 @@ use std::any::Any;
 
 use fmu_description::guid::checksum;
 
-use crate::life::Life;
+use crate::lifecycle::Lifecycle;
 use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
 
@@ -21,24 +21,24 @@ pub(crate) struct Snapshot {
     /// Distinguishes our states from other memory.
     magic: [u8; 8],
     guid: Guid,
-    life: Life,
+    lifecycle: Lifecycle,
     model: Box<dyn Any>,
 }
 
 impl Snapshot {
-    pub(crate) fn new(life: Life, slave: &dyn Slave) -> Self {
+    pub(crate) fn new(lifecycle: Lifecycle, slave: &dyn Slave) -> Self {
         Self {
             magic: MAGIC,
             guid: slave.guid(),
-            life,
+            lifecycle,
             model: slave.save(),
         }
     }
 
     /// Restores the state of a slave of the same model, and returns the lifecycle for its component.
-    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Life, Reason> {
+    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Lifecycle, Reason> {
         if slave.restore(self.model.as_ref()) {
-            Ok(self.life)
+            Ok(self.lifecycle)
         } else {
             let (found, expected) = (self.guid, slave.guid());
             Err(reason!(
@@ -51,13 +51,13 @@ impl Snapshot {
 
     /// Serializes the state: header, payload, and a checksum of both.
     pub(crate) fn to_bytes(&self, slave: &dyn Slave) -> Result<Vec<u8>, Reason> {
-        let payload = postcard::to_allocvec(&self.life)
+        let payload = postcard::to_allocvec(&self.lifecycle)
             .ok()
             .zip(slave.serialize(self.model.as_ref()));
-        let Some((life, model)) = payload else {
+        let Some((lifecycle, model)) = payload else {
             return Err("the state belongs to another model".into());
         };
-        let mut bytes = [&MAGIC[..], &VERSION, &self.guid, &life, &model].concat();
+        let mut bytes = [&MAGIC[..], &VERSION, &self.guid, &lifecycle, &model].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
         Ok(bytes)
     }
@@ -84,14 +84,14 @@ impl Snapshot {
                 text(&expected)
             ));
         }
-        let (life, model): (Life, _) = postcard::take_from_bytes(payload).map_err(|_| damaged())?;
-        if !life.can_be_saved() {
+        let (lifecycle, model): (Lifecycle, _) = postcard::take_from_bytes(payload).map_err(|_| damaged())?;
+        if !lifecycle.can_be_saved() {
             return Err(damaged());
         }
         Ok(Self {
             magic: MAGIC,
             guid: slave.guid(),
-            life,
+            lifecycle,
             model: slave.deserialize(model).ok_or_else(damaged)?,
         })
     }

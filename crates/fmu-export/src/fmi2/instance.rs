@@ -109,22 +109,22 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
 
     extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status {
         align();
-        if !self.life.is_next_step(time, step)
+        if !self.lifecycle.is_next_step(time, step)
             && let Some(outcome) = self.component().refuse_step(time, step)
         {
             return outcome.into();
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
             self.slave.step(time, step)?;
-            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.life.has_input_derivatives {
+            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.lifecycle.has_input_derivatives {
                 self.slave.clear_input_derivatives();
-                self.life.has_input_derivatives = false;
+                self.lifecycle.has_input_derivatives = false;
             }
             Ok(())
         }));
         match taken {
             Ok(Ok(())) => {
-                self.life.time = Some(time + step);
+                self.lifecycle.time = Some(time + step);
                 fmi2Status::fmi2OK
             }
             Ok(Err(error)) => {
@@ -148,7 +148,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         n: usize,
         values: *const V,
     ) -> bool {
-        self.life.phase == Phase::StepComplete
+        self.lifecycle.phase == Phase::StepComplete
             && n != 0
             && !references.is_null()
             && !values.is_null()

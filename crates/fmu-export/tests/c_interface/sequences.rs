@@ -315,15 +315,15 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
                     Kind::Real => reals[k],
                     _ => integers[k].into(),
                 };
-                let valid = if answer == fmi2OK {
+                let expected_value = if answer == fmi2OK {
                     expected.model.value(reference)
                 } else {
                     -7.0
                 };
                 assert_eq!(
                     value.to_bits(),
-                    valid.to_bits(),
-                    "{reference}: {value} {valid}"
+                    expected_value.to_bits(),
+                    "{reference}: {value} {expected_value}"
                 );
             }
         }

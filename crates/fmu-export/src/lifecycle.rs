@@ -11,7 +11,7 @@ const MIN_TOLERANCE: f64 = 1e-9;
 
 /// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Life {
+pub(crate) struct Lifecycle {
     pub(crate) phase: Phase,
     pub(crate) start_time: f64,
     pub(crate) stop_time: Option<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct Life {
     pub(crate) has_input_derivatives: bool,
 }
 
-impl Life {
+impl Lifecycle {
     pub(crate) const NEW: Self = Self {
         phase: Phase::Instantiated,
         start_time: 0.0,
@@ -112,16 +112,16 @@ mod tests {
     use super::*;
 
     /// An instance whose last step ended at 1 s and whose stop time is 2 s.
-    const RUNNING: Life = Life {
+    const RUNNING: Lifecycle = Lifecycle {
         phase: Phase::StepComplete,
         stop_time: Some(2.0),
         time: Some(1.0),
-        ..Life::NEW
+        ..Lifecycle::NEW
     };
 
-    fn is_allowed(life: &Life, time: f64, step: f64) -> bool {
+    fn is_allowed(lifecycle: &Lifecycle, time: f64, step: f64) -> bool {
         let log = Log::new(None, false);
-        life.check_step(time, step, &log).is_ok()
+        lifecycle.check_step(time, step, &log).is_ok()
     }
 
     #[test]
@@ -139,7 +139,7 @@ mod tests {
         for &end in &numbers {
             for stop_time in [None, Some(2.0), Some(f64::MAX)] {
                 let time = Some(end);
-                let life = Life {
+                let lifecycle = Lifecycle {
                     stop_time,
                     time,
                     ..RUNNING
@@ -149,8 +149,8 @@ mod tests {
                     .flat_map(|t| numbers.iter().map(move |h| (t, h)))
                 {
                     assert!(
-                        !life.is_next_step(time, step) || is_allowed(&life, time, step),
-                        "{life:?} {time} {step}"
+                        !lifecycle.is_next_step(time, step) || is_allowed(&lifecycle, time, step),
+                        "{lifecycle:?} {time} {step}"
                     );
                 }
             }
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn the_first_step_and_other_states_take_the_slow_path() {
-        let first = Life {
+        let first = Lifecycle {
             time: None,
             ..RUNNING
         };
@@ -170,7 +170,7 @@ mod tests {
             Phase::Error,
             Phase::Fatal,
         ] {
-            assert!(!Life { phase, ..RUNNING }.is_next_step(1.0, 0.1));
+            assert!(!Lifecycle { phase, ..RUNNING }.is_next_step(1.0, 0.1));
         }
     }
 }
