@@ -121,7 +121,9 @@ fn spectral_radius(leaky: bool, delay: Delay, eta: f64) -> f64 {
     };
     let mut a = SMatrix::<f64, N, N>::zeros();
     for i in 0..3 {
-        let row = (0..3).fold(applied * input[i], |row, j| row + unit(j) * transition[j][i]);
+        let row = (0..3).fold(applied * input[i], |row, j| {
+            row + unit(j) * transition[j][i]
+        });
         a.set_row(i, &row);
     }
     a.set_row(3, &e);

@@ -41,7 +41,10 @@ fn assert_error(row: usize, column: &str, e: f64) {
             // Decayed transients are more sensitive to rounding.
             let tolerance = if expected.abs() < 1e-9 { 1e-2 } else { 2e-5 };
             let error = (e / expected - 1.0).abs();
-            assert!(error < tolerance, "row {row}, {column}: {e}, not {expected}");
+            assert!(
+                error < tolerance,
+                "row {row}, {column}: {e}, not {expected}"
+            );
         }
     }
 }

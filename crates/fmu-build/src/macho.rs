@@ -20,10 +20,7 @@ pub fn join(files: &[Vec<u8>]) -> Result<Vec<u8>> {
     let mut joined = Vec::new();
     for file in files {
         let number = |at: usize| Some(u32::from_le_bytes(file.get(at..at + 4)?.try_into().ok()?));
-        ensure!(
-            file.starts_with(&MACH_O),
-            "it is not a 64-bit Mach-O file"
-        );
+        ensure!(file.starts_with(&MACH_O), "it is not a 64-bit Mach-O file");
         let (processor, model) = number(4).zip(number(8)).context("it is truncated")?;
         // The header is far smaller than the space before the first file.
         let start = align(end.max(1));

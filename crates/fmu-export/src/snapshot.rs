@@ -84,7 +84,8 @@ impl Snapshot {
                 text(&expected)
             ));
         }
-        let (lifecycle, model): (Lifecycle, _) = postcard::take_from_bytes(payload).map_err(|_| damaged())?;
+        let (lifecycle, model): (Lifecycle, _) =
+            postcard::take_from_bytes(payload).map_err(|_| damaged())?;
         if !lifecycle.can_be_saved() {
             return Err(damaged());
         }

@@ -29,7 +29,7 @@ macro_rules! functions {
                 // to follow the standard.
                 unsafe {
                     Self {
-                        $($($name: library.get(stringify!($name)).ok()found| *found),|.map(|found| *found),|found| *found),)*)*
+                        $($($name: library.get(stringify!($name)).ok().map(|found| *found),)*)*
                     }
                 }
             }

@@ -198,11 +198,7 @@ fn a_reset_equals_a_fresh_instance() {
         assert_eq!(bring(&mut slave, state).reset(), fmi2OK);
         assert_eq!(slave.snapshot(), fresh, "{state}");
         slave.start(0.0, None);
-        assert_eq!(
-            slave.step(0.0, 10.0),
-            fmi2OK,
-            "the stop time is reset, too"
-        );
+        assert_eq!(slave.step(0.0, 10.0), fmi2OK, "the stop time is reset, too");
     }
 }
 

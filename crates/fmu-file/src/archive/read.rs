@@ -271,7 +271,9 @@ fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64,
     }
     match file.compression() {
         CompressionMethod::Stored | CompressionMethod::Deflated => Ok(file.size()),
-        other => Err(format!("is compressed with {other}, expected deflate or none")),
+        other => Err(format!(
+            "is compressed with {other}, expected deflate or none"
+        )),
     }
 }
 

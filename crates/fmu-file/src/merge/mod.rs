@@ -179,7 +179,11 @@ fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
 }
 
 /// Chooses among the files of one name: the one from the first FMU that has it.
-fn choose(sources: &[Source], fmus: &mut [Fmu], notes: &mut Vec<String>) -> Result<(String, Packed)> {
+fn choose(
+    sources: &[Source],
+    fmus: &mut [Fmu],
+    notes: &mut Vec<String>,
+) -> Result<(String, Packed)> {
     let (first, index) = sources[0];
     let name = fmus[first].archive.names[index].clone();
     let content = fmus[first].content(index)?;
