@@ -99,7 +99,7 @@ impl Lifecycle {
         if late > tolerance {
             log.send(Category::Warning, || {
                 format!(
-                    "fmi2DoStep: the first step begins at {time}, not at the start time {start}"
+                    "fmi2DoStep: the first step starts at {time}, not at the start time {start}"
                 )
             });
         }
