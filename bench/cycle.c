@@ -1,15 +1,15 @@
-/* Measures what FMI 2.0 co-simulation binaries cost their host; any that can be loaded will do.
+/* Measures the run time and memory of FMI 2.0 co-simulation binaries, from any vendor.
  *
  * usage: cycle MODE COUNT REPEATS FMU [-- FMU]...
  *
- * An FMU is words KEY=VALUE:
+ * An FMU is a list of arguments KEY=VALUE:
  *
- *     name=TEXT         how the output calls it
+ *     name=TEXT         its name in the output
  *     binary=FILE       its binary, for dlopen
  *     guid=TEXT         its GUID, as in its modelDescription.xml
  *     resources=URI     its resource location; default: empty
- *     in=REF[:VALUE]    a real input that a cycle sets: to VALUE, or else to a signal
- *     out=REF           a real output that a cycle gets
+ *     in=REF[:VALUE]    a real input that a cycle sets, to VALUE or to a varying signal
+ *     out=REF           a real output that a cycle reads
  *     real=REF:VALUE    a real parameter, set before the initialization
  *     integer=REF:VALUE an Integer or Enumeration parameter, likewise
  *
@@ -17,13 +17,13 @@
  *
  *     cycle   COUNT cycles of one instance: fmi2SetReal of all inputs in one call, fmi2DoStep by
  *             1 ms, fmi2GetReal of all outputs in one call
- *     many    the same cycles, dealt to 1, 10, 100, 1000, 10000 instances in turn
- *     life    COUNT instances that live at the same time: the time from fmi2Instantiate to
- *             fmi2FreeInstance of one, and its memory; with and without initialization
+ *     many    the same cycles, distributed over 1, 10, 100, 1000, 10000 instances in turn
+ *     life    COUNT simultaneous instances: time from fmi2Instantiate to fmi2FreeInstance and
+ *             memory of one, with and without initialization
  *
- * Every repeat measures all FMUs, one after the other, so that what slows the machine down for a
- * while slows all of them; and it makes its instances anew, so that unstable models stay small if
- * COUNT is small enough: the first error ends the run.
+ * Every repeat measures all FMUs in turn, so that a temporary slowdown of the machine affects all of
+ * them; and it creates new instances, so that unstable models do not overflow if COUNT is small
+ * enough. The first error ends the run.
  * The output is one JSON object per line. Build: cc -O2 -o cycle cycle.c -ldl */
 
 #define _GNU_SOURCE
@@ -40,7 +40,7 @@
 
 /* --- the FMUs of the command line ------------------------------------------------------------- */
 
-enum { MOST_REFERENCES = 64, MOST_FMUS = 32 };
+enum { MAX_REFERENCES = 64, MAX_FMUS = 32 };
 
 typedef struct {
     unsigned reference;
@@ -48,15 +48,15 @@ typedef struct {
 } Assignment;
 
 typedef struct {
-    Assignment items[MOST_REFERENCES];
+    Assignment items[MAX_REFERENCES];
     size_t n;
 } Assignments;
 
 typedef struct {
     const char *name, *binary, *guid, *resources;
     Assignments in, out, reals, integers;
-    double *times;  /* ns, one for every repeat */
-    double *others; /* ns, what else a mode measures */
+    double *times;  /* ns, one per repeat */
+    double *others; /* ns, second measurement of a mode */
     double last;    /* the last output, so that results can be compared */
 #define MEMBER(type, name, arguments) type(*name) arguments;
     FUNCTIONS(MEMBER)
@@ -77,7 +77,7 @@ static void load(Fmu *fmu) {
 }
 
 static void append(Fmu *fmu, Assignments *list, const char *text, int needs_value) {
-    if (list->n == MOST_REFERENCES) fail(fmu->name, "too many variables");
+    if (list->n == MAX_REFERENCES) fail(fmu->name, "too many variables");
     char *end;
     Assignment item = {.reference = (unsigned)strtoul(text, &end, 10), .value = NAN};
     if (*end == ':') item.value = strtod(end + 1, &end);
@@ -157,8 +157,8 @@ static double now(void) {
     return 1e9 * (double)t.tv_sec + (double)t.tv_nsec;
 }
 
-/* The signal: values that differ from one cycle to the next, of mean zero, so that integrals stay
- * bounded, and none so small that its products become denormal. */
+/* The signal: values that change in every cycle, with mean zero, so that integrals stay bounded, and
+ * large enough to avoid denormal products. */
 enum { PERIOD = 64 };
 static double signal[PERIOD];
 
@@ -171,10 +171,10 @@ static void make_signal(void) {
     }
 }
 
-/* What the cycles set, prepared so that little is measured but the FMU: PERIOD rows of inputs. */
+/* PERIOD precomputed rows of inputs, so that little more than the FMU is measured. */
 typedef struct {
-    unsigned in[MOST_REFERENCES], out[MOST_REFERENCES];
-    double inputs[PERIOD][MOST_REFERENCES];
+    unsigned in[MAX_REFERENCES], out[MAX_REFERENCES];
+    double inputs[PERIOD][MAX_REFERENCES];
 } Plan;
 
 static Plan *prepare(const Fmu *fmu) {
@@ -189,11 +189,11 @@ static Plan *prepare(const Fmu *fmu) {
     return plan;
 }
 
-/* Steps `first` to before `last` of every instance, one after the other. Returns the status of all
- * calls together. */
+/* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
+ * combined status of all calls. */
 static Status run(Fmu *fmu, const Plan *plan, Component *instances, size_t n, size_t first,
                   size_t last) {
-    double outputs[MOST_REFERENCES] = {0};
+    double outputs[MAX_REFERENCES] = {0};
     size_t n_in = fmu->in.n, n_out = fmu->out.n;
     unsigned status = OK;
     for (size_t k = first; k < last; k++) {
@@ -210,13 +210,13 @@ static Status run(Fmu *fmu, const Plan *plan, Component *instances, size_t n, si
     return status;
 }
 
-/* The time (ns) of one of about `count` cycles, dealt to `n` instances. */
+/* The time (ns) per cycle of about `count` cycles distributed over `n` instances. */
 static double cycle_time(Fmu *fmu, size_t n, size_t count) {
     Plan *plan = prepare(fmu);
     Component *instances = calloc(n, sizeof *instances);
     for (size_t i = 0; i < n; i++) initialize(fmu, instances[i] = instantiate(fmu));
     size_t steps = (count + n - 1) / n, warm = 1 + steps / 8; /* the first steps fill caches */
-    must(fmu, run(fmu, plan, instances, n, 0, warm), "a cycle before those that are measured");
+    must(fmu, run(fmu, plan, instances, n, 0, warm), "a warm-up cycle");
     double begin = now();
     Status status = run(fmu, plan, instances, n, warm, warm + steps);
     double time = (now() - begin) / (double)(n * steps);
@@ -259,7 +259,7 @@ static double allocated(void) {
 
 static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
     Component *instances = calloc(n, sizeof *instances);
-    double bytes[MOST_FMUS], bytes_ready[MOST_FMUS];
+    double bytes[MAX_FMUS], bytes_ready[MAX_FMUS];
     for (size_t repeat = 0; repeat < repeats; repeat++) {
         for (size_t f = 0; f < n_fmus; f++) {
             Fmu *fmu = &fmus[f];
@@ -291,14 +291,14 @@ static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
 }
 
 int main(int n_words, char **words) {
-    static Fmu fmus[MOST_FMUS];
+    static Fmu fmus[MAX_FMUS];
     if (n_words < 5) fail("usage", "cycle MODE COUNT REPEATS FMU [-- FMU]...");
     const char *mode = words[1];
     size_t count = strtoul(words[2], NULL, 10), repeats = strtoul(words[3], NULL, 10), n_fmus = 1;
     if (!count || !repeats) fail(mode, "COUNT and REPEATS must be at least 1");
     for (int i = 4; i < n_words; i++) {
         if (strcmp(words[i], "--")) option(&fmus[n_fmus - 1], words[i]);
-        else if (++n_fmus > MOST_FMUS) fail(mode, "too many FMUs");
+        else if (++n_fmus > MAX_FMUS) fail(mode, "too many FMUs");
     }
     for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++) {
         if (!fmu->name || !fmu->binary || !fmu->guid) fail(mode, "an FMU needs name, binary, guid");

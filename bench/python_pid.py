@@ -1,4 +1,4 @@
-"""A PID controller as a user of PythonFMU writes it, with the law of `Pid` (current terms)."""
+"""A typical PythonFMU implementation of a PID controller, with the law of `Pid` (current terms)."""
 
 from pythonfmu import Fmi2Causality, Fmi2Slave, Real
 

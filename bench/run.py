@@ -1,8 +1,8 @@
-"""Measure what the FMUs and the native master cost, and print the table of the README.
+"""Measure the run times of the FMUs and the native master, and print the table of the README.
 
-`make bench` runs it. Every comparison is a ratio of two things that were measured in the same run
-on the same machine; the smallest of several repeats counts, for other work only ever adds time.
-Results go to target/bench: table.md, results.json, and speed.png with the plots.
+`make bench` runs it. Every comparison is a ratio of two measurements from the same run on the same
+machine; the minimum of several repeats counts, since other processes only ever add time.
+Results are written to target/bench: table.md, results.json, and speed.png with the plots.
 """
 
 import argparse
@@ -43,24 +43,24 @@ INPUTS = {
 """Inputs that a cycle sets."""
 
 HELD = {"r": 1.0, "d": 0.0, "u_supervisor": 10.0}
-"""Inputs that stay, as in the response to a step; the others move with every cycle."""
+"""Constant inputs, as in a step response; the others change with every cycle."""
 
 OUTPUTS = {"Pendulum": "theta"}
-"""Outputs that a cycle gets; u of a controller."""
+"""Outputs that a cycle reads; u of a controller."""
 
 
-# --- what is measured ---------------------------------------------------------------------------
+# --- measurements -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Unpacked:
-    """An FMU, unpacked for the C host."""
+    """An FMU unpacked for the C host."""
 
     model: str
     folder: Path
 
     def words(self) -> list[str]:
-        """Return how the C host is told of it."""
+        """Return its arguments for the C host."""
         description = fmpy.read_model_description(str(self.folder), validate=False)
         references = {v.name: v.valueReference for v in description.modelVariables}
         identifier = description.coSimulation.modelIdentifier
@@ -80,7 +80,7 @@ class Unpacked:
 
 
 def unpack(file: Path, folder: Path) -> Unpacked:
-    """Unpack an FMU into a folder of its own."""
+    """Unpack an FMU into its own folder."""
     target = folder / file.stem
     with zipfile.ZipFile(file) as archive:
         archive.extractall(target)
@@ -88,7 +88,7 @@ def unpack(file: Path, folder: Path) -> Unpacked:
 
 
 def host(mode: str, count: int, repeats: int, fmus: Sequence[Unpacked]) -> list[dict]:
-    """Run the C host; it measures the FMUs by turns."""
+    """Run the C host, which measures the FMUs in turn."""
     words = [mode, str(count), str(repeats)]
     for index, fmu in enumerate(fmus):
         words += ["--"] * (index > 0) + fmu.words()
@@ -97,7 +97,7 @@ def host(mode: str, count: int, repeats: int, fmus: Sequence[Unpacked]) -> list[
 
 
 def python_environment(fmus: Sequence[Unpacked]) -> dict[str, str]:
-    """Return the environment in which the binary of PythonFMU finds this Python."""
+    """Return an environment in which PythonFMU's binary finds this Python."""
     if not any(fmu.model == "PythonPid" for fmu in fmus):
         return {}
     return {
@@ -108,7 +108,7 @@ def python_environment(fmus: Sequence[Unpacked]) -> dict[str, str]:
 
 
 def python_library() -> Path | None:
-    """Return the shared library of this Python, which PythonFMU's binary needs; None without."""
+    """Return the shared library of this Python, which PythonFMU's binary needs; None if missing."""
     folder, name = map(sysconfig.get_config_var, ("LIBDIR", "INSTSONAME"))
     library = Path(folder or "", name or "")
     return library if library.is_file() and ".so" in library.name else None
@@ -130,27 +130,27 @@ def run(command: Sequence[str | Path], env: Mapping[str, str] | None = None) -> 
 
 
 def criterion(group: str, function: str) -> float:
-    """Return the time [ns] that the Rust benchmark found: the slope over its samples."""
+    """Return the time [ns] of a Rust benchmark: the slope over its samples."""
     folder = CRITERION / group / function / "new"
     estimates = json.loads((folder / "estimates.json").read_text())
     return (estimates["slope"] or estimates["mean"])["point_estimate"]
 
 
 def coupled(repeats: int) -> dict[str, float]:
-    """Return the times [ns] of 20000 coupled steps of PID-RBF and plant, by turns measured."""
+    """Return the times [ns] of 20000 coupled steps of PID-RBF and plant, measured in turn."""
     masters = {"native": coupled_natively, "FMPy": coupled_by_fmpy}
     times = [{name: master() for name, master in masters.items()} for _ in range(repeats)]
     return {name: min(time[name] for time in times) for name in masters}
 
 
 def coupled_natively() -> float:
-    """Return the time [ns] that the native master says a run took."""
+    """Return the run time [ns] reported by the native master."""
     text = run([PROGRAM, "simulate", ROOT / "bench" / "coupled.toml"])
     return 1e6 * float(text.split(" s in ")[1].split(" ms")[0])
 
 
 def coupled_by_fmpy() -> float:
-    """Return the time [ns] of the same run by the master on FMPy."""
+    """Return the time [ns] of the same run with the FMPy master."""
     components = [
         Component("controller", FMUS / "PidRbf.fmu", {"r": 1.0}, sampled=True),
         Component("plant", FMUS / "Pendulum.fmu"),
@@ -163,7 +163,7 @@ def coupled_by_fmpy() -> float:
 
 
 def sweeps(folder: Path) -> Iterator[tuple[int, float]]:
-    """Yield threads, and loops of 2000 steps a second."""
+    """Yield numbers of threads, and loops of 2000 steps per second."""
     for threads in range(1, (os.cpu_count() or 1) + 1):
         out = folder / f"{threads}.csv"
         text = run([PROGRAM, "sweep", SWEEP, "--threads", str(threads), "--out", out])
@@ -171,7 +171,7 @@ def sweeps(folder: Path) -> Iterator[tuple[int, float]]:
 
 
 def build(folder: Path) -> list[Unpacked]:
-    """Build the C host and all FMUs; PythonFMU's only where it can run."""
+    """Build the C host and all FMUs; PythonFMU's only if it can run."""
     compiler = os.environ.get("CC", "cc")
     source = ROOT / "bench" / "cycle.c"
     run([compiler, "-O2", "-o", OUT / "cycle", source, "-ldl", "-lm"])
@@ -188,7 +188,7 @@ def build(folder: Path) -> list[Unpacked]:
 def measure(quick: bool) -> dict:
     """Measure everything."""
     OUT.mkdir(parents=True, exist_ok=True)
-    # An unstable plant without a controller overflows after some 100000 steps.
+    # An unstable plant without a controller overflows after about 100000 steps.
     cycles, repeats = (10_000, 3) if quick else (20_000, 100)
     rust = ["--warm-up-time", "0.1", "--measurement-time", "0.2"] if quick else []
     results: dict = {}
@@ -217,15 +217,15 @@ def measure(quick: bool) -> dict:
 
 
 def say(what: str) -> None:
-    """Tell the user what is measured now."""
+    """Print the current measurement."""
     print(f"measuring: {what}", file=sys.stderr)
 
 
-# --- what is shown ------------------------------------------------------------------------------
+# --- results ------------------------------------------------------------------------------
 
 
 def rows(results: Mapping) -> Iterator[tuple[str, str, str, str]]:
-    """Yield the rows of the table: what, measured, against, ratio."""
+    """Yield the rows of the table: subject, measurement, reference, ratio."""
     cycle = {line["fmu"]: line["min_ns"] for line in results["cycle"]}
     yield (
         "`Pid`, a cycle from C",
@@ -276,7 +276,7 @@ def rows(results: Mapping) -> Iterator[tuple[str, str, str, str]]:
 
 
 def ns(time: float) -> str:
-    """Return a time in ns with a unit that suits it."""
+    """Return a time in ns with a suitable unit."""
     for unit, factor in (("ns", 1.0), ("µs", 1e3), ("ms", 1e6)):
         if time < 1000 * factor:
             return f"{time / factor:.3g} {unit}"
@@ -284,7 +284,7 @@ def ns(time: float) -> str:
 
 
 def ratio(ours: float, other: float) -> str:
-    """Return how two costs compare, in words."""
+    """Return the ratio of two costs as text."""
     return f"{ours / other:.2f} times" if ours > other else f"1/{other / ours:.0f}"
 
 
@@ -298,7 +298,7 @@ def table(results: Mapping) -> str:
 
 
 def plot(results: Mapping, file: Path) -> None:
-    """Draw how the cost grows with nodes and with instances."""
+    """Draw the cost over the numbers of nodes and instances."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     nodes = [1, 4, 16, 64, 256]
     for kind, marker in (("constant", "o"), ("moving", "s")):
@@ -324,7 +324,7 @@ def plot(results: Mapping, file: Path) -> None:
 def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description="Measure the FMUs and the native master.")
-    parser.add_argument("--quick", action="store_true", help="few repeats: to see that it works")
+    parser.add_argument("--quick", action="store_true", help="few repeats, to check that it works")
     options = parser.parse_args()
     results = measure(options.quick)
     (OUT / "results.json").write_text(json.dumps(results, indent=1), encoding="utf-8")

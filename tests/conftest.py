@@ -18,15 +18,15 @@ from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 
 @pytest.fixture(scope="session")
 def fmus() -> Path:
-    """Export the FMUs from the sources as they are, once; returns the folder that they are in.
+    """Export the FMUs from the current sources, once; return their folder.
 
-    The environment variable FMUS names a folder of FMUs to be tested instead.
+    The environment variable FMUS can name a folder of FMUs to test instead.
     """
     if given := os.environ.get("FMUS"):
         return ROOT / given
     if shutil.which("cargo") is None:
         pytest.fail("`cargo` is not on the PATH: the FMUs cannot be exported", pytrace=False)
-    # Where cargo's target folder is elsewhere, so would be what is exported by default.
+    # The default output folder depends on cargo's target folder.
     command = ["cargo", "fmu", "export", "--out", str(FMUS)]
     export = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if export.returncode:
@@ -36,7 +36,7 @@ def fmus() -> Path:
 
 @pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
-    """Return the program with the native master; the FMUs are where its examples look for them."""
+    """Return the program with the native master, after exporting the FMUs that its examples use."""
     if not PROGRAM.exists():
         pytest.fail(f"{PROGRAM} is missing: run `make native`", pytrace=False)
     return PROGRAM
@@ -44,7 +44,7 @@ def program(fmus: Path) -> Path:
 
 @pytest.fixture
 def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
-    """Return a function that instantiates an FMU, and initializes it at `time` [s]."""
+    """Return a function that instantiates an FMU and initializes it at `time` [s]."""
     with ExitStack() as stack:
 
         def instantiate(model: str, start: dict | None = None, time: float = 0.0) -> Component:
@@ -63,7 +63,7 @@ def table_results(fmus: Path) -> dict[Loop, Columns]:
 
 @pytest.fixture(scope="session")
 def report_folder(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a report that was made for the tests."""
+    """Return the folder of a report generated for the tests."""
     folder = tmp_path_factory.mktemp("report")
     command = [sys.executable, "-m", "pendulum_fmus.report", "--out", str(folder)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -1,7 +1,7 @@
-"""Importers of SSP packages that are not ours. Each steps all components in parallel.
+"""Third-party importers of SSP packages. Each steps all components in parallel.
 
-They return what the native master records: `plant.theta` at each communication point, before the
-step, and `controller.u` of the sample taken there, after it.
+They return the same as the native master: `plant.theta` at each communication point, before the
+step, and `controller.u` of the sample taken there, after the step.
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,10 @@ Results = dict[str, np.ndarray]
 
 
 def by_fmpy(package: Path, step: float, steps: int, fmus: Path) -> Results:
-    """Simulate from 0 s by FMPy.
+    """Simulate from 0 s with FMPy.
 
-    Its inputs are zero in the first step, whatever the outputs are. So it starts one step earlier:
-    all outputs of these loops are zero there, but that of the source, and nothing happens.
+    FMPy sets all inputs to zero in the first step. So the simulation starts one step earlier, where
+    all outputs of these loops except the source's are zero, and nothing happens.
     """
     results = simulate_ssp(
         package,
@@ -42,9 +42,9 @@ def by_fmpy(package: Path, step: float, steps: int, fmus: Path) -> Results:
 
 
 def _parameters(package: Path, fmus: Path) -> Iterator[Parameter]:
-    """Yield the start values in a package, which FMPy reads but applies only when asked.
+    """Yield the start values in a package, which FMPy reads but does not apply by itself.
 
-    It wants their values by type, and the numbers of enumeration items.
+    It expects typed values, and integers for enumeration items.
     """
     for component in find_components(read_ssd(package).system):
         description = read_model_description(fmus / Path(component.source).name)
@@ -62,10 +62,10 @@ def _parameters(package: Path, fmus: Path) -> Iterator[Parameter]:
 
 
 def by_ecos(package: Path, step: float, steps: int, _fmus: Path) -> Results:
-    """Simulate from 0 s by Ecos."""
+    """Simulate from 0 s with Ecos."""
     if not find_library("tbb"):
         pytest.skip("`make system` installs libtbb")
-    import ecospy as ecos  # it loads libtbb
+    import ecospy as ecos  # loads libtbb
 
     ecos.EcosLib.set_log_level("warn")
     angles, forces = np.empty(steps), np.empty(steps)
@@ -80,7 +80,7 @@ def by_ecos(package: Path, step: float, steps: int, _fmus: Path) -> Results:
 
 
 def by_libcosim(package: Path, _step: float, steps: int, _fmus: Path) -> Results:
-    """Simulate by libcosim, with the times and the step that the package gives."""
+    """Simulate with libcosim, with the times and the step of the package."""
     log_output_level(CosimLogLevel.ERROR)
     execution = CosimExecution.from_ssp_file(str(package))
     observer = CosimObserver.create_last_value()

@@ -1,4 +1,4 @@
-"""Where the hosts in C run: here, under valgrind, and on other platforms, which are emulated."""
+"""Platforms for the C hosts: native, valgrind, and emulated machines."""
 
 import shutil
 import subprocess
@@ -20,12 +20,12 @@ from pendulum_fmus.project import FMUS
 SOURCES = Path(__file__).parent / "c"
 
 CROSS = FMUS.parent / "cross"
-"""Where `make cross` writes FMUs for other platforms."""
+"""Folder to which `make cross` writes FMUs for other platforms."""
 
 SECONDS = 300
-"""Time that one run may take."""
+"""Time limit of one run [s]."""
 
-# Bits of results are compared: a compiler may not round a product and a sum at once.
+# Results are compared bit by bit, so the compiler must not fuse multiplications and additions.
 OPTIONS = [
     "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror", "-g",
     "-ffp-contract=off",
@@ -36,7 +36,7 @@ _unpacked = TemporaryDirectory(prefix="hosts-")
 
 
 class Fmu(NamedTuple):
-    """A binary of an FMU, unpacked, and what its model description says."""
+    """An unpacked FMU binary and its model description."""
 
     binary: Path
     guid: str
@@ -55,7 +55,7 @@ class Fmu(NamedTuple):
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine: how programs are compiled for it, and run on it."""
+    """A machine: how to compile programs for it and run them on it."""
 
     name: str
     compiler: tuple[str, ...] = ("cc",)
@@ -65,12 +65,12 @@ class Machine:
     platform: str = "linux64"
     """Folder of its binaries in these FMUs."""
     target: str | None = None
-    """What `cargo fmu export` calls it; by default it is this machine."""
-    remedy: str = "`make elsewhere` installs what is needed"
+    """Its name for `cargo fmu export`; by default this machine."""
+    remedy: str = "`make elsewhere` installs the requirements"
 
     @contextmanager
     def started(self, _folder: Path) -> Iterator[None]:
-        """See that its programs are there."""
+        """Check that its programs are installed."""
         for program in (self.compiler[0], *self.emulator[:1]):
             if shutil.which(program) is None:
                 pytest.fail(f"`{program}` is not on the PATH: {self.remedy}", pytrace=False)
@@ -85,20 +85,20 @@ class Machine:
         return program
 
     def run(self, program: str | Path, *arguments: str) -> str:
-        """Run a program that ends well and complains of nothing; returns what it prints."""
+        """Run a program that must succeed without warnings; return its output."""
         done = _call(*self.emulator, program, *arguments)
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
 
     def unpack(self, model: str, fmus: Path | None = None) -> Fmu:
-        """Unpack an FMU, by default one of ours, with its binary for the machine."""
+        """Unpack an FMU, by default an exported one, with its binary for the machine."""
         fmu = (fmus or self.fmus) / f"{model}.fmu"
         if not fmu.exists():
             pytest.fail(f"{fmu} is missing: {self.remedy}", pytrace=False)
         return Fmu.unpack(fmu, self.platform)
 
     def path(self, file: Path) -> str:
-        """Return what its programs call a file."""
+        """Return the path of a file as seen by its programs."""
         return str(file)
 
 
@@ -114,14 +114,14 @@ def _call(*command: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 class Wine(Machine):
-    """Windows, as far as Wine is it.
+    """Windows, emulated by Wine.
 
-    Wine 8.0 lacks bcryptprimitives.dll, which gives Rust the seed of a HashMap; FMUs have none.
+    Wine 8.0 lacks bcryptprimitives.dll, which seeds Rust's HashMap; the FMUs do not use one.
     """
 
     @contextmanager
     def started(self, folder: Path) -> Iterator[None]:
-        """Make a Windows of its own, and end all of it at the end."""
+        """Create a separate Wine prefix, and stop its processes at the end."""
         with super().started(folder), pytest.MonkeyPatch.context() as environment:
             for name, value in {
                 "WINEPREFIX": str(folder / "wine"),
@@ -135,10 +135,10 @@ class Wine(Machine):
                 _call("wine", "wineboot", "--init").check_returncode()
                 yield
             finally:
-                _call("wineserver", "--kill")  # fails if it has ended by itself
+                _call("wineserver", "--kill")  # fails if it has already exited
 
     def path(self, file: Path) -> str:
-        """Return what its programs call a file: all of this machine's are on the drive Z."""
+        """Return the path of a file on drive Z, which contains all files of this machine."""
         return str(PureWindowsPath(f"Z:{file}"))
 
 

@@ -1,4 +1,4 @@
-"""The native master as a program, systems for it to run, and small FMUs in C to put in them."""
+"""The native master as a program, with systems and small C FMUs for it."""
 
 import csv
 import json
@@ -19,7 +19,7 @@ from pendulum_fmus.project import PROGRAM, ROOT
 LOOPS = ROOT / "examples" / "closed-loop"
 
 SECONDS = 60
-"""Time that one run may take."""
+"""Time limit of one run [s]."""
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -40,7 +40,7 @@ def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProc
 
 
 def simulate(system: Path, folder: Path, *options: object) -> dict[str, np.ndarray]:
-    """Simulate a system, which must succeed in silence; returns the columns of the CSV file."""
+    """Simulate a system, which must succeed silently; return the columns of the CSV file."""
     file = folder / "results.csv"
     result = run("simulate", system, "--csv", file, *options)
     assert result.returncode == 0, result.stderr
@@ -49,7 +49,7 @@ def simulate(system: Path, folder: Path, *options: object) -> dict[str, np.ndarr
 
 
 def read_csv(file: Path) -> dict[str, np.ndarray]:
-    """Return the columns by their heads without the unit."""
+    """Return the columns by name, without units."""
     with file.open(encoding="utf-8", newline="") as lines:
         head, *rows = csv.reader(lines)
     names = [name.rpartition(" [")[0] for name in head]
@@ -57,7 +57,7 @@ def read_csv(file: Path) -> dict[str, np.ndarray]:
 
 
 def refusal(folder: Path, *arguments: object) -> str:
-    """Run a command that must fail and write nothing to the folder; returns what it says."""
+    """Run a command that must fail and write nothing to the folder; return its message."""
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     result = run(*arguments, cwd=folder)
     after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
@@ -77,7 +77,7 @@ def write_system(
     connections: Sequence[str] = (),
     **settings: Any,
 ) -> Path:
-    """Write a system of FMUs `Relay.fmu`, by their start values, from 0 to 1 s by 0.25 s."""
+    """Write a system of `Relay.fmu` instances with start values, 1 s long in steps of 0.25 s."""
     settings = {"start": 0.0, "stop": 1.0, "step": 0.25} | settings
     lines = [f"{key} = {_toml(value)}" for key, value in settings.items()]
     lines.append(f"connections = {_toml(list(connections))}")
@@ -95,7 +95,7 @@ def write_system(
 
 
 def _toml(value: Any) -> str:
-    """Write a value as TOML, which for these types is JSON."""
+    """Format a value as TOML, which for these types is JSON."""
     return json.dumps(value, ensure_ascii=False).replace("NaN", "nan")
 
 
@@ -127,7 +127,7 @@ def description(
     y_unit: str = "",
     guid: str = GUID,
 ) -> str:
-    """Return the model description, with some of its text replaced."""
+    """Return the model description with some text replaced."""
     text = re.sub(r'guid="[^"]*"', lambda _: f"guid={quoteattr(guid)}", DESCRIPTION)
     replaced = dict(replaced or {})
     if u_unit:

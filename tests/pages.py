@@ -1,4 +1,4 @@
-"""Copies of the sources, changed as a page of the documentation says."""
+"""Copies of the sources, modified as described in the documentation."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from pendulum_fmus.project import ROOT
 
 
 def run(command: str, folder: Path = ROOT) -> None:
-    """Run shell commands in a folder, with the Python package and the FMUs of that folder."""
+    """Run shell commands in a folder with its Python package and FMUs."""
     command = command.replace("target/venv/bin/python", sys.executable)
     env = {**os.environ, "PYTHONPATH": str(folder / "python"), "FMUS": "target/fmu"}
     shell = ["bash", "-exc", command]
@@ -19,10 +19,9 @@ def run(command: str, folder: Path = ROOT) -> None:
 
 
 def project(name: str = "own-controller") -> Path:
-    """Return a new copy of the sources, to be changed.
+    """Return a new copy of the sources for modification.
 
-    It always lies at the same place, and its target folder is that of the copies before, so that
-    cargo builds only what a page changes.
+    All copies have the same path and target folder, so that cargo rebuilds only modified files.
     """
     target = ROOT / "target" / name
     copy = target / "project"
@@ -34,15 +33,15 @@ def project(name: str = "own-controller") -> Path:
 
 
 def export_models(copy: Path, lines: str) -> None:
-    """Replace the line by which the controllers are exported."""
+    """Replace the line that exports the controllers."""
     library = copy / "fmu-controller" / "src" / "lib.rs"
     text, count = re.subn(r"^fmu_export::export!\(.*\);$", lines, library.read_text(), flags=re.M)
-    assert count == 1, "lib.rs has one line that exports"
+    assert count == 1, "lib.rs has one export line"
     library.write_text(text)
 
 
 def export_panicking(folder: Path, target: str | None = None) -> Path:
-    """Export the model that panics to a folder, in a copy of the sources; returns the FMU."""
+    """Export the panicking model from a copy of the sources to a folder; return the FMU."""
     copy = project()
     shutil.copy(ROOT / "tests" / "data" / "panicking.rs", copy / "fmu-controller" / "src")
     export_models(copy, "mod panicking;\nfmu_export::export!(panicking::Panicking);")

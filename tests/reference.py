@@ -1,6 +1,6 @@
-"""The paper's loop a second time, in NumPy and SciPy and without FMI: what the FMUs are held to.
+"""An independent implementation of the paper's loop in NumPy and SciPy, without FMI.
 
-Written from the equations, not from the Rust code. Variables have the names that they have in the
+It is written from the equations, not from the Rust code. Variables have the same names as in the
 FMUs, so that results can be compared column by column. SI units, angles in rad.
 """
 
@@ -21,7 +21,7 @@ TS = 0.001
 """Sample time [s]."""
 
 EDGE = 1e-9
-"""Times this close to a jump count as the time of the jump [s]: sums of steps are not exact."""
+"""Times this close to a jump count as the time of the jump [s], since sums of steps are rounded."""
 
 
 # --- plant --------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ def integrate(state: np.ndarray, u: float, h: float) -> np.ndarray:
 def linear_model() -> tuple[np.ndarray, np.ndarray]:
     """Return A (4, 4) and B (4,) of (9), solved for x'' and theta''; state (x, v, theta, omega)."""
     mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
-    # Columns: what v, theta and u contribute to the right sides
+    # Columns: contributions of v, theta and u to the right-hand sides
     right = np.array([[-b, 0, 1], [0, m * g * l, 0]])
     by_v, by_theta, by_u = np.linalg.solve(mass, right).T
     A, B = np.zeros((4, 4)), np.zeros(4)
@@ -84,7 +84,7 @@ def linear_response(state: Sequence[float], u: float, t: float) -> np.ndarray:
 
 
 def difference_equation(ts: float = TS) -> tuple[np.ndarray, np.ndarray]:
-    """Return num and den, each (4,), of (41): the zero-order hold of (40), less its s = 0."""
+    """Return num and den, each (4,), of (41): the zero-order hold of (40), without its s = 0."""
     q = (M + m) * (I + m * l**2) - (m * l) ** 2
     num = [m * l / q, 0]
     den = [1, b * (I + m * l**2) / q, -(M + m) * m * g * l / q, -b * m * g * l / q]
@@ -93,7 +93,7 @@ def difference_equation(ts: float = TS) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Plant:
-    """Cart and pendulum at rest, upright, that hold their input over each step."""
+    """Cart and pendulum, initially at rest and upright, with the input held over each step."""
 
     def __init__(self, model: str = "linear"):
         self.model = model
@@ -192,7 +192,7 @@ def reference(signal: str, t: float, frequency: float) -> float:
         return 1.0
     if signal == "sine":
         return math.sin(2 * math.pi * frequency * t)
-    # At a jump the old value still holds: sin(4 pi) of the paper's last sample rounds to below
+    # At a jump the old value still applies: sin(4 pi) of the paper's last sample is rounded below
     # zero, and its errors are those before the jump. At t = 0 the sign is 0.
     half_periods = 2 * frequency * t
     jump = round(half_periods)
@@ -210,7 +210,7 @@ def disturbance(t: float, amplitude: float) -> float:
 
 
 class Loop:
-    """A controller and its plant, with the columns that they leave behind."""
+    """A controller and its plant, with their recorded columns."""
 
     def __init__(self, controller: Controller, plant: Plant):
         self.controller, self.plant = controller, plant
@@ -227,7 +227,7 @@ class Loop:
         self.controller.step(t, h, (r, self.theta, d, u_supervisor))
 
     def record(self) -> None:
-        """Keep what belongs to this communication point."""
+        """Record the values of this communication point."""
         self.columns["theta"].append(self.theta)
         for name in self.outputs:
             self.columns[name].append(getattr(self.controller, name))
@@ -250,7 +250,7 @@ def closed_loop(
 ) -> dict[str, np.ndarray]:
     """Run a loop of the paper; `amplitude` is that of the disturbance [rad].
 
-    Returns columns of shape (steps,) by the names that the FMU loop gives them.
+    Returns columns of shape (steps,), named as in the FMU loop.
     """
 
     def make(kind: str, target: str, w0: Sequence[float]) -> Loop:
@@ -281,7 +281,7 @@ def _run(
     times: np.ndarray,
     h: float,
 ) -> dict[str, np.ndarray]:
-    """Step the loops, the supervisor first; returns the columns of time and source."""
+    """Step the loops, the supervisor first; return the columns of time and source."""
     signals = []
     for t in times.tolist():
         r, d = source(t)
@@ -300,7 +300,7 @@ def _run(
 
 
 def _named(loops: dict[str, Loop]) -> dict[str, np.ndarray]:
-    """Return the loops' columns under the names of the FMU loop's components."""
+    """Return the loops' columns with the component names of the FMU loop."""
     columns = {}
     for prefix, loop in loops.items():
         controller = prefix.rstrip("_") or "controller"

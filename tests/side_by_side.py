@@ -1,4 +1,4 @@
-"""Run a closed loop twice, from the FMUs and by the independent implementation, and compare."""
+"""Run a closed loop with the FMUs and with the independent implementation, and compare."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,9 +27,9 @@ def both(
 def assert_close(
     computed: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], tolerance: float
 ) -> None:
-    """Compare sample by sample, relative to the largest value so far, or to 1 if that is larger.
+    """Compare sample by sample, relative to the maximum value so far, or to 1 if that is larger.
 
-    Relative to the largest, for in an unstable loop deviations grow as fast as the signals do.
+    Relative to the maximum, since in an unstable loop deviations grow as fast as the signals.
     """
     for name, column in expected.items():
         scale = np.maximum(1.0, np.maximum.accumulate(np.abs(column)))

@@ -1,4 +1,4 @@
-"""Small sweeps by the native program, and what they have done so far."""
+"""Small sweeps with the native program, and their progress."""
 
 import csv
 import subprocess
@@ -11,8 +11,8 @@ from pendulum_fmus.project import PROGRAM, ROOT
 
 SYSTEMS = ROOT / "examples" / "closed-loop"
 
-PATIENCE = 30
-"""How long something may take that takes a second on an idle machine [s]."""
+TIMEOUT = 30
+"""Time limit for something that takes a second on an idle machine [s]."""
 
 SHORT = """
 stop = 0.05
@@ -35,7 +35,7 @@ values = [200, 300]
 variable = "plant.M"
 normal = [1.096, 0.1]
 """
-"""32 runs, of values of every type."""
+"""32 runs with values of every type."""
 
 LONG = """
 stop = 20.0
@@ -46,7 +46,7 @@ from = 200
 to = 400
 count = 200
 """
-"""200 runs of some milliseconds each: time enough to kill what does them."""
+"""200 runs of some milliseconds each: enough time to kill the process."""
 
 
 SIGNALS = """
@@ -59,7 +59,7 @@ control = "controller.u"
 
 
 def written(folder: Path, text: str, system: str = "pid-rbf", signals: str = SIGNALS) -> Path:
-    """Write a sweep of a system of the examples."""
+    """Write a sweep of an example system."""
     file = folder / "sweep.toml"
     text = f'system = "{SYSTEMS / system}.toml"\n{text}\n{signals}'
     file.write_text(text, encoding="utf-8")
@@ -67,13 +67,13 @@ def written(folder: Path, text: str, system: str = "pid-rbf", signals: str = SIG
 
 
 def local(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
-    """Run a sweep by `cargo fmu sweep`, whatever its exit code."""
+    """Run a sweep with `cargo fmu sweep`, whatever its exit code."""
     command = [PROGRAM, "sweep", sweep, "--out", out, *map(str, options)]
     return subprocess.run(command, cwd=out.parent, capture_output=True, text=True, check=False)
 
 
 def printed(sweep: Path, *options: str) -> str:
-    """Return what `cargo fmu sweep` prints for a coordinator."""
+    """Return the output of `cargo fmu sweep` for a coordinator."""
     command = [PROGRAM, "sweep", sweep, *options]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
@@ -85,8 +85,8 @@ def table(out: Path) -> list[dict[str, str]]:
 
 
 def expected(sweep: Path, suffix: str = ".csv") -> bytes:
-    """Return the table of a sweep that nobody disturbs."""
-    out = sweep.with_name(f"undisturbed{suffix}")
+    """Return the table of an uninterrupted sweep."""
+    out = sweep.with_name(f"uninterrupted{suffix}")
     result = local(sweep, out)
     assert result.returncode == 0, result.stderr
     return out.read_bytes()
@@ -98,21 +98,21 @@ def journal_of(out: Path) -> Path:
 
 
 def runs_in(journal: str) -> list[int]:
-    """Return the numbers of the runs in a journal, of whole lines."""
+    """Return the indices of the runs in the whole lines of a journal."""
     return [int(line.split(",", 1)[0]) for line in journal.split("\n")[2:-1]]
 
 
 def done(out: Path) -> list[int]:
-    """Return the runs that the journal of a table has by now."""
+    """Return the runs that are in the journal of a table so far."""
     journal = journal_of(out)
     return runs_in(journal.read_text(encoding="utf-8")) if journal.exists() else []
 
 
 def wait_until(condition: Callable[[], Any], process: subprocess.Popen | None = None) -> Any:
-    """Wait until the condition holds, while the process runs; returns what made it hold."""
-    patience = time.monotonic() + PATIENCE
+    """Wait until the condition is true, while the process runs; return its value."""
+    deadline = time.monotonic() + TIMEOUT
     while not (holds := condition()):
         assert process is None or process.poll() is None, "it ended too early"
-        assert time.monotonic() < patience, "nothing happens"
+        assert time.monotonic() < deadline, "no progress"
         time.sleep(0.002)
     return holds

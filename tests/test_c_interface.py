@@ -1,7 +1,7 @@
-"""The binaries of the FMUs, call by call: what the Rust tests show of the layer arrives in them.
+"""The C interface of the exported binaries, call by call.
 
-What depends on the model is seen for each: that its state is saved whole, that it says which
-variable diverges, and the derivatives of the pendulum.
+Model-specific parts are tested for each model: the completeness of the saved state, the report of
+a diverging variable, and the derivatives of the pendulum.
 """
 
 import math
@@ -27,7 +27,7 @@ MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 H = 0.001
 
 HOSTILE = "%s%n%d%*d %%"
-"""Text that crashes who takes it for a format."""
+"""Text that crashes code that uses it as a format string."""
 
 
 def snapshot(component: Component) -> bytes:
@@ -40,7 +40,7 @@ def snapshot(component: Component) -> bytes:
 
 
 def resume(component: Component, serialized: bytes) -> None:
-    """Go to the state that the bytes hold."""
+    """Restore the state from the bytes."""
     slave = component.slave
     state = slave.deSerializeFMUstate(serialized)
     slave.setFMUstate(state)
@@ -50,7 +50,7 @@ def resume(component: Component, serialized: bytes) -> None:
 # --- the layer, in a binary ---------------------------------------------------------------------
 
 
-def test_calls_that_are_not_allowed_are_refused_with_a_message(fmus, capfd):
+def test_forbidden_calls_are_rejected_with_a_message(fmus, capfd):
     with Component(HOSTILE, fmus / "PidRbf.fmu") as component:
         slave = component.slave
         r, value, number = (c_uint * 1)(component.variable("r").valueReference), c_double(), c_int()
@@ -102,7 +102,7 @@ def test_the_library_is_unloaded_after_use(fmus):
         assert not is_mapped()
 
 
-def test_a_panic_ends_its_instance_alone_and_writes_nothing(tmp_path, capfd):
+def test_a_panic_only_affects_its_instance_and_writes_nothing(tmp_path, capfd):
     fmu = pages.export_panicking(tmp_path)
     capfd.readouterr()
     with Component("bad", fmu, {"u": -1.0}) as bad, Component("good", fmu) as good:
@@ -116,9 +116,9 @@ def test_a_panic_ends_its_instance_alone_and_writes_nothing(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-# --- what depends on the model ------------------------------------------------------------------
+# --- model-specific behaviour -------------------------------------------------------------------
 
-# A controller's weights move, and every form of the plant has a state of its own.
+# A controller's weights change, and every form of the plant has its own state.
 MOVING = [
     ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "transfer_function"}),
     ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "linear"}),
@@ -131,7 +131,7 @@ MOVING = [
 
 
 def drive(component: Component, first: int) -> list[list[str]]:
-    """Take 20 steps with inputs that change; returns all Reals after each, bit for bit."""
+    """Take 20 steps with changing inputs; return all Reals after each, bit for bit."""
     variables = component.variables.values()
     inputs = Reals(component, [v.name for v in variables if v.causality == "input"])
     everything = Reals(component, [v.name for v in variables if v.type == "Real"])
@@ -146,14 +146,14 @@ def drive(component: Component, first: int) -> list[list[str]]:
 
 
 def drive_on(path: Path, serialized: bytes) -> list[list[str]]:
-    """Go on from a state in a new instance."""
+    """Continue from a state in a new instance."""
     with Component("later", path) as component:
         resume(component, serialized)
         return drive(component, 20)
 
 
 @pytest.mark.parametrize(("model", "start"), MOVING)
-def test_a_state_goes_on_bit_for_bit_in_another_process(fmus, instance, model, start):
+def test_a_state_continues_bit_for_bit_in_another_process(fmus, instance, model, start):
     component = instance(model, start)
     before = drive(component, 0)
     serialized = snapshot(component)
@@ -164,7 +164,7 @@ def test_a_state_goes_on_bit_for_bit_in_another_process(fmus, instance, model, s
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_starts_and_bounds_are_those_of_the_model_description(fmus, model):
+def test_start_values_and_bounds_match_the_model_description(fmus, model):
     with Component("fresh", fmus / f"{model}.fmu") as component:
         before = snapshot(component)
         settable = [v for v in component.variables.values() if v.start is not None]
@@ -187,11 +187,11 @@ DIVERGES = [
     ("IpidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u_n) became (NaN|-?inf)"),
     ("Source", {"signal": "sine", "frequency": 1e6}, {}, 1e303, "r became NaN"),
 ]
-"""Parameters, inputs, a step [s] whose result no number holds, and what is said about it."""
+"""Parameters, inputs, a step [s] that overflows, and the expected message."""
 
 
 @pytest.mark.parametrize(("model", "parameters", "inputs", "step", "reason"), DIVERGES)
-def test_a_model_that_diverges_says_so_and_a_reset_mends_it(
+def test_divergence_is_reported_and_a_reset_recovers(
     instance, model, parameters, inputs, step, reason
 ):
     component = instance(model, parameters)
@@ -205,7 +205,7 @@ def test_a_model_that_diverges_says_so_and_a_reset_mends_it(
     component.step(0.0, H)
 
 
-def test_a_start_time_without_a_set_point_is_refused(fmus):
+def test_a_start_time_without_a_set_point_is_rejected(fmus):
     with Component("source", fmus / "Source.fmu", {"signal": "sine", "frequency": 1e6}) as source:
         with pytest.raises(MasterError, match=r"status 3: .*\br became NaN"):
             source.initialize(1e304)
@@ -234,7 +234,7 @@ INITIAL = (0.3, -0.2, 0.1, 0.5)
 
 
 def pendulum(instance, form: str) -> Component:
-    """Return a pendulum that is ready for its first step."""
+    """Return a pendulum before its first step."""
     start = dict(zip(("x0", "v0", "theta0", "omega0"), INITIAL, strict=True))
     return instance("Pendulum", {"model": form, **start})
 

@@ -1,6 +1,6 @@
-"""The loops in a master that is not ours: FMPy's container, compiled, stepping in parallel.
+"""The loops in a third-party master: FMPy's compiled container, which steps in parallel.
 
-The container is itself an FMU. Its variables are those of the FMUs in it, by "component.variable".
+The container is an FMU itself. Its variables are those of its FMUs, named "component.variable".
 """
 
 import copy
@@ -40,11 +40,11 @@ class Inside:
         """Connect an output to an input."""
         (source, start), (fed, end) = self.locate(output), self.locate(input_)
         start = copy.copy(start)
-        start.type = "Float64"  # the container knows the types of FMI 3.0 here
+        start.type = "Float64"  # the container uses the types of FMI 3.0 here
         return Connection(source, [start], fed, [end])
 
     def parameter(self, name: str, start: str) -> ModelVariable:
-        """Return a parameter of the container that sets one inside."""
+        """Return a container parameter that sets a parameter of an inner FMU."""
         kind = self.locate(name)[1].type
         return ModelVariable(
             name=name,
@@ -76,7 +76,7 @@ def container(
     parameters: Mapping[str, str],
     folder: Path,
 ) -> Path:
-    """Write a container FMU that steps the FMUs inside by 1 ms; returns its path."""
+    """Write a container FMU that steps its FMUs by 1 ms; return its path."""
     shown = [variable(name, "output", "calculated") for name in outputs]
     mapped = shown + [inside.parameter(name, start) for name, start in parameters.items()]
     description = ModelDescription(
@@ -106,7 +106,7 @@ def container(
     [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "supervisor")],
 )
 def test_a_compiled_master_gives_the_same_bits(fmus, tmp_path, controller, target):
-    # Numbers of enumeration items: the square wave, and what the network learns
+    # Values of enumeration items: the square wave and the network's target
     parameters = {
         "source.signal": "3", "source.frequency": "0.1", "source.disturbance.amplitude": "1.0",
     }  # fmt: skip

@@ -18,7 +18,7 @@ MODELS = ["Pid", "PidRbf", "IpidRbf"]
 LEARNERS = ["PidRbf", "IpidRbf"]
 
 NAMED = r"status 3: .*\b{}"
-"""What the FMU itself says about a variable it refuses."""
+"""The FMU's own message about a rejected variable."""
 
 W0 = (0.5, -0.25, 1.5, 2.0)
 
@@ -41,7 +41,7 @@ def outputs_of(controller: reference.Controller) -> list[float]:
 
 
 def sequence(model: str, steps: int) -> np.ndarray:
-    """Return inputs (steps, 3 or 4) that reach the network's nodes and now and then the clip."""
+    """Return inputs (steps, 3 or 4) that reach the nodes and sometimes the force limit."""
     rng = np.random.default_rng(11)
     r = np.repeat(rng.uniform(-2, 2, steps // 20 + 1), 20)[:steps]
     y = np.cumsum(rng.normal(0, 3e-4, steps))
@@ -51,7 +51,7 @@ def sequence(model: str, steps: int) -> np.ndarray:
 
 
 class Probe:
-    """A controller FMU whose inputs and outputs are set and read as whole rows."""
+    """A controller FMU whose inputs and outputs are accessed as whole rows."""
 
     def __init__(self, component: Component):
         model = component.name
@@ -60,7 +60,7 @@ class Probe:
         self.outputs = Reals(component, output_names(model))
 
     def step(self, time: float, h: float, row) -> list[float]:
-        """Step with the inputs held; returns the outputs."""
+        """Step with constant inputs; return the outputs."""
         self.inputs.values[:] = list(row)
         self.inputs.set()
         self.component.step(time, h)
@@ -111,25 +111,25 @@ VARIANTS = pytest.mark.parametrize(
 
 
 def follow(probe: Probe, controller: reference.Controller, h: float) -> None:
-    """Check that both give the same for half a second."""
+    """Check that both give the same results for half a second."""
     steps = round(0.5 / h)
     instants = [h * k for k in range(steps + 1)]
     assert_follows(probe, controller, instants, sequence(controller.kind, steps))
 
 
 @VARIANTS
-def test_controller_follows_the_reference(instance, model, start, options):
+def test_controller_matches_the_reference(instance, model, start, options):
     follow(Probe(instance(model, start)), reference.Controller(model, **options), TS)
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("h", [1 / 1024, 0.01, 0.0017])
-def test_controller_follows_the_reference_at_any_step(instance, model, h):
+def test_controller_matches_the_reference_at_any_step(instance, model, h):
     follow(Probe(instance(model)), reference.Controller(model), h)
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_late_start_changes_nothing_but_the_time(instance, model):
+def test_a_later_start_time_only_shifts_the_results(instance, model):
     rows = sequence(model, 300)
     early, late = Probe(instance(model)), Probe(instance(model, time=1e6))
     for k, row in enumerate(rows):
@@ -137,7 +137,7 @@ def test_a_late_start_changes_nothing_but_the_time(instance, model):
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-13, -1e-13])
-def test_time_that_the_master_accumulates_neither_loses_nor_doubles_a_sample(instance, jitter):
+def test_accumulated_time_neither_skips_nor_repeats_a_sample(instance, jitter):
     steady, shaken, time = Probe(instance("PidRbf")), Probe(instance("PidRbf")), 0.0
     for k, row in enumerate(sequence("PidRbf", 5000)):
         expected = steady.step(k * TS, TS, row)
@@ -146,7 +146,7 @@ def test_time_that_the_master_accumulates_neither_loses_nor_doubles_a_sample(ins
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_between_samples_the_outputs_hold(instance, model):
+def test_outputs_are_constant_between_samples(instance, model):
     probe, rows = Probe(instance(model)), sequence(model, 8)
     for k, row in enumerate(rows):
         outputs = probe.step(k * TS / 4, TS / 4, row)
@@ -156,7 +156,7 @@ def test_between_samples_the_outputs_hold(instance, model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_before_the_first_sample_there_is_no_force(instance, model):
+def test_the_force_is_zero_before_the_first_sample(instance, model):
     weights = {} if model == "Pid" else {f"rbf.w0[{j}]": w for j, w in enumerate(W0, start=1)}
     outputs = dict(zip(output_names(model), Probe(instance(model, weights)).read(), strict=True))
     assert [outputs[name] for name in ("e", "u", "u_p")] == [0, 0, 0]
@@ -165,7 +165,7 @@ def test_before_the_first_sample_there_is_no_force(instance, model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_gains_and_limits_are_tuned_while_the_controller_runs(instance, model):
+def test_gains_and_limits_can_be_tuned_during_a_run(instance, model):
     probe, controller = Probe(instance(model)), reference.Controller(model)
     rows = sequence(model, 400)
     changes = {100: ("kp", "pid.kp", 200.0), 150: ("ki", "pid.ki", 900.0),
@@ -181,7 +181,7 @@ def test_gains_and_limits_are_tuned_while_the_controller_runs(instance, model):
 
 
 @pytest.mark.parametrize("model", LEARNERS)
-def test_nodes_may_lie_elsewhere(instance, model):
+def test_nodes_can_be_moved(instance, model):
     c, b = np.array([-1.5, -0.5, 0.5, 1.5]), np.array([0.3, 0.4, 0.6, 0.7])
     start = {f"rbf.{name}[{j}]": v for name, values in (("c", c), ("b", b))
              for j, v in enumerate(values, start=1)}  # fmt: skip
@@ -201,7 +201,7 @@ def test_nodes_may_lie_elsewhere(instance, model):
         ("IpidRbf", "rbf.w0[1]", math.nan),
     ],
 )
-def test_impossible_parameters_are_refused_by_name(instance, model, name, value):
+def test_invalid_parameters_are_rejected_by_name(instance, model, name, value):
     with pytest.raises(MasterError, match=NAMED.format(re.escape(name))):
         instance(model, {name: value})
 
@@ -222,7 +222,7 @@ finite = st.floats(-2, 2)
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @pytest.mark.parametrize("model", MODELS)
-def test_any_partition_of_the_time_gives_the_same_samples(fmus, model, cuts, row):
+def test_any_sequence_of_steps_gives_the_same_samples(fmus, model, cuts, row):
     row = row[: len(input_names(model))]
     instants = [0.0, *sorted(cuts), SPAN * TS]
     with Component(model, fmus / f"{model}.fmu") as a, Component(model, fmus / f"{model}.fmu") as b:

@@ -1,6 +1,6 @@
-"""What `make cross` writes: FMUs for Linux, Windows and macOS, read by their headers.
+"""The FMUs of `make cross` for Linux, Windows and macOS, checked by their headers.
 
-Nothing here runs a binary of another system. The macOS binaries were never run.
+No binary of another system is run here. The macOS binaries have never been run.
 """
 
 import os
@@ -35,21 +35,20 @@ GLIBC_LIBRARIES = {
     "ld-linux-aarch64.so.1",
 }  # fmt: skip
 
-# Every Windows that Rust supports has them in its system folder: the kernel's interface, its API
-# sets, and the C library that Windows itself uses. What MinGW adds, such as libgcc_s_seh-1.dll, it
-# has not.
+# Every Windows version that Rust supports has these in its system folder: the kernel's interface,
+# its API sets, and the system C library, but not what MinGW adds, such as libgcc_s_seh-1.dll.
 WINDOWS_LIBRARIES = {"kernel32.dll", "ntdll.dll", "msvcrt.dll"}
 WINDOWS_API_SET = re.compile(r"api-ms-win-core-[a-z0-9-]+\.dll")
 
 MACOS_LIBRARY = "/usr/lib/libSystem.B.dylib"
-# zig's linker exports these of itself, and what a standard library that comes with a toolchain does
-# not hide. Nobody meets them: macOS looks a symbol up in the library that it was found in before.
+# Exported by zig's linker, and not hidden by the standard library of a toolchain. They do no harm,
+# since macOS looks up a symbol in the library in which it was found at link time.
 MACOS_EXPORTS = re.compile(r"__mh_dylib_header|___dso_handle|_rust_eh_personality|__R.*EMPTY_PANIC")
 
-# Of the code signature that Apple's headers call CS_SuperBlob and CS_CodeDirectory
+# Magic numbers of CS_SuperBlob and CS_CodeDirectory in Apple's headers
 SUPER_BLOB, CODE_DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
 
-lief.logging.disable()  # it tells of every table that a stripped library does not have
+lief.logging.disable()  # it warns about every table that a stripped library lacks
 
 pytestmark = pytest.mark.elsewhere
 
@@ -78,7 +77,7 @@ def windows(model: str) -> lief.PE.Binary:
 
 @pytest.fixture
 def macos(model: str) -> lief.MachO.FatBinary:
-    """Return the library for macOS, which has a part for each processor."""
+    """Return the universal library for macOS."""
     return lief.MachO.parse(list(read(fmu(model), "darwin64")))
 
 
@@ -89,7 +88,7 @@ def macos(model: str) -> lief.MachO.FatBinary:
 @pytest.mark.parametrize(
     ("folder", "binaries"), [(CROSS, BINARIES), (CROSS / "aarch64", BINARIES_FOR_ARM)]
 )
-def test_an_fmu_holds_a_binary_for_each_platform(model, folder, binaries):
+def test_an_fmu_contains_a_binary_for_each_platform(model, folder, binaries):
     with zipfile.ZipFile(fmu(model, folder)) as archive:
         names = {name for name in archive.namelist() if name.startswith("binaries/")}
     assert names == {f"binaries/{name}/{model}.{ending}" for name, ending in binaries.items()}
@@ -97,7 +96,7 @@ def test_an_fmu_holds_a_binary_for_each_platform(model, folder, binaries):
 
 @each_model
 @pytest.mark.parametrize("folder", [CROSS, CROSS / "aarch64"])
-def test_the_description_is_that_of_the_plain_fmu(fmus, model, folder):
+def test_the_description_equals_that_of_the_plain_fmu(fmus, model, folder):
     def description(file: Path) -> bytes:
         with zipfile.ZipFile(file) as archive:
             return archive.read("modelDescription.xml")
@@ -109,14 +108,14 @@ def test_the_description_is_that_of_the_plain_fmu(fmus, model, folder):
 
 
 @each_model
-def test_both_folders_of_a_binary_hold_the_same(model):
+def test_both_folders_of_a_binary_have_the_same_content(model):
     assert read(fmu(model), "darwin64") == read(fmu(model), "aarch64-darwin")
     arm = fmu(model, CROSS / "aarch64")
     assert read(arm, "linux64") == read(arm, "aarch64-linux")
 
 
 @each_model
-def test_no_binary_holds_a_path_of_the_machine(model):
+def test_no_binary_contains_a_path_of_the_machine(model):
     rustc = ["rustc", "--print", "sysroot"]
     sysroot = subprocess.run(rustc, capture_output=True, text=True, check=True).stdout.strip()
     folders = [ROOT, Path.home(), sysroot, "/usr/src", "/usr/lib/rustlib", "/tmp"]
@@ -125,7 +124,7 @@ def test_no_binary_holds_a_path_of_the_machine(model):
         for platform in binaries:
             content = read(fmu(model, folder), platform)
             for path in folders:
-                assert os.fsencode(path) + b"/" not in content, f"{platform} holds {path}"
+                assert os.fsencode(path) + b"/" not in content, f"{platform} contains {path}"
 
 
 @pytest.mark.parametrize(
@@ -191,7 +190,7 @@ def test_windows_binary_exports_the_functions_of_the_standard_and_nothing_else(w
 
 
 @each_model
-def test_windows_binary_needs_what_every_windows_has(windows):
+def test_windows_binary_needs_only_system_libraries(windows):
     names = {library.name.lower() for library in windows.imports}
     assert names
     assert {name for name in names if not WINDOWS_API_SET.fullmatch(name)} <= WINDOWS_LIBRARIES
@@ -216,7 +215,7 @@ def test_macos_binary_runs_on_macos_11(macos):
 
 
 @each_model
-def test_macos_binary_is_named_and_needs_the_system_s_library_only(macos):
+def test_macos_binary_is_named_and_needs_only_the_system_library(macos):
     for part in macos:
         (own, *needed) = part.libraries
         assert own.command == lief.MachO.LoadCommand.TYPE.ID_DYLIB
@@ -234,7 +233,7 @@ def test_macos_binary_exports_the_functions_of_the_standard(macos):
 
 
 @each_model
-def test_macos_binary_for_arm_is_signed_as_it_is(macos, model):
+def test_macos_binary_for_arm_has_a_valid_signature(macos, model):
     arm = macos.at(1)
     signature = bytes(arm.code_signature.content)
     magic, _, _, _, start = struct.unpack_from(">5I", signature)
@@ -244,7 +243,7 @@ def test_macos_binary_for_arm_is_signed_as_it_is(macos, model):
     )
     assert (magic, kind) == (CODE_DIRECTORY, SHA256)
     assert flags & AD_HOC
-    # A library that is changed after it was signed, such as by stripping, has other hashes.
+    # A library modified after signing, such as by stripping, has different hashes.
     assert length == arm.code_signature.data_offset
     code = read(fmu(model), "darwin64")[arm.fat_offset :][:length]
     expected = [sha256(code[i : i + (1 << page)]).digest() for i in range(0, length, 1 << page)]
@@ -255,7 +254,7 @@ def test_macos_binary_for_arm_is_signed_as_it_is(macos, model):
 # --- the commands ---------------------------------------------------------------------------------
 
 
-def test_info_names_every_platform():
+def test_info_lists_every_platform():
     assert re.search(
         r"^platforms +aarch64-darwin darwin64 linux64 win64$",
         cargo_fmu("info", fmu("Pid")).stdout,
@@ -263,7 +262,7 @@ def test_info_names_every_platform():
     )
 
 
-def test_validate_finds_no_fault():
+def test_validate_finds_no_problem():
     result = cargo_fmu("validate", *(fmu(model) for model in MODELS))
     assert result.returncode == 0, result.stdout
     assert "warning:" not in result.stdout
@@ -275,7 +274,7 @@ def test_validate_does_not_run_the_binary_of_another_processor():
     assert "another processor" in result.stdout
 
 
-def test_two_processors_of_linux_take_two_fmus(tmp_path):
+def test_two_linux_processors_need_two_fmus(tmp_path):
     targets = [f"--target={name}-unknown-linux-gnu.2.17" for name in ("x86_64", "aarch64")]
     message = refusal("export", "Pid", *targets, "--out", tmp_path)
     assert "linux64" in message

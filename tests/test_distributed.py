@@ -1,4 +1,4 @@
-"""pendulum_fmus.sweep: the rows of `cargo fmu sweep`, by workers that come and go."""
+"""pendulum_fmus.sweep: distributed sweeps with workers that come and go."""
 
 import contextlib
 import fcntl
@@ -35,16 +35,16 @@ def distributed(sweep: Path, out: Path, *options: object) -> subprocess.Complete
         capture_output=True,
         text=True,
         check=False,
-        timeout=2 * sweeps.PATIENCE,
+        timeout=2 * sweeps.TIMEOUT,
     )
 
 
 @contextlib.contextmanager
 def begun(sweep: Path, out: Path, *options: object) -> Iterator[subprocess.Popen[str]]:
-    """Start a long sweep on two workers, and wait for some more rows than there are."""
+    """Start a long sweep on two workers, and wait for some additional rows."""
     before = len(done(out))
     words = command(sweep, out, "--chunk", 5, "--workers", 2, *options)
-    # A group of its own, as in a terminal
+    # In its own process group, as in a terminal
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
     ) as process:
@@ -62,14 +62,14 @@ def workers(process: subprocess.Popen) -> list[psutil.Process]:
 
 
 def alive(process: psutil.Process) -> bool:
-    """Tell whether a process has not ended; an orphan may stay a while in the list after that."""
+    """Return whether a process is running; an orphan may remain listed after its end."""
     with contextlib.suppress(psutil.NoSuchProcess):
         return process.status() != psutil.STATUS_ZOMBIE
     return False
 
 
 def complaint(result: subprocess.CompletedProcess[str], code: int = 1) -> str:
-    """Return what a sweep says that fails: one line, without a traceback."""
+    """Return the message of a failed sweep: one line, without a traceback."""
     assert result.returncode == code, result.stderr
     assert re.fullmatch(r"sweep\.py: [^\n]+\n", result.stderr), result.stderr
     return result.stderr
@@ -85,7 +85,7 @@ def long_table(program, tmp_path_factory) -> bytes:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_the_table_is_that_of_the_local_sweep(program, tmp_path, suffix):
+def test_the_table_equals_that_of_the_local_sweep(program, tmp_path, suffix):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / f"out{suffix}"
     result = distributed(sweep, out)
@@ -96,7 +96,7 @@ def test_the_table_is_that_of_the_local_sweep(program, tmp_path, suffix):
     assert not journal_of(out).exists()
 
 
-def test_runs_that_are_done_are_not_done_again(program, tmp_path):
+def test_finished_runs_are_not_repeated(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
     chunks = ["31..32", "3..5", "0..1", "9..10"]
@@ -107,13 +107,13 @@ def test_runs_that_are_done_are_not_done_again(program, tmp_path):
     result = distributed(sweep, out, "--chunk", 3)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("27 runs in ")
-    assert "\n5 runs were done before\n" in result.stdout
+    assert "\n5 runs were already done\n" in result.stdout
     assert out.read_bytes() == expected(sweep)
 
 
-def test_chunks_that_wait_for_others_are_done_too(monkeypatch):
-    """Left out, they would be done by the program that makes the table, and nobody would notice."""
-    monkeypatch.setattr(by_dask, "AHEAD", 3)
+def test_queued_chunks_are_executed(monkeypatch):
+    """If omitted, they would silently be run by the program that writes the table."""
+    monkeypatch.setattr(by_dask, "MAX_QUEUED", 3)
     answer = subprocess.CompletedProcess([], 0, b"rows", b"")
     monkeypatch.setattr(by_dask, "simulate", lambda bundle, chunk: answer)
     with Client(processes=False, n_workers=1, dashboard_address=None) as client:
@@ -126,22 +126,22 @@ def test_chunks_that_wait_for_others_are_done_too(monkeypatch):
 # --- kills ----------------------------------------------------------------------------------------
 
 
-def test_a_killed_worker_costs_nothing_but_time(tmp_path, long_table):
+def test_a_killed_worker_loses_no_rows(tmp_path, long_table):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     with begun(sweep, out) as process, journal_of(out).open(encoding="utf-8") as journal:
         one, _ = workers(process)
         one.kill()
         runs = len(done(out))
-        _, errors = process.communicate(timeout=sweeps.PATIENCE)
+        _, errors = process.communicate(timeout=sweeps.TIMEOUT)
         assert process.returncode == 0, errors
         assert 20 < runs < 200, "it was killed in the middle"
-        # Still to be read here, though it has been removed
+        # Still readable through the open file, though it has been removed
         assert sorted(sweeps.runs_in(journal.read())) == list(range(200))
     assert out.read_bytes() == long_table
 
 
-def test_a_killed_coordinator_goes_on_where_it_was(tmp_path, long_table):
+def test_a_killed_coordinator_resumes(tmp_path, long_table):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     for _ in range(2):
@@ -155,14 +155,14 @@ def test_a_killed_coordinator_goes_on_where_it_was(tmp_path, long_table):
         assert len(set(after)) == len(after) < 200, "nothing is done twice"
         wait_until(lambda orphans=orphans: not any(map(alive, orphans)))
         with journal_of(out).open("a") as journal:
-            journal.write("199,40")  # what a kill in the middle of a write leaves
+            journal.write("199,40")  # simulates a kill during a write
     result = distributed(sweep, out)
     assert result.returncode == 0, result.stderr
-    assert f"\n{len(after)} runs were done before\n" in result.stdout
+    assert f"\n{len(after)} runs were already done\n" in result.stdout
     assert out.read_bytes() == long_table
 
 
-def test_local_and_distributed_sweeps_continue_each_other(tmp_path, long_table):
+def test_local_and_distributed_sweeps_resume_each_other(tmp_path, long_table):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out, "--threads", "1"]) as process:
@@ -179,21 +179,21 @@ def test_local_and_distributed_sweeps_continue_each_other(tmp_path, long_table):
     assert out.read_bytes() == long_table
 
 
-def test_an_interrupt_ends_it_at_once_and_quietly(program, tmp_path):
+def test_an_interrupt_ends_the_sweep_immediately_and_quietly(program, tmp_path):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     with begun(sweep, out) as process:
         family = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=sweeps.PATIENCE)
+        _, errors = process.communicate(timeout=sweeps.TIMEOUT)
         assert process.returncode == 130
-        assert errors == "sweep.py: interrupted; the same command goes on\n"
+        assert errors == "sweep.py: interrupted; run the same command to resume\n"
     wait_until(lambda: not any(map(alive, family)))
     assert 20 < len(done(out)) < 200
 
 
 def failing(folder: Path, action: str) -> Path:
-    """Write a program that does something else when a worker runs it."""
+    """Write a program that behaves differently when run by a worker."""
     program = folder / "failing"
     program.write_text(f'#!/bin/sh\ncase "$*" in *--rows*) {action};; esac\nexec {PROGRAM} "$@"\n')
     program.chmod(0o755)
@@ -203,10 +203,10 @@ def failing(folder: Path, action: str) -> Path:
 @pytest.mark.parametrize(
     ("action", "message"),
     [
-        ("kill -9 $PPID", "the runs 0..32 end every worker that does them"),
-        ("kill -11 $$", "a worker failed at the runs 0..32: the program was ended by signal 11"),
+        ("kill -9 $PPID", "the runs 0..32 crash every worker that runs them"),
+        ("kill -11 $$", "a worker failed at the runs 0..32: the program was killed by signal 11"),
         ("echo error: no licence >&2; exit 1", "sweep.py: no licence"),
-        ("echo 0,1; echo 0,1; exit 0", "a worker gave other rows than the runs 0..32"),
+        ("echo 0,1; echo 0,1; exit 0", "a worker returned rows that do not match the runs 0..32"),
     ],
 )
 def test_a_program_that_fails_on_the_workers_ends_the_sweep(program, tmp_path, action, message):
@@ -222,7 +222,7 @@ def test_a_program_that_fails_on_the_workers_ends_the_sweep(program, tmp_path, a
 
 @contextlib.contextmanager
 def dask(folder: Path, *words: str) -> Iterator[subprocess.Popen]:
-    """Run the command line of Dask in a folder that has nothing of this project."""
+    """Run the command line of Dask in a folder without anything of this project."""
     log = folder / f"{words[0]}.log"
     with (
         log.open("w") as file,
@@ -238,12 +238,12 @@ def dask(folder: Path, *words: str) -> Iterator[subprocess.Popen]:
             yield process
         finally:
             process.terminate()
-            process.wait(sweeps.PATIENCE)
+            process.wait(sweeps.TIMEOUT)
 
 
 @contextlib.contextmanager
 def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen, str]]:
-    """Start a scheduler; yields its process and its address."""
+    """Start a scheduler; yield its process and its address."""
     with dask(folder, "scheduler", "--port", "0") as process:
 
         def address() -> str | None:
@@ -253,7 +253,7 @@ def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen, str]]:
         yield process, wait_until(address, process)
 
 
-def test_workers_elsewhere_need_nothing_of_the_project(program, tmp_path):
+def test_remote_workers_need_nothing_of_the_project(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
     elsewhere = tmp_path / "elsewhere"
@@ -264,7 +264,7 @@ def test_workers_elsewhere_need_nothing_of_the_project(program, tmp_path):
             hint = process.stdout.readline()
             assert hint == f"no worker yet; `dask worker {address}` starts one\n"
             with dask(elsewhere, "worker", address, "--nworkers", "2", "--nthreads", "1"):
-                said, _ = process.communicate(timeout=sweeps.PATIENCE)
+                said, _ = process.communicate(timeout=sweeps.TIMEOUT)
                 assert process.returncode == 0
                 left = [path for path in elsewhere.rglob("*") if "cargo-fmu" in path.name]
                 assert left == [], "the workers have removed the program"
@@ -272,7 +272,7 @@ def test_workers_elsewhere_need_nothing_of_the_project(program, tmp_path):
     assert out.read_bytes() == expected(sweep)
 
 
-def test_a_scheduler_that_goes_away_is_told(program, tmp_path):
+def test_a_lost_scheduler_is_reported(program, tmp_path):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     with (
@@ -286,21 +286,21 @@ def test_a_scheduler_that_goes_away_is_told(program, tmp_path):
     ):
         wait_until(lambda: len(done(out)) > 20, process)
         scheduling.kill()
-        _, errors = process.communicate(timeout=sweeps.PATIENCE)
+        _, errors = process.communicate(timeout=sweeps.TIMEOUT)
         assert process.returncode == 1
-        assert errors == "sweep.py: the scheduler is lost; the same command goes on\n"
+        assert errors == "sweep.py: lost the scheduler; run the same command to resume\n"
     assert 20 < len(done(out)) < 200
 
 
-def test_a_scheduler_that_is_not_there_is_told_within_seconds(program, tmp_path):
+def test_a_missing_scheduler_is_reported_within_seconds(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
-    result = distributed(sweep, out, "--scheduler", "tcp://127.0.0.1:9")  # nobody listens there
-    assert "no scheduler answers at tcp://127.0.0.1:9" in complaint(result)
+    result = distributed(sweep, out, "--scheduler", "tcp://127.0.0.1:9")  # unused port
+    assert "no scheduler is running at tcp://127.0.0.1:9" in complaint(result)
     assert not journal_of(out).exists()
 
 
-def test_workers_of_this_machine_are_not_to_be_reached_from_others(program, tmp_path):
+def test_local_workers_are_not_reachable_from_other_machines(program, tmp_path):
     sweep = sweeps.written(tmp_path, LONG)
     with begun(sweep, tmp_path / "out.csv") as process:
         listening = {
@@ -312,7 +312,7 @@ def test_workers_of_this_machine_are_not_to_be_reached_from_others(program, tmp_
     assert listening == {"127.0.0.1"}
 
 
-# --- what does not fit ----------------------------------------------------------------------------
+# --- invalid input --------------------------------------------------------------------------------
 
 WRONG = [
     ('variable = "controller.pid.kpp"\nvalues = [1]', "did you mean pid.kp"),
@@ -322,7 +322,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("parameter", "message"), WRONG)
-def test_a_wrong_sweep_is_answered_as_by_the_local_one(program, tmp_path, parameter, message):
+def test_an_invalid_sweep_is_reported_as_by_the_local_one(program, tmp_path, parameter, message):
     sweep = sweeps.written(tmp_path, f"[[parameter]]\n{parameter}")
     out = tmp_path / "out.csv"
     result = distributed(sweep, out)
@@ -332,15 +332,15 @@ def test_a_wrong_sweep_is_answered_as_by_the_local_one(program, tmp_path, parame
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
 
 
-def test_a_value_that_an_fmu_refuses_in_the_middle_ends_the_sweep(program, tmp_path):
-    """A normal distribution around the least mass; the first draw of this seed lies above it."""
+def test_a_value_rejected_during_the_sweep_ends_it(program, tmp_path):
+    """A normal distribution around the minimum mass; the first draw of this seed is above it."""
     text = 'seed = 2\ndraws = 50\nstop = 0.01\n[[parameter]]\nvariable = "plant.M"\nnormal = [0, 1]'
     sweep = sweeps.written(tmp_path, text)
     message = complaint(distributed(sweep, tmp_path / "out.csv"))
     assert re.match(r"sweep\.py: run \d+: plant \(Pendulum\.fmu\), M = -", message)
 
 
-def test_files_that_do_not_fit_are_told(program, tmp_path):
+def test_invalid_files_are_reported(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
     assert "no.toml: cannot read" in complaint(distributed(tmp_path / "no.toml", out))
@@ -354,7 +354,7 @@ def test_files_that_do_not_fit_are_told(program, tmp_path):
     assert f"cannot open {nowhere}.part: No such file" in complaint(result)
 
 
-def test_a_journal_of_another_sweep_or_in_use_is_left_alone(program, tmp_path):
+def test_a_journal_of_another_sweep_or_in_use_is_not_changed(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
     journal_of(out).write_text("# sweep c0ffee\nindex,plant.M\n0,1.0\n")
@@ -365,7 +365,7 @@ def test_a_journal_of_another_sweep_or_in_use_is_left_alone(program, tmp_path):
         assert "is in use by another process" in complaint(distributed(sweep, out))
 
 
-def test_two_fmus_of_one_name_are_refused_unless_they_are_the_same(program, fmus, tmp_path):
+def test_different_fmus_with_the_same_name_are_rejected(program, fmus, tmp_path):
     text = (sweeps.SYSTEMS / "supervised.toml").read_text()
     for folder, model in (("a", "PidRbf"), ("b", "IpidRbf")):
         (tmp_path / folder).mkdir()

@@ -1,4 +1,4 @@
-"""The documentation is true: its commands and programs run, its links and files exist."""
+"""The documentation is correct: its commands and programs run, its links and files exist."""
 
 import csv
 import re
@@ -14,11 +14,11 @@ from pendulum_fmus.project import ROOT
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
     for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
-    if path.name != "CHANGELOG.md"  # names what is gone, too
+    if path.name != "CHANGELOG.md"  # also names removed files
 }
 
 BLOCK = re.compile(r"(?:`([\w.-]+/[\w./-]+)`:\n\n)?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-"""A fenced block: the file that it belongs to, if the text before it names one; language; text."""
+"""A fenced block: its file, if the preceding text names one; language; text."""
 
 
 def anchors(text: str) -> set[str]:
@@ -43,7 +43,7 @@ def test_links_and_files_exist(page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None:
-    """Follow a page from top to bottom, in a copy if it writes files; CI runs `make` itself."""
+    """Run the commands of a page in order, except `make`, in a copy if it writes files."""
     blocks = BLOCK.findall(PAGES[page])
     folder = ROOT
     if any(path for path, _, _ in blocks):
@@ -65,7 +65,7 @@ def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None
 
 
 def test_what_you_should_see(program: Path, tmp_path: Path) -> None:
-    """The table of importing.md: last error, settling time and largest angle of the four loops."""
+    """The table of importing.md: final error, settling time and maximum angle of the four loops."""
     section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]
     lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]
     for name, cells in zip(["pid", "pid-rbf", "ipid-rbf", "supervised"], lines, strict=True):

@@ -1,4 +1,4 @@
-"""What every FMU says of itself: a page that needs nothing but a browser, licences, an icon."""
+"""The documentation in every FMU: a self-contained page, licences and an icon."""
 
 import re
 import struct
@@ -13,7 +13,7 @@ from lxml import etree, html
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 PAGE = "documentation/index.html"
 SIZE_OF_DOCUMENTATION = 9_000
-"""Of page and icon, compressed; the licences come on top."""
+"""Maximum compressed size of page and icon, without the licences."""
 
 each_model = pytest.mark.parametrize("model", MODELS)
 
@@ -32,29 +32,29 @@ def names(fmus: Path, model: str) -> list[str]:
 
 @pytest.fixture
 def page(fmus: Path, model: str) -> etree._Element:
-    """Return the page of a model, which is well-formed XML too: MathML and SVG with it."""
+    """Return the page of a model, which is also well-formed XML with MathML and SVG."""
     return etree.fromstring(content(fmus, model, PAGE))
 
 
 def plain_name(element: etree._Element) -> str:
-    """Return an element's name without its namespace."""
+    """Return the name of an element without its namespace."""
     return etree.QName(element).localname
 
 
 def texts(element: etree._Element, path: str) -> list[str]:
-    """Return the texts of the elements of a path."""
+    """Return the texts of the elements at a path."""
     return ["".join(found.itertext()).strip() for found in element.iterfind(path)]
 
 
 @each_model
-def test_page_licences_and_icon_are_there_and_small(fmus, model):
+def test_page_licences_and_icon_exist_and_are_small(fmus, model):
     files = names(fmus, model)
     assert PAGE in files
     assert {"documentation/licenses/LICENSE-MIT", "documentation/licenses/LICENSE-APACHE"} <= {
         *files
     }
     assert "model.png" in files
-    # All else that the folder of the model has is part of the page.
+    # All other files in the folder of the model are part of the page.
     beside = [f for f in files if f.startswith("documentation/") and "/licenses/" not in f]
     assert beside == [PAGE]
     with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
@@ -62,7 +62,7 @@ def test_page_licences_and_icon_are_there_and_small(fmus, model):
     assert sum(sizes) <= SIZE_OF_DOCUMENTATION
 
 
-def test_every_model_has_an_icon_of_its_own(fmus):
+def test_every_model_has_its_own_icon(fmus):
     icons = [content(fmus, model, "model.png") for model in MODELS]
     assert len(set(icons)) == len(MODELS)
     for icon in icons:
@@ -73,8 +73,8 @@ def test_every_model_has_an_icon_of_its_own(fmus):
 
 
 @each_model
-def test_html_and_xml_agree_on_the_page(fmus, model, page):
-    # What closes itself in XML, but not in HTML, would swallow what follows.
+def test_the_page_parses_the_same_as_html_and_xml(fmus, model, page):
+    # Elements that are self-closing in XML but not in HTML would swallow the following content.
     as_html = html.document_fromstring(content(fmus, model, PAGE).decode())
     assert [e.tag for e in as_html.iter("h1", "h2", "h3", "p", "li", "td", "th")] == [
         e.tag for e in page.iter("h1", "h2", "h3", "p", "li", "td", "th")
@@ -97,7 +97,7 @@ def test_page_needs_no_network_and_no_script(page, fmus, model):
 
 
 @each_model
-def test_links_lead_to_files_of_the_fmu(page, fmus, model):
+def test_links_point_to_files_of_the_fmu(page, fmus, model):
     files = names(fmus, model)
     identifiers = [e.get("id") for e in page.iter(etree.Element) if e.get("id")]
     assert len(identifiers) == len(set(identifiers))
@@ -121,7 +121,7 @@ def rows(page: etree._Element) -> dict[str, list[str]]:
 
 
 @each_model
-def test_table_has_every_variable_as_the_xml_has_it(page, fmus, model):
+def test_the_table_matches_the_variables_of_the_xml(page, fmus, model):
     table = rows(page)
     variables = fmpy.read_model_description(fmus / f"{model}.fmu").modelVariables
     assert list(table) == [v.name for v in variables]
@@ -143,7 +143,7 @@ def test_table_has_every_variable_as_the_xml_has_it(page, fmus, model):
 
 
 @each_model
-def test_page_says_which_fmu_it_is_and_what_the_reader_looks_for(page, fmus, model):
+def test_page_has_the_identity_of_the_fmu_and_all_sections(page, fmus, model):
     description = fmpy.read_model_description(fmus / f"{model}.fmu")
     text = "".join(page.itertext())
     assert texts(page, ".//h1") == [model]
@@ -157,7 +157,7 @@ def test_page_says_which_fmu_it_is_and_what_the_reader_looks_for(page, fmus, mod
 
 
 @each_model
-def test_page_can_be_read_by_those_who_do_not_see_it(page, model):
+def test_page_is_accessible(page, model):
     assert page.get("lang") == "en"
     assert page.find("head/title").text
     levels = [int(e.tag[1]) for e in page.iter("h1", "h2", "h3", "h4")]

@@ -1,4 +1,4 @@
-"""The examples: the FMU in plain C is one like ours, and the benchmarks measure what they say."""
+"""The examples: the FMU in plain C matches the Rust one, the benchmarks step as documented."""
 
 import json
 import os
@@ -17,18 +17,18 @@ OWN = ROOT / "examples" / "own-fmu"
 
 @pytest.fixture(scope="module")
 def own_fmu() -> Path:
-    """Build the FMU in plain C, as its page says."""
+    """Build the FMU in plain C as documented."""
     subprocess.run([sys.executable, OWN / "build.py"], check=True, stdout=subprocess.DEVNULL)
     return ROOT / "target" / "own-fmu" / "CPid.fmu"
 
 
-def test_the_fmu_in_c_has_no_finding(own_fmu: Path) -> None:
+def test_the_fmu_in_c_has_no_findings(own_fmu: Path) -> None:
     result = run("validate", own_fmu)
     assert result.returncode == 0, result.stdout
     assert "no error, no warning" in result.stdout
 
 
-def test_the_pid_in_c_gives_the_bits_of_ours(own_fmu: Path, fmus: Path, tmp_path: Path) -> None:
+def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: Path) -> None:
     folders = [tmp_path / "c", tmp_path / "rust"]
     for folder in folders:
         folder.mkdir()
@@ -39,8 +39,8 @@ def test_the_pid_in_c_gives_the_bits_of_ours(own_fmu: Path, fmus: Path, tmp_path
         assert values.tobytes() == ours[name].tobytes(), name
 
 
-def test_the_c_host_of_the_benchmarks_steps_what_it_says(own_fmu: Path, tmp_path: Path) -> None:
-    # One host, two FMUs of the same law and variables: the outputs must be the same.
+def test_the_c_host_of_the_benchmarks_steps_as_documented(own_fmu: Path, tmp_path: Path) -> None:
+    # One host, two FMUs with the same law and variables: the outputs must be equal.
     bench = SimpleNamespace(**runpy.run_path(str(ROOT / "bench" / "run.py")))
     host = tmp_path / "cycle"
     source = ROOT / "bench" / "cycle.c"

@@ -1,4 +1,4 @@
-"""The command line `cargo fmu`: what it writes, what it shows, and what it says of bad input."""
+"""The command line `cargo fmu`: files, output, and errors on bad input."""
 
 import os
 import re
@@ -26,7 +26,7 @@ def cargo_fmu(*arguments: str | Path, **options) -> subprocess.CompletedProcess[
 
 
 def refusal(*arguments: str | Path, **options) -> str:
-    """Run `cargo fmu`, which must fail without a panic, and return what it says."""
+    """Run `cargo fmu`, which must fail without a panic, and return its message."""
     result = cargo_fmu(*arguments, **options)
     assert result.returncode != 0, result.stdout
     assert "panicked" not in result.stderr
@@ -35,7 +35,7 @@ def refusal(*arguments: str | Path, **options) -> str:
 
 
 def library(fmus: Path, model: str, folder: Path) -> Path:
-    """Take the shared library out of an FMU."""
+    """Extract the shared library from an FMU."""
     with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
         return Path(archive.extract(f"binaries/linux64/{model}.so", folder))
 
@@ -47,7 +47,7 @@ def test_all_models_are_exported(fmus: Path) -> None:
     assert sorted(file.stem for file in fmus.glob("*.fmu")) == MODELS
 
 
-def test_models_can_be_chosen_and_the_folder_too(fmus: Path, tmp_path: Path) -> None:
+def test_models_and_folder_can_be_selected(fmus: Path, tmp_path: Path) -> None:
     result = cargo_fmu("export", "Pid", "Source", "--out", tmp_path / "a" / "b")
     assert result.returncode == 0, result.stderr
     assert sorted(os.listdir(tmp_path / "a" / "b")) == ["Pid.fmu", "Source.fmu"]
@@ -66,15 +66,15 @@ def test_time_stamps_are_fixed(fmus: Path) -> None:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
-def test_binaries_hold_no_path_of_this_machine(fmus: Path, tmp_path: Path) -> None:
+def test_binaries_contain_no_path_of_this_machine(fmus: Path, tmp_path: Path) -> None:
     cargo_home = Path(os.environ.get("CARGO_HOME", Path.home() / ".cargo"))
     for model in MODELS:
         binary = library(fmus, model, tmp_path).read_bytes()
         for path in (ROOT, Path.home(), cargo_home):
-            assert os.fsencode(path) + b"/" not in binary, f"{model} holds {path}"
+            assert os.fsencode(path) + b"/" not in binary, f"{model} contains {path}"
 
 
-def test_a_prebuilt_binary_takes_the_place_of_a_build(fmus: Path, tmp_path: Path) -> None:
+def test_a_prebuilt_binary_replaces_a_build(fmus: Path, tmp_path: Path) -> None:
     binary = library(fmus, "Source", tmp_path)
     out = tmp_path / "out"
     result = cargo_fmu("export", "Source", "--binary", f"linux64={binary}", "--out", out)
@@ -83,14 +83,14 @@ def test_a_prebuilt_binary_takes_the_place_of_a_build(fmus: Path, tmp_path: Path
         assert archive.read("binaries/linux64/Source.so") == binary.read_bytes()
 
 
-def test_an_unknown_model_is_answered_with_the_known_ones() -> None:
+def test_the_error_for_an_unknown_model_lists_the_known_ones() -> None:
     message = refusal("export", "Pidd")
     assert '"Pidd"' in message
     assert all(model in message for model in MODELS)
 
 
 def glibc_versions(binary: Path) -> set[tuple[int, ...]]:
-    """Return the versions of glibc whose symbols a binary asks for."""
+    """Return the versions of glibc whose symbols a binary needs."""
     symbols = subprocess.run(
         ["objdump", "-T", binary], capture_output=True, text=True, check=True
     ).stdout
@@ -108,10 +108,10 @@ def test_portable_fmus_load_with_an_old_glibc(model: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("target", ["i686-unknown-linux-musl", "universal2-apple-darwin"])
-def test_a_target_without_standard_library_is_answered_with_the_remedies(
+def test_the_error_for_a_target_without_standard_library_gives_remedies(
     target: str, tmp_path: Path
 ) -> None:
-    compiler = tmp_path / "rustc"  # it has the standard library of no target
+    compiler = tmp_path / "rustc"  # without a standard library for any target
     real = shutil.which("rustc")
     compiler.write_text(f'#!/bin/sh\n[ "$1" = --print ] && echo /missing || exec {real} "$@"\n')
     compiler.chmod(0o755)
@@ -127,7 +127,7 @@ def test_a_target_without_standard_library_is_answered_with_the_remedies(
         assert remedy in result.stderr
 
 
-def test_a_binary_of_another_model_or_format_is_refused(fmus: Path, tmp_path: Path) -> None:
+def test_a_binary_of_another_model_or_format_is_rejected(fmus: Path, tmp_path: Path) -> None:
     source = library(fmus, "Source", tmp_path)
     out = ["--out", tmp_path / "out"]
     message = refusal("export", "Pid", "--binary", f"linux64={source}", *out)

@@ -1,7 +1,7 @@
-"""Hosts in C use the FMUs: here; under valgrind, which finds nothing; and on other platforms.
+"""C hosts run the FMUs natively, under valgrind without findings, and on other platforms.
 
-Runs under valgrind and on other platforms are left out unless `pytest -m valgrind` or
-`pytest -m elsewhere` asks for them.
+Tests under valgrind and on other platforms only run with `pytest -m valgrind` or
+`pytest -m elsewhere`.
 """
 
 import functools
@@ -35,16 +35,16 @@ def machine(request, fmus, tmp_path_factory) -> Iterator[Machine]:
 
 @pytest.fixture(scope="module")
 def program(machine, tmp_path_factory) -> Callable[[str], Path]:
-    """Return a function that compiles a host for the machine, once."""
+    """Return a function that compiles a host for the machine once."""
     folder = tmp_path_factory.mktemp("hosts")
     return functools.cache(lambda name: machine.compile(name, folder))
 
 
-# --- every FMU, used well and badly -------------------------------------------------------------
+# --- correct and incorrect use of every FMU -----------------------------------------------------
 
 
 def described(variable: ModelVariable) -> str:
-    """Return a variable as the host takes it; times stay as they are."""
+    """Return a variable in the format of the host; times are unchanged."""
     text = f"{_letter(variable)}{variable.valueReference}"
     if variable.start is None or variable.name == "ts":
         return text
@@ -62,8 +62,8 @@ def _letter(variable: ModelVariable) -> str:
 
 
 @pytest.mark.parametrize("model", ["Pendulum", "PidRbf", "Source"])
-def test_a_host_is_served(machine, program, model):
-    """One model of each binary: what else the three of a binary share is the same code."""
+def test_a_host_runs_every_scenario(machine, program, model):
+    """One model per binary, since the models of a binary share this code."""
     fmu = machine.unpack(model)
     variables = [described(variable) for variable in fmu.variables.values()]
     for scenario in SCENARIOS:
@@ -71,7 +71,7 @@ def test_a_host_is_served(machine, program, model):
         assert machine.run(program("host"), *arguments) == "", scenario
 
 
-def test_a_panic_ends_its_instance_alone(machine, program, tmp_path):
+def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
     pages.export_panicking(tmp_path, machine.target)
     fmu = machine.unpack("Panicking", tmp_path)
     u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
@@ -93,22 +93,22 @@ LOOPS = {
         "overrides": (("source.amplitude", 0.1),),
     },
 }
-"""Loops in which every FMU and every model of the plant takes part."""
+"""Loops that cover every FMU and every plant model."""
 
 STEPS = 20_000
 
 
 class Loop(NamedTuple):
-    """A closed loop: its components as the host takes them, and its results by FMPy."""
+    """A closed loop: its components in the format of the host, and its results with FMPy."""
 
     components: list[tuple[str, list[str]]]
-    """Model and words of each."""
+    """Model and arguments of each component."""
     results: dict[str, np.ndarray]
 
 
 @functools.cache
 def simulated(controller: str, fmus: Path) -> Loop:
-    """Simulate a closed loop by FMPy."""
+    """Simulate a closed loop with FMPy."""
     with loop.Loop(controller, **LOOPS[controller]).system(fmus) as system:
         results = simulate(system, start=TS, step=TS, steps=STEPS)
         del results["time"]
@@ -117,7 +117,7 @@ def simulated(controller: str, fmus: Path) -> Loop:
 
 
 def words(system: System, component: Component) -> list[str]:
-    """Return kind, parameters, links and outputs of a component that was simulated."""
+    """Return kind, parameters, links and outputs of a simulated component."""
     names = list(system.components)
     slave = component.slave
     getters = {"r": slave.getReal, "i": slave.getInteger, "b": slave.getBoolean}

@@ -15,7 +15,7 @@ STEPS = 6000
 """Long enough for the disturbance and the jump of the square wave at 5 s."""
 
 TOLERANCE = 1e-10
-"""The two implementations differ by their rounding only."""
+"""The two implementations only differ by rounding."""
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_loop_with_initial_weights_agrees(fmus, controller, target):
 
 
 @pytest.mark.parametrize(("controller", "target"), LOOPS)
-def test_loop_agrees_where_previous_sample_terms_are_not_as_by_default(fmus, controller, target):
+def test_loop_agrees_with_non_default_previous_sample_terms(fmus, controller, target):
     late = controller == "IpidRbf"
     computed, expected = both(
         fmus, controller, "square", target=target, previous_sample_terms=late, steps=STEPS
@@ -61,7 +61,7 @@ def test_loop_around_the_nonlinear_plant_agrees(fmus):
 
 
 @pytest.mark.parametrize("row", range(6))
-def test_the_reference_itself_gives_table_1(row):
+def test_the_reference_reproduces_table_1(row):
     with table1.DATA.open(encoding="utf-8") as file:
         numbers = list(csv.DictReader(file))[row]
     excitation = numbers["signal"], float(numbers["disturbance_amplitude"])
@@ -75,7 +75,7 @@ def test_the_reference_itself_gives_table_1(row):
 
 def test_the_reference_has_the_paper_s_coefficients():
     num, den = reference.difference_equation()
-    # (41), the fourth digits of the zeros apart: num[2] is a difference of nearly equal numbers
+    # (41), without the fourth digits of the zeros: num[2] is a difference of nearly equal numbers
     np.testing.assert_allclose(num[[1, 3]], [1.17824452e-06, -1.17820983e-06], rtol=1e-8)
     np.testing.assert_allclose(den, [1, -2.9999395157378, 2.9998512006421, -0.9999116872136])
 

@@ -1,4 +1,4 @@
-"""The FMPy master: its script, its errors, any communication step, and other masters beside it."""
+"""The FMPy master: its script, errors, communication steps, and comparison with other masters."""
 
 import csv
 import itertools
@@ -25,7 +25,7 @@ SCRIPT = ROOT / "tests" / "master.py"
 
 
 def script(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
-    """Run master.py from another directory than the project's."""
+    """Run master.py from a directory outside the project."""
     command = [sys.executable, str(SCRIPT), *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
 
@@ -50,7 +50,7 @@ def read_csv(path: Path) -> tuple[list[str], np.ndarray]:
     return header, np.array(rows, float)
 
 
-def test_csv_holds_every_sample_to_the_last_bit(fmus, tmp_path):
+def test_csv_contains_every_sample_to_the_last_bit(fmus, tmp_path):
     run = script(
         "--controller", "PidRbf", "--signal", "sine", "--disturbance", 0.5, "--stop", 1,
         "--csv", "out.csv", "-w0", -0.1, 0.2, 0.3, 0.4, cwd=tmp_path,
@@ -68,18 +68,18 @@ def test_csv_holds_every_sample_to_the_last_bit(fmus, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_the_last_sample_of_the_script_is_that_of_table_1(fmus, tmp_path, table_results):
+def test_the_last_sample_of_the_script_matches_table_1(fmus, tmp_path, table_results):
     run = script("--controller", "Pid", "--csv", "pid.csv", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     header, values = read_csv(tmp_path / "pid.csv")
     error = values[:, header.index("controller.e [rad]")]
     np.testing.assert_array_equal(error, table_results[Loop("Pid", "step", 0.0)]["controller.e"])
     assert "-1.96384" in run.stdout
-    assert "largest |u|     100 N" in run.stdout
+    assert "maximum |u|      100 N" in run.stdout
     assert "20000 rows" in run.stdout
 
 
-def test_summary_tells_the_settling_time(fmus, tmp_path):
+def test_summary_shows_the_settling_time(fmus, tmp_path):
     run = script("--target", "supervisor", "--stop", 5, cwd=tmp_path)
     assert "settling time   2.483 s (band of ±0.3%)" in run.stdout
     never = script("--target", "supervisor", "--stop", 1, cwd=tmp_path)
@@ -93,7 +93,7 @@ def test_set_reaches_any_parameter(fmus, tmp_path):
         cwd=tmp_path,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    assert "largest |u|     7 N" in run.stdout
+    assert "maximum |u|      7 N" in run.stdout
 
 
 BAD_INPUT = [
@@ -129,7 +129,7 @@ BAD_INPUT = [
 
 
 @pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=lambda v: " ".join(v)[:40])
-def test_bad_input_is_answered_with_what_to_do(fmus, tmp_path, arguments, message):
+def test_errors_on_bad_input_say_what_to_do(fmus, tmp_path, arguments, message):
     run = script(*arguments, cwd=tmp_path)
     assert run.returncode in (1, 2)
     assert message in run.stderr
@@ -146,14 +146,14 @@ def test_a_damaged_fmu_is_named(tmp_path, content):
     assert "Traceback" not in run.stderr
 
 
-def test_a_failed_run_leaves_the_old_csv_alone(fmus, tmp_path):
+def test_a_failed_run_keeps_the_old_csv(fmus, tmp_path):
     (tmp_path / "out.csv").write_text("precious")
     run = script("--csv", "out.csv", "--set", "controller.ts=0", cwd=tmp_path)
     assert run.returncode == 1
     assert (tmp_path / "out.csv").read_text() == "precious"
 
 
-def test_csv_goes_to_a_device_too(fmus, tmp_path):
+def test_csv_can_be_written_to_a_device(fmus, tmp_path):
     run = script("--stop", 0.01, "--csv", "/dev/stdout", cwd=tmp_path)
     assert run.stdout.startswith("time [s],")
 
@@ -179,7 +179,7 @@ def test_closing_removes_the_unzipped_files(fmus, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_component_that_cannot_be_made_frees_those_before_it(fmus, tmp_path, monkeypatch):
+def test_a_failed_instantiation_frees_the_earlier_components(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(MasterError, match=r"no variable M2"):
         Loop("Pid", overrides=(("plant.M2", 1.0),)).system(fmus)
@@ -196,7 +196,7 @@ def test_a_component_that_cannot_be_made_frees_those_before_it(fmus, tmp_path, m
         ([("plant.theta", "controller.y"), ("plant.x", "controller.y")], "connected twice"),
     ],
 )
-def test_wrong_connections_are_refused(fmus, connections, message):
+def test_wrong_connections_are_rejected(fmus, connections, message):
     with (
         Component("plant", fmus / "Pendulum.fmu") as plant,
         Component("controller", fmus / "Pid.fmu") as controller,
@@ -205,12 +205,12 @@ def test_wrong_connections_are_refused(fmus, connections, message):
         System([controller, plant], connections)
 
 
-def test_only_reals_are_recorded(fmus):
+def test_only_reals_can_be_recorded(fmus):
     with Loop("Pid").system(fmus) as system, pytest.raises(MasterError, match="not a Real"):
         simulate(system, TS, TS, 1, record=["plant.model"])
 
 
-def test_a_failing_step_says_which_fmu_when_and_why(fmus):
+def test_a_failed_step_names_the_fmu_the_time_and_the_reason(fmus):
     with (
         Loop("Pid", plant_model="transfer_function").system(fmus) as system,
         pytest.raises(
@@ -222,7 +222,7 @@ def test_a_failing_step_says_which_fmu_when_and_why(fmus):
         simulate(system, TS, 0.0015, 10)
 
 
-def test_settling_time_is_that_of_the_last_entry_into_the_band():
+def test_settling_time_is_the_last_entry_into_the_band():
     time = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     assert loop.settling_time(time, np.array([9, 0, -9, 0.5, 1]), 1.0) == 4.0
     assert loop.settling_time(time, np.zeros(5)) == 1.0
@@ -234,7 +234,7 @@ def test_settling_time_is_that_of_the_last_entry_into_the_band():
     ("stop", "start", "step", "steps"),
     [(20, 0.001, 0.001, 20000), (0.001, 0.001, 0.001, 1), (1, 0, 1 / 1024, 1025), (1, 0, 0.3, 4)],
 )
-def test_the_last_communication_point_is_the_last_up_to_the_stop_time(stop, start, step, steps):
+def test_the_last_communication_point_is_not_after_the_stop_time(stop, start, step, steps):
     assert steps_until(stop, start, step) == steps
 
 
@@ -248,7 +248,7 @@ LOOPS = [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "sup
 )
 @pytest.mark.parametrize(("controller", "target"), LOOPS)
 def test_loop_agrees_with_the_reference_at_any_step(fmus, controller, target, step, steps, order):
-    """At 10 ms the loops are unstable, for the derivative acts on one sample in ten: no matter."""
+    """At 10 ms the loops are unstable, as the derivative acts on one sample in ten."""
     computed, expected = both(
         fmus, controller, "square", 1.0, target=target, order=order,
         step=step, steps=steps, previous_sample_terms=False,
@@ -270,7 +270,7 @@ def test_parallel_stepping_does_not_depend_on_the_order_of_the_components(fmus):
             np.testing.assert_array_equal(column, first[name])
 
 
-def test_two_sources_are_one_and_their_place_after_the_controller_does_not_matter(fmus):
+def test_two_sources_equal_one_at_any_position_after_the_controller(fmus):
     def run(order: list[str], reference: str, disturbance: str) -> np.ndarray:
         start = {"signal": "sine", "disturbance.amplitude": 1.0, "disturbance.start": 0.1}
         parts = {
@@ -302,7 +302,7 @@ def test_two_sources_are_one_and_their_place_after_the_controller_does_not_matte
 
 
 class Plain:
-    """An FMU by FMPy's own convenience methods, with nothing of master.py."""
+    """An FMU accessed through FMPy's convenience methods, without master.py."""
 
     def __init__(self, path: Path, start: float, **values: float | bool):
         description = fmpy.read_model_description(path)

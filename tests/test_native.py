@@ -1,4 +1,4 @@
-"""The native master: bit for bit what FMPy's master computes, Table 1, its options, its output."""
+"""The native master: bitwise equality with FMPy's master, Table 1, options, output."""
 
 import csv
 import os
@@ -24,19 +24,19 @@ FILES = {
     ("IpidRbf", "own"): "ipid-rbf.toml",
     ("IpidRbf", "supervisor"): "supervised.toml",
 }
-"""The example of each loop."""
+"""The example system of each loop."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _exported(fmus: Path) -> None:
-    """Have the FMUs that the examples name."""
+    """Export the FMUs that the examples use."""
 
 
 # --- equality with FMPy's master ------------------------------------------------------------------
 
 
 def sets(loop: Loop) -> list[str]:
-    """Return the options that excite an example as a run of Table 1."""
+    """Return the options that give an example the signals of a run of Table 1."""
     values = {"source.signal": loop.signal, "source.disturbance.amplitude": loop.disturbance}
     if loop.signal in FREQUENCY:
         values["source.frequency"] = FREQUENCY[loop.signal]
@@ -47,7 +47,7 @@ def sets(loop: Loop) -> list[str]:
 
 
 def assert_same_bits(computed: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
-    """Compare columns of the same names, where 0.0 is not -0.0."""
+    """Compare columns by name, distinguishing 0.0 from -0.0."""
     assert computed.keys() == expected.keys()
     for name, column in expected.items():
         differ = np.flatnonzero(computed[name].view(np.uint64) != column.view(np.uint64))
@@ -59,15 +59,15 @@ def assert_same_bits(computed: dict[str, np.ndarray], expected: dict[str, np.nda
     table1.runs(),
     ids=lambda run: f"{run.controller}-{run.signal}-{run.disturbance}-{run.w0}",
 )
-def test_the_runs_of_table_1_have_the_bits_of_fmpy(loop, table_results, tmp_path):
+def test_the_runs_of_table_1_equal_fmpys_bit_for_bit(loop, table_results, tmp_path):
     expected = table_results[loop]
     outputs = [f"--output={name}" for name in expected if name != "time"]
     file = LOOPS / FILES[loop.controller, loop.target]
     assert_same_bits(simulate(file, tmp_path, *sets(loop), *outputs), expected)
 
 
-def test_pid_rbf_alone_has_the_bits_of_the_supervisor(table_results, tmp_path):
-    """It is the loop that `supervised.toml` runs beside that of IPID-RBF."""
+def test_pid_rbf_alone_equals_the_supervisor_bit_for_bit(table_results, tmp_path):
+    """It equals the supervising loop in `supervised.toml`."""
     excitation = ("square", 1.0)
     beside = table_results[Loop("IpidRbf", *excitation, "supervisor")]
     expected = {"time": beside["time"]} | {
@@ -89,7 +89,7 @@ VARIATIONS = [
 
 @pytest.mark.parametrize(("order", "model", "step"), VARIATIONS)
 @pytest.mark.parametrize(("controller", "target"), FILES)
-def test_every_output_has_the_bits_of_fmpy(controller, target, order, model, step, tmp_path):
+def test_every_output_equals_fmpys_bit_for_bit(controller, target, order, model, step, tmp_path):
     steps = 1000
     start = {"source.disturbance.start": 0.1, "source.disturbance.duration": 0.1}
     if order == "parallel":
@@ -123,7 +123,7 @@ PID = LOOPS / "pid.toml"
     ("start", "stop", "step", "steps"),
     [(0.001, 0.02, 0.001, 20), (0, 1, 1 / 1024, 1025), (-0.5, 0.4, 0.3, 4), (2, 2, 0.1, 1)],
 )
-def test_the_times_are_those_of_the_options(start, stop, step, steps, tmp_path):
+def test_options_set_the_times(start, stop, step, steps, tmp_path):
     options = (f"--start={start}", f"--stop={stop}", f"--step={step}")
     time = simulate(PID, tmp_path, *options)["time"]
     np.testing.assert_array_equal(time, start + step * np.arange(steps))
@@ -137,24 +137,24 @@ def test_set_reaches_every_type_of_parameter(tmp_path):
     )  # fmt: skip
     assert np.abs(columns["controller.u"]).max() == 7
     assert columns["plant.theta"][0] == 0.25
-    assert set(columns["source.r"]) == {3.0}, "the last of two counts"
+    assert set(columns["source.r"]) == {3.0}, "the last of two applies"
 
 
-def test_output_chooses_the_columns_and_their_order(tmp_path):
+def test_output_selects_the_columns_and_their_order(tmp_path):
     names = ["source.r", "controller.u", "plant.theta", "controller.e"]
     columns = simulate(PID, tmp_path, "--stop=0.1", *(f"--output={name}" for name in names))
     assert list(columns) == ["time", *names]
 
 
-def test_fmus_are_taken_from_another_folder(tmp_path):
+def test_fmus_can_be_in_another_folder(tmp_path):
     shutil.copytree(FMUS, tmp_path / "others")
     shutil.copy(FMUS / "PidRbf.fmu", tmp_path / "others" / "Pid.fmu")
     columns = simulate(PID, tmp_path, "--stop=0.1", "--fmus", tmp_path / "others")
     assert "controller.rbf.w[1]" in columns
 
 
-def test_the_order_is_that_of_the_option(tmp_path):
-    """In parallel order the plant feels the first force one step later."""
+def test_an_option_sets_the_order(tmp_path):
+    """In parallel order the plant receives the first force one step later."""
     first_move = {
         order: np.flatnonzero(simulate(PID, tmp_path, f"--order={order}", "--stop=0.1")["plant.v"])[
             0
@@ -164,7 +164,7 @@ def test_the_order_is_that_of_the_option(tmp_path):
     assert first_move["parallel"] == first_move["sequential"] + 1
 
 
-def test_paths_in_a_file_are_seen_from_its_folder(tmp_path):
+def test_paths_in_a_file_are_relative_to_its_folder(tmp_path):
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
     (tmp_path / "target").symlink_to(FMUS.parent)
@@ -178,7 +178,7 @@ def test_paths_in_a_file_are_seen_from_its_folder(tmp_path):
 
 def test_the_summary_shows_last_values_with_units_and_the_speed(tmp_path):
     result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
-    assert result.stderr == "", "no progress where there is no terminal"
+    assert result.stderr == "", "no progress bar without a terminal"
     head, *lines, speed, wrote = result.stdout.splitlines()
     assert head.split() == ["output", "at", "t", "=", "0.5", "s", "unit"]
     with (tmp_path / "out.csv").open(newline="") as file:
@@ -199,7 +199,7 @@ def test_the_summary_shows_last_values_with_units_and_the_speed(tmp_path):
     assert os.listdir(tmp_path) == ["out.csv"]
 
 
-def test_csv_goes_to_a_device_too(tmp_path):
+def test_csv_can_be_written_to_a_device(tmp_path):
     result = run("simulate", PID, "--stop=0.003", "--csv", "/dev/stdout", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     head, *rows = result.stdout.splitlines()[:4]
@@ -207,7 +207,7 @@ def test_csv_goes_to_a_device_too(tmp_path):
     assert [row.split(",")[0] for row in rows] == ["0.001", "0.002", "0.003"]
 
 
-def test_a_csv_file_that_exists_is_replaced_and_a_link_to_it_stays(tmp_path):
+def test_an_existing_csv_file_is_replaced_and_a_link_to_it_is_kept(tmp_path):
     (tmp_path / "real.csv").write_text("old")
     (tmp_path / "link.csv").symlink_to("real.csv")
     run("simulate", PID, "--stop=0.003", "--csv", "link.csv", cwd=tmp_path)
@@ -215,7 +215,7 @@ def test_a_csv_file_that_exists_is_replaced_and_a_link_to_it_stays(tmp_path):
     assert len(read_csv(tmp_path / "real.csv")["time"]) == 3
 
 
-def test_a_reader_that_has_enough_is_no_error():
+def test_a_closed_pipe_is_not_an_error():
     command = f"'{PROGRAM}' simulate '{PID}' --csv /dev/stdout | head -n 1"
     result = subprocess.run(
         ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True
@@ -226,7 +226,7 @@ def test_a_reader_that_has_enough_is_no_error():
 
 
 def on_a_terminal(*arguments: object) -> str:
-    """Run the program with a terminal for stderr; returns what that shows."""
+    """Run the program with stderr on a terminal; return the terminal output."""
     ours, its = pty.openpty()
     termios.tcsetwinsize(its, (24, 120))
     with subprocess.Popen(
@@ -240,7 +240,7 @@ def on_a_terminal(*arguments: object) -> str:
         try:
             while some := os.read(ours, 4096):
                 shown += some
-        except OSError:  # how Linux ends it
+        except OSError:  # end of file on Linux
             pass
     os.close(ours)
     assert process.returncode == 0, shown
@@ -258,7 +258,7 @@ def test_a_terminal_shows_the_progress():
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "1e300"])
-def test_what_an_fmu_refuses_at_its_start_is_told_with_its_reason(fmus, tmp_path, value):
+def test_an_initialization_error_is_reported_with_its_reason(fmus, tmp_path, value):
     shutil.copy(fmus / "Pid.fmu", tmp_path / "Relay.fmu")
     write_system(tmp_path, {"controller": {}})
     options = ("--csv=out.csv", f"--set=controller.ts={value}")
@@ -267,10 +267,10 @@ def test_what_an_fmu_refuses_at_its_start_is_told_with_its_reason(fmus, tmp_path
     assert re.search(r"fmi2\w+ returned fmi2Error: .*\bts\b.*; no file was written", said)
 
 
-def test_a_loop_that_diverges_is_told(fmus, tmp_path):
+def test_divergence_is_reported(fmus, tmp_path):
     shutil.copy(fmus / "Pendulum.fmu", tmp_path / "Relay.fmu")
     write_system(tmp_path, {"plant": {"u": 1.0}}, stop=1000.0, step=0.001)
     said = refusal(tmp_path, "simulate", "system.toml", "--csv=out.csv")
     assert re.match(r"plant \(Relay\.fmu\), step of 0\.001 s at t = [\d.]+ s: fmi2DoStep", said)
-    assert said.count("fmi2DoStep") == 1, "once is enough, though our FMUs say it, too"
+    assert said.count("fmi2DoStep") == 1, "the name is not repeated, though the FMU logs it too"
     assert "diverge" in said

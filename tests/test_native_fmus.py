@@ -1,4 +1,4 @@
-"""The native master with FMUs of others: all types of variables, any description, messages."""
+"""The native master with third-party FMUs: variable types, model descriptions, messages."""
 
 import itertools
 from collections.abc import Callable
@@ -13,7 +13,7 @@ TIME = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Communication points of the systems here [s]."""
 
 BEFORE = np.array([0.0, 0.0, 0.25, 0.5, 0.75])
-"""The one before each, from the first on [s]."""
+"""The previous communication point of each [s]."""
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +24,7 @@ def binary(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @pytest.fixture
 def relay(binary: bytes, tmp_path: Path) -> Callable[..., Path]:
-    """Return a function that writes Relay.fmu, with changes of its model description."""
+    """Return a function that writes Relay.fmu with changes to its model description."""
 
     def write(*replaced: tuple[str, str], **options: str) -> Path:
         return pack(tmp_path / "Relay.fmu", description(dict(replaced), **options), binary)
@@ -39,14 +39,14 @@ ALL = ["a.time -> b.u", "a.count -> b.n", "a.odd -> b.b"]
 
 
 def check_all(columns: dict[str, np.ndarray], fed: np.ndarray) -> None:
-    """Check the outputs of `b`, which at each point was fed by what `a` was at the times `fed`."""
+    """Check the outputs of `b`, which received the values of `a` at the times `fed`."""
     count = fed / 0.25
     np.testing.assert_array_equal(columns["a.time"], TIME)
     np.testing.assert_array_equal(columns["a.count"], TIME / 0.25)
     np.testing.assert_array_equal(columns["a.odd"], TIME / 0.25 % 2)
     np.testing.assert_array_equal(columns["b.y"], -3 * fed**2)
     np.testing.assert_array_equal(columns["b.choice"], 4)
-    ran = TIME > 0  # a relay that is not direct has passed nothing on before its first step
+    ran = TIME > 0  # without direct feedthrough, a relay outputs nothing before its first step
     np.testing.assert_array_equal(columns["b.m"][ran], 7 + count[ran])
     np.testing.assert_array_equal(columns["b.c"][ran], count[ran] % 2 == 0)
 
@@ -93,11 +93,11 @@ def test_one_output_feeds_several_inputs_and_an_fmu_itself(relay, tmp_path):
 
 @pytest.mark.parametrize("order", ["sequential", "parallel"])
 def test_initial_values_pass_through_a_chain_of_direct_outputs(relay, tmp_path, order):
-    """Each doubles its input, which is 1 for the first: 2^n in the n-th, at the first point."""
+    """Each doubles its input, starting from 1: the n-th gives 2^n at the first point."""
     relay(('<Unknown index="3"/>', '<Unknown index="3" dependencies="2"/>'))
     names = "abcde"
     start = {"direct": True, "gain": 2}
-    # Against the order of stepping, where a single pass would reach the first only.
+    # Against the order of stepping, where a single pass would only reach the first one.
     chain = {name: start | ({"u": 1} if name == "a" else {}) for name in reversed(names)}
     links = [f"{a}.y -> {b}.u" for a, b in itertools.pairwise(names)]
     columns = simulate(write_system(tmp_path, chain, links, order=order), tmp_path)
@@ -105,14 +105,14 @@ def test_initial_values_pass_through_a_chain_of_direct_outputs(relay, tmp_path, 
         np.testing.assert_array_equal(columns[f"{name}.y"], 2.0**power)
 
 
-def test_start_values_come_by_option_in_every_type(relay, tmp_path):
+def test_options_set_start_values_of_every_type(relay, tmp_path):
     relay()
     system = write_system(tmp_path, {"a": {}, "b": {"gain": 5}}, ALL)
     options = ["b.gain=-3e0", "b.shape=4", "b.add=7", "b.invert=true", "b.status_time=inf"]
     check_all(simulate(system, tmp_path, *(f"--set={value}" for value in options)), fed=TIME)
 
 
-def test_a_text_leads_to_a_file_among_the_resources(binary, tmp_path):
+def test_a_string_can_name_a_file_in_the_resources(binary, tmp_path):
     pack(tmp_path / "Relay.fmu", description(), binary, first="2.5", **{"größer & so": "1e300"})
     system = write_system(tmp_path, {"a": {"file": "first"}, "b": {"file": "größer & so"}})
     columns = simulate(system, tmp_path)
@@ -122,8 +122,8 @@ def test_a_text_leads_to_a_file_among_the_resources(binary, tmp_path):
     np.testing.assert_array_equal(columns["b.number"], 2.5)
 
 
-def test_fmus_are_sampled_when_told_so(relay, tmp_path):
-    """Their row is then that of the sample that they take at its time: a step later."""
+def test_fmus_can_be_declared_as_sampled(relay, tmp_path):
+    """Their row then contains the sample taken at its time, which is available a step later."""
     relay()
     system = write_system(tmp_path, {"a": {}})
     system.write_text(system.read_text().replace("[component.start]", "sampled = true"))
@@ -132,14 +132,14 @@ def test_fmus_are_sampled_when_told_so(relay, tmp_path):
     np.testing.assert_array_equal(columns["a.time"], TIME + 0.25)
 
 
-def test_outputs_that_are_all_discrete_make_a_sampled_fmu(relay, tmp_path):
+def test_an_fmu_with_only_discrete_outputs_is_sampled(relay, tmp_path):
     real = 'causality="output"><Real'
     relay((real, 'causality="output" variability="discrete"><Real'))
     columns = simulate(write_system(tmp_path, {"a": {}}), tmp_path)
     np.testing.assert_array_equal(columns["a.time"], TIME + 0.25)
 
 
-def test_texts_are_not_recorded_but_all_other_outputs_are(relay, tmp_path):
+def test_all_outputs_except_strings_are_recorded(relay, tmp_path):
     relay()
     names = ["time", "y", "number", "count", "m", "choice", "odd", "c"]
     columns = simulate(write_system(tmp_path, {"a": {}}), tmp_path)
@@ -181,7 +181,7 @@ FOREIGN = {
          'canRunAsynchronuously="true" canNotUseMemoryManagementFunctions="true" '
          'canInterpolateInputs="true" maxOutputDerivativeOrder="1" canGetAndSetFMUstate="true" '),
     ),
-    "an attribute that is not of FMI 2.0.4": (
+    "an attribute that FMI 2.0.4 does not define": (
         ("<CoSimulation ", '<CoSimulation canHandleMultipleSetPerTimeInstant="false" '),
     ),
     "source files": (
@@ -189,10 +189,10 @@ FOREIGN = {
          '<CoSimulation modelIdentifier="Relay"><SourceFiles><File name="relay.c"/></SourceFiles>'
          "</CoSimulation>"),
     ),
-    "model exchange, too": (
+    "also model exchange": (
         ("<CoSimulation ", '<ModelExchange modelIdentifier="Other"/><CoSimulation '),
     ),
-    "what a tool says of itself": (
+    "information about the tool": (
         ('modelName="Relay"',
          'modelName="Relay &amp; Söhne" generationTool="T" variableNamingConvention="structured" '
          'license="&lt;ours&gt;" numberOfEventIndicators="0"'),
@@ -214,7 +214,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("replaced", FOREIGN.values(), ids=FOREIGN)
-def test_whatever_else_a_model_description_holds_the_values_are_right(relay, tmp_path, replaced):
+def test_optional_parts_of_a_model_description_do_not_affect_the_values(relay, tmp_path, replaced):
     relay(*replaced)
     check_all(simulate(write_system(tmp_path, {"a": {}, "b": START}, ALL), tmp_path), fed=TIME)
 
@@ -223,13 +223,13 @@ def test_whatever_else_a_model_description_holds_the_values_are_right(relay, tmp
     ("y_unit", "u_unit"),
     [("rad", "rad"), ("rad", "radian"), ("rad", ""), ("", "deg"), ("gon", "gon"), ("", "")],
 )
-def test_units_that_are_the_same_or_not_given_fit(relay, tmp_path, y_unit, u_unit):
+def test_equal_or_missing_units_are_compatible(relay, tmp_path, y_unit, u_unit):
     relay(y_unit=y_unit, u_unit=u_unit)
     system = write_system(tmp_path, {"a": {"gain": 2, "u": 0.5}, "b": {}}, ["a.y -> b.u"])
     np.testing.assert_array_equal(simulate(system, tmp_path)["b.y"], [0, 1, 1, 1, 1])
 
 
-def test_a_unit_of_the_declared_type_is_that_of_the_variable(relay, tmp_path):
+def test_a_variable_inherits_the_unit_of_its_type(relay, tmp_path):
     relay(
         ("<TypeDefinitions>",
          '<TypeDefinitions><SimpleType name="Angle"><Real unit="deg"/></SimpleType>'),
@@ -251,11 +251,11 @@ def test_nothing_is_left_in_the_temporary_folder(relay, tmp_path, monkeypatch):
         assert list(temporary.iterdir()) == []
 
 
-# --- what FMUs say --------------------------------------------------------------------------------
+# --- log messages ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("logged", [0, 1, 2, 3], ids=["OK", "Warning", "Discard", "Error"])
-def test_a_warning_is_shown_once_and_the_run_goes_on(relay, tmp_path, logged):
+def test_a_warning_is_shown_once_and_the_run_continues(relay, tmp_path, logged):
     relay()
     start = {"status": 1, "status_time": 0.5, "logged": logged}
     system = write_system(tmp_path, {"a": {}, "b": start})
@@ -265,13 +265,13 @@ def test_a_warning_is_shown_once_and_the_run_goes_on(relay, tmp_path, logged):
     np.testing.assert_array_equal(read_csv(tmp_path / "out.csv")["b.time"], TIME)
 
 
-def test_a_warning_without_a_message_is_shown_too(relay, tmp_path):
+def test_a_warning_without_a_message_is_shown(relay, tmp_path):
     relay()
     system = write_system(tmp_path, {"a": {"status": 1, "status_time": 1}})
     assert run("simulate", system).stderr == "warning: a: fmi2DoStep returned fmi2Warning\n"
 
 
-def test_mere_information_is_not_shown(relay, tmp_path):
+def test_informational_messages_are_not_shown(relay, tmp_path):
     relay()
     system = write_system(tmp_path, {"a": {"status": 0, "status_time": 0, "logged": 0}})
     assert run("simulate", system).stderr == ""

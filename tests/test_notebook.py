@@ -1,4 +1,4 @@
-"""The notebook runs, its numbers are right, and what is stored is what it gives."""
+"""The notebook runs, its numbers are correct, and its stored outputs are current."""
 
 import json
 import re
@@ -26,7 +26,7 @@ runs = {**steps, **gains}
 columns = {name: {key: run[key].tolist() for key in run} for name, run in runs.items()}
 print(json.dumps({"K": K.tolist(), "runs": columns}))
 """
-"""A cell that hands the numbers over as they are."""
+"""A cell that prints the exact numbers."""
 
 TS = reference.TS
 STEPS = 10000
@@ -40,7 +40,7 @@ def stored() -> NotebookNode:
 
 
 def run(folder: Path) -> tuple[NotebookNode, dict]:
-    """Execute the notebook in `folder`; returns it, and what the probe at its end printed."""
+    """Execute the notebook in `folder`; return it and the output of the probe at its end."""
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     notebook.cells.append(new_code_cell(PROBE))
     execute(notebook, folder)
@@ -64,20 +64,20 @@ def numbers(executed) -> dict:
 
 
 def texts(notebook: NotebookNode) -> list[str]:
-    """Return what the cells print, and stand-ins for their plots, on any platform."""
+    """Return the output of the cells, platform-independent, with placeholders for plots."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     printed = [output.get("text") or output.data["text/plain"] for output in outputs]
     return [re.sub(r"^binaries/.*\n", "", text, flags=re.MULTILINE) for text in printed]
 
 
 def table(notebook: NotebookNode, header: str) -> dict[str, list[float]]:
-    """Return the numbers of a printed table, by what stands at the beginning of the row."""
+    """Return the numbers of a printed table, by the beginning of the row."""
     (text,) = [text for text in texts(notebook) if text.startswith(header)]
     rows = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()[1:]]
     return {name: [float(cell.split()[0]) for cell in cells] for name, *cells in rows}
 
 
-# --- what is stored -----------------------------------------------------------------------------
+# --- stored outputs -----------------------------------------------------------------------------
 
 
 def test_stored_notebook_is_valid_executed_and_small() -> None:
@@ -87,21 +87,21 @@ def test_stored_notebook_is_valid_executed_and_small() -> None:
     assert NOTEBOOK.stat().st_size < 400_000
 
 
-def test_stored_notebook_names_no_machine_and_no_time() -> None:
+def test_stored_notebook_contains_no_machine_names_or_times() -> None:
     text = "\n".join([cell.source for cell in stored().cells] + texts(stored()))
     assert not re.search(r"/(home|root|tmp|Users|usr)/|[A-Z]:\\", text)
     assert not any(cell.metadata for cell in stored().cells)
     assert stored().metadata.language_info == {"name": "python"}
 
 
-def test_stored_outputs_are_those_of_a_run(executed) -> None:
+def test_stored_outputs_match_a_run(executed) -> None:
     notebook, _ = executed
     assert texts(stored()) == texts(notebook)
     assert sum("image/png" in output.get("data", {}) for cell in notebook.cells
                for output in cell.get("outputs", [])) == 4  # fmt: skip
 
 
-def test_it_runs_from_the_root_too(executed) -> None:
+def test_it_also_runs_from_the_root(executed) -> None:
     notebook, numbers = executed
     other, others = run(ROOT)
     assert texts(other) == texts(notebook)
@@ -112,7 +112,7 @@ def test_it_runs_from_the_root_too(executed) -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_closed_loop_is_that_of_the_reference(numbers, name) -> None:
+def test_closed_loop_matches_the_reference(numbers, name) -> None:
     expected = reference.closed_loop(
         MODELS[name], start=0.0, steps=STEPS, previous_sample_terms=False
     )
@@ -131,7 +131,7 @@ def feedback_model() -> tuple[np.ndarray, np.ndarray]:
     augmented[1:3, 1:3], augmented[1:3, 3] = A[2:, 2:], B[2:]
     phi = np.eye(4)
     term = np.eye(4)
-    for n in range(1, 12):  # the series of exp, which 1 ms lets converge at once
+    for n in range(1, 12):  # the series of exp, which converges quickly for 1 ms
         term = term @ augmented * (TS / n)
         phi += term
     return phi[:3, :3], phi[:3, 3:]
@@ -144,7 +144,7 @@ def test_gain_is_the_lqr_gain(numbers) -> None:
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
     np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
 
-    # And it is what the Riccati recursion tends to
+    # The Riccati recursion converges to it
     P = Q
     for _ in range(20000):
         P = Q + A.T @ P @ (A - B @ np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
@@ -153,7 +153,7 @@ def test_gain_is_the_lqr_gain(numbers) -> None:
     assert np.all(np.abs(np.linalg.eigvals(A - B * K)) < 1)
 
 
-def test_own_controller_stabilizes_as_in_numpy_alone(numbers) -> None:
+def test_own_controller_matches_numpy(numbers) -> None:
     plant, integral, theta = reference.Plant(), 0.0, []
     for _ in range(STEPS):
         _, v, angle, omega = plant.state
@@ -172,7 +172,7 @@ def test_gain_takes_effect_when_it_changes(numbers) -> None:
     before, after, changed = (
         numbers["runs"][name]["plant.theta"] for name in ("300", "600", "300, then 600")
     )
-    # The force of the sample at 5 s is the first to differ, and the angle of the next
+    # The force first differs at the sample at 5 s, the angle one sample later
     assert np.array_equal(changed[:5001], before[:5001])
     assert np.max(np.abs(changed[5001:] - before[5001:])) > 0.1
     np.testing.assert_allclose(changed[5001:], after[5001:], rtol=0, atol=0.01)

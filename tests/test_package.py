@@ -19,9 +19,9 @@ SIZE_OF_PACKAGE = 210_000
 
 each_model = pytest.mark.parametrize("model", MODELS)
 
-# --- the interface, as it is promised to users ---------------------------------------------------
+# --- the documented interface -------------------------------------------------------------------
 
-# Exponents of the SI base units and of rad, by the name under which the tables below use them
+# Exponents of the SI base units and of rad, by the unit names of the tables below
 DIMENSIONS = {
     "1": {},
     "s": {"s": 1},
@@ -42,7 +42,7 @@ DIMENSIONS = {
 
 
 def numbered(name: str, row: tuple, starts: list[float] | None = None) -> dict[str, tuple]:
-    """Return four rows, for name[1] to name[4]; `starts` replace the start value."""
+    """Return four rows, for name[1] to name[4]; `starts` override the start value."""
     return {
         f"{name}[{j}]": row if starts is None else (*row[:-1], starts[j - 1]) for j in range(1, 5)
     }
@@ -120,7 +120,7 @@ def describe(fmus: Path, model: str) -> fmpy.model_description.ModelDescription:
 
 
 def exponents(description, unit: str) -> dict[str, int]:
-    """Return the exponents of a unit's base units, those that are not 0."""
+    """Return the nonzero exponents of a unit's base units."""
     base = next(u for u in description.unitDefinitions if u.name == unit).baseUnit
     assert base.factor in (None, 1, "1")
     assert base.offset in (None, 0, "0")
@@ -129,7 +129,7 @@ def exponents(description, unit: str) -> dict[str, int]:
 
 
 @each_model
-def test_variables_are_those_of_the_interface(fmus, model):
+def test_variables_match_the_documented_interface(fmus, model):
     description = describe(fmus, model)
     variables = {v.name: v for v in description.modelVariables}
     assert sorted(variables) == sorted(INTERFACES[model])
@@ -170,7 +170,7 @@ def test_default_experiment_is_the_paper_s(fmus, model):
 
 
 @each_model
-def test_fmpy_finds_nothing_to_complain_about(fmus, model):
+def test_fmpy_validates_it_without_problems(fmus, model):
     assert validate_fmu(str(fmus / f"{model}.fmu")) == []
 
 
@@ -188,7 +188,7 @@ def read_xml(fmus: Path, model: str) -> etree._ElementTree:
 
 
 @each_model
-def test_no_output_depends_on_anything_at_once(fmus, model):
+def test_no_output_has_direct_feedthrough(fmus, model):
     xml = read_xml(fmus, model)
     variables = xml.findall(".//ModelVariables/ScalarVariable")
     outputs = {
@@ -206,7 +206,7 @@ def test_every_model_has_its_own_guid(fmus):
 
 
 @each_model
-def test_fmpy_simulates_it_by_its_defaults(fmus, model):
+def test_fmpy_simulates_it_with_defaults(fmus, model):
     results = fmpy.simulate_fmu(fmus / f"{model}.fmu", stop_time=0.5)
     assert results["time"][-1] == pytest.approx(0.5)
     for name in results.dtype.names:
@@ -217,7 +217,7 @@ def test_fmpy_simulates_it_by_its_defaults(fmus, model):
 
 
 @each_model
-def test_zip_holds_what_an_importer_looks_for(fmus, model):
+def test_zip_contains_the_files_of_the_standard(fmus, model):
     with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
         entries = package.infolist()
         assert package.testzip() is None
@@ -270,7 +270,7 @@ FMI2_FUNCTIONS = {
 
 @pytest.fixture(params=["Pendulum", "PidRbf", "Source"])
 def library(fmus, request, tmp_path) -> Path:
-    """Return the unzipped library of a model; the three controllers have one and the same."""
+    """Return the unzipped library of a model; the three controllers share one."""
     model = request.param
     with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
         return Path(package.extract(f"binaries/linux64/{model}.so", tmp_path))
@@ -284,13 +284,13 @@ def test_library_exports_the_functions_of_the_standard_and_nothing_else(library)
     assert {line.split()[-1] for line in nm.stdout.splitlines()} == FMI2_FUNCTIONS
 
 
-def test_library_needs_the_c_library_only(library):
+def test_library_needs_only_the_c_library(library):
     dump = subprocess.run(["objdump", "-p", library], capture_output=True, text=True, check=True)
     needed = {line.split()[1] for line in dump.stdout.splitlines() if "NEEDED" in line}
     assert needed <= {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "ld-linux-x86-64.so.2"}
 
 
-def test_library_names_no_directory_of_the_machine_that_built_it(library):
+def test_library_contains_no_path_of_the_build_machine(library):
     content = library.read_bytes()
     for path in (Path.home() / ".cargo", Path(__file__).resolve().parent.parent):
         assert os.fsencode(path) not in content
@@ -300,7 +300,7 @@ def test_library_names_no_directory_of_the_machine_that_built_it(library):
 
 
 @each_model
-def test_flags_and_log_categories_are_those_of_the_layer(fmus, model):
+def test_capability_flags_and_log_categories_match_the_implementation(fmus, model):
     description = describe(fmus, model)
     flags = description.coSimulation
     assert flags.canGetAndSetFMUstate
@@ -311,7 +311,7 @@ def test_flags_and_log_categories_are_those_of_the_layer(fmus, model):
     assert not flags.canRunAsynchronuously
     assert not int(flags.maxOutputDerivativeOrder or 0)
     assert not flags.canBeInstantiatedOnlyOncePerProcess
-    # Of the plant, whose input a master may extrapolate, and whose Jacobian is known.
+    # Only of the plant, which supports input derivatives and directional derivatives.
     assert flags.canInterpolateInputs == (model == "Pendulum")
     assert flags.providesDirectionalDerivative == (model == "Pendulum")
     categories = "Error Warning Discard Fatal".split()

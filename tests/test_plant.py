@@ -16,7 +16,7 @@ STATE = ("x", "v", "theta", "omega")
 RNG_SEED = 7
 
 NAMED = r"status 3: .*\b{}"
-"""What the FMU itself says about a variable it refuses."""
+"""The FMU's own message about a rejected variable."""
 
 
 def state(plant) -> np.ndarray:
@@ -32,7 +32,7 @@ def start_values(values) -> dict[str, float]:
 
 
 def drive(plant, forces, h: float) -> np.ndarray:
-    """Hold each force [N] for h [s]; returns the states after each, (steps, 4)."""
+    """Apply each force [N] for h [s]; return the states after each, (steps, 4)."""
     states = []
     for k, u in enumerate(forces):
         plant.set("u", u)
@@ -42,7 +42,7 @@ def drive(plant, forces, h: float) -> np.ndarray:
 
 
 def forces(steps: int) -> np.ndarray:
-    """Return a force [N] that keeps every state moving, (steps,)."""
+    """Return a force [N] that excites every state, (steps,)."""
     return np.random.default_rng(RNG_SEED).uniform(-20, 20, steps)
 
 
@@ -65,7 +65,7 @@ def test_linear_model_is_exact_for_any_step(instance, h):
         np.testing.assert_allclose(states[k], expected, rtol=1e-10, atol=1e-12)
 
 
-def test_linear_model_changes_its_step_from_call_to_call(instance):
+def test_linear_model_accepts_a_varying_step(instance):
     plant, time, expected = instance("Pendulum", start_values(INITIAL)), 0.0, np.array(INITIAL)
     plant.set("u", 3.0)
     for h in [0.001, 0.01, 0.001, 0.00025, 1 / 1024, 0.3, 0.001]:
@@ -75,14 +75,14 @@ def test_linear_model_changes_its_step_from_call_to_call(instance):
         np.testing.assert_allclose(state(plant), expected, rtol=1e-12)
 
 
-def test_one_huge_step_is_many_small_ones(instance):
+def test_one_large_step_equals_many_small_ones(instance):
     huge = drive(instance("Pendulum", start_values(INITIAL)), [2.0], 3.0)
     small = drive(instance("Pendulum", start_values(INITIAL)), [2.0] * 3000, 0.001)
     np.testing.assert_allclose(huge[-1], reference.linear_response(INITIAL, 2.0, 3.0), rtol=1e-10)
     np.testing.assert_allclose(small[-1], huge[-1], rtol=1e-10)
 
 
-def test_upright_the_pendulum_stays_and_the_open_loop_diverges_at_the_rate_of_its_pole(instance):
+def test_the_upright_pendulum_rests_and_diverges_at_the_rate_of_its_pole(instance):
     at_rest = drive(instance("Pendulum"), [0.0] * 100, 0.01)
     np.testing.assert_array_equal(at_rest, np.zeros((100, 4)))
     theta = drive(instance("Pendulum", {"theta0": 1e-3}), [0.0] * 400, 0.01)[:, 2]
@@ -111,7 +111,7 @@ def test_nonlinear_model_agrees_with_dop853(instance, initial, h):
         np.testing.assert_allclose(states[k], expected, rtol=1e-8, atol=1e-9)
 
 
-def test_nonlinear_model_bears_a_long_communication_step(instance):
+def test_nonlinear_model_handles_a_long_communication_step(instance):
     initial = (0.0, 0.5, 2.0, 3.0)
     plant = instance("Pendulum", {"model": "nonlinear", **start_values(initial)})
     states = drive(plant, [5.0], 1.0)
@@ -127,22 +127,22 @@ def energy(states: np.ndarray) -> np.ndarray:
     return kinetic + m * g * l * np.cos(theta)
 
 
-def test_nonlinear_model_keeps_its_energy_without_friction_and_force(instance):
+def test_nonlinear_model_conserves_energy_without_friction_and_force(instance):
     initial = (0.0, 0.4, 2.5, -3.0)
     plant = instance("Pendulum", {"model": "nonlinear", "b": 0.0, **start_values(initial)})
     states = drive(plant, [0.0] * 5000, 0.001)
     start = energy(np.array([initial]))[0]
     np.testing.assert_allclose(energy(states), start, rtol=0, atol=1e-8 * abs(start))
-    assert np.ptp(states[:, 2]) > 1  # and moves
+    assert np.ptp(states[:, 2]) > 1  # it does move
 
 
-def test_friction_takes_energy(instance):
+def test_friction_dissipates_energy(instance):
     plant = instance("Pendulum", {"model": "nonlinear", **start_values((0, 1, 2.5, 0))})
     assert np.all(np.diff(energy(drive(plant, [0.0] * 500, 0.01))) <= 0)
 
 
-def test_nonlinear_model_tends_to_the_linear_one(instance):
-    """The difference is of third order in the angle: a tenth of it differs by a thousandth."""
+def test_nonlinear_model_converges_to_the_linear_one(instance):
+    """The difference is of third order in the angle."""
 
     def difference(theta0: float) -> float:
         both = [
@@ -157,7 +157,7 @@ def test_nonlinear_model_tends_to_the_linear_one(instance):
 @pytest.mark.parametrize(
     ("parameter", "value"), [("M", 2.0), ("m", 0.3), ("l", 0.4), ("g", 1.6), ("I", 0.01), ("b", 3)]
 )
-def test_every_parameter_of_the_plant_counts(instance, monkeypatch, parameter, value):
+def test_every_parameter_of_the_plant_has_an_effect(instance, monkeypatch, parameter, value):
     initial = (0.1, 0.2, 0.02, 0.3)
     monkeypatch.setattr(reference, parameter, value)
     models = {"linear": reference.linear_response, "nonlinear": reference.integrate}
@@ -186,7 +186,7 @@ def test_transfer_function_gives_the_linear_angle(instance):
 def test_transfer_function_is_the_difference_equation(instance):
     inputs = forces(1000)
     theta = drive(instance("Pendulum", {"model": "transfer_function"}), inputs, 0.001)[:, 2]
-    # y(k+1) is what fmi2DoStep leaves after holding u(k)
+    # y(k+1) is the output of fmi2DoStep with u(k)
     expected = lfilter(*reference.difference_equation(), [*inputs, 0.0])[1:]
     np.testing.assert_allclose(theta, expected, rtol=0, atol=1e-5 * np.max(np.abs(expected)))
 
@@ -211,14 +211,14 @@ def test_transfer_function_leaves_the_other_outputs_at_zero(instance):
 
 
 @pytest.mark.parametrize("h", [0.0015, 0.00025, 1 / 1024])
-def test_transfer_function_refuses_a_step_that_is_no_multiple_of_its_sample_time(instance, h):
+def test_transfer_function_rejects_a_step_that_is_not_a_multiple_of_its_sample_time(instance, h):
     plant = instance("Pendulum", {"model": "transfer_function"})
     with pytest.raises(MasterError, match=r"status 3.*(multiple|whole number).*ts"):
         plant.step(0.0, h)
 
 
 @pytest.mark.parametrize("jitter", [1e-13, -1e-13])
-def test_transfer_function_bears_the_rounding_of_a_step(instance, jitter):
+def test_transfer_function_tolerates_the_rounding_of_a_step(instance, jitter):
     plant = instance("Pendulum", {"model": "transfer_function"})
     plant.set("u", 1.0)
     plant.step(0.0, 0.001 + jitter)
@@ -228,6 +228,6 @@ def test_transfer_function_bears_the_rounding_of_a_step(instance, jitter):
 @pytest.mark.parametrize(
     ("name", "value"), [("M", math.nan), ("M", -1.0), ("l", 0.0), ("ts", 0.0), ("g", math.inf)]
 )
-def test_impossible_parameters_are_refused_by_name(instance, name, value):
+def test_invalid_parameters_are_rejected_by_name(instance, name, value):
     with pytest.raises(MasterError, match=NAMED.format(re.escape(name))):
         instance("Pendulum", {name: value})

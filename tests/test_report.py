@@ -50,7 +50,7 @@ def page(report_folder: Path) -> html.HtmlElement:
 
 
 def value(text: str) -> float:
-    """Read a number as the page writes it: "9.810 · 10⁻⁴", "−0.5", "never"."""
+    """Parse a number in the format of the page: "9.810 · 10⁻⁴", "−0.5", "never"."""
     mantissa, _, power = text.partition(" · 10")
     if mantissa == "never":
         return math.nan
@@ -58,7 +58,7 @@ def value(text: str) -> float:
 
 
 def cells(page: html.HtmlElement, part: str, quantity: str) -> dict[str, float]:
-    """Return a row of numbers by the heads of their columns."""
+    """Return a row of numbers by column heading."""
     for row in page.xpath(f"//article[@id='{part}']//table[contains(@class, 'numbers')]//tbody/tr"):
         if row[0].text_content() == quantity:
             heads = row.getparent().getparent().xpath("thead/tr/th")
@@ -72,7 +72,7 @@ def printed_lines(page: html.HtmlElement) -> list[list[str]]:
     return [[cell.text_content().strip() for cell in row] for row in rows]
 
 
-def test_table_1_is_that_of_the_data_file(page):
+def test_table_1_matches_the_data_file(page):
     lines = printed_lines(page)
     assert len(lines) == 18 + 4 + 2
     with table1.DATA.open() as file:
@@ -87,7 +87,7 @@ def test_table_1_is_that_of_the_data_file(page):
             if "|e|" in expected:
                 assert abs(found) < 1e-11
             else:
-                # Row 2 of PID-RBF is a decayed transient that the last bits move
+                # Row 2 of PID-RBF is a decayed transient, which is sensitive to rounding
                 tolerance = 1e-2 if abs(float(expected)) < 1e-9 else 2e-5
                 assert found == pytest.approx(float(expected), rel=tolerance)
 
@@ -105,7 +105,7 @@ STEP = {
 
 
 @pytest.mark.parametrize("kind", STEP)
-def test_step_response_is_that_of_an_independent_simulation(page, kind):
+def test_step_response_matches_an_independent_simulation(page, kind):
     controller, options = STEP[kind]
     run = reference.closed_loop(controller, **options)
     e, theta, t = run["controller.e"], run["plant.theta"], run["time"]
@@ -123,13 +123,13 @@ def test_step_response_is_that_of_an_independent_simulation(page, kind):
     assert on_page("figure-16", "ITAE [rad s²]") == pytest.approx(timed, rel=1e-3)
 
 
-def test_static_errors_of_the_pid_are_those_of_the_closed_form(page):
+def test_static_errors_of_the_pid_match_the_closed_form(page):
     found = cells(page, "figure-2", "e(20 s) [rad]")
     for name, ki in (("½ ki", 250), ("nominal", 500), ("2 ki", 1000)):
         assert found[name] == pytest.approx(1 / (1 - ki / 0.98), rel=1e-3)
 
 
-def test_disturbed_sine_is_that_of_an_independent_simulation(page):
+def test_disturbed_sine_matches_an_independent_simulation(page):
     for amplitude in (1.0, 2.0):
         e = reference.closed_loop("PidRbf", "sine", amplitude)["controller.e"]
         row = cells(page, "figure-19", f"IAE, d = {amplitude:g} rad [rad s]")
@@ -146,11 +146,11 @@ def test_the_summary_counts_every_verdict(page):
         assert re.search(rf"{verdict.sign} {verdict.label}\s+{counted}\b", heading)
 
 
-# --- beyond the paper -----------------------------------------------------------------------------
+# --- beyond the paper ---------------------------------------------------------------------------
 
 
-def test_learning_rate_limits_are_those_of_the_crate_control(page):
-    """control/tests/learning_rate.rs finds the same by its own matrix."""
+def test_learning_rate_limits_match_the_crate_control(page):
+    """crates/control/tests/learning_rate.rs gets the same result from its own matrix."""
     found = cells(page, "beyond-learning", "largest stable η [1]")
     for name, limit in (("0 samples", 0.582), ("1 sample", 0.324), ("2 samples", 0.205)):
         assert found[name] == pytest.approx(limit, abs=1e-3)
@@ -159,8 +159,8 @@ def test_learning_rate_limits_are_those_of_the_crate_control(page):
 
 
 @pytest.mark.parametrize("delay", DELAYS)
-def test_matrix_moves_as_the_independent_controller_does(delay):
-    """At r = 1, without limit of the force, from a small deviation."""
+def test_matrix_matches_the_independent_controller(delay):
+    """At r = 1, without force limit, from a small deviation."""
     A, state = matrix(delay, 0.3), np.zeros(9)
     state[1] = deviation = 1e-6
     controller = reference.Controller("PidRbf", previous_sample_terms=delay.previous_sample_terms)
@@ -179,9 +179,7 @@ def test_matrix_moves_as_the_independent_controller_does(delay):
 
 @pytest.mark.parametrize(("factor", "held"), [(0.99, True), (1.01, False)])
 @pytest.mark.parametrize(("kind", "controller"), [("PID", "Pid"), ("own target", "IpidRbf")])
-def test_largest_step_is_where_another_master_loses_the_pendulum(
-    page, fmus, kind, controller, factor, held
-):
+def test_largest_step_matches_another_master(page, fmus, kind, controller, factor, held):
     amplitude = factor * cells(page, "beyond-nonlinear", "largest step [rad]")[kind]
     overrides = (("source.amplitude", amplitude),)
     loop = Loop(controller, plant_model="nonlinear", overrides=overrides)
@@ -192,7 +190,7 @@ def test_largest_step_is_where_another_master_loses_the_pendulum(
 
 @pytest.mark.parametrize(("kind", "controller"), [("PID", "Pid"), ("PID-RBF", "PidRbf")])
 @pytest.mark.parametrize("anti_windup", [False, True])
-def test_overshoot_under_a_low_limit_is_that_of_the_independent_controller(
+def test_overshoot_at_a_low_limit_matches_the_independent_controller(
     page, kind, controller, anti_windup
 ):
     law = reference.Controller(
@@ -240,7 +238,7 @@ def test_measurement_delays_by_whole_samples():
 # --- files --------------------------------------------------------------------------------------
 
 
-def test_every_figure_of_the_paper_is_there(page):
+def test_every_figure_of_the_paper_is_present(page):
     found = [part.get("id") for part in page.xpath("//section[@id='figures']/article")]
     assert found == [f"figure-{number}" for number in FIGURES]
 
@@ -255,7 +253,7 @@ def test_every_figure_is_described_and_captioned(page):
         assert page.xpath(f"//article[@id='figure-{number_}']//figcaption/p")[0].text_content()
 
 
-def test_every_link_leads_somewhere(page, report_folder):
+def test_every_link_has_a_target(page, report_folder):
     targets = page.xpath("//@href")
     ids = set(page.xpath("//@id"))
     assert len(page.xpath("//@id")) == len(ids)
@@ -284,12 +282,12 @@ def test_the_overview_is_drawn(report_folder):
     assert (report_folder / "closed-loop.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_page_is_one_file_of_bearable_size(report_folder):
+def test_the_page_is_one_file_of_moderate_size(report_folder):
     assert (report_folder / "index.html").stat().st_size < 12e6
 
 
 @pytest.mark.parametrize("command", ["table1", "report"])
-def test_missing_fmus_are_answered_with_what_to_do(command, tmp_path):
+def test_the_error_for_missing_fmus_says_what_to_do(command, tmp_path):
     options = ["-m", f"pendulum_fmus.{command}", "--fmus", "nowhere"]
     if command == "report":
         options += ["--out", str(tmp_path)]
@@ -322,7 +320,7 @@ def test_metrics_of_a_decaying_exponential_are_its_integrals():
     assert overshoot(decay) == 0
 
 
-def test_overshoot_of_a_second_order_system_is_that_of_its_damping():
+def test_overshoot_of_a_second_order_system_follows_from_its_damping():
     damping, t = 0.3, 0.001 * np.arange(1, 20001)
     damped = math.sqrt(1 - damping**2)
     ringing = np.cos(damped * t) + damping / damped * np.sin(damped * t)
@@ -331,7 +329,7 @@ def test_overshoot_of_a_second_order_system_is_that_of_its_damping():
     assert overshoot(trace(1 - theta, theta)) == pytest.approx(expected, rel=1e-5)
 
 
-def test_bursts_that_are_close_are_one():
+def test_close_bursts_count_as_one():
     t = np.arange(0, 10, 0.001)
     u = 100.0 * ((np.abs(t - 2) < 0.05) | (np.abs(t - 2.2) < 0.05) | (np.abs(t - 7) < 0.05))
     assert bursts(t, u) == pytest.approx([1.951, 6.951], abs=1e-3)
@@ -375,5 +373,5 @@ def test_verdicts_follow_from_their_parts():
         (118, "118"),
     ],
 )
-def test_numbers_are_written_as_a_reader_wants_them(x, text):
+def test_numbers_are_human_readable(x, text):
     assert number(x) == text

@@ -1,4 +1,4 @@
-"""The report's page in a real browser: what it draws, and that it asks nobody for anything."""
+"""The report's page in a real browser: its figures, and the absence of network requests."""
 
 import json
 import shutil
@@ -15,7 +15,7 @@ FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-ba
 --disable-component-update --disable-sync""".split()
 
 DRAWN = "body[data-drawn]"
-"""Is there when all figures are."""
+"""Present once all figures are drawn."""
 
 
 @pytest.fixture(scope="module")
@@ -27,18 +27,18 @@ def chromium() -> str:
 @pytest.fixture(scope="module")
 def browser(chromium: str) -> Iterator[Browser]:
     with sync_playwright() as playwright:
-        # Playwright gives it a new, empty profile
+        # Playwright uses a new, empty profile
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield browser
         browser.close()
 
 
 TITLES = ".infolayer > [class^='g-x'] text, .infolayer > [class^='g-y'] text"
-"""Selects the titles of all axes."""
+"""Selector of the titles of all axes."""
 
 
 class Opened:
-    """The page, opened, and what it said and asked for meanwhile."""
+    """The opened page with its console messages and requests."""
 
     def __init__(self, page: Page, folder: Path):
         self.page = page
@@ -62,7 +62,7 @@ def opened(request, browser: Browser, report_folder: Path) -> Iterator[Opened]:
 
 
 def plots(page: Page) -> list[dict]:
-    """Return of every plot what plotly made of it, and of the data."""
+    """Return the drawn elements and the data of every plot."""
     return page.evaluate(
         """() => [...document.querySelectorAll(".plot")].map((plot) => ({
         name: plot.id,
@@ -78,7 +78,7 @@ def plots(page: Page) -> list[dict]:
     )
 
 
-def test_nothing_goes_wrong_and_nobody_is_asked(opened):
+def test_there_are_no_errors_and_no_requests(opened):
     assert opened.said == []
     assert opened.asked == [opened.url]
 
@@ -132,7 +132,7 @@ def test_headings_do_not_skip_a_level(opened):
 
 
 def test_hovering_shows_numbers_as_computed(browser, report_folder, table_results):
-    """The drawn points are samples, to the last bit."""
+    """The drawn points equal samples to the last bit."""
     context = browser.new_context(viewport={"width": 1400, "height": 900})
     opened = Opened(context.new_page(), report_folder)
     drawn = json.loads(

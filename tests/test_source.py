@@ -34,7 +34,7 @@ def test_signals_follow_their_formulas(instance, signal, frequency, h):
 
 
 @pytest.mark.parametrize("time", [0.0, 0.001, 1.25, 5.0, 5.4, 1e6])
-def test_after_initialization_the_signals_are_those_of_the_start_time(instance, time):
+def test_after_initialization_the_signals_have_their_values_at_the_start_time(instance, time):
     source = instance("Source", {"signal": "sine", "disturbance.amplitude": 2.0}, time=time)
     expected = math.sin(2 * math.pi * 0.2 * time), reference.disturbance(time, 2.0)
     assert signals(source) == pytest.approx(expected, abs=1e-9)
@@ -63,7 +63,7 @@ def test_the_square_wave_starts_at_the_sign_of_zero(instance):
 
 
 @pytest.mark.parametrize("jitter", [1e-13, -1e-13])
-def test_a_jump_stands_whatever_the_rounding_of_time(instance, jitter):
+def test_a_jump_does_not_depend_on_the_rounding_of_time(instance, jitter):
     start = {"signal": "square", "frequency": 0.1, "disturbance.amplitude": 1.0}
     source = instance("Source", start, time=4.9)
     source.step(4.9, 0.1 + jitter)
@@ -72,7 +72,7 @@ def test_a_jump_stands_whatever_the_rounding_of_time(instance, jitter):
     assert signals(source) == (-1, 0)
 
 
-def test_one_step_is_many(instance):
+def test_one_large_step_equals_many_small_ones(instance):
     one, many = instance("Source", {"signal": "sine"}), instance("Source", {"signal": "sine"})
     one.step(0.0, 3.0)
     for k in range(3000):

@@ -1,4 +1,4 @@
-"""SSP packages: what the standard asks of them, and what importers that are not ours make of it."""
+"""SSP packages: conformance to the standard, and simulation in third-party importers."""
 
 import itertools
 import subprocess
@@ -43,7 +43,7 @@ def packages(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def relay(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a package of FMUs with variables of every type, and units that are hard to say."""
+    """Write a package of FMUs with variables of every type and unusual units."""
     folder = tmp_path_factory.mktemp("relay")
     xml = description(u_unit="deg", y_unit="gon")
     pack(folder / "Relay.fmu", xml, compiled(folder), **{TEXT: "1"})
@@ -82,7 +82,7 @@ def elements(root: etree._Element, path: str) -> list[etree._Element]:
 
 
 def kind_of(element: etree._Element) -> tuple[str, dict[str, str]]:
-    """Return name and attributes of the element that says the type."""
+    """Return name and attributes of the element with the type."""
     return etree.QName(element[0]).localname, dict(element[0].attrib)
 
 
@@ -101,7 +101,7 @@ def test_a_package_is_valid_by_the_schemas_of_the_standard(package):
         check("ParameterValues", parameters)
 
 
-def test_a_package_holds_each_fmu_once_and_whole(package, packages, fmus):
+def test_a_package_contains_each_fmu_once_and_unchanged(package, packages, fmus):
     with zipfile.ZipFile(package) as archive:
         assert archive.testzip() is None
         names = archive.namelist()
@@ -113,7 +113,7 @@ def test_a_package_holds_each_fmu_once_and_whole(package, packages, fmus):
             assert archive.read(name) == (folder / Path(name).name).read_bytes()
 
 
-def test_connectors_are_the_inputs_and_outputs_of_the_fmus_and_what_is_set(package, tmp_path):
+def test_connectors_are_the_inputs_outputs_and_set_parameters_of_the_fmus(package, tmp_path):
     with zipfile.ZipFile(package) as archive:
         archive.extractall(tmp_path)
     root = structure(package)
@@ -152,7 +152,7 @@ def test_connectors_are_the_inputs_and_outputs_of_the_fmus_and_what_is_set(packa
                 assert enumerations[attributes["name"]] == items
 
 
-def test_connections_are_those_of_the_system_and_fit(packages):
+def test_connections_match_the_system(packages):
     root = structure(packages / "supervised.ssp")
     kinds = {
         (component.get("name"), connector.get("name")): connector.get("kind")
@@ -180,7 +180,7 @@ def test_connections_are_those_of_the_system_and_fit(packages):
     assert names == ["supervisor", "supervisor_plant", "controller", "plant", "source"]
 
 
-def test_start_values_of_every_type_are_said_exactly(relay):
+def test_start_values_of_every_type_are_exact(relay):
     first, second = elements(structure(relay), ".//ssd:Component")
     assert first.get("name") == "a & b"
     assert {p.get("name"): kind_of(p) for p in elements(first, ".//ssv:Parameter")} == {
@@ -194,7 +194,7 @@ def test_start_values_of_every_type_are_said_exactly(relay):
     assert elements(second, ".//ssv:Parameter") == []
 
 
-def test_times_are_those_of_the_system(relay, packages):
+def test_times_match_the_system(relay, packages):
     def times(package: Path) -> dict[str, str]:
         return dict(structure(package).find("ssd:DefaultExperiment", NS).attrib)
 
@@ -213,7 +213,7 @@ def box(element: etree._Element) -> Box:
 
 
 def overlap(a: Box, b: Box) -> bool:
-    """Whether two boxes have more than an edge in common; a line is a box without width."""
+    """Return whether two boxes share more than an edge; a line is a box without width."""
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
@@ -258,19 +258,19 @@ def test_the_diagram_shows_everything_and_no_line_crosses_a_component(package):
 Importer = Callable[[Path, float, int, Path], dict[str, np.ndarray]]
 
 IMPORTERS = [by_fmpy, by_ecos, by_libcosim]
-# Ecos and libcosim know no enumerations, and the supervised loop sets one.
+# Ecos and libcosim do not support enumerations, and the supervised loop sets one.
 RUNS = [(by, name) for by in IMPORTERS for name in NAMES if by is by_fmpy or name != "supervised"]
 
 
 def assert_same_bits(by: Importer, package: Path, ours: dict[str, np.ndarray], fmus: Path) -> None:
-    """Compare what an importer computes with what the native master does."""
+    """Compare the results of an importer with those of the native master."""
     theirs = by(package, STEP, STEPS, fmus)
     for column in ("plant.theta", "controller.u"):
         np.testing.assert_array_equal(theirs[column], ours[column][:STEPS])
 
 
 @pytest.mark.parametrize(("importer", "name"), RUNS)
-def test_an_importer_gives_the_bits_of_the_native_master(importer, name, packages, fmus, tmp_path):
+def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, packages, fmus, tmp_path):
     ours = simulate(SYSTEMS / f"{name}.toml", tmp_path)
     assert_same_bits(importer, packages / f"{name}.ssp", ours, fmus)
 
@@ -281,7 +281,7 @@ OTHER_VALUES = {
         "previous_sample_terms": False,
     },
     "plant": {"m": 0.15, "l": 0.3},
-    # Between two samples, for some add up the time and some do not
+    # Between two samples, since some importers accumulate the time
     "source": {
         "amplitude": 0.5, "disturbance.amplitude": 0.1, "disturbance.start": 4.0005,
         "disturbance.duration": 0.25,
@@ -290,7 +290,7 @@ OTHER_VALUES = {
 
 
 @pytest.mark.parametrize("importer", IMPORTERS)
-def test_an_importer_takes_the_start_values(importer, packages, fmus, tmp_path):
+def test_an_importer_applies_the_start_values(importer, packages, fmus, tmp_path):
     text = (SYSTEMS / "pid-rbf.toml").read_text().replace("start = {", "# ")
     for name, values in OTHER_VALUES.items():
         start = ", ".join(f'"{key}" = {str(value).lower()}' for key, value in values.items())
@@ -307,8 +307,8 @@ def test_an_importer_takes_the_start_values(importer, packages, fmus, tmp_path):
 
 
 @pytest.mark.parametrize("importer", ["by_ecos", "by_libcosim"])
-def test_importers_without_enumerations_refuse_to_run_without_the_value(importer, packages, fmus):
-    """One raises an exception, the other ends the process; neither goes on with the default."""
+def test_importers_without_enumerations_reject_the_value(importer, packages, fmus):
+    """One raises an exception, the other ends the process; neither continues with the default."""
     package = packages / "supervised.ssp"
     code = f"from pathlib import Path; from importers import {importer}; {importer}"
     call = f"(Path({str(package)!r}), {STEP}, 1, Path({str(fmus)!r})); print('ran')"
@@ -330,14 +330,14 @@ def test_the_pendulum_stands_and_the_force_does_not_ring(name, fmus, tmp_path):
     assert np.all(np.abs(np.diff(results["controller.u"][half:])) < 0.01)
 
 
-def test_with_the_terms_of_the_sample_before_a_network_would_ring(fmus, tmp_path):
+def test_with_the_terms_of_the_previous_sample_a_network_would_ring(fmus, tmp_path):
     setting = "controller.previous_sample_terms=true"
     results = simulate(SYSTEMS / "pid-rbf.toml", tmp_path, "--set", setting)
     assert np.max(np.abs(np.diff(results["controller.u"][STEPS // 2 :]))) > 1
 
 
 @pytest.mark.parametrize("name", ["pid", "pid-rbf"])
-def test_a_delay_by_the_order_is_one_by_the_terms_of_the_sample_before(name, fmus, tmp_path):
+def test_parallel_order_delays_like_the_terms_of_the_previous_sample(name, fmus, tmp_path):
     parallel = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--start", STEP)
     sequential = simulate(LOOPS / f"{name}.toml", tmp_path)
     np.testing.assert_array_equal(parallel["plant.theta"], sequential["plant.theta"])

@@ -1,4 +1,4 @@
-"""`cargo fmu sweep`: its metrics beside FMPy's trajectories, its order, kills, and bad input."""
+"""`cargo fmu sweep`: metrics compared with FMPy, order of runs, kills, and bad input."""
 
 import csv
 import io
@@ -20,14 +20,14 @@ from pendulum_fmus.master import MasterError, simulate, steps_until
 from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
 
 TOLERANCE = 1e-12
-"""Relative: sums of up to 20000 numbers, in another order."""
+"""Relative tolerance for sums of up to 20000 numbers in a different order."""
 
 BAND, LIMIT = 0.003, 1e3
-"""What counts as settled, relative to the set-point, and what as diverged [rad], by default."""
+"""Default band of a settled loop, relative to the set-point, and limit of divergence [rad]."""
 
 
 def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
-    """Run a sweep, and return its rows."""
+    """Run a sweep and return its rows."""
     out = sweep.with_suffix(".csv")
     result = local(sweep, out, *options)
     assert result.returncode == 0, result.stderr
@@ -35,7 +35,7 @@ def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
 
 
 def number(cell: str) -> float:
-    """Read a number; NaN where there is none."""
+    """Parse a number; NaN if the cell is empty."""
     return float(cell) if cell else math.nan
 
 
@@ -45,7 +45,7 @@ def number(cell: str) -> float:
 def trajectory(
     fmus: Path, controller: str, stop: float, overrides: Mapping[str, Any], **loop: Any
 ) -> dict[str, np.ndarray]:
-    """Co-simulate a loop by FMPy, with names of the columns as the metrics use them."""
+    """Co-simulate a loop with FMPy; return the columns under the names used by the metrics."""
     steps = steps_until(stop, TS, TS)
     names = ["source.r", "plant.theta", "controller.e", "controller.u"]
     run = Loop(controller, overrides=tuple(overrides.items()), **loop)
@@ -57,9 +57,9 @@ def trajectory(
 def metrics(
     t: np.ndarray, r: np.ndarray, y: np.ndarray, e: np.ndarray, u: np.ndarray
 ) -> dict[str, float]:
-    """Compute the metrics of a trajectory that does not diverge, from whole columns."""
+    """Compute the metrics of a stable trajectory from whole columns."""
     h = np.diff(t)
-    held = np.abs(e[:-1])  # a sample counts until the next one
+    held = np.abs(e[:-1])  # a sample holds until the next one
     jumps = np.count_nonzero(np.diff(r))
     if jumps > 1:
         height = np.max(np.abs(r))
@@ -89,8 +89,8 @@ def assert_metrics(row: Mapping[str, str], expected: Mapping[str, float]) -> Non
     assert computed == pytest.approx(expected, rel=TOLERANCE, abs=0, nan_ok=True)
 
 
-def test_metrics_of_steps_are_those_of_fmpys_trajectories(program, fmus, tmp_path):
-    """Every type of value; and as always the same order, the first parameter slowest."""
+def test_metrics_of_steps_match_fmpys_trajectories(program, fmus, tmp_path):
+    """Values of every type, in the fixed order with the first parameter varying slowest."""
     text = """
         stop = 3.5
         set = { "plant.theta0" = 0.05, "plant.model" = "nonlinear" }
@@ -127,7 +127,7 @@ def test_metrics_of_steps_are_those_of_fmpys_trajectories(program, fmus, tmp_pat
     assert any(float(row["overshoot"]) > 0 for row in rows)
 
 
-def test_metrics_of_sine_and_square_wave_are_those_of_fmpys_trajectories(program, fmus, tmp_path):
+def test_metrics_of_sine_and_square_wave_match_fmpys_trajectories(program, fmus, tmp_path):
     text = """
         stop = 12.0
         set = { "source.frequency" = 0.2, "source.disturbance.amplitude" = 1 }
@@ -143,12 +143,10 @@ def test_metrics_of_sine_and_square_wave_are_those_of_fmpys_trajectories(program
             fmus, "Pid", 12.0, overrides, signal=row["source.signal"], disturbance=1.0
         )
         assert_metrics(row, metrics(**loop))
-    assert rows[0]["settling_time"] == "", "a sine never rests"
+    assert rows[0]["settling_time"] == "", "a sine never settles"
 
 
-def test_items_of_enumerations_may_be_numbers_and_variables_may_share_values(
-    program, fmus, tmp_path
-):
+def test_enumeration_items_can_be_numbers_and_variables_can_share_values(program, fmus, tmp_path):
     text = """
         stop = 0.3
         [[parameter]]
@@ -169,7 +167,7 @@ def test_items_of_enumerations_may_be_numbers_and_variables_may_share_values(
 # --- divergence -----------------------------------------------------------------------------------
 
 
-def test_a_pendulum_that_falls_is_told_with_the_time_and_does_not_stop_the_sweep(
+def test_a_falling_pendulum_is_reported_with_its_time_and_does_not_stop_the_sweep(
     program, fmus, tmp_path
 ):
     text = """
@@ -198,8 +196,8 @@ def test_a_pendulum_that_falls_is_told_with_the_time_and_does_not_stop_the_sweep
     assert rows[0]["settling_time"] == ""
 
 
-def test_a_step_that_an_fmu_refuses_is_told_with_its_reason_and_time(program, fmus, tmp_path):
-    """Without a limit, the angle of the linear pendulum grows to what the FMU calls diverged."""
+def test_a_failed_step_is_reported_with_its_reason_and_time(program, fmus, tmp_path):
+    """Without a limit, the angle of the linear pendulum grows until the FMU reports divergence."""
     text = """
         stop = 20.0
         set = { "plant.theta0" = 0.1, "plant.g" = 1000, "controller.u_max" = 0 }
@@ -223,7 +221,7 @@ def test_a_step_that_an_fmu_refuses_is_told_with_its_reason_and_time(program, fm
     assert f"run 0: controller (Pid.fmu), step of 0.001 s at t = {times[0]}" in result.stdout
 
 
-def test_learning_far_above_the_limit_is_no_reason_to_stop(program, tmp_path):
+def test_learning_far_above_the_limit_does_not_stop_the_sweep(program, tmp_path):
     text = """
         stop = 20.0
         set = { "plant.model" = "nonlinear" }
@@ -247,7 +245,7 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, 
         assert sweep.with_suffix(".csv").read_bytes() == first
 
 
-def test_draws_are_those_of_the_seed_at_every_point_of_the_grid(program, tmp_path):
+def test_draws_follow_from_the_seed_and_are_the_same_at_every_grid_point(program, tmp_path):
     def masses(seed: int) -> np.ndarray:
         text = SHORT.replace("seed = 3", f"seed = {seed}").replace("draws = 4", "draws = 200")
         rows = swept(sweeps.written(tmp_path, text.replace("stop = 0.05", "stop = 0.002")))
@@ -256,13 +254,13 @@ def test_draws_are_those_of_the_seed_at_every_point_of_the_grid(program, tmp_pat
     one, other = masses(1), masses(2)
     for points in (one, other):
         assert np.all(points == points[0])
-        # The mean of 200 draws, and their deviation, within four of their own deviations
+        # Mean and deviation of 200 draws within four standard errors
         assert np.mean(points[0]) == pytest.approx(1.096, abs=4 * 0.1 / math.sqrt(200))
         assert np.std(points[0]) == pytest.approx(0.1, abs=4 * 0.1 / math.sqrt(400))
     assert np.all(one[0] != other[0])
 
 
-def test_rows_of_ranges_are_those_of_the_table(program, tmp_path):
+def test_rows_of_ranges_match_the_table(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     lines = expected(sweep).decode().splitlines(keepends=True)[1:]
     ranges = [sweeps.printed(sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
@@ -274,7 +272,7 @@ def test_rows_of_ranges_are_those_of_the_table(program, tmp_path):
 
 
 def typed(name: str, cell: str) -> float | bool | str | None:
-    """Read a cell of CSV with the type that its column has in SHORT."""
+    """Parse a CSV cell with the type of its column in SHORT."""
     if name in ("controller.previous_sample_terms", "diverged"):
         return cell == "true"
     if name == "plant.model":
@@ -282,7 +280,7 @@ def typed(name: str, cell: str) -> float | bool | str | None:
     return float(cell) if cell else None
 
 
-def test_parquet_holds_what_csv_holds(program, tmp_path):
+def test_parquet_equals_csv(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     expected(sweep, ".parquet")
     found = pyarrow.parquet.read_table(tmp_path / "undisturbed.parquet")
@@ -292,7 +290,7 @@ def test_parquet_holds_what_csv_holds(program, tmp_path):
     assert (types["index"], types["plant.M"], types["diverged"]) == ("int64", "double", "bool")
 
 
-def test_a_killed_sweep_goes_on_where_it_was(program, tmp_path):
+def test_a_killed_sweep_resumes(program, tmp_path):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
     for _ in range(4):
@@ -306,13 +304,13 @@ def test_a_killed_sweep_goes_on_where_it_was(program, tmp_path):
     result = local(sweep, out)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith(f"{200 - len(after)} runs in ")
-    assert f"\n{len(after)} runs were done before\n" in result.stdout
+    assert f"\n{len(after)} runs were already done\n" in result.stdout
     assert not journal_of(out).exists()
     assert out.read_bytes() == expected(sweep)
 
 
 def complaint(sweep: Path, out: Path, *options: object) -> str:
-    """Return what is said of a sweep that cannot be done, which must leave nothing behind."""
+    """Return the message of an invalid sweep, which must leave no files behind."""
     before = sorted(sweep.parent.rglob("*"))
     result = local(sweep, out, *options)
     assert result.returncode == 1
@@ -324,8 +322,8 @@ def complaint(sweep: Path, out: Path, *options: object) -> str:
     return result.stderr
 
 
-def test_a_draw_that_an_fmu_refuses_ends_the_sweep_with_the_run_and_the_reason(program, tmp_path):
-    """A normal distribution around the least mass; the first draw of this seed lies above it."""
+def test_a_rejected_draw_ends_the_sweep_with_run_and_reason(program, tmp_path):
+    """A normal distribution around the minimum mass; the first draw of this seed is above it."""
     text = 'seed = 2\ndraws = 50\nstop = 0.01\n[[parameter]]\nvariable = "plant.M"\nnormal = [0, 1]'
     sweep = sweeps.written(tmp_path, text)
     out = tmp_path / "out.csv"
@@ -338,7 +336,7 @@ def test_a_draw_that_an_fmu_refuses_ends_the_sweep_with_the_run_and_the_reason(p
     assert not out.exists()
 
 
-def test_a_journal_of_another_sweep_is_left_alone(program, tmp_path):
+def test_a_journal_of_another_sweep_is_not_changed(program, tmp_path):
     out = tmp_path / "out.csv"
     sweep = sweeps.written(tmp_path, LONG)
     with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out]) as process:
@@ -360,7 +358,7 @@ def test_a_journal_of_another_sweep_is_left_alone(program, tmp_path):
 
 
 def smaller(text: str) -> str:
-    """Reduce the numbers of values and draws of an example."""
+    """Reduce the numbers of values and draws in an example."""
     text = re.sub(r"^count = .*", "count = 2", text, flags=re.MULTILINE)
     return re.sub(r"^draws = .*", "draws = 5", text, flags=re.MULTILINE)
 
@@ -375,7 +373,7 @@ def gains(rows: list[dict[str, str]]) -> None:
 
 
 def robustness(rows: list[dict[str, str]]) -> None:
-    """Check that the same five pendulums stand with every learning rate."""
+    """Check that the same five pendulums are used for every learning rate."""
     assert [row["controller.rbf.eta"] for row in rows] == ["0.1"] * 5 + ["0.2"] * 5 + ["0.3"] * 5
     lengths = [float(row["plant.l"]) for row in rows]
     assert lengths[:5] == lengths[5:10] == lengths[10:]

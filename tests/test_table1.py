@@ -1,4 +1,4 @@
-"""Table 1 of the paper from real co-simulations, and how the loops behave otherwise."""
+"""Table 1 of the paper from co-simulations, and further behaviour of the loops."""
 
 import math
 from decimal import Decimal
@@ -23,7 +23,7 @@ def name(entry: Entry) -> str:
 def test_there_are_18_numbers_4_with_fitted_weights_and_2_settling_times():
     assert len(ENTRIES) == 18 + 4 + 2
     assert sum(entry.settling for entry in ENTRIES) == 2
-    # All but: row 1 and 2 of PidRbf, and the sine rows of the networks with zero weights
+    # All except rows 1 and 2 of PidRbf and the sine rows of the networks with zero weights
     assert sum(entry.every_digit for entry in ENTRIES) == 18 - 2 - 4 + 4 + 2
 
 
@@ -35,7 +35,7 @@ def test_number(table_results, entry):
         assert rounded(computed, entry.printed) == Decimal(entry.printed)
 
 
-def test_the_report_says_that_all_is_well(table_results):
+def test_the_report_confirms_every_number(table_results):
     text, all_hold = table1.report(table_results)
     assert all_hold
     assert text.count(" ok\n") + text.count(" (ok)\n") == len(ENTRIES)
@@ -44,7 +44,7 @@ def test_the_report_says_that_all_is_well(table_results):
     assert "MISSED" not in text
 
 
-def test_the_report_tells_what_misses(table_results):
+def test_the_report_shows_misses(table_results):
     run = Loop("Pid", "step", 0.0)
     wrong = {**table_results[run], "controller.e": np.array([-1.97e-3])}
     text, all_hold = table1.report({**table_results, run: wrong})
@@ -86,7 +86,7 @@ def test_parallel_stepping_is_well_behaved_with_current_terms(fmus, controller):
     assert np.max(np.abs(computed["controller.e"][10000:])) < 2e-5
 
 
-def test_one_sample_of_delay_is_the_same_in_the_master_and_in_the_controller(fmus):
+def test_one_sample_of_delay_is_equivalent_in_master_and_controller(fmus):
     parallel, _ = both(fmus, "PidRbf", order="parallel", previous_sample_terms=False, steps=8000)
     sequential, _ = both(fmus, "PidRbf", order="sequential", previous_sample_terms=True, steps=8000)
     difference = parallel["plant.theta"] - sequential["plant.theta"]
@@ -94,11 +94,11 @@ def test_one_sample_of_delay_is_the_same_in_the_master_and_in_the_controller(fmu
 
 
 RINGING = 1.0
-"""A force that changes by more than this from sample to sample, long after the step, rings [N]."""
+"""A force that changes by more than this per sample, long after the step, is ringing [N]."""
 
 
 def largest_change(u: np.ndarray) -> float:
-    """Return how much the force u [N], shape (steps,), changes per sample near its end."""
+    """Return the change per sample of the force u [N], shape (steps,), near its end."""
     return float(np.max(np.abs(np.diff(u[-500:]))))
 
 
@@ -120,7 +120,7 @@ def test_two_samples_of_delay_end_in_a_limit_cycle(fmus, controller):
         ("parallel", True, 0.205),
     ],
 )
-def test_learning_is_stable_up_to_the_limit_that_the_delay_sets(
+def test_learning_is_stable_up_to_the_limit_set_by_the_delay(
     fmus, order, late, limit, factor, stable
 ):
     """The limits are eigenvalues of the linear sampled loop, for r = 1."""

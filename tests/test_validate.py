@@ -1,4 +1,4 @@
-"""`cargo fmu validate` and `cargo fmu info` on sound, broken and hostile FMUs."""
+"""`cargo fmu validate` and `cargo fmu info` on valid, broken and hostile FMUs."""
 
 import os
 import resource
@@ -18,22 +18,22 @@ PROGRAM = ROOT / "target" / "debug" / "cargo-fmu"
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 
 MEMORY = 1 << 30
-"""Bytes of address space that the program may take."""
+"""Maximum address space of the program in bytes."""
 
 SECONDS = 20
-"""Time that one run may take."""
+"""Time limit of one run [s]."""
 
 Fmu = dict[str, bytes]
-"""The files of an FMU by their names."""
+"""The files of an FMU by name."""
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _program(fmus: Path) -> None:
-    """Have the program built: the export of the FMUs does it."""
+    """Build the program, which the export of the FMUs does."""
 
 
 def cargo_fmu(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run `cargo fmu` within bounds of time and memory; it must not panic or be killed."""
+    """Run `cargo fmu` with limited time and memory; it must not panic or be killed."""
 
     def bound() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -53,7 +53,7 @@ def cargo_fmu(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def findings(file: Path, *options: str) -> list[str]:
-    """Return what `validate` finds, without the name of the file; its exit code must fit."""
+    """Return the findings of `validate` without the file name, and check the exit code."""
     result = cargo_fmu("validate", *options, file)
     assert result.stderr == ""
     *found, summary = (line.removeprefix(f"{file}: ") for line in result.stdout.splitlines())
@@ -71,7 +71,7 @@ def read(file: Path) -> Fmu:
 def write(file: Path, content: Fmu) -> Path:
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in content.items():
-            # As it is: `writestr` would mend a name given as text.
+            # Unchanged: `writestr` would correct a name given as a string.
             entry = zipfile.ZipInfo("x")
             entry.filename = name
             entry.compress_type = zipfile.ZIP_DEFLATED
@@ -80,15 +80,15 @@ def write(file: Path, content: Fmu) -> Path:
 
 
 def check(found: list[str], *expected: str) -> None:
-    """Check that one of the findings has all the words expected."""
+    """Check that one of the findings contains all expected words."""
     assert any(all(words in line for words in expected) for line in found), found
 
 
-# --- our own --------------------------------------------------------------------------------------
+# --- the exported FMUs ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_our_fmus_have_no_finding(fmus: Path, model: str) -> None:
+def test_exported_fmus_have_no_findings(fmus: Path, model: str) -> None:
     assert findings(fmus / f"{model}.fmu") == []
 
 
@@ -98,7 +98,7 @@ FULL = (ROOT / "fuzz" / "corpus" / "full.xml").read_text()
 
 
 def validate_xml(folder: Path, xml: str | bytes) -> list[str]:
-    """Return the findings on an FMU of a model description and the files that it names."""
+    """Return the findings on an FMU with a model description and the files that it names."""
     content = {
         "modelDescription.xml": xml.encode() if isinstance(xml, str) else xml,
         "sources/full.c": b"",
@@ -106,12 +106,12 @@ def validate_xml(folder: Path, xml: str | bytes) -> list[str]:
     return findings(write(folder / "x.fmu", content))
 
 
-def test_a_model_description_with_every_element_has_no_finding(tmp_path: Path) -> None:
+def test_a_model_description_with_every_element_has_no_findings(tmp_path: Path) -> None:
     assert validate_xml(tmp_path, FULL) == []
 
 
 MUTATIONS = [
-    # what stands there, what takes its place, what the finding says
+    # old text, new text, part of the finding
     ("fmiVersion", 'fmiVersion="2.0"', 'fmiVersion="3.0"', "expected 2.0"),
     ("missing", ' modelName="Full"', "", "no attribute modelName"),
     ("unknown attribute", "modelName=", 'colour="red" modelName=', '"colour"'),
@@ -166,7 +166,7 @@ MUTATIONS = [
     ("alias unit", '<Real unit="rad" displayUnit="deg"/>', '<Real unit="N"/>', "another unit"),
     ("independent", 'name="y" valueReference="1" causality="output"',
      'name="y" valueReference="9" causality="independent"', "at most one independent"),
-    ("independent type", "<Real/>", '<Integer/>', "is no Real"),
+    ("independent type", "<Real/>", '<Integer/>', "is not a Real"),
     ("derivative", 'derivative="2"', 'derivative="99"', "derivative is 99"),
     ("derivative of", 'derivative="2"', 'derivative="6"', 'derivative of "n"'),
     ("output", '<Unknown index="5" dep', '<Unknown index="4" dep', "not in Outputs"),
@@ -191,7 +191,7 @@ MUTATIONS = [
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[m[0] for m in MUTATIONS])
-def test_every_rule_finds_what_breaks_it(mutation: tuple[str, ...], tmp_path: Path) -> None:
+def test_every_rule_finds_its_violation(mutation: tuple[str, ...], tmp_path: Path) -> None:
     _, old, new, *expected = mutation
     assert old in FULL
     times = -1 if old.endswith(("Description", "Variables>")) else 1
@@ -199,14 +199,14 @@ def test_every_rule_finds_what_breaks_it(mutation: tuple[str, ...], tmp_path: Pa
     check(found, *expected)
 
 
-def test_a_start_that_is_given_twice_by_an_alias_is_found(tmp_path: Path) -> None:
+def test_a_second_start_value_of_an_alias_is_found(tmp_path: Path) -> None:
     old = '<ScalarVariable name="y" valueReference="1" causality="output">\n      <Real '
     assert old in FULL
     new = old.replace('"output"', '"output" initial="exact"') + 'start="1" '
     check(validate_xml(tmp_path, FULL.replace(old, new)), "both have a start")
 
 
-def test_many_findings_are_counted_and_not_all_shown(tmp_path: Path) -> None:
+def test_many_findings_are_counted_but_not_all_shown(tmp_path: Path) -> None:
     xml = FULL.replace("<ModelStructure>", "<ModelStructure>" + "<A/>" * 1000)
     result = cargo_fmu(
         "validate", write(tmp_path / "x.fmu", {"modelDescription.xml": xml.encode()})
@@ -218,7 +218,7 @@ def test_many_findings_are_counted_and_not_all_shown(tmp_path: Path) -> None:
     assert "100" in lines[-1]
 
 
-def test_text_of_others_breaks_no_line(tmp_path: Path) -> None:
+def test_untrusted_text_is_quoted_on_one_line(tmp_path: Path) -> None:
     xml = FULL.replace('name="y"', f'name="a&#10;\u202eb{"c" * 10_000}"')
     found = validate_xml(tmp_path, xml)
     assert all(line.startswith(("error: ", "warning: ")) for line in found)
@@ -226,7 +226,7 @@ def test_text_of_others_breaks_no_line(tmp_path: Path) -> None:
 
 
 def neighbours(xml: str) -> Iterator[str]:
-    """Yield every document that differs by one attribute or one element."""
+    """Yield every document that differs by one attribute or element."""
     root = etree.fromstring(xml.encode())
     own = [element for element in root.iter(etree.Element) if not etree.QName(element).namespace]
     for place in map(root.getroottree().getpath, own):
@@ -260,7 +260,7 @@ def neighbours(xml: str) -> Iterator[str]:
             yield etree.tostring(copy, encoding="unicode")
 
 
-def test_what_the_schema_of_the_standard_refuses_is_an_error(tmp_path: Path) -> None:
+def test_documents_that_violate_the_schema_are_errors(tmp_path: Path) -> None:
     folder = Path(fmpy.__file__).parent / "schema" / "fmi2"
     schema = etree.XMLSchema(file=str(folder / "fmi2ModelDescription.xsd"))
     refused = [xml for xml in neighbours(FULL) if not schema.validate(etree.fromstring(xml))]
@@ -279,7 +279,7 @@ def test_what_the_schema_of_the_standard_refuses_is_an_error(tmp_path: Path) -> 
 
 @pytest.fixture
 def pid(fmus: Path) -> Fmu:
-    """Return the files of a sound FMU."""
+    """Return the files of a valid FMU."""
     return read(fmus / "Pid.fmu")
 
 
@@ -295,7 +295,7 @@ BAD_NAMES = {
 
 
 @pytest.mark.parametrize("name", BAD_NAMES)
-def test_a_name_that_leaves_the_archive_is_refused(name: str, pid: Fmu, tmp_path: Path) -> None:
+def test_a_path_outside_the_archive_is_rejected(name: str, pid: Fmu, tmp_path: Path) -> None:
     file = write(tmp_path / "x.fmu", {**pid, name: b""})
     check(findings(file), "error: archive", BAD_NAMES[name])
     result = cargo_fmu("info", file)
@@ -305,7 +305,7 @@ def test_a_name_that_leaves_the_archive_is_refused(name: str, pid: Fmu, tmp_path
     assert sorted(tmp_path.iterdir()) == [file]
 
 
-def test_a_name_that_stands_twice_is_refused(pid: Fmu, tmp_path: Path) -> None:
+def test_a_duplicate_name_is_rejected(pid: Fmu, tmp_path: Path) -> None:
     file = write(tmp_path / "x.fmu", pid)
     with zipfile.ZipFile(file, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
         archive.writestr("modelDescription.xml", b"<other/>")
@@ -313,14 +313,14 @@ def test_a_name_that_stands_twice_is_refused(pid: Fmu, tmp_path: Path) -> None:
     assert "same name" in cargo_fmu("info", file).stderr
 
 
-def test_a_name_that_differs_from_the_local_one_is_refused(pid: Fmu, tmp_path: Path) -> None:
+def test_a_name_that_differs_from_the_local_header_is_rejected(pid: Fmu, tmp_path: Path) -> None:
     file = write(tmp_path / "x.fmu", {**pid, "resources/name": b""})
     content = file.read_bytes()
     file.write_bytes(content.replace(b"resources/name", b"resources/evil", 1))
     check(findings(file), "directory is wrong")
 
 
-def test_a_symbolic_link_is_refused(pid: Fmu, tmp_path: Path) -> None:
+def test_a_symbolic_link_is_rejected(pid: Fmu, tmp_path: Path) -> None:
     file = write(tmp_path / "x.fmu", pid)
     link = zipfile.ZipInfo("resources/link")
     link.create_system, link.external_attr = 3, 0o120777 << 16
@@ -346,7 +346,7 @@ def test_a_missing_model_description_is_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["binaries/a\x1b[31m/b", "a\nerror: b", "\u202eevil"])
-def test_a_name_cannot_steer_the_terminal(name: str, pid: Fmu, tmp_path: Path) -> None:
+def test_a_name_cannot_contain_terminal_escapes(name: str, pid: Fmu, tmp_path: Path) -> None:
     file = write(tmp_path / "x.fmu", {**pid, name: b""})
     for command in ("info", "validate"):
         result = cargo_fmu(command, file)
@@ -356,7 +356,7 @@ def test_a_name_cannot_steer_the_terminal(name: str, pid: Fmu, tmp_path: Path) -
 
 
 def bomb(file: Path, name: str, size: int) -> Path:
-    """Write an archive with a file of so many zeros."""
+    """Write an archive with a file of zeros of this size."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", FULL)
         with archive.open(name, "w", force_zip64=True) as entry:
@@ -365,7 +365,7 @@ def bomb(file: Path, name: str, size: int) -> Path:
     return file
 
 
-def test_a_zip_bomb_is_refused(tmp_path: Path) -> None:
+def test_a_zip_bomb_is_rejected(tmp_path: Path) -> None:
     file = bomb(tmp_path / "x.fmu", "resources/zeros", 200 << 20)
     assert file.stat().st_size < 1 << 20
     for command in ("info", "validate"):
@@ -385,8 +385,8 @@ def test_a_zip_bomb_that_lies_about_its_size_is_not_inflated(tmp_path: Path) -> 
     check(findings(file), "resources/zeros", "damaged")
 
 
-def test_overlapping_files_are_refused(tmp_path: Path) -> None:
-    """As in a bomb whose thousand files are all the same bytes of the archive."""
+def test_overlapping_files_are_rejected(tmp_path: Path) -> None:
+    """Imitates a zip bomb whose files all share the same bytes of the archive."""
     file = write(tmp_path / "x.fmu", {"modelDescription.xml": FULL.encode(), "a": b"a", "b": b"b"})
     with zipfile.ZipFile(file) as archive:
         first, second = (archive.getinfo(name).header_offset for name in "ab")
@@ -409,11 +409,11 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("text", HOSTILE)
-def test_hostile_xml_is_refused(text: str, tmp_path: Path) -> None:
+def test_hostile_xml_is_rejected(text: str, tmp_path: Path) -> None:
     file = tmp_path / "x.fmu"
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("modelDescription.xml", HOSTILE[text])
-        # Enough that does not shrink, so that the archive is no bomb by its ratio.
+        # Incompressible data, so that the compression ratio does not make it a zip bomb.
         archive.writestr("resources/noise", os.urandom(1 << 20))
     for command in ("info", "validate"):
         result = cargo_fmu(command, file)
@@ -424,7 +424,7 @@ def test_hostile_xml_is_refused(text: str, tmp_path: Path) -> None:
 
 
 N = 20_000
-"""So many of everything, that a search through all for each would take minutes."""
+"""So many elements of every kind that a quadratic search would take minutes."""
 
 LARGE = {
     "items": (
@@ -450,7 +450,7 @@ LAST = {
 
 
 @pytest.mark.parametrize("what", LARGE)
-def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(what: str, tmp_path: Path) -> None:
+def test_the_time_for_a_large_fmu_is_proportional_to_its_size(what: str, tmp_path: Path) -> None:
     definitions, value = LARGE[what]
     variables = "".join(
         f'<ScalarVariable name="v{i}" valueReference="{i + 99}" causality="parameter" '
@@ -470,7 +470,7 @@ def test_a_large_fmu_takes_no_longer_than_its_size_asks_for(what: str, tmp_path:
 # --- binaries -------------------------------------------------------------------------------------
 
 
-def test_a_platform_that_fmi_does_not_know_is_a_warning(pid: Fmu, tmp_path: Path) -> None:
+def test_an_unknown_platform_is_a_warning(pid: Fmu, tmp_path: Path) -> None:
     found = findings(write(tmp_path / "x.fmu", {**pid, "binaries/amiga/Pid.library": b""}))
     check(found, "warning: binaries/amiga", "linux64")
     assert len(found) == 1
@@ -508,7 +508,7 @@ def test_an_fmu_for_other_machines_is_not_run(pid: Fmu, tmp_path: Path) -> None:
     check(found, "warning: binaries", "linux64")
 
 
-def test_xml_and_binary_of_different_versions_are_found(pid: Fmu, tmp_path: Path) -> None:
+def test_mismatched_xml_and_binary_are_found(pid: Fmu, tmp_path: Path) -> None:
     xml = pid["modelDescription.xml"].decode()
     guid = xml.split('guid="')[1].split('"')[0]
     pid["modelDescription.xml"] = xml.replace(guid, "{another}").encode()
@@ -529,7 +529,7 @@ def test_xml_and_binary_of_different_versions_are_found(pid: Fmu, tmp_path: Path
         ('name="u" valueReference="3"', 'name="u" valueReference="999"', '"u" cannot be read'),
     ],
 )
-def test_xml_that_lies_about_the_binary_is_found(
+def test_wrong_claims_of_the_xml_are_found(
     old: str, new: str, expected: str, pid: Fmu, tmp_path: Path
 ) -> None:
     xml = pid["modelDescription.xml"].decode()
@@ -538,7 +538,7 @@ def test_xml_that_lies_about_the_binary_is_found(
     check(findings(write(tmp_path / "x.fmu", pid)), "error: binaries/linux64/Pid.so", expected)
 
 
-# --- binaries that are not ours -------------------------------------------------------------------
+# --- foreign binaries -----------------------------------------------------------------------------
 
 DECAY = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Decay" guid="{decay}" numberOfEventIndicators="0">
@@ -566,7 +566,7 @@ MODEL_EXCHANGE = """<ModelExchange modelIdentifier="Decay"
 
 @pytest.fixture
 def decay(tmp_path: Path) -> Callable[..., Path]:
-    """Return a function that makes an FMU of `tests/c/decay.c` with a fault."""
+    """Return a function that builds an FMU of `tests/c/decay.c` with a fault."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
 
     def make(fault: str | None = None, kind: str = CO_SIMULATION) -> Path:
@@ -590,7 +590,7 @@ def decay(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.mark.parametrize("kind", [CO_SIMULATION, MODEL_EXCHANGE, MODEL_EXCHANGE + CO_SIMULATION])
-def test_a_sound_fmu_in_c_has_no_finding(decay: Callable[..., Path], kind: str) -> None:
+def test_a_valid_fmu_in_c_has_no_findings(decay: Callable[..., Path], kind: str) -> None:
     assert findings(decay(kind=kind)) == []
 
 
@@ -601,7 +601,7 @@ FAULTS = {
     "EXIT": ("fmi2Instantiate ended the process",),
     "OTHER_GUID": ("fmi2Instantiate returned NULL",),
     "ANY_GUID": ("warning", "GUID of another FMU"),
-    "SHARED": ("beside another instance",),
+    "SHARED": ("with a second instance",),
     "HANG": ("fmi2EnterInitializationMode did not return within 1 s",),
     "RESET": ("warning", "after fmi2Reset"),
     "GET": ('"y" cannot be read', "fmi2GetReal returned fmi2Error"),
@@ -631,11 +631,11 @@ def test_every_fault_of_a_binary_is_found(decay: Callable[..., Path], fault: str
 
 def test_a_fault_of_model_exchange_is_found(decay: Callable[..., Path]) -> None:
     found = findings(decay("ROUNDS", MODEL_EXCHANGE))
-    check(found, "fmi2NewDiscreteStates wanted 1000 calls more")
+    check(found, "new discrete states after 1000 calls")
 
 
 @pytest.mark.parametrize("fault", ["CRASH", "HANG", "EXIT"])
-def test_a_binary_is_not_run_when_it_shall_not(decay: Callable[..., Path], fault: str) -> None:
+def test_no_run_does_not_run_the_binary(decay: Callable[..., Path], fault: str) -> None:
     assert findings(decay(fault), "--no-run") == []
 
 

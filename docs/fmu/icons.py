@@ -1,7 +1,7 @@
-"""Draw the icons of the FMUs, `icon.png` in the documentation of each model.
+"""Draw the icons of the FMUs: `icon.png` in the documentation of each model.
 
-`python docs/fmu/icons.py` writes them anew. All have the same line, size and frame; each
-has a shape and a colour of its own, which tell it apart at 32 pixels too.
+`python docs/fmu/icons.py` regenerates them. All have the same line width, size and frame; each has
+its own shape and colour, which are recognizable even at 32 pixels.
 """
 
 import math
@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = 256
 FINE = 4
-"""Drawn so many times larger, then reduced: that smooths the edges."""
+"""Oversampling factor, which smooths the edges."""
 LINE = 14
 FONT = findfont("DejaVu Sans:bold")
 
@@ -32,7 +32,7 @@ class Canvas:
         self.draw = ImageDraw.Draw(self.image)
 
     def line(self, points: Iterable[Point], color: str, width: float = LINE) -> None:
-        """Draw a line with round joints and ends."""
+        """Draw a line with round joints and caps."""
         fine = [(x * FINE, y * FINE) for x, y in points]
         self.draw.line(fine, color, round(width * FINE), "curve")
         for x, y in (fine[0], fine[-1]):
@@ -45,12 +45,12 @@ class Canvas:
         self.draw.ellipse(box, color, line, LINE * FINE if line else 0)
 
     def box(self, corners: tuple[float, float, float, float], fill: str, line: str) -> None:
-        """Draw a box with round corners."""
+        """Draw a box with rounded corners."""
         fine = [v * FINE for v in corners]
         self.draw.rounded_rectangle(fine, 28 * FINE, fill, line, LINE * FINE)
 
     def text(self, text: str, center: Point, size: float, color: str) -> None:
-        """Write letters around a point."""
+        """Draw text centred at a point."""
         font = ImageFont.truetype(FONT, size * FINE)
         x, y = center
         self.draw.text((x * FINE, y * FINE), text, color, font, anchor="mm")
@@ -69,7 +69,7 @@ def curve(height: Callable[[float], float], left: float, right: float) -> list[P
 
 
 def block(canvas: Canvas, letters: str, color: str) -> None:
-    """Draw the block that all controllers are, with its name."""
+    """Draw the block common to all controllers, with a name."""
     canvas.box((8, 24, 248, 232), "#ffffff", color)
     canvas.text(letters, (128, 84), 88 if len(letters) == 3 else 76, INK)
 
@@ -96,13 +96,13 @@ def pid(canvas: Canvas) -> None:
 
 
 def pid_rbf(canvas: Canvas) -> None:
-    """Draw a block with the bells of the network."""
+    """Draw a block with the bell curves of the network."""
     block(canvas, "PID", VERMILION)
     bells(canvas, VERMILION)
 
 
 def ipid_rbf(canvas: Canvas) -> None:
-    """Draw a block with one bell, filled: the integral is left to the network."""
+    """Draw a block with one filled bell curve: the network replaces the integral."""
     block(canvas, "IPID", GREEN)
     bell = curve(lambda x: 204 - 70 * math.exp(-(((x - 128) / 34) ** 2)), 36, 220)
     canvas.draw.polygon([(x * FINE, y * FINE) for x, y in bell], GREEN)

@@ -1,7 +1,7 @@
-"""Draw the results that the pages of the FMUs show, `result.svg` in the folder of each page.
+"""Draw the results on the pages of the FMUs: `result.svg` in the folder of each page.
 
-`python docs/fmu/plots.py` co-simulates the FMUs of target/fmu and draws the plots anew.
-They are small, follow the colours of the page, and tell curves apart by dashes too.
+`python docs/fmu/plots.py` co-simulates the FMUs of target/fmu and redraws the plots. They are
+small, use the colours of the page, and also distinguish curves by dashes.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,18 +18,18 @@ from pendulum_fmus.project import FMUS, ROOT
 Columns = dict[str, np.ndarray]
 
 LEFT, WIDTH, HEIGHT, GAP = 58, 570, 150, 44
-"""Of a panel, in pixels."""
+"""Size of a panel in pixels."""
 FINE = 4
-"""Points lie on a grid with so many lines a pixel."""
+"""Grid lines per pixel, on which all points lie."""
 TOLERANCE = 0.5
-"""How far a curve may be from where it belongs, in lines of the grid."""
+"""Maximum deviation of a curve, in grid lines."""
 
 STYLES = (
     'stroke="#e58a1f" stroke-width="12"',
     'stroke="currentColor" stroke-width="6" stroke-dasharray="24 12"',
     'stroke="#2f8fd6" stroke-width="8" stroke-dasharray="8 10"',
 )
-"""Of the first, second, third curve of a panel, each over the one before."""
+"""Styles of the first, second and third curve of a panel, from back to front."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Panel:
 
 
 def extremes(values: np.ndarray, buckets: int) -> np.ndarray:
-    """Return the indices of the least and the greatest value of each bucket, and of the ends."""
+    """Return the indices of the minimum and maximum of each bucket, and of the ends."""
     parts = np.array_split(np.arange(len(values)), min(buckets, len(values)))
     found = [(part[values[part].argmin()], part[values[part].argmax()]) for part in parts]
     return np.unique([0, *np.ravel(found), len(values) - 1])
 
 
 def needed(x: np.ndarray, y: np.ndarray, first: int, last: int) -> list[int]:
-    """Return the indices after `first` of points whose polygon is the curve (Douglas, Peucker)."""
+    """Return the indices after `first` of points whose polygon fits the curve (Douglas-Peucker)."""
     if last - first < 2:
         return [last]
     inner = slice(first + 1, last)
@@ -65,7 +65,7 @@ def needed(x: np.ndarray, y: np.ndarray, first: int, last: int) -> list[int]:
 
 
 def path(x: np.ndarray, y: np.ndarray) -> str:
-    """Return SVG's path along a curve, in lines of the grid."""
+    """Return the SVG path of a curve, in grid lines."""
     kept = extremes(y, WIDTH * FINE)
     x, y = x[kept] * FINE, y[kept] * FINE
     kept = [0, *needed(x, y, 0, len(x) - 1)]
@@ -75,7 +75,7 @@ def path(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def legend_width(name: str) -> int:
-    """Return the width of a curve's sample and name, roughly [px]."""
+    """Return the approximate width of a legend entry [px]."""
     return 44 + 8 * len(name)
 
 
@@ -105,7 +105,7 @@ def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
 
 
 def draw(time: np.ndarray, ticks: Sequence[float], panels: Sequence[Panel], about: str) -> str:
-    """Return the SVG of panels over the same time; `about` is for those who cannot see it."""
+    """Return the SVG of panels with a common time axis; `about` is the text alternative."""
     top = 24
     parts = []
     for panel in panels:
@@ -127,13 +127,13 @@ def draw(time: np.ndarray, ticks: Sequence[float], panels: Sequence[Panel], abou
 
 
 def run(system: System, start: float, stop: float) -> Columns:
-    """Co-simulate, at 1 ms, in sequential order."""
+    """Co-simulate at 1 ms in sequential order."""
     with closing(system):
         return simulate(system, start=start, step=TS, steps=round((stop - start) / TS) + 1)
 
 
 def pid() -> str:
-    """Draw a step, and a disturbance of the measured angle."""
+    """Draw a step and a disturbance of the measured angle."""
     results = run(Loop("Pid", "step", 1.0).system(), TS, 9.0)
     return draw(
         results["time"],
@@ -154,7 +154,7 @@ def pid() -> str:
 
 
 def pid_rbf() -> str:
-    """Draw how the network takes the force over from the PID."""
+    """Draw the network taking over the force from the PID."""
     results = run(Loop("PidRbf", "step").system(), TS, 2.0)
     return draw(
         results["time"],
@@ -181,7 +181,7 @@ def pid_rbf() -> str:
 
 
 def ipid_rbf() -> str:
-    """Draw a sine, which the network has learned before the first quarter period is over."""
+    """Draw a sine, which the network learns within the first quarter period."""
     results = run(Loop("IpidRbf", "sine").system(), TS, 5.0)
     return draw(
         results["time"],
@@ -207,7 +207,7 @@ def ipid_rbf() -> str:
 
 
 def pendulum() -> str:
-    """Draw how a PID raises the pendulum, linear and nonlinear."""
+    """Draw a PID raising the linear and the nonlinear pendulum."""
     loops = {}
     for model in ("linear", "nonlinear"):
         plant = Component("plant", FMUS / "Pendulum.fmu", {"theta0": 0.5, "model": model})
@@ -232,7 +232,7 @@ def pendulum() -> str:
 
 
 def source() -> str:
-    """Draw the three set-points, and the disturbance."""
+    """Draw the three set-points and the disturbance."""
 
     def signals(form: str, frequency: float) -> Columns:
         start = {"signal": form, "frequency": frequency, "disturbance.amplitude": 1.0}

@@ -1,8 +1,8 @@
-"""Execute the notebook of this folder in a fresh kernel, and store it with its outputs.
+"""Execute the notebook of this folder in a fresh kernel and store it with its outputs.
 
     target/venv/bin/python examples/notebook/execute.py
 
-What is stored depends on the cells alone: no times, no versions, no names of the machine.
+The stored notebook depends only on the cells: it has no times, versions or machine names.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ NOTEBOOK = Path(__file__).resolve().parent / "pendulum.ipynb"
 
 
 def execute(notebook: nbformat.NotebookNode, folder: Path = NOTEBOOK.parent) -> None:
-    """Execute the cells of `notebook` in `folder`; raises CellExecutionError if one fails."""
+    """Execute the cells of `notebook` in `folder`; raise CellExecutionError if one fails."""
     resources = {"metadata": {"path": str(folder)}}
     NotebookClient(notebook, timeout=60, record_timing=False, resources=resources).execute()
     notebook.metadata = nbformat.from_dict(

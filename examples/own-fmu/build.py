@@ -1,6 +1,6 @@
 """Build the FMU of pid.c: `python build.py [FOLDER]` writes CPid.fmu to FOLDER or target/own-fmu.
 
-It needs a C compiler, `cc` or what $CC names, and nothing beyond Python's standard library.
+It needs a C compiler, `cc` or $CC, and only Python's standard library.
 """
 
 import os
@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 HERE = Path(__file__).resolve().parent
 MODEL = "CPid"
 
-# -ffp-contract=off: a product and a sum are rounded one after the other, as in Rust.
+# -ffp-contract=off: no fused multiply-add, as in Rust.
 FLAGS = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
 
 PLATFORMS = {
@@ -30,7 +30,7 @@ def build(folder: Path) -> Path:
     system, suffix = PLATFORMS[platform.system()]
     bits = 64 if sys.maxsize > 2**32 else 32
     folder.mkdir(parents=True, exist_ok=True)
-    # In the same folder, so that the finished FMU is renamed and never seen half written.
+    # In the same folder, so that the finished FMU can be renamed atomically.
     with TemporaryDirectory(dir=folder) as temporary:
         library = Path(temporary) / f"{MODEL}{suffix}"
         compiler = shlex.split(os.environ.get("CC", "cc"))

@@ -1,4 +1,4 @@
-/* A PID controller as an FMI 2.0 co-simulation FMU, in C alone: the law of `control::Pid`.
+/* A PID controller as an FMI 2.0 co-simulation FMU in plain C, with the law of `control::Pid`.
  *
  *     e = r - (y + d)
  *     u_p = kp e + kd (e - e_before)/ts + ki sum(e ts),    u = u_p limited to -u_max .. u_max
@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* --- what is used of FMI 2.0 ------------------------------------------------------------------ */
+/* --- declarations of FMI 2.0 ------------------------------------------------------------------ */
 
 typedef void *fmi2Component;
 typedef void *fmi2FMUstate;
@@ -34,7 +34,7 @@ typedef int fmi2StatusKind;
 
 #define GUID "{6f1c1a52-8d0b-4a0e-9c39-2f5e2f1d7a40}"
 
-/* Value references, as modelDescription.xml has them. */
+/* Value references, as in modelDescription.xml. */
 enum { R, Y, D, U, U_P, E, KP, KI, KD, U_MAX, TS };
 
 typedef struct {
@@ -62,7 +62,7 @@ static void sample(Pid *pid) {
         pid->u = pid->u_p;
 }
 
-/* --- its life --------------------------------------------------------------------------------- */
+/* --- life cycle ------------------------------------------------------------------------------- */
 
 EXPORT fmi2String fmi2GetTypesPlatform(void) { return "default"; }
 
@@ -105,7 +105,7 @@ EXPORT fmi2Status fmi2Reset(fmi2Component c) {
     return fmi2OK;
 }
 
-/* --- its variables ---------------------------------------------------------------------------- */
+/* --- variables -------------------------------------------------------------------------------- */
 
 EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference references[], size_t n,
                               fmi2Real values[]) {
@@ -150,7 +150,7 @@ EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference referenc
     return fmi2OK;
 }
 
-/* No variable is of another type, so only an empty list of references is right. */
+/* There are no variables of other types, so only an empty list of references is valid. */
 #define NO_VARIABLES(name, type)                                                                  \
     EXPORT fmi2Status name(fmi2Component c, const fmi2ValueReference references[], size_t n,      \
                            type values[]) {                                                       \
@@ -165,7 +165,7 @@ NO_VARIABLES(fmi2SetInteger, const fmi2Integer)
 NO_VARIABLES(fmi2SetBoolean, const fmi2Boolean)
 NO_VARIABLES(fmi2SetString, const fmi2String)
 
-/* --- its steps -------------------------------------------------------------------------------- */
+/* --- steps ------------------------------------------------------------------------------------ */
 
 EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step,
                              fmi2Boolean no_set_state_before) {
@@ -175,7 +175,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step,
     return fmi2OK;
 }
 
-/* --- what modelDescription.xml does not claim -------------------------------------------------- */
+/* --- functions without a capability flag in modelDescription.xml ------------------------------- */
 
 #define UNSUPPORTED(name, ...)                                                                    \
     EXPORT fmi2Status name(__VA_ARGS__) { return fmi2Error; }

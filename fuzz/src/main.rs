@@ -1,7 +1,7 @@
 //! Fuzzing of `info` and `validate` on damaged FMUs, for FUZZ_SECONDS (60): see `docs/fuzzing.md`.
 //!
-//! Inputs are mutated from a corpus. One that makes `validate` say something new is kept and mutated
-//! further, which leads deep into the checks without a compiler's help.
+//! Inputs are mutated from a corpus. An input with a new kind of finding from `validate` is kept and
+//! mutated further, which reaches deep into the checks without compiler instrumentation.
 
 use std::collections::HashSet;
 use std::fs;
@@ -15,16 +15,16 @@ use zip::{CompressionMethod, ZipWriter};
 
 use cargo_fmu::commands::info;
 
-/// Longest time for one input.
+/// Maximum time for one input.
 const MAX_TIME: Duration = Duration::from_secs(5);
-/// Most memory that one input may ask for.
+/// Maximum memory allocated for one input.
 const MAX_MEMORY: u64 = 256 << 20;
-/// Larger inputs are not made.
+/// Maximum size of an input.
 const MAX_SIZE: usize = 1 << 18;
-/// Inputs that are kept for further mutation.
+/// Maximum number of inputs kept for further mutation.
 const MAX_KEPT: usize = 4000;
 
-/// Values that programs stumble over.
+/// Values that often trigger bugs.
 const WORDS: &[&str] = &[
     "",
     " ",
@@ -97,7 +97,7 @@ const WORDS: &[&str] = &[
     "rad",
 ];
 
-/// Names of files in archives, sound and not.
+/// File names in archives, valid and invalid.
 const NAMES: &[&str] = &[
     "binaries/linux64/Full.so",
     "binaries/win64/Full.dll",
@@ -154,19 +154,19 @@ impl Random {
         of[self.below(of.len())]
     }
 
-    /// A range within a length, mostly a short one.
+    /// A range within a length, usually a short one.
     fn range(&mut self, length: usize) -> std::ops::Range<usize> {
         let start = self.below(length);
-        let longest = if self.below(4) == 0 { length } else { 16 };
-        let end = start + self.below(longest.min(length - start) + 1);
+        let max = if self.below(4) == 0 { length } else { 16 };
+        let end = start + self.below(max.min(length - start) + 1);
         start..end
     }
 }
 
-/// What is mutated.
+/// A fuzzing input.
 #[derive(Clone)]
 enum Input {
-    /// A model description; an archive is packed around it.
+    /// A model description, which is packed into an archive.
     Xml(Vec<u8>),
     /// An archive.
     Fmu(Vec<u8>),
@@ -204,12 +204,12 @@ impl Input {
     }
 }
 
-/// An archive of a model description and some other files.
+/// Packs a model description and some other files into an archive.
 fn pack(xml: &[u8], random: &mut Random) -> Vec<u8> {
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     let mut add = |name: &str, content: &[u8], method| {
         let options = SimpleFileOptions::default().compression_method(method);
-        // A name that stands twice is refused by the writer; then there is one file less.
+        // The writer rejects duplicate names; the archive then has one file less.
         if writer.start_file(name, options).is_ok() {
             writer.write_all(content).unwrap();
         }
@@ -223,7 +223,7 @@ fn pack(xml: &[u8], random: &mut Random) -> Vec<u8> {
     writer.finish().unwrap().into_inner()
 }
 
-/// Damages bytes: flips, numbers, cuts, repetitions.
+/// Damages bytes: flips bits, inserts numbers, cuts and repeats.
 fn mutate_bytes(bytes: &mut Vec<u8>, random: &mut Random) {
     let at = random.below(bytes.len());
     let range = random.range(bytes.len());
@@ -245,7 +245,7 @@ fn mutate_bytes(bytes: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
-/// Damages a text where its structure is: values, lines, whole elements.
+/// Damages the structure of a text: values, lines, whole elements.
 fn mutate_text(text: &mut Vec<u8>, random: &mut Random) {
     match random.below(8) {
         0 => mutate_bytes(text, random),
@@ -278,7 +278,7 @@ fn mutate_text(text: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
-/// Where one of the texts in quotes is.
+/// The range of a random quoted text.
 fn between_quotes(text: &[u8], random: &mut Random) -> Option<std::ops::Range<usize>> {
     let from = random.below(text.len());
     let next = |from: usize| {
@@ -291,7 +291,7 @@ fn between_quotes(text: &[u8], random: &mut Random) -> Option<std::ops::Range<us
     Some(start..next(start)?)
 }
 
-/// Where some of the lines are.
+/// The range of some random lines.
 fn lines(text: &[u8], random: &mut Random) -> std::ops::Range<usize> {
     let starts: Vec<usize> = std::iter::once(0)
         .chain(
@@ -306,7 +306,7 @@ fn lines(text: &[u8], random: &mut Random) -> std::ops::Range<usize> {
     starts[first]..starts.get(last).copied().unwrap_or(text.len())
 }
 
-/// Runs `info` and `validate` on an archive; the kinds of messages that `validate` gives.
+/// Runs `info` and `validate` on an archive; returns the kinds of the findings of `validate`.
 fn examine(archive: &[u8], file: &Path) -> Vec<String> {
     fs::write(file, archive).unwrap();
     let start = Instant::now();
@@ -316,10 +316,10 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
         messages = findings.kept().iter().map(ToString::to_string).collect();
         let _ = info::print(file, &mut sink());
     });
-    assert!(start.elapsed() < MAX_TIME, "it takes {:?}", start.elapsed());
+    assert!(start.elapsed() < MAX_TIME, "took {:?}", start.elapsed());
     assert!(
         memory.bytes_max < MAX_MEMORY,
-        "it takes {} bytes",
+        "took {} bytes",
         memory.bytes_max
     );
     for message in &messages {
@@ -331,7 +331,7 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
     messages.iter().map(|message| kind(message)).collect()
 }
 
-/// The first words of a message, without what is in quotes; the reasons of others stand behind.
+/// The first words of a message without quoted parts; reasons from libraries come later in the text.
 fn kind(message: &str) -> String {
     let outside = message.split(['"', '`']).step_by(2);
     let words = outside.flat_map(|part| part.split_whitespace());
@@ -358,7 +358,7 @@ fn corpus() -> Vec<Input> {
     files.iter().map(input).collect()
 }
 
-/// Runs as many inputs as `go_on` wants, and returns their number and that of the kinds of messages.
+/// Runs inputs while `go_on` returns true; returns the numbers of inputs and of message kinds.
 fn fuzz(seed: u64, mut go_on: impl FnMut(u64) -> bool) -> (u64, usize) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("input.fmu");

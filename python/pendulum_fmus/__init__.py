@@ -1,7 +1,7 @@
 """Co-simulation of the pendulum FMUs from Python.
 
-- `master` couples any FMUs by FMPy: components, connections, orders of stepping;
-- `loop` has the closed loops of the paper, `run` simulates one of them from the command line;
-- `table1` and `report` recompute Table 1 and all figures of the paper;
+- `master` couples FMUs with FMPy: components, connections, orders of stepping;
+- `loop` defines the closed loops of the paper, `run` simulates one from the command line;
+- `table1` and `report` reproduce Table 1 and all figures of the paper;
 - `sweep` runs parameter sweeps on Dask.
 """

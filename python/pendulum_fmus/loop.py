@@ -20,7 +20,7 @@ TS = 0.001
 """Sample time of the paper's controllers [s]."""
 
 STEPS = 20000
-"""Samples of a run of the paper; Table 1 gives the errors of the last."""
+"""Samples per run in the paper; Table 1 gives the errors of the last one."""
 
 FREQUENCY = {"sine": 0.2, "square": 0.1}
 """Frequencies of the paper's signals [Hz]."""
@@ -32,15 +32,15 @@ SETTLING_BAND = 0.003
 """Half the width of the band in which a step response counts as settled, relative to the step."""
 
 RECORDED = {"u", "u_p", "u_n", "e", "theta", "r", "d"}
-"""The outputs that `execute` records, of whatever component."""
+"""The outputs that `execute` records, for every component."""
 
 
 @dataclass(frozen=True)
 class Loop:
     """One closed loop of the paper: `source`, `controller` and `plant`.
 
-    With the target "supervisor" a PID-RBF loop, `supervisor` and `supervisor_plant`, runs
-    beside it, and its u is what the network of `controller` learns.
+    With the target "supervisor", a second PID-RBF loop (`supervisor` and `supervisor_plant`)
+    runs alongside, and the network of `controller` learns its u.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Loop:
     signal
         "step", "sine" (0.2 Hz) or "square" (0.1 Hz), amplitude 1 rad.
     disturbance
-        What is added to the measured angle from 5 s to 5.5 s [rad].
+        Amplitude added to the measured angle from 5 s to 5.5 s [rad].
     target
         What the network of IpidRbf learns: its "own" u, or the "supervisor"'s.
     w0, supervisor_w0
@@ -57,14 +57,14 @@ class Loop:
     plant_model
         "linear", "nonlinear" or "transfer_function".
     previous_sample_terms
-        Whether the controllers use the PID terms of the sample before; by default as in the
-        paper's Table 1 (Pid and PidRbf do, IpidRbf does not).
+        Whether the controllers use the PID terms of the previous sample; by default as in the
+        paper's Table 1 (true for Pid and PidRbf, false for IpidRbf).
     overrides
-        Pairs of a variable's full name and its start value: (("plant.M", 2.0),).
+        Pairs of full variable name and start value: (("plant.M", 2.0),).
     order
-        Of stepping: "sequential" or "parallel".
+        Order of stepping: "sequential" or "parallel".
     steps
-        How many communication points of 1 ms `execute` records.
+        Number of communication points, 1 ms apart, that `execute` records.
     """
 
     controller: str
@@ -87,7 +87,7 @@ class Loop:
         if self.target != "supervisor":
             return models
         if self.controller != "IpidRbf":
-            raise MasterError(f"{self.controller} has no target {self.target!r}, only IpidRbf has")
+            raise MasterError(f"{self.controller} has no target {self.target!r}; only IpidRbf does")
         return {"supervisor": "PidRbf", "supervisor_plant": "Pendulum", **models}
 
     def starts(self) -> dict[str, dict[str, Any]]:
@@ -117,7 +117,7 @@ class Loop:
         return starts
 
     def system(self, fmus: str | os.PathLike = FMUS) -> System:
-        """Instantiate the FMUs of a folder; if one fails, those before it are freed."""
+        """Instantiate the FMUs of a folder; if one fails, the earlier ones are freed."""
         models, starts = self.models(), self.starts()
         with ExitStack() as stack:
             components = [
@@ -189,13 +189,13 @@ def workers() -> Iterator[Pool]:
     # Spawned, not forked: a fork would copy the locks of a threaded parent
     with multiprocessing.get_context("spawn").Pool(_cores()) as pool:
         yield pool
-        # Leaving the context kills the workers; those that are done take their semaphores along
+        # Leaving the context kills the workers, which leaks semaphores unless they have finished
         pool.close()
         pool.join()
 
 
 def start(pool: Pool, loops: Iterable[Loop], fmus: Path = FMUS) -> dict[Loop, AsyncResult]:
-    """Have the loops co-simulated, the longest first so that no core idles at the end."""
+    """Start co-simulating the loops, longest first so that no core idles at the end."""
     ordered = sorted(set(loops), key=_cost, reverse=True)
     return {loop: pool.apply_async(execute, (loop, fmus)) for loop in ordered}
 
@@ -206,14 +206,14 @@ def _cost(loop: Loop) -> tuple[int, str]:
 
 
 def _cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def parser(description: str, **settings: Any) -> argparse.ArgumentParser:
-    """Return a parser with the option that all programs on these loops share."""
+    """Return a parser with the options shared by all programs that simulate these loops."""
     parser = argparse.ArgumentParser(
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -224,6 +224,6 @@ def parser(description: str, **settings: Any) -> argparse.ArgumentParser:
         type=Path,
         default=FMUS,
         metavar="DIR",
-        help="where the FMUs are (default: target/fmu of this project)",
+        help="folder of the FMUs (default: target/fmu of this project)",
     )
     return parser

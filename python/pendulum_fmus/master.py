@@ -1,4 +1,4 @@
-"""Couple FMI 2.0 co-simulation FMUs of any vendor by FMPy, at a fixed communication step.
+"""Couple FMI 2.0 co-simulation FMUs from any vendor with FMPy, at a fixed communication step.
 
     with System(
         [
@@ -9,12 +9,12 @@
     ) as system:
         results = simulate(system, start=0.001, step=0.001, steps=5000)
 
-Two orders of stepping are offered. At every communication point t
+There are two orders of stepping. At every communication point t,
 
 - sequential (Gauss-Seidel): one component after another fetches its inputs from the newest
-  outputs and steps. With the controller first, the plant feels u(t) at t: no delay;
+  outputs and steps. With the controller first, the plant receives u(t) at t, without delay;
 - parallel (Jacobi): all outputs are read, all inputs are set, then all components step.
-  The plant feels u(t) one step later. Most tools do this.
+  The plant receives u(t) one step later. Most tools use this order.
 """
 
 import difflib
@@ -44,14 +44,14 @@ from fmpy.model_description import ModelVariable
 from tqdm import tqdm
 
 CHUNK = 500
-"""Steps between two updates of the progress bar: often enough to look smooth, at no cost."""
+"""Steps between two updates of the progress bar: looks smooth at negligible cost."""
 
 MAX_STEPS = 10**7
-"""More steps than this are taken for a mistake in `step` or `stop`."""
+"""Maximum number of steps; more are assumed to be a mistake in `step` or `stop`."""
 
 
 class MasterError(Exception):
-    """An error that the user can correct; the message says what and where."""
+    """An error that the user can correct; the message says what is wrong and where."""
 
 
 # --- log messages -------------------------------------------------------------------------------
@@ -60,12 +60,12 @@ _messages: dict[str, str] = {}
 
 
 def _log(_environment, instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
-    """Keep the newest message of every instance: it explains the status of the call to come."""
+    """Keep the newest message of every instance, which explains the status of a failed call."""
     _messages[instance.decode()] = message.decode(errors="replace")
 
 
 def _callbacks() -> fmi2CallbackFunctions:
-    """Return what FMUs may call: our logger, and the C library's memory functions."""
+    """Return the callbacks for FMUs: our logger and the C library's memory functions."""
     callbacks = fmi2CallbackFunctions()
     callbacks.logger = fmi2CallbackLoggerTYPE(_log)
     callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
@@ -74,7 +74,7 @@ def _callbacks() -> fmi2CallbackFunctions:
     return callbacks
 
 
-# One for all instances: FMPy's proxy, which formats the variadic messages, knows one logger only.
+# Shared by all instances: FMPy's proxy, which formats variadic messages, supports only one logger.
 _CALLBACKS = _callbacks()
 
 
@@ -119,7 +119,7 @@ class Component:
             self._resources = stack.pop_all()
 
     def _load(self, stack: ExitStack) -> FMU2Slave:
-        """Unzip and instantiate; `stack` undoes it."""
+        """Unzip and instantiate; closing `stack` undoes it."""
         if self.description.coSimulation is None:
             raise MasterError(f"{self.path} is not a co-simulation FMU")
         folder = stack.enter_context(TemporaryDirectory(prefix="fmu-"))
@@ -140,7 +140,7 @@ class Component:
         return slave
 
     def variable(self, name: str) -> ModelVariable:
-        """Look up a variable; an unknown name is answered with the most similar ones."""
+        """Look up a variable; the error for an unknown name suggests similar ones."""
         if name in self.variables:
             return self.variables[name]
         similar = difflib.get_close_matches(name, self.variables, n=3)
@@ -164,7 +164,7 @@ class Component:
         if variable.causality not in ("input", "parameter"):
             kind = variable.causality
             raise MasterError(
-                f"{self.name}.{name} is of kind {kind}: only inputs and parameters can be set"
+                f"{self.name}.{name} has causality {kind}: only inputs and parameters can be set"
             )
         setter, c_type = self._setter(variable)
         number = _number(f"{self.name}.{name}", variable, value)
@@ -217,13 +217,13 @@ class Component:
             raise self.failure(error, what) from None
 
     def failure(self, error: FMICallException, what: str) -> MasterError:
-        """Say which call of which FMU failed, on what, when, and what the FMU said about it."""
+        """Describe a failed call: FMU, function, variables, time, and the FMU's log message."""
         self._running = False
         when = "" if math.isnan(self.time) else f" at t = {self.time!r} s"
-        said = _messages.pop(self.name, "the FMU logged no reason")
+        logged = _messages.pop(self.name, "the FMU logged no reason")
         return MasterError(
             f"{self.name} ({self.path.name}), {what}{when}:"
-            f" {error.function} returned status {error.status}: {said}"
+            f" {error.function} returned status {error.status}: {logged}"
         )
 
     def close(self) -> None:
@@ -242,7 +242,7 @@ class Component:
 
 
 class Reals:
-    """Some Real variables of one component, looked up once, and a buffer for their values.
+    """Real variables of one component, resolved to value references, and a buffer for their values.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ class Reals:
     names
         Their names, without that of the component.
     values
-        The buffer, `len(names)` doubles; given where two `Reals` are to share one.
+        The buffer, `len(names)` doubles; passed in if two `Reals` share one.
     """
 
     def __init__(self, component: Component, names: Sequence[str], values=None):
@@ -266,7 +266,7 @@ class Reals:
         self.values = values or (c_double * self.count)()
 
     def get(self, into=None) -> None:
-        """Read the values into the own buffer, or where the C pointer `into` points."""
+        """Read the values into the buffer, or to the C pointer `into`."""
         slave = self.component.slave
         try:
             slave.fmi2GetReal(slave.component, self.references, self.count, into or self.values)
@@ -274,7 +274,7 @@ class Reals:
             raise self.component.failure(error, ", ".join(self.names)) from None
 
     def set(self) -> None:
-        """Write the values in the own buffer to the FMU."""
+        """Write the values in the buffer to the FMU."""
         slave = self.component.slave
         try:
             slave.fmi2SetReal(slave.component, self.references, self.count, self.values)
@@ -292,12 +292,12 @@ def _read_description(path: Path) -> fmpy.model_description.ModelDescription:
         return fmpy.read_model_description(path)
     except (OSError, KeyError, zipfile.BadZipFile) as error:
         raise MasterError(f"{path} cannot be read as an FMU: {error}") from error
-    except Exception as error:  # FMPy raises bare exceptions for what it finds wrong
+    except Exception as error:  # FMPy raises bare exceptions for invalid descriptions
         raise MasterError(f"{path} has an invalid model description: {error}") from error
 
 
 def _number(name: str, variable: ModelVariable, value: Any) -> float | int:
-    """Convert a start value to the number that FMI wants for the type of the variable."""
+    """Convert a start value to the number that FMI expects for the type of the variable."""
     try:
         match variable.type:
             case "Real":
@@ -314,7 +314,7 @@ def _number(name: str, variable: ModelVariable, value: Any) -> float | int:
 
 
 def _item(variable: ModelVariable, value: Any) -> int:
-    """Return the number of an enumeration's item, given by its name or its number."""
+    """Return the value of an enumeration item, given by name or value."""
     items = {item.name: int(item.value) for item in variable.declaredType.items}
     if value in items:
         return items[value]
@@ -325,7 +325,7 @@ def _item(variable: ModelVariable, value: Any) -> int:
 
 
 def _expectation(variable: ModelVariable) -> str:
-    """Say in words what values a variable takes."""
+    """Describe the values that a variable accepts."""
     if variable.type == "Enumeration":
         return "one of " + ", ".join(item.name for item in variable.declaredType.items)
     return {"Real": "a number", "Integer": "a whole number", "Boolean": "true or false"}.get(
@@ -342,7 +342,7 @@ class System:
     Parameters
     ----------
     components
-        In the order in which sequential stepping takes them.
+        In the order of sequential stepping.
     connections
         Pairs of names, ("plant.theta", "controller.y"): from an output to an input.
     """
@@ -357,7 +357,7 @@ class System:
         self.all_links = [link for links in self.links.values() for link in links]
 
     def locate(self, name: str) -> tuple[Component, str]:
-        """Split "component.variable" and look the component up."""
+        """Split "component.variable" and look up the component."""
         component, _, variable = name.partition(".")
         if component not in self.components:
             known = ", ".join(self.components)
@@ -376,7 +376,7 @@ class System:
             targets.add(pair[1])
 
     def _links(self) -> dict[str, list[tuple[Reals, Reals]]]:
-        """Bundle the connections between each pair of components: {fed: [(outputs, inputs)]}."""
+        """Group the connections by pairs of components: {fed: [(outputs, inputs)]}."""
         bundles: dict[tuple[str, str], list[tuple[str, str]]] = {}
         for output, input_ in self.connections:
             (source, output_name), (fed, input_name) = self.locate(output), self.locate(input_)
@@ -411,7 +411,7 @@ class System:
 
 
 def step_sequentially(system: System, time: float, step: float) -> None:
-    """Let each component in turn fetch its inputs from the newest outputs, and step."""
+    """For each component in turn, fetch its inputs from the newest outputs and step."""
     for name, component in system.components.items():
         for outputs, inputs in system.links[name]:
             outputs.get()
@@ -433,7 +433,7 @@ ORDERS = {"sequential": step_sequentially, "parallel": step_in_parallel}
 
 
 class Recorder:
-    """Values of variables at every communication point, read straight into NumPy arrays."""
+    """Values of variables at every communication point, read directly into NumPy arrays."""
 
     def __init__(self, system: System, names: Sequence[str], steps: int):
         self.names = list(names)
@@ -447,7 +447,7 @@ class Recorder:
             self.blocks.append((Reals(system.components[name], variables), block))
 
     def rows(self, *, sampled: bool) -> list[tuple[Reals, c_double, int]]:
-        """Return (variables, first value, bytes per row) of the components of one kind."""
+        """Return (variables, first value, bytes per row) of the sampled or the other components."""
         return [
             (reals, c_double.from_buffer(block), block.strides[0])
             for reals, block in self.blocks
@@ -490,7 +490,7 @@ def simulate(
             for k in range(first, min(first + CHUNK, steps)):
                 for reals, values, stride in before:
                     reals.get(byref(values, k * stride))
-                # Never accumulated: the sum of 20000 rounded steps is off by more than its last bit
+                # Not accumulated, since rounding errors would add up over 20000 steps
                 advance(system, start + k * step, step)
                 for reals, values, stride in after:
                     reals.get(byref(values, k * stride))
@@ -499,14 +499,14 @@ def simulate(
 
 
 def _hidden(progress: bool) -> bool | None:
-    """Return tqdm's `disable`: None shows the bar on a terminal only."""
+    """Return tqdm's `disable`: None shows the bar only on a terminal."""
     return None if progress else True
 
 
 def steps_until(stop: float, start: float, step: float) -> int:
-    """Return how many communication points start + k step there are, up to `stop` [s]."""
+    """Return the number of communication points start + k step up to `stop` [s]."""
     if not (math.isfinite(start) and math.isfinite(stop) and stop >= start):
-        raise MasterError(f"the stop time {stop} s lies before the start time {start} s")
+        raise MasterError(f"the stop time {stop} s is before the start time {start} s")
     if not 0 < step < math.inf:
         raise MasterError(f"the step {step} s is not a positive number")
     steps = (stop - start) / step

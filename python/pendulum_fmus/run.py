@@ -19,13 +19,13 @@ from .master import ORDERS, MasterError, simulate, steps_until
 
 @contextmanager
 def replacing(path: Path) -> Iterator[TextIO]:
-    """Open a text file that takes the place of `path` once it is complete."""
+    """Open a temporary text file that replaces `path` once it is complete."""
     try:
         if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
             with path.open("w", encoding="utf-8") as file:
                 yield file
             return
-        target = path.resolve()  # what a link points to is replaced, not the link
+        target = path.resolve()  # replaces the target of a link, not the link
         unfinished = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
             with unfinished.open("w", encoding="utf-8", newline="\n") as file:
@@ -47,15 +47,15 @@ def write_csv(file: TextIO, results: Mapping[str, np.ndarray], units: Mapping[st
 EXAMPLES = """\
 examples:
   python tests/master.py
-      the step response of the IPID-RBF controller that learns from itself
+      step response of the IPID-RBF controller with its own u as target
   python tests/master.py --controller Pid --signal square --disturbance 1 --csv pid.csv
-      row 6 of the paper's Table 1, every sample of it
+      row 6 of the paper's Table 1, with every sample
   python tests/master.py --controller IpidRbf --target supervisor --signal sine
-      row 3: IPID-RBF beside the PID-RBF loop that it learns from
+      row 3: IPID-RBF with a PID-RBF loop as supervisor
   python tests/master.py --order parallel --step 0.00025 --plant-model nonlinear
-      as most tools step, four times per sample, with the nonlinear pendulum
+      parallel order as in most tools, four steps per sample, nonlinear pendulum
   python tests/master.py --set controller.rbf.eta=0.5 --set plant.M=2
-      other parameters; `cargo fmu info FILE` lists those of an FMU
+      other parameters; `cargo fmu info FILE` lists the parameters of an FMU
 
 A negative number in scientific notation needs an equals sign: --disturbance=-1e-3
 """
@@ -64,7 +64,7 @@ A negative number in scientific notation needs an equals sign: --disturbance=-1e
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = loop.parser(
-        "Run one closed loop of the paper from its FMUs, coupled by FMPy.", epilog=EXAMPLES
+        "Run one closed loop of the paper from its FMUs, coupled with FMPy.", epilog=EXAMPLES
     )
     add = parser.add_argument
     add(
@@ -77,8 +77,8 @@ def parser() -> argparse.ArgumentParser:
         "--target",
         choices=["own", "supervisor"],
         default="own",
-        help="what the network of IpidRbf learns: its own u, or the u of a PID-RBF loop that runs"
-        " beside it, as in Table 1 (default: %(default)s)",
+        help="training target of IpidRbf's network: its own u, or the u of a second PID-RBF loop,"
+        " as in Table 1 (default: %(default)s)",
     )
     add(
         "--signal",
@@ -103,7 +103,7 @@ def parser() -> argparse.ArgumentParser:
         "--order",
         choices=list(ORDERS),
         default="sequential",
-        help="sequential: controller first, u acts at once; parallel: all step together, u acts"
+        help="sequential: controller first, u acts immediately; parallel: all step together, u acts"
         " one step later (default: %(default)s)",
     )
     add(
@@ -132,8 +132,8 @@ def parser() -> argparse.ArgumentParser:
         choices=["auto", "on", "off"],
         default="auto",
         help="whether u(k) uses the PID terms of sample k-1. auto: in sequential order as in the"
-        " paper's Table 1 (on for Pid and PidRbf); in parallel order off, for the master delays"
-        " by a sample already, and two are too many for the network",
+        " paper's Table 1 (on for Pid and PidRbf); in parallel order off, since the master already"
+        " delays by one sample, and a second delay is too much for the network",
     )
     add("-w0", type=float, nargs=4, metavar="W", help="initial weights of the network [N]")
     add(
@@ -150,10 +150,10 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         metavar="COMPONENT.VARIABLE=VALUE",
         type=_assignment,
-        help="start value of any parameter; may be repeated. Components: controller, plant,"
+        help="set the start value of a parameter; may be repeated. Components: controller, plant,"
         " source, and with --target supervisor also supervisor, supervisor_plant",
     )
-    add("--csv", type=Path, metavar="FILE", help="write time and all outputs to this file")
+    add("--csv", type=Path, metavar="FILE", help="write the time and all outputs to this file")
     return parser
 
 
@@ -165,18 +165,18 @@ def _assignment(text: str) -> tuple[str, str]:
 
 
 def loop_of(options: argparse.Namespace) -> Loop:
-    """Return the loop that the options describe: they have the names of its fields."""
-    asked = {f.name: vars(options)[f.name] for f in fields(Loop) if f.name in options}
+    """Return the loop that the options describe; they are named like its fields."""
+    values = {f.name: vars(options)[f.name] for f in fields(Loop) if f.name in options}
     late = options.previous_sample_terms
     if late == "auto":
-        asked["previous_sample_terms"] = None if options.order == "sequential" else False
+        values["previous_sample_terms"] = None if options.order == "sequential" else False
     else:
-        asked["previous_sample_terms"] = late == "on"
-    return Loop(**asked)
+        values["previous_sample_terms"] = late == "on"
+    return Loop(**values)
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run the loop that the command line asks for, and say how it went."""
+    """Run the loop of the command line and print a summary."""
     steps = steps_until(options.stop, options.start, options.step)
     with ExitStack() as stack:
         file = stack.enter_context(replacing(options.csv)) if options.csv else None
@@ -193,11 +193,11 @@ def run(options: argparse.Namespace) -> None:
 
 
 def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
-    """Say in a few lines how well the controller did."""
+    """Summarize the performance of the controller in a few lines."""
     time, error = results["time"], results["controller.e"]
     lines = [
         f"final e         {error[-1]:.9e} rad at t = {time[-1]:.10g} s",
-        f"largest |u|     {np.max(np.abs(results['controller.u'])):.9g} N",
+        f"maximum |u|     {np.max(np.abs(results['controller.u'])):.9g} N",
     ]
     if signal == "step":
         # On a step, the band is relative to the reference
@@ -209,7 +209,7 @@ def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the script; returns its exit status."""
+    """Run the script; return its exit status."""
     options = parser().parse_args(arguments)
     try:
         run(options)

@@ -1,23 +1,23 @@
-"""Run a sweep on many processes or machines, by Dask.
+"""Run a sweep on many processes or machines with Dask.
 
-The rows are those of `cargo fmu sweep`, byte for byte. With one process for each core:
+The rows are those of `cargo fmu sweep`, byte for byte. With one process per core:
 
     python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
 
-On several machines of the same platform, start on one of them, and then on each that is to work,
+On several machines of the same platform, start a scheduler on one and workers on each:
 
     dask scheduler --host HOST
     dask worker tcp://HOST:8786 --nworkers auto --nthreads 1
 
-and add `--scheduler tcp://HOST:8786` to the command. The workers need `dask.distributed` in the
-same version, and nothing of this project: each gets the native program, the sweep, the system and
-the FMUs, in a folder that goes away with it.
+Then add `--scheduler tcp://HOST:8786` to the command. The workers need the same version of
+`dask.distributed`, but nothing of this project: each receives the native program, the sweep, the
+system and the FMUs in a folder that is removed when the worker ends.
 
-A sweep that was killed goes on where it was when the same command is given again, or `cargo fmu
-sweep`, which keeps the same journal: the table's name with `.part` behind it.
+A killed sweep resumes when the same command is run again. `cargo fmu sweep` can resume it too, as
+it uses the same journal: the name of the table with the suffix `.part`.
 
-Dask runs what it is sent: whoever reaches the scheduler can run any program on its workers, and a
-worker can send anything to the coordinator. Use it in a network that you trust, or with Dask's TLS.
+Dask executes any code that it receives: whoever can reach the scheduler can run any program on its
+workers, and a worker can send anything to the coordinator. Use a trusted network or Dask's TLS.
 """
 
 import argparse
@@ -51,28 +51,28 @@ from tqdm import tqdm
 
 from pendulum_fmus.project import PROGRAM
 
-PATIENCE = 5
-"""How long a scheduler may take to answer [s]."""
+TIMEOUT = 5
+"""Time limit for connecting to a scheduler [s]."""
 
 RETRIES = 3
-"""How often a chunk is tried again whose program was killed on its worker."""
+"""Number of retries of a chunk whose program was killed on its worker."""
 
 PRELOAD = """
 import os, signal
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 """
-"""Local workers leave it to the coordinator to end them, and to say why."""
+"""Local workers ignore Ctrl-C and print nothing; the coordinator stops them and reports errors."""
 
-AHEAD = 1000
-"""Most chunks that the scheduler knows of: enough for that many workers, few for its memory."""
+MAX_QUEUED = 1000
+"""Maximum number of chunks queued at the scheduler, which limits its memory."""
 
-LARGEST_CHUNK = 1000
-"""Runs of a chunk at most, by default: what a killed worker may have to do again."""
+MAX_CHUNK = 1000
+"""Default maximum number of runs per chunk, which a killed worker may have to repeat."""
 
 
 class SweepError(Exception):
-    """What ends the sweep, in words for the user."""
+    """An error that ends the sweep, with a message for the user."""
 
 
 # --- the sweep ----------------------------------------------------------------------------------
@@ -80,16 +80,16 @@ class SweepError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """A sweep, as the program sees it.
+    """The plan of a sweep, as the native program reports it.
 
     Parameters
     ----------
     runs
-        How many there are.
+        Number of runs.
     header
         The first lines of the journal.
     files
-        What a worker needs, by paths in its folder.
+        The files that a worker needs, by path in its folder.
     """
 
     runs: int
@@ -98,7 +98,7 @@ class Plan:
 
 
 def call(program: Path, *arguments: object) -> str:
-    """Run `cargo fmu sweep` on this machine; returns what it prints."""
+    """Run `cargo fmu sweep` on this machine; return its output."""
     command = [program, "sweep", *map(str, arguments)]
     try:
         result = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -107,21 +107,21 @@ def call(program: Path, *arguments: object) -> str:
             f"cannot run {program}: {error.strerror}; `make native` builds the program"
         ) from error
     if result.returncode:
-        raise SweepError(complaint(result.stderr, result.returncode))
+        raise SweepError(failure_message(result.stderr, result.returncode))
     return result.stdout
 
 
-def complaint(stderr: str, code: int) -> str:
-    """Return what the program said when it failed."""
-    return stderr.removeprefix("error: ").strip() or f"the program ended with exit code {code}"
+def failure_message(stderr: str, code: int) -> str:
+    """Return the error message of the program."""
+    return stderr.removeprefix("error: ").strip() or f"the program exited with code {code}"
 
 
 def read_plan(program: Path, sweep: Path) -> Plan:
-    """Ask the program for the plan, and read the files that it names."""
+    """Get the plan from the program and read the files that it names."""
     plan = json.loads(call(program, sweep, "--plan"))
     files = {"cargo-fmu": program, "sweep.toml": sweep, "system.toml": Path(plan["system"])}
     for fmu in dict.fromkeys(map(Path, plan["fmus"])):
-        # Workers take the FMUs from one folder, by their file names.
+        # Workers have all FMUs in one folder, by file name.
         other = files.setdefault(f"fmus/{fmu.name}", fmu)
         if other.read_bytes() != fmu.read_bytes():
             raise SweepError(f"{other} and {fmu} are different FMUs; give them different names")
@@ -133,7 +133,7 @@ def read_plan(program: Path, sweep: Path) -> Plan:
 
 
 class Journal:
-    """The rows that are done, in the format of sweep/src/journal.rs; locked until it is closed."""
+    """The finished rows, in the format of crates/fmu-sweep/src/journal.rs; locked until closed."""
 
     def __init__(self, path: Path, header: bytes):
         self.path = path
@@ -153,7 +153,7 @@ class Journal:
         self.done = self._read_done(header)
 
     def _cut(self, header: bytes) -> int:
-        """Cut what a kill tore: the last line, or all if that is the header; returns the rest."""
+        """Cut off a line torn by a kill, or everything if the header is torn; return the length."""
         self.file.seek(0)
         content = self.file.read()
         if not (content.startswith(header) or header.startswith(content)):
@@ -175,7 +175,7 @@ class Journal:
         """Append whole lines, all of them or none."""
         try:
             if self.file.write(lines) < len(lines):
-                raise OSError(0, "only a part was written")
+                raise OSError(0, "incomplete write")
             os.fsync(self.file.fileno())
         except OSError as error:
             self.file.truncate(self.length)
@@ -183,28 +183,28 @@ class Journal:
         self.length += len(lines)
 
     def close(self) -> None:
-        """Give the journal to others."""
+        """Close the file, which releases the lock."""
         self.file.close()
 
 
 def lines_of(text: bytes) -> list[bytes]:
-    """Return the lines, without the line feed behind each."""
+    """Return the lines without their line feeds."""
     return text.split(b"\n")[:-1]
 
 
 def run_of(line: bytes) -> int:
-    """Return the number of the run that a line is of."""
+    """Return the index of the run that a line belongs to."""
     return int(line.split(b",", 1)[0])
 
 
 def check_rows(rows: bytes, chunk: range) -> None:
-    """Refuse rows that are not those of a chunk, each once."""
+    """Check that the rows are exactly those of a chunk."""
     if not rows.endswith(b"\n") or sorted(map(run_of, lines_of(rows))) != list(chunk):
-        raise SweepError(f"a worker gave other rows than {named(chunk)}")
+        raise SweepError(f"a worker returned rows that do not match {named(chunk)}")
 
 
 def chunks(runs: int, done: set[int], size: int) -> Iterator[range]:
-    """Yield the runs that are left, in ranges of at most `size`."""
+    """Yield the remaining runs in ranges of at most `size`."""
     first = 0
     for end in [*sorted(done), runs]:
         yield from (range(k, min(k + size, end)) for k in range(first, end, size))
@@ -212,7 +212,7 @@ def chunks(runs: int, done: set[int], size: int) -> Iterator[range]:
 
 
 def named(chunk: range) -> str:
-    """Return a chunk as the messages show it."""
+    """Return the name of a chunk in messages."""
     return f"the runs {chunk.start}..{chunk.stop}"
 
 
@@ -220,9 +220,9 @@ def named(chunk: range) -> str:
 
 
 class Bundle(WorkerPlugin):
-    """The files of a sweep in a folder of a worker. Workers that come later get it too."""
+    """The files of a sweep, unpacked on every worker, including those that join later."""
 
-    idempotent = True  # Of another coordinator for the same files, killed before it took them back.
+    idempotent = True  # A killed coordinator of the same sweep may have left it registered.
 
     def __init__(self, files: dict[str, bytes]):
         self.files = files
@@ -244,18 +244,18 @@ class Bundle(WorkerPlugin):
 
 
 def simulate(bundle: str, chunk: range) -> subprocess.CompletedProcess[bytes]:
-    """Run the program for a chunk of runs, on the worker that this is called on."""
+    """Run the program for a chunk of runs on the current worker."""
     folder = get_worker().plugins[bundle].folder
     command = [
         folder / "cargo-fmu", "sweep", folder / "sweep.toml",
         "--system", folder / "system.toml", "--fmus", folder / "fmus",
         "--rows", f"{chunk.start}..{chunk.stop}", "--threads", "1",
     ]  # fmt: skip
-    # The FMUs are unzipped there, so that they go away with the worker too.
+    # The FMUs are unpacked there too, so that they are removed with the worker.
     environment = {**os.environ, "TMPDIR": str(folder)}
     result = subprocess.run(command, env=environment, capture_output=True, check=False)
     if result.returncode < 0:
-        raise ChildProcessError(f"the program was ended by signal {-result.returncode}")
+        raise ChildProcessError(f"the program was killed by signal {-result.returncode}")
     return result
 
 
@@ -274,28 +274,28 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             )
             scheduler = stack.enter_context(cluster).scheduler_address
         try:
-            client = Client(scheduler, timeout=PATIENCE)
+            client = Client(scheduler, timeout=TIMEOUT)
         except (OSError, ValueError) as error:
             raise SweepError(
-                f"no scheduler answers at {scheduler}; `dask scheduler` starts one"
+                f"no scheduler is running at {scheduler}; `dask scheduler` starts one"
             ) from error
         yield stack.enter_context(client)
 
 
 @contextlib.contextmanager
 def sent(client: Client, bundle: Bundle) -> Iterator[str]:
-    """Have all workers unpack the bundle, and at last remove it; yields its name."""
+    """Install the bundle on all workers and remove it at the end; yield its name."""
     client.register_plugin(bundle, name=bundle.name)
     try:
         yield bundle.name
     finally:
-        # Without the scheduler there is nobody to take it back from.
+        # The scheduler may be gone.
         with contextlib.suppress(Exception):
             client.unregister_worker_plugin(bundle.name)
 
 
 def results(client: Client, bundle: str, chunks: Iterable[range]) -> Iterator[tuple[range, bytes]]:
-    """Have the workers do the chunks; yields each with its rows, in any order."""
+    """Run the chunks on the workers; yield each with its rows, in any order."""
     group = f"rows-{uuid.uuid4().hex}"
     chunks = iter(chunks)
 
@@ -303,19 +303,19 @@ def results(client: Client, bundle: str, chunks: Iterable[range]) -> Iterator[tu
         key = (group, chunk.start, chunk.stop)
         return client.submit(simulate, bundle, chunk, key=key, retries=RETRIES)
 
-    pending = as_completed(map(submit, islice(chunks, AHEAD)))
+    pending = as_completed(map(submit, islice(chunks, MAX_QUEUED)))
     for future in pending:
         chunk = range(*future.key[1:])
         try:
             result = future.result()
         except KilledWorker as error:
-            raise SweepError(f"{named(chunk)} end every worker that does them") from error
+            raise SweepError(f"{named(chunk)} crash every worker that runs them") from error
         except OSError as error:
             raise SweepError(
-                f"a worker failed at {named(chunk)}: {error}; is it of the same platform?"
+                f"a worker failed at {named(chunk)}: {error}; does it run on the same platform?"
             ) from error
         if result.returncode:
-            raise SweepError(complaint(result.stderr.decode(), result.returncode))
+            raise SweepError(failure_message(result.stderr.decode(), result.returncode))
         yield chunk, result.stdout
         pending.update(map(submit, islice(chunks, 1)))
 
@@ -324,12 +324,12 @@ def results(client: Client, bundle: str, chunks: Iterable[range]) -> Iterator[tu
 
 
 def default_chunk(runs: int, threads: int) -> int:
-    """Return a size of chunks that keeps all threads busy to the end."""
-    return max(1, min(runs // (8 * max(1, threads)), LARGEST_CHUNK))
+    """Return a chunk size that keeps all threads busy until the end."""
+    return max(1, min(runs // (8 * max(1, threads)), MAX_CHUNK))
 
 
 def compute(client: Client, plan: Plan, journal: Journal, size: int | None) -> None:
-    """Do the runs that are left, and append their rows to the journal."""
+    """Execute the remaining runs and append their rows to the journal."""
     left = plan.runs - len(journal.done)
     threads = sum(client.nthreads().values())
     if left and not threads:
@@ -349,11 +349,11 @@ def compute(client: Client, plan: Plan, journal: Journal, size: int | None) -> N
     elapsed = time.monotonic() - begin
     print(f"{left} runs in {elapsed:.3f} s: {left / elapsed:.0f} a second")
     if journal.done:
-        print(f"{len(journal.done)} runs were done before")
+        print(f"{len(journal.done)} runs were already done")
 
 
 def sweep(options: argparse.Namespace) -> None:
-    """Run the sweep that the command line asks for."""
+    """Run the sweep of the command line."""
     program = options.program.resolve()
     out = options.out or Path(options.sweep.with_suffix(".csv").name)
     if out.suffix not in (".csv", ".parquet") or out.is_dir():
@@ -367,7 +367,7 @@ def sweep(options: argparse.Namespace) -> None:
 
 
 def positive(text: str) -> int:
-    """Read a whole number of at least 1."""
+    """Parse a whole number of at least 1."""
     number = int(text)
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
@@ -375,38 +375,38 @@ def positive(text: str) -> int:
 
 
 def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
-    """Read the command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m pendulum_fmus.sweep",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("sweep", type=Path, metavar="SWEEP.toml", help="file that describes the sweep")
+    add("sweep", type=Path, metavar="SWEEP.toml", help="sweep file")
     add(
         "--out",
         type=Path,
         metavar="FILE",
-        help="file for the rows, .csv or .parquet (default: the sweep's name with .csv)",
+        help="output file, .csv or .parquet (default: the name of the sweep file with .csv)",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="scheduler whose workers do the runs (default: workers on this machine)",
+        help="scheduler whose workers execute the runs (default: workers on this machine)",
     )
     where.add_argument(
         "--workers",
         type=positive,
         metavar="N",
-        help="worker processes on this machine (default: one for each core)",
+        help="worker processes on this machine (default: one per core)",
     )
     add(
         "--chunk",
         type=positive,
         metavar="RUNS",
-        help="runs that a worker does at a time, and that are lost with it if it is killed"
-        f" (default: an eighth of its share, {LARGEST_CHUNK} at most)",
+        help="runs per task, which are repeated if the worker is killed"
+        f" (default: an eighth of a worker's share, at most {MAX_CHUNK})",
     )
     add(
         "--program",
@@ -419,9 +419,9 @@ def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run the script; returns its exit status."""
+    """Run the script; return its exit status."""
     options = arguments()
-    # What they say of lost workers and schedulers is said here, or mended by Dask.
+    # Dask recovers from lost workers, and a lost scheduler is reported below.
     logging.disable()
     try:
         sweep(options)
@@ -429,10 +429,10 @@ def main() -> int:
         print(f"sweep.py: {error}", file=sys.stderr)
         return 1
     except FutureCancelledError:
-        print("sweep.py: the scheduler is lost; the same command goes on", file=sys.stderr)
+        print("sweep.py: lost the scheduler; run the same command to resume", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("sweep.py: interrupted; the same command goes on", file=sys.stderr)
+        print("sweep.py: interrupted; run the same command to resume", file=sys.stderr)
         return 130
     return 0
 

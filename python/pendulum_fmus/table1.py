@@ -1,9 +1,9 @@
-"""Reproduce Table 1 of the paper, and its two settling times, from co-simulations of the FMUs.
+"""Reproduce Table 1 of the paper and its two settling times from co-simulations of the FMUs.
 
-`python -m pendulum_fmus.table1` prints every number as the paper prints it, as a correct
-implementation with zero initial weights gives it (table1.csv), and as computed. It exits with
-status 1 if one misses its tolerance. All loops run in sequential order at 1 ms, in parallel
-on the processor's cores.
+`python -m pendulum_fmus.table1` prints every number as printed in the paper, as expected of a
+correct implementation with zero initial weights (table1.csv), and as computed. It exits with
+status 1 if one is out of tolerance. All loops run in sequential order at 1 ms, distributed over
+the cores.
 """
 
 import csv
@@ -25,16 +25,16 @@ from .master import MasterError
 DATA = Path(__file__).parent / "table1.csv"
 
 TOLERANCE = 2e-5
-"""Relative: the last bit of a coefficient of (41) moves the errors by up to 6e-6."""
+"""Relative tolerance: the last bit of a coefficient of (41) changes the errors by up to 6e-6."""
 
 ZERO = 1e-11
-"""|e| of a loop that has converged, where the paper prints the residue of its rounding [rad]."""
+"""Maximum |e| of a converged loop, where the paper prints a rounding residue [rad]."""
 
 TRANSIENT_TOLERANCE = 1e-2
-"""Relative, for the decayed transient of row 2: the last bits move it by up to half of this."""
+"""Relative tolerance for the decayed transient of row 2, which rounding changes by up to half."""
 
 
-# With these initial weights, which the paper does not give, its sine rows come out to the digit.
+# The paper does not give its initial weights; these reproduce its sine rows to every digit.
 FITTED = {
     3: Loop(
         "IpidRbf", "sine", 0.0, "supervisor",
@@ -56,15 +56,15 @@ class Entry:
     Parameters
     ----------
     run, variable
-        Where it comes from.
+        The run and the variable that it is taken from.
     label
-        Row, disturbance, signal and controller, as the printed table shows them.
+        Row, disturbance, signal and controller, as shown in the printed table.
     printed
-        The number as the paper prints it.
+        The number as printed in the paper.
     expected
-        The number that the computed one must come close to; NaN if only the print counts.
+        The number that the computed one must be close to; NaN if only the printed one matters.
     tolerance
-        How close: relative to `expected`, absolute if that is 0.
+        Maximum deviation, relative to `expected`, absolute if that is 0.
     every_digit
         Whether the computed number must round to the printed one.
     settling
@@ -81,16 +81,16 @@ class Entry:
     settling: bool = False
 
     def computed(self, results: Mapping[str, np.ndarray]) -> float:
-        """Take the number out of the results of its run."""
+        """Extract the number from the results of its run."""
         column = results[self.variable]
         return settling_time(results["time"], column) if self.settling else float(column[-1])
 
     def deviation(self, computed: float) -> float:
-        """Return the error, relative to the expected number if that is not 0."""
+        """Return the deviation, relative to the expected number if that is not 0."""
         return abs(computed - self.expected) / (abs(self.expected) or 1.0)
 
     def close(self, computed: float) -> bool:
-        """Return whether the number keeps its tolerance."""
+        """Return whether the number is within its tolerance."""
         return math.isnan(self.expected) or self.deviation(computed) < self.tolerance
 
     def holds(self, computed: float) -> bool:
@@ -121,7 +121,7 @@ COLUMNS = {"Pid": "e_pid", "PidRbf": "e_pid_rbf", "IpidRbf": "e_ipid_rbf"}
 """Columns of the data file."""
 
 VARIABLES = {"Pid": "controller.e", "PidRbf": "supervisor.e", "IpidRbf": "controller.e"}
-"""Where the runs keep the error of a controller: PidRbf is the supervisor of IpidRbf."""
+"""Variables with the error of each controller: PidRbf is the supervisor of IpidRbf."""
 
 
 def _label(row: Mapping[str, str], controller: str, note: str = "") -> tuple[str, str, str, str]:
@@ -172,7 +172,7 @@ def _fitted_row(row: Mapping[str, str]) -> list[Entry]:
 
 
 def _settling_times(table: Sequence[Entry]) -> list[Entry]:
-    """Return the settling times that the paper's text gives for row 1."""
+    """Return the settling times of row 1 that are stated in the paper's text."""
     return [
         Entry(
             entry.run,
@@ -199,7 +199,7 @@ def runs() -> set[Loop]:
 
 
 def compute(fmus: Path = FMUS) -> Results:
-    """Co-simulate all of them on all cores."""
+    """Co-simulate all loops on all cores."""
     with loop.workers() as pool:
         started = loop.start(pool, runs(), fmus)
         bar = tqdm(started.items(), unit="loop", leave=False, disable=None)
@@ -211,23 +211,23 @@ def compute(fmus: Path = FMUS) -> Results:
 HEADER = ("row", "d", "signal", "FMU", "printed", "expected", "computed", "")
 
 LEFT = {0, 1, 2, 3, 7}
-"""Columns of words, which are aligned to the left."""
+"""Left-aligned columns."""
 
 GREEN, RED, PLAIN = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 NOTES = """\
 d         amplitude of the disturbance [rad]
-expected  by a correct implementation with zero initial weights
-ok        computed is as expected, and rounds to every printed digit
-(ok)      computed is as expected, but the printed digits are out of reach:
+expected  of a correct implementation with zero initial weights
+ok        computed is as expected and rounds to every printed digit
+(ok)      computed is as expected, but the printed digits cannot be reproduced:
           PidRbf on a step: a rounding residue (row 1), a decayed transient
           (row 2, within 1 %); PidRbf and IpidRbf on a sine (rows 3 and 4):
           the paper does not give the initial weights
-3*, 4*    with initial weights that were fitted to the printed numbers"""
+3*, 4*    with initial weights fitted to the printed numbers"""
 
 
 def verdict(entry: Entry, computed: float) -> str:
-    """Return in a word whether a number is reproduced."""
+    """Return the verdict on a number in one word."""
     if not entry.holds(computed):
         return "MISSED"
     return "ok" if agrees(computed, entry.printed) else "(ok)"
@@ -249,7 +249,7 @@ def cells(entry: Entry, computed: float) -> tuple[str, ...]:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, colour: bool) -> str:
-    """Lay out rows of text in columns: words to the left, numbers to the right."""
+    """Align rows of text in columns: words left, numbers right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
 
     def pad(index: int, text: str) -> str:
@@ -292,13 +292,13 @@ def report(results: Results, *, colour: bool = False) -> tuple[str, bool]:
 
 
 def colourful() -> bool:
-    """Return whether the output goes to a terminal that shows colours."""
+    """Return whether the output is a terminal with colours."""
     return sys.stdout.isatty() and "NO_COLOR" not in os.environ
 
 
 def write(results: Results, folder: Path) -> list[Path]:
-    """Write the table and the overview, which the full report has too, to a folder."""
-    from .report import overview  # draws: not needed where only the table is printed
+    """Write the table and the overview, which are also part of the full report, to a folder."""
+    from .report import overview  # imports matplotlib, not needed for the table
     from .report.data import Data
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -309,13 +309,13 @@ def write(results: Results, folder: Path) -> list[Path]:
 
 
 def main() -> int:
-    """Run the program; returns its exit status."""
+    """Run the program; return its exit status."""
     parser = loop.parser("Reproduce Table 1 of the paper from the FMUs.")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="write table1.txt and closed-loop.png to a folder"
     )
     options = parser.parse_args()
-    print(f"co-simulating {len(runs())} loops of {loop.STEPS} steps by FMPy ...", flush=True)
+    print(f"co-simulating {len(runs())} loops of {loop.STEPS} steps with FMPy ...", flush=True)
     try:
         results = compute(options.fmus)
         text, all_hold = report(results, colour=colourful())

@@ -1,6 +1,6 @@
 /* A small FMU for model exchange and co-simulation: x' = u - x, y = x.
  *
- * Sound as it is. Each macro FAULT_... breaks one thing that `cargo fmu validate` must find.
+ * Valid by default. Each macro FAULT_... causes a fault that `cargo fmu validate` must find.
  */
 #include <math.h>
 #include <stdlib.h>

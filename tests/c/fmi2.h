@@ -1,4 +1,4 @@
-/* What the programs in C use of FMI 2.0. */
+/* The declarations of FMI 2.0 that the C programs use. */
 #ifndef FMI2_H
 #define FMI2_H
 
@@ -19,7 +19,7 @@ typedef struct {
 
 enum { CO_SIMULATION = 1, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
 
-/* The functions that a host of co-simulation FMUs calls: their result, name and arguments. */
+/* The functions that a co-simulation host calls: result, name and arguments. */
 #define FUNCTIONS(F)                                                                              \
     F(Component, Instantiate,                                                                     \
       (const char *, int, const char *, const char *, const Callbacks *, int, int))               \

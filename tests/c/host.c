@@ -1,4 +1,4 @@
-/* A host of FMI 2.0 co-simulation FMUs that uses them well and badly, to be run under
+/* A host of FMI 2.0 co-simulation FMUs that makes correct and incorrect calls, to be run under
  * valgrind and on other platforms.
  *
  * usage: host LIBRARY GUID SCENARIO [VARIABLE...]
@@ -6,8 +6,8 @@
  * A VARIABLE is its type (r, i, b), its value reference, and, if it can be set, a value for it:
  * r0=1.5 i16=2 r1. SCENARIO is one of the names at the end of this file.
  *
- * The exit code is 0 if every call was answered as the standard asks; else the line is told. What
- * the FMU says of a fatal failure is printed. */
+ * The exit code is 0 if the result of every call conforms to the standard; else the failed line is
+ * printed. Messages of the FMU about a fatal error are printed. */
 
 #include <math.h>
 #include <stdarg.h>
@@ -39,7 +39,7 @@ static unsigned messages;
 
 static const double H = 0.001;
 
-/* Formats every message, so that every byte of it is read. */
+/* Formats every message, so that all its bytes are read. */
 static void logger(void *environment, const char *instance, Status status, const char *category,
                    const char *format, ...)
 {
@@ -73,7 +73,7 @@ static void initialize(Component c, double time)
 
 static Status set(Component c, const Variable *v)
 {
-    const int number = v->type == 'r' ? 0 : (int)v->value; /* NaN is no int */
+    const int number = v->type == 'r' ? 0 : (int)v->value; /* NaN cannot be converted */
     switch (v->type) {
     case 'r': return SetReal(c, &v->reference, 1, &v->value);
     case 'i': return SetInteger(c, &v->reference, 1, &number);
@@ -81,7 +81,7 @@ static Status set(Component c, const Variable *v)
     }
 }
 
-/* Into memory of its own, so that a write beside it is seen. */
+/* Reads into separately allocated memory, so that an out-of-bounds write is detected. */
 static double get(Component c, const Variable *v)
 {
     double *real = malloc(sizeof *real), result;
@@ -103,7 +103,7 @@ static void set_all(Component c)
             EXPECT(OK, set(c, &variables[k]));
 }
 
-/* The sum of all values: a jump on it makes valgrind look whether all are initialized. */
+/* The sum of all values: branching on it lets valgrind check that all are initialized. */
 static double get_all(Component c)
 {
     double sum = 0;
@@ -193,7 +193,7 @@ static void fmu_state(void)
     free(bytes);
 }
 
-/* Each damaged copy lies in memory of its own length, so that a read behind its end is seen. */
+/* Each damaged copy is allocated with its exact length, so that an out-of-bounds read is detected. */
 static void damaged_bytes(void)
 {
     Component c = made(1);
@@ -325,7 +325,7 @@ static void reset(void)
     FreeInstance(c);
 }
 
-/* A step that no number can hold the result of, or that takes too long, and what remains. */
+/* A step that overflows or takes too long, and the state of the instance after it. */
 static void trouble(void)
 {
     Component c = made(1);

@@ -1,4 +1,4 @@
-/* What the hosts have in common: loading a library, on POSIX or Windows, and checks. */
+/* Common parts of the hosts: loading a library on POSIX or Windows, and checks. */
 #ifndef HOST_H
 #define HOST_H
 
@@ -10,7 +10,7 @@
 /* --- shared libraries ------------------------------------------------------------------------- */
 
 #ifdef _WIN32
-/* Declared here, for <windows.h> has an ERROR and a GetVersion of its own. */
+/* Declared here, since <windows.h> defines its own ERROR and GetVersion. */
 __declspec(dllimport) void *LoadLibraryA(const char *path);
 __declspec(dllimport) void *GetProcAddress(void *library, const char *name);
 __declspec(dllimport) int FreeLibrary(void *library);
@@ -19,7 +19,7 @@ __declspec(dllimport) unsigned long GetLastError(void);
 #include <dlfcn.h>
 #endif
 
-/* Loads a library, or tells why not and exits. */
+/* Loads a library, or prints the error and exits. */
 static void *load_library(const char *path) {
 #ifdef _WIN32
     void *library = LoadLibraryA(path);
@@ -32,7 +32,7 @@ static void *load_library(const char *path) {
     return library;
 }
 
-/* Finds a function of FMI 2.0 in a library, or tells that it is missing and exits. */
+/* Finds a function of FMI 2.0 in a library, or reports that it is missing and exits. */
 static void *find_function(void *library, const char *name) {
 #ifdef _WIN32
     void *function = GetProcAddress(library, name);
@@ -54,7 +54,7 @@ static void unload_library(void *library) {
 #endif
 }
 
-/* --- what is expected: else the line is told, and the exit code is 1 --------------------------- */
+/* --- checks: a failure prints the line and sets the exit code to 1 ----------------------------- */
 
 #define CHECK(condition) check((condition) != 0, #condition, __LINE__)
 #define EXPECT(status, call) expect((status), (call), #call, __LINE__)

@@ -1,4 +1,4 @@
-/* Couples FMI 2.0 co-simulation FMUs in sequential order, as the FMPy master does, on any platform.
+/* Couples FMI 2.0 co-simulation FMUs in sequential order, like the FMPy master, on any platform.
  *
  * usage: loop FILE STEPS COMPONENT... with the times 0.001 s, 0.002 s, ...
  *
@@ -9,8 +9,8 @@
  *     r0<2.1             a Real input, and the component (from 0) and Real output that feed it
  *     r7                 a Real output that is recorded
  *
- * FILE gets a row of doubles for every communication point. At half the time every component is
- * replaced by a new instance, which goes on from the bytes of its state. */
+ * FILE receives a row of doubles for every communication point. Halfway through, every component is
+ * replaced by a new instance, which continues from the bytes of its state. */
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -91,7 +91,7 @@ static void understand(Fmu *fmu, const char *word) {
     }
 }
 
-/* Makes a component of its words, and returns what follows their end. */
+/* Creates a component from its arguments and returns the remaining arguments. */
 static char **add(char **words) {
     CHECK(n_fmus < MOST);
     Fmu *fmu = &fmus[n_fmus++];
@@ -137,7 +137,7 @@ static void write_row(FILE *file) {
         CHECK(fwrite(fmu->row, sizeof(double), fmu->n_outputs, file) == fmu->n_outputs);
 }
 
-/* Replaces the instance by a new one, with nothing but the bytes of its state. */
+/* Replaces the instance by a new one, given only the bytes of its state. */
 static void move(Fmu *fmu) {
     State state = NULL;
     size_t size;

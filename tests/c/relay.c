@@ -1,13 +1,13 @@
-/* A small FMU for co-simulation with variables of every type, of which each output is a closed form:
+/* A small FMU for co-simulation with variables of every type and closed-form outputs:
  *
  *     time = t                count = steps taken        odd = count is odd
  *     y = gain u, or gain u^2 if shape is "square"       m = n + add
  *     c = b, or not b if invert is set                   choice = shape
- *     number = what the file of that name in the folder `resources` holds
+ *     number = the content of the file named by `file` in the folder `resources`
  *
- * y, m and c follow their inputs at once if `direct` is set, else in a step. Inputs are refused while
- * u is above `u_max`. From `status_time` on, fmi2DoStep returns `status`, and says so with the status
- * `logged` unless that is -1. No function may be called after fmi2Fatal: the process ends.
+ * y, m and c follow their inputs immediately if `direct` is set, else in a step. Inputs are rejected
+ * while u is above `u_max`. From `status_time` on, fmi2DoStep returns `status`, and logs a message
+ * with the status `logged` unless that is -1. A call after fmi2Fatal ends the process.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +21,7 @@ enum { ODD, B, C, INVERT, DIRECT, BOOLEANS };
 enum { FILE_NAME, LABEL, STRINGS };
 enum { LINEAR = 1, SQUARE = 4 };
 
-/* As it reads when the XML of the model description is decoded. */
+/* The GUID after decoding the XML of the model description. */
 #define GUID "{relay <&> 'single' \"double\"}"
 
 typedef struct {
@@ -42,7 +42,7 @@ static void say(const Instance *c, int status, const char *text, const char *det
     c->callbacks->logger(c->callbacks->environment, c->name, status, "relay", text, detail);
 }
 
-/* Every function begins with it. */
+/* Called at the start of every function. */
 static void check_alive(void) {
     if (fatal) abort();
 }

@@ -16,7 +16,7 @@ use style::ERROR;
 
 use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, validate};
 
-/// Builds models into FMUs; inspects, merges, checks, couples and sweeps FMUs
+/// Build, inspect, merge, check, simulate and sweep FMUs
 #[derive(Parser)]
 #[command(
     name = "cargo-fmu",
@@ -33,13 +33,13 @@ struct Cli {
 enum Command {
     /// Build the models of this workspace into FMUs
     #[command(after_help = "Examples:
-  cargo fmu export                     all models, for this machine, to target/fmu
-  cargo fmu export Pid --out fmus      one of them, to another folder
-  cargo fmu export --portable          for every Linux with glibc 2.17 or newer
+  cargo fmu export                     all models for this machine, to target/fmu
+  cargo fmu export Pid --out fmus      one model, to another folder
+  cargo fmu export --portable          for any Linux with glibc 2.17 or newer
   cargo fmu export --portable --target x86_64-pc-windows-gnu \\
       --target universal2-apple-darwin for Linux, Windows and macOS
   cargo fmu export Pid --binary win64=fmu_controller.dll
-                                       with a binary that was built elsewhere")]
+                                       with a binary built elsewhere")]
     Export(export::ExportArgs),
     /// Show the variables, capabilities and platforms of an FMU
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
@@ -47,10 +47,10 @@ enum Command {
         /// The FMU, from any vendor
         file: PathBuf,
     },
-    /// Merge FMUs of one model that were built on several machines
+    /// Merge FMUs of one model that were built on different machines
     #[command(
-        after_help = "The FMUs must be of one version of the model, and equal in every file that more
-than one has. Only documentation may differ; that of the first FMU is kept.
+        after_help = "The FMUs must be built from the same version of the model, and files that several of
+        them contain must be equal. Only documentation may differ; the first FMU's is kept.
 
 Examples:
   cargo fmu merge linux/Pid.fmu windows/Pid.fmu -o Pid.fmu
@@ -70,28 +70,26 @@ Example:\n  cargo fmu validate target/fmu/*.fmu"
   cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
     Simulate(simulate::SimulateArgs),
-    /// Simulate a system with many sets of parameters; write metrics of each run
-    #[command(
-        after_help = "A sweep that was interrupted continues when it is started again.
+    /// Simulate a system with many parameter sets; write the metrics of each run
+    #[command(after_help = "An interrupted sweep resumes when it is started again.
 
 Example:
-  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv"
-    )]
+  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv")]
     Sweep(sweep::SweepArgs),
-    /// Write systems of coupled FMUs as SSP 1.0 packages for other tools
+    /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(
-        after_help = "A package does not state the order of stepping; most tools step all components
-in parallel.
+        after_help = "A package cannot specify the order of stepping; most tools step all components
+        in parallel.
 
 Examples:
   cargo fmu ssp examples/ssp/*.toml
   cargo fmu ssp my-system.toml --out packages"
     )]
     Ssp(ssp::SspArgs),
-    /// One test of a binary, in a process of its own
+    /// Run one test of a binary in its own process
     #[command(hide = true)]
     Probe(probe::ProbeArgs),
-    /// Print completions for a shell
+    /// Print a completion script for a shell
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
     Completions {
@@ -100,13 +98,13 @@ Examples:
     },
 }
 
-/// Runs the command line with these arguments, of which the first is the name of the program.
+/// Runs the command line with these arguments, the first of which is the name of the program.
 pub fn main(arguments: impl Iterator<Item = OsString>) -> ExitCode {
     match run(Cli::parse_from(without_subcommand(arguments)).command) {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            // Messages of the TOML parser end with a line feed of their own.
+            // Messages of the TOML parser already end with a line feed.
             let text = format!("{error:#}");
             anstream::eprintln!("{ERROR}error:{ERROR:#} {}", text.trim_end());
             ExitCode::FAILURE
@@ -122,7 +120,7 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
 }
 
 fn run(command: Command) -> anyhow::Result<ExitCode> {
-    // Not locked: a sweep prints rows from several threads.
+    // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
     let is_ok = match command {
         Command::Export(args) => export::run(args, out).map(|()| true),
@@ -146,7 +144,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Whether the reader of our output has gone, as in `cargo fmu info FILE | head`.
+/// Whether the reader of our output has exited, as in `cargo fmu info FILE | head`.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()

@@ -1,10 +1,10 @@
-//! Colours of verdicts, for terminals.
+//! Terminal colours of verdicts.
 
 use anstyle::{AnsiColor, Style};
 
-/// What failed.
+/// Failures.
 pub const ERROR: Style = AnsiColor::Red.on_default().bold();
-/// What deserves a look.
+/// Warnings.
 pub const WARNING: Style = AnsiColor::Yellow.on_default().bold();
-/// What is as it should be.
+/// Success.
 pub const OK: Style = AnsiColor::Green.on_default().bold();

@@ -1,8 +1,8 @@
-//! Tables of text.
+//! Plain-text tables.
 
 use std::io::Write;
 
-/// Prints rows, each column as wide as its widest cell; the first is set flush left, others right.
+/// Prints rows, each column as wide as its widest cell; the first is left-aligned, the others right.
 pub fn print<const N: usize>(rows: &[[String; N]], out: &mut impl Write) -> std::io::Result<()> {
     let width = |column: usize| {
         let widths = rows

@@ -1,15 +1,15 @@
-//! The command line, as a user sees it: each file of `cmd/` is a session in a folder of its own.
+//! Snapshot tests of the command line: each file of `cmd/` is a session in its own folder.
 //!
 //! | line | |
 //! |---|---|
 //! | `# TEXT` | a comment |
 //! | `> FILE`, then lines `\| TEXT` | writes a file |
-//! | `= FILE OTHER [OLD => NEW]...` | writes a file as another, changed |
-//! | `+ FMU [BINARY] [OLD => NEW]...` | writes an FMU of `tests/c/relay.c`, its XML changed |
+//! | `= FILE OTHER [OLD => NEW]...` | writes a modified copy of another file |
+//! | `+ FMU [BINARY] [OLD => NEW]...` | writes an FMU of `tests/c/relay.c` with a modified XML |
 //! | `$ cargo fmu ...` | runs a command; its output and exit code follow |
 //!
-//! A command that fails must leave the folder as it was. `SNAPSHOTS=overwrite cargo test` writes what
-//! the commands print into the files.
+//! A failing command must leave the folder unchanged. `SNAPSHOTS=overwrite cargo test` writes the
+//! output of the commands to the files.
 #![cfg(all(target_os = "linux", target_pointer_width = "64"))]
 
 use std::collections::BTreeMap;
@@ -53,7 +53,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Follows the lines of a session, and returns them with what the commands print.
+    /// Executes the lines of a session and returns them with the output of the commands.
     fn run(mut self, session: &str) -> String {
         let mut lines = session.lines().peekable();
         let mut after_command = false;
@@ -104,13 +104,13 @@ impl<'a> Session<'a> {
             self.shown += &format!("? {}\n", output.status.code().unwrap());
             assert!(
                 before == contents(self.folder.path()),
-                "{line} left something"
+                "{line} changed the folder"
             );
         }
     }
 }
 
-/// The text without what differs from run to run and from compiler to compiler.
+/// Replaces the parts of a text that differ between runs and compilers.
 fn stable(text: &str, folder: &Path) -> String {
     let text = text.replace(&folder.display().to_string(), "[FOLDER]");
     let hidden = [
@@ -130,14 +130,14 @@ fn stable(text: &str, folder: &Path) -> String {
     })
 }
 
-/// Writes a file as another one, changed.
+/// Writes a modified copy of a file.
 fn copy(folder: &Path, line: &str) {
     let words = shlex::split(line).unwrap();
     let text = fs::read_to_string(folder.join(&words[1])).unwrap();
     fs::write(folder.join(&words[0]), changed(&text, &words[2..])).unwrap();
 }
 
-/// A text with changes `OLD => NEW`, each at the first place.
+/// Applies changes `OLD => NEW`, each to its first occurrence.
 fn changed(text: &str, changes: &[String]) -> String {
     changes.chunks(3).fold(text.to_owned(), |text, change| {
         assert!(change[1] == "=>" && text.contains(&change[0]), "{change:?}");
@@ -145,7 +145,7 @@ fn changed(text: &str, changes: &[String]) -> String {
     })
 }
 
-/// All files below a folder but those that are cargo's.
+/// All files below a folder except cargo's.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -164,7 +164,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// The FMU in C, by the names of its binaries.
+/// Builds of the FMU in C, by name.
 struct Relay {
     xml: String,
     binaries: BTreeMap<&'static str, Vec<u8>>,
@@ -192,7 +192,7 @@ impl Relay {
         }
     }
 
-    /// Writes an FMU: its file, perhaps the name of a binary or `PLATFORM=TEXT`, and changes.
+    /// Writes an FMU, given its file, optionally the name of a binary or `PLATFORM=TEXT`, and changes.
     fn write(&self, folder: &Path, line: &str) {
         let words = shlex::split(line).unwrap();
         let (file, mut rest) = words.split_first().unwrap();

@@ -56,7 +56,7 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
     };
     // Checks that are fast come before the long build.
     fs::create_dir_all(&out)
-        .with_context(|| format!("cannot make the folder {}", out.display()))?;
+        .with_context(|| format!("cannot create the folder {}", out.display()))?;
     replace::check_writable(&out)?;
     let targets = targets(options)?;
     let prebuilt = options

@@ -1,4 +1,4 @@
-//! What the checks have found.
+//! The findings of the checks.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use fmu_description::xml::Element;
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Some importers may reject it.
+    /// Some importers may reject the FMU.
     Warning,
-    /// It breaks the standard.
+    /// The FMU violates the standard.
     Error,
 }
 
@@ -22,7 +22,7 @@ pub struct Location(String);
 
 impl From<&str> for Location {
     fn from(text: &str) -> Self {
-        // It may quote the FMU.
+        // The text may quote the FMU.
         Self(plain(text, Findings::MAX_LENGTH))
     }
 }
@@ -52,14 +52,14 @@ impl fmt::Display for Location {
     }
 }
 
-/// One thing that is wrong.
+/// One problem of an FMU.
 #[derive(Debug)]
 pub struct Finding {
-    /// How bad it is.
+    /// Its severity.
     pub severity: Severity,
     /// Where in the FMU it is.
     pub location: Location,
-    /// What is there, and what was expected.
+    /// What was found and what was expected.
     pub text: String,
 }
 
@@ -78,7 +78,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// All findings on one FMU. The first of them are kept, all are counted.
+/// The findings on one FMU. All are counted, but only the first ones are kept.
 #[derive(Debug, Default)]
 pub struct Findings {
     kept: Vec<Finding>,
@@ -87,9 +87,9 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// No more than this are shown: a broken tool breaks each of a thousand variables.
+    /// Maximum number shown: a broken exporter may break thousands of variables alike.
     const MAX_KEPT: usize = 200;
-    /// No location and no text is longer than this.
+    /// Maximum length of a location or text.
     const MAX_LENGTH: usize = 1000;
 
     /// Adds an error.
@@ -109,13 +109,13 @@ impl Findings {
             self.kept.push(Finding {
                 severity,
                 location: location.into(),
-                // It may quote the FMU.
+                // The text may quote the FMU.
                 text: plain(text.as_ref(), Self::MAX_LENGTH),
             });
         }
     }
 
-    /// The findings that are kept.
+    /// The findings that were kept.
     pub fn kept(&self) -> &[Finding] {
         &self.kept
     }
@@ -130,7 +130,7 @@ impl Findings {
         self.warnings
     }
 
-    /// Number of findings that are not kept.
+    /// Number of findings that were not kept.
     pub fn left_out(&self) -> usize {
         self.errors + self.warnings - self.kept.len()
     }

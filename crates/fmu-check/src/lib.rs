@@ -1,8 +1,8 @@
 //! Checks FMUs from any vendor as an importer would: the archive, the model description against the
 //! schema and the rules of the standard, and the binaries by running them.
 //!
-//! A binary may crash, hang or exit, so each test of it runs in a child process: [`Probes`] says which
-//! program to start, and that program passes its arguments to [`probe`].
+//! A binary may crash, hang or exit, so each test of it runs in a child process: [`Probes`] defines the
+//! program to start, which passes its arguments to [`probe`].
 #![forbid(unsafe_code)]
 
 mod binary;
@@ -20,7 +20,7 @@ use fmu_description::ModelDescription;
 use fmu_description::xml;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 
-/// Checks an FMU; its binaries are only run if there are probes.
+/// Checks an FMU; its binaries are run only if `probes` is given.
 pub fn check(file: &Path, probes: Option<&Probes>) -> Findings {
     let mut findings = Findings::default();
     check_all(file, probes, &mut findings);

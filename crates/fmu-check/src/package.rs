@@ -1,4 +1,4 @@
-//! Checks of the archive and of what must be in it.
+//! Checks of the archive and of the files that it must contain.
 
 use std::collections::{BTreeSet, HashSet};
 
@@ -9,7 +9,7 @@ use fmu_file::text::quote;
 
 use super::finding::Findings;
 
-/// The elements that say of which kind an FMU is.
+/// The elements of the two interface types.
 pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];
 
 /// Checks that the archive can be unpacked.
@@ -17,7 +17,7 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
     for fault in &archive.faults {
         findings.error("archive", fault);
     }
-    // What is too large is not inflated either.
+    // Files that are too large must not be inflated.
     if archive.faults.is_empty() {
         for damage in archive.damages() {
             findings.error("archive", damage);
@@ -25,7 +25,7 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
     }
 }
 
-/// Checks that each kind of the FMU has its sources, or its binary for each platform.
+/// Checks that each interface type has its sources, or its binary for each platform.
 pub fn check_binaries(
     model: &ModelDescription<'_>,
     archive: &mut Archive,
@@ -45,7 +45,7 @@ pub fn check_binaries(
     {
         findings.error(
             "archive",
-            "it has neither binaries nor sources, expected one of both",
+            "it has neither binaries nor sources, expected at least one of the two",
         );
     }
     for folder in folders {
@@ -91,7 +91,7 @@ fn binaries(
     }
 }
 
-/// Checks that the source files that are named are there.
+/// Checks that the listed source files exist.
 fn sources(model: &ModelDescription<'_>, archive: &Archive, findings: &mut Findings) {
     let kinds = model
         .root

@@ -1,4 +1,4 @@
-//! The XML schema of FMI 2.0.4 as tables, and the check of a document against it.
+//! The XML schema of FMI 2.0.4 as tables, and the validation of a document against it.
 
 use fmu_description::value::Form;
 use fmu_description::xml::Element;
@@ -7,13 +7,13 @@ use fmu_file::text::quote;
 
 use super::finding::Findings;
 
-/// An attribute of an element: name, form, whether it must be there.
+/// An attribute of an element: name, form, whether it is required.
 type Attribute = (&'static str, Form, bool);
 
 const REQUIRED: bool = true;
 const OPTIONAL: bool = false;
 
-/// What an element may hold.
+/// The attributes and children that an element may have.
 struct Type {
     attributes: &'static [Attribute],
     content: Content,
@@ -24,11 +24,11 @@ enum Content {
     Sequence(&'static [Part]),
     /// At most one element, of any kind.
     Anything,
-    /// Whatever it likes, attributes too.
+    /// Any children and attributes.
     Open,
 }
 
-/// A part of a sequence: the elements that may stand there, and how many.
+/// A part of a sequence: the elements allowed there, and how many.
 struct Part {
     choice: &'static [(&'static str, &'static Type)],
     at_least: usize,
@@ -387,7 +387,7 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
         }
     }
     for (name, _) in &element.attributes {
-        // Namespaces, and places of schemas, may be named in any element.
+        // Namespaces and schema locations may appear in any element.
         let special = *name == "xmlns"
             || ["xmlns:", "xml:", "xsi:"]
                 .iter()
@@ -396,7 +396,7 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
             findings.error(
                 element,
                 format!(
-                    "{} has the attribute {}, which FMI 2.0 has not",
+                    "{} has the attribute {}, which FMI 2.0 does not define",
                     element.name,
                     quote(name)
                 ),
@@ -405,7 +405,7 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
     }
 }
 
-/// Checks the elements of a sequence: each is known, and they stand in the order of the parts.
+/// Checks that the elements of a sequence are known and in the order of the parts.
 fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
     let mut counts = vec![0_usize; parts.len()];
     let mut reached = 0;
@@ -430,7 +430,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
             findings.error(
                 child,
                 format!(
-                    "{} stands after {}, expected it before",
+                    "{} comes after {}, expected it before",
                     child.name, parts[reached].choice[0].0
                 ),
             );
@@ -441,7 +441,7 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
             findings.error(
                 child,
                 format!(
-                    "{} holds {} once too often, expected {} at most",
+                    "{} holds too many {}, expected {} at most",
                     parent.name, child.name, parts[index].at_most
                 ),
             );

@@ -1,5 +1,5 @@
-//! What a step costs in process, and what opening an FMU costs. `bench/run.py` compares it with the C
-//! interface, and prints the table of the README. Needs the FMUs: `cargo fmu export`.
+//! The cost of a step in process, and of opening an FMU. `bench/run.py` compares it with the C
+//! interface and prints the table of the README. Needs the FMUs: `cargo fmu export`.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use fmu_cosim::Fmu;
 
 const TS: f64 = 0.001;
 
-/// A signal that never stays, of a size that keeps everything far from denormal numbers.
+/// A signal that always changes and is large enough to avoid denormal numbers.
 struct Signal {
     values: [f64; 64],
     next: usize,
@@ -114,7 +114,7 @@ fn steps(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// A force that keeps the pendulum, which would fall, and moves it about.
+/// A force that balances the unstable pendulum and keeps it moving.
 #[derive(Default)]
 struct Balance {
     before: f64,
@@ -135,7 +135,7 @@ impl Balance {
     }
 }
 
-/// How the cost of a sample grows with the nodes of the network.
+/// The cost of a sample as a function of the number of network nodes.
 fn nodes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("nodes");
     nodes_of::<1>(&mut group);
@@ -160,7 +160,7 @@ fn nodes_of<const N: usize>(group: &mut Group<'_>) {
     });
 }
 
-/// Opening an FMU file, which unpacks it.
+/// Opening an FMU file, which includes unpacking.
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
     let file = fmu_file("PidRbf");

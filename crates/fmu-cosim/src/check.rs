@@ -1,4 +1,4 @@
-//! Checks of connections: what an output may feed, and algebraic loops.
+//! Checks of connections: matching variables, and algebraic loops.
 
 use std::collections::HashSet;
 
@@ -8,8 +8,8 @@ use fmu_description::{Causality, VariableType};
 use crate::system::{Link, Planned, Port};
 use crate::wiring::channel;
 
-/// Checks that every connection leads from an output to an input that it fits, and that no input has
-/// two.
+/// Checks that every connection leads from an output to a matching input, and that no input is
+/// connected twice.
 pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
     let mut fed = HashSet::new();
     for link in links {
@@ -66,9 +66,9 @@ fn text(causality: Causality) -> &'static str {
     }
 }
 
-/// Refuses a loop of outputs that each depend directly on the next: no order of stepping solves it.
-/// An output that does not say what it depends on is taken to depend on nothing, since most of those
-/// change in a step only.
+/// Rejects loops of outputs that each depend directly on the next, which no order of stepping can
+/// solve. An output without declared dependencies counts as depending on no input, since most such
+/// outputs change only during a step.
 pub(crate) fn algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
     let mut settled = HashSet::new();
     for link in links {
@@ -82,7 +82,7 @@ pub(crate) fn algebraic_loops(components: &[Planned], links: &[Link]) -> Result<
                 .map(|port| components[port.component].name_of(port.variable))
                 .collect();
             bail!(
-                "there is an algebraic loop, in which each output depends directly on the one before: {}; step in parallel order, which breaks it by a delay of one step",
+                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step",
                 names.join(" -> ")
             );
         }
@@ -90,7 +90,7 @@ pub(crate) fn algebraic_loops(components: &[Planned], links: &[Link]) -> Result<
     Ok(())
 }
 
-/// Follows the outputs that `output` depends on directly; gives the one that it meets again.
+/// Follows the outputs that `output` depends on directly; returns the first one met twice.
 fn find_loop(
     output: Port,
     components: &[Planned],

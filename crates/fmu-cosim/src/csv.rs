@@ -8,8 +8,8 @@ use fmu_file::replace::Replacement;
 
 use crate::Column;
 
-/// A CSV file in the making: `time [s],plant.theta [rad],...`, and numbers that read back exactly. It
-/// takes its place when it is finished.
+/// Writes a CSV file with the header `time [s],plant.theta [rad],...` and numbers that read back
+/// exactly. The file appears under its name only once it is finished.
 pub struct Csv {
     file: BufWriter<Replacement>,
     path: PathBuf,
@@ -18,10 +18,10 @@ pub struct Csv {
 }
 
 impl Csv {
-    /// Begins a file.
+    /// Starts a file.
     ///
     /// # Errors
-    /// It is a folder, or its folder cannot be written to.
+    /// `path` is a folder, or its folder is not writable.
     pub fn create(path: &Path, columns: &[Column]) -> Result<Self> {
         ensure!(!path.is_dir(), "{} is a folder", path.display());
         let mut csv = Self {
@@ -60,10 +60,10 @@ impl Csv {
         }
     }
 
-    /// Puts the file in its place, and returns the number of rows.
+    /// Moves the file into place and returns the number of rows.
     ///
     /// # Errors
-    /// A row could not be written; then nothing is left behind.
+    /// A row could not be written; no file is left behind.
     pub fn finish(self) -> Result<u64> {
         let cannot = || format!("cannot write {}", self.path.display());
         if let Some(error) = self.failed {

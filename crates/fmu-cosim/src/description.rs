@@ -1,4 +1,4 @@
-//! What a system is: components, connections, order, experiment. A TOML file holds one.
+//! The description of a system in a TOML file: components, connections, order, experiment.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,10 +26,10 @@ pub struct Description {
     /// The components, in the order in which sequential stepping takes them.
     #[serde(rename = "component")]
     pub components: Vec<Component>,
-    /// What feeds what.
+    /// Which output feeds which input.
     #[serde(default)]
     pub connections: Vec<Connection>,
-    /// Variables to record, `component.variable`; without any, all outputs but texts.
+    /// Variables to record, `component.variable`; by default all outputs except Strings.
     #[serde(default)]
     pub outputs: Vec<String>,
 }
@@ -62,10 +62,10 @@ pub enum Order {
 pub struct Component {
     /// Its name in the system.
     pub name: String,
-    /// The FMU, as seen from the folder of the file.
+    /// The FMU file, relative to the folder of the system file.
     pub fmu: PathBuf,
-    /// Whether its outputs after a step belong to the sample taken at the beginning of the step;
-    /// by default, whether all of them are discrete.
+    /// Whether its outputs after a step belong to the sample taken at the start of the step; by
+    /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,
     /// Start values of parameters and inputs.
     #[serde(default)]
@@ -99,10 +99,10 @@ impl TryFrom<String> for Connection {
 }
 
 impl Description {
-    /// Reads a file; paths of FMUs are then those seen from its folder.
+    /// Reads a file and resolves the paths of the FMUs against its folder.
     ///
     /// # Errors
-    /// The file cannot be read, or is not a description.
+    /// The file cannot be read or is not a valid description.
     pub fn read(file: &Path) -> Result<Self> {
         let cannot = || format!("{}", file.display());
         let text =
@@ -112,10 +112,10 @@ impl Description {
         Ok(description)
     }
 
-    /// Reads a text.
+    /// Parses a TOML document.
     ///
     /// # Errors
-    /// It is not a description: names line and key.
+    /// The text is not a valid description; the error names line and key.
     pub fn parse(text: &str) -> Result<Self> {
         toml::from_str(text).map_err(|error| anyhow!("{}", error.to_string().trim_end()))
     }
@@ -129,14 +129,14 @@ impl Description {
         }
     }
 
-    /// Takes relative paths of FMUs as those seen from a folder.
+    /// Resolves relative paths of FMUs against a folder.
     pub fn locate(&mut self, folder: &Path) {
         for component in &mut self.components {
             component.fmu = folder.join(&component.fmu);
         }
     }
 
-    /// Takes the FMUs, by their file names, from another folder.
+    /// Uses the FMUs of the same file names from another folder.
     pub fn take_fmus_from(&mut self, folder: &Path) {
         for component in &mut self.components {
             if let Some(name) = component.fmu.file_name() {
@@ -146,19 +146,19 @@ impl Description {
     }
 }
 
-/// More steps than this are taken for a slip in `step` or `stop`.
+/// Maximum number of steps; more are assumed to be a mistake in `step` or `stop`.
 const MAX_STEPS: f64 = 1e9;
 
 impl Experiment {
-    /// How many communication points `start + k step` there are up to `stop`.
+    /// The number of communication points `start + k step` up to `stop`.
     ///
     /// # Errors
-    /// The times do not fit together.
+    /// The times are inconsistent.
     pub fn steps(&self) -> Result<u64> {
         let Self { start, stop, step } = *self;
         ensure!(
             start.is_finite() && stop.is_finite() && stop >= start,
-            "the stop time {stop} s lies before the start time {start} s"
+            "the stop time {stop} s is before the start time {start} s"
         );
         ensure!(
             step.is_finite() && step > 0.0,
@@ -167,13 +167,13 @@ impl Experiment {
         let steps = (stop - start) / step;
         ensure!(
             steps <= MAX_STEPS,
-            "{steps:.3e} steps are too many; the most are {MAX_STEPS:.0e}"
+            "{steps:.3e} steps are too many; the maximum is {MAX_STEPS:.0e}"
         );
         // Rounding may put the last point just past the stop time.
         Ok((steps + 1e-6).floor() as u64 + 1)
     }
 
-    /// The communication point of a step; never summed up, for rounding would sum up too.
+    /// The communication point of step `k`, computed directly so that rounding errors do not add up.
     pub fn time(&self, k: u64) -> f64 {
         self.start + k as f64 * self.step
     }
@@ -200,7 +200,7 @@ mod tests {
     "#;
 
     #[test]
-    fn a_file_gives_components_in_their_order() {
+    fn components_keep_the_order_of_the_file() {
         let mut system = Description::parse(SYSTEM).unwrap();
         assert_eq!(system.order, Order::Sequential);
         assert_eq!(system.experiment().steps().unwrap(), 20_000);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_file_is_reported_with_its_line() {
+    fn errors_in_a_file_name_the_line() {
         for (bad, named) in [
             ("stop = \"x\"\nstep = 1\ncomponent = []", "stop"),
             ("stop = 1\nstep = 1\ncomponent = []\norders = 1", "orders"),
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_do_not_fit_are_refused() {
+    fn inconsistent_times_are_rejected() {
         let steps = |start, stop, step| Experiment { start, stop, step }.steps();
         assert_eq!(steps(0.0, 1.0, 0.1).unwrap(), 11);
         assert_eq!(steps(0.0, 0.0, 0.1).unwrap(), 1);

@@ -1,4 +1,4 @@
-//! An FMU file, unpacked: what the master needs of its description, and instances.
+//! An unpacked FMU: the parts of its model description that the master needs, and its instances.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -23,21 +23,21 @@ pub struct Fmu {
     pub path: PathBuf,
     /// Its variables, in the order of the model description.
     pub variables: Vec<Variable>,
-    /// Outputs, and the inputs that they depend on directly; `None` where the FMU does not say.
+    /// Outputs, and the inputs that they depend on directly; `None` where the FMU declares nothing.
     pub(crate) feedthrough: Vec<(usize, Option<Vec<usize>>)>,
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
     guid: String,
-    /// The binary, within the folder.
+    /// The binary, relative to the folder.
     binary: String,
-    /// Loaded by the first instance. Before the folder, which removes the file.
+    /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
     library: OnceLock<Result<Arc<Library>, LoadError>>,
     folder: TempDir,
-    /// Whether the FMU says that one process can have one instance of it only.
+    /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
 }
 
-/// What a coupling needs of a [`ScalarVariable`], owned: the document is dropped once it is read.
+/// The owned parts of a [`ScalarVariable`] that the master needs once the document is dropped.
 #[derive(Debug, Clone)]
 pub struct Variable {
     /// Its name.
@@ -46,15 +46,15 @@ pub struct Variable {
     pub reference: u32,
     /// Its type.
     pub kind: VariableType,
-    /// Who gives it its value.
+    /// Its causality.
     pub causality: Causality,
-    /// When it may change.
+    /// Its variability.
     pub variability: Variability,
     /// Its unit.
     pub unit: Option<String>,
     /// The name of its type, if the FMU declares one.
     pub declared_type: Option<String>,
-    /// Names and numbers of the items, of an Enumeration.
+    /// Names and values of the items if it is an Enumeration.
     pub items: Vec<(String, i32)>,
 }
 
@@ -62,7 +62,7 @@ impl Fmu {
     /// Reads and unpacks a file.
     ///
     /// # Errors
-    /// It is not a sound FMU for co-simulation by FMI 2.0 with a binary for this machine.
+    /// The file is not a valid FMI 2.0 co-simulation FMU with a binary for this machine.
     pub fn open(path: &Path) -> Result<Self> {
         Self::read(path).with_context(|| format!("{} cannot be used", path.display()))
     }
@@ -74,7 +74,7 @@ impl Fmu {
         let model = ModelDescription::read(&root)?;
         let slave = model
             .co_simulation()
-            .context("it is not for co-simulation")?;
+            .context("it does not support co-simulation")?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
         check_identifier(identifier)?;
         let binary = binary(&archive, identifier)?;
@@ -114,7 +114,7 @@ impl Fmu {
     /// The index of a variable.
     ///
     /// # Errors
-    /// There is none; names those that are most similar.
+    /// There is no such variable; the error names similar ones.
     pub(crate) fn find(&self, name: &str) -> Result<usize> {
         if let Some(&index) = self.index.get(name) {
             return Ok(index);
@@ -127,14 +127,14 @@ impl Fmu {
         bail!("{} has no variable {name}{hint}", self.file_name())
     }
 
-    /// What a unit is in base units, if the FMU says so: exponents, factor and offset by name, without
-    /// those that have their default.
+    /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,
+    /// without default values.
     pub fn unit(&self, name: &str) -> Option<&[(String, f64)]> {
         self.units.get(name).map(Vec::as_slice)
     }
 
-    /// Whether two units, of this and of another FMU, are the same: by name, or by what they are
-    /// in base units.
+    /// Whether a unit of this FMU equals one of another FMU, by name or by definition in base
+    /// units.
     pub(crate) fn same_unit(&self, unit: &str, other: &Self, of_other: &str) -> bool {
         unit == of_other
             || matches!(
@@ -143,10 +143,10 @@ impl Fmu {
             )
     }
 
-    /// Makes an instance, whose messages go to those of its simulation.
+    /// Creates an instance that logs to the messages of its simulation.
     ///
     /// # Errors
-    /// The binary cannot be loaded, or the FMU refuses; with its message.
+    /// The binary cannot be loaded or the FMU returns an error; its message is included.
     pub(crate) fn instantiate(&self, name: &str, messages: &Messages) -> Result<Instance> {
         self.try_instantiate(name, messages).map_err(|reason| {
             let path = self.path.display();
@@ -161,7 +161,7 @@ impl Fmu {
             .as_ref()
             .map_err(ToString::to_string)?;
         if library.is_lost() {
-            return Err("a fatal error has broken it".into());
+            return Err("it is unusable after a fatal error".into());
         }
         let arguments = Instantiation {
             name,
@@ -182,7 +182,7 @@ impl Fmu {
     }
 }
 
-/// It becomes part of a path.
+/// Checks the model identifier, which becomes part of a path.
 fn check_identifier(identifier: &str) -> Result<()> {
     ensure!(
         !identifier.is_empty()
@@ -195,7 +195,7 @@ fn check_identifier(identifier: &str) -> Result<()> {
 }
 
 fn binary(archive: &Archive, identifier: &str) -> Result<String> {
-    let platform = Platform::of_this_machine().context("FMI 2.0 does not know this platform")?;
+    let platform = Platform::of_this_machine().context("FMI 2.0 does not define this platform")?;
     let binary = platform.binary(identifier);
     ensure!(
         archive.names.contains(&binary),
@@ -205,7 +205,7 @@ fn binary(archive: &Archive, identifier: &str) -> Result<String> {
     Ok(binary)
 }
 
-/// What the master keeps of a variable when the document is dropped.
+/// Copies the parts of a variable that the master needs.
 fn variable(v: &ScalarVariable<'_>) -> Variable {
     Variable {
         name: v.name.to_owned(),
@@ -235,7 +235,7 @@ fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Vec<usize>>)>
         .collect()
 }
 
-/// What units are in base units: exponents, factor and offset that are not the default.
+/// The definitions of units in base units: exponents, factor and offset that differ from the default.
 fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
     root.list("UnitDefinitions", "Unit")
         .filter_map(|unit| {
@@ -252,12 +252,12 @@ fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
         .collect()
 }
 
-/// The names that are most similar to one that is unknown.
+/// The known names most similar to an unknown one.
 pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    const ENOUGH: f64 = 0.85;
+    const MIN_SIMILARITY: f64 = 0.85;
     let mut scored: Vec<(f64, &str)> = known
         .map(|known| (strsim::jaro_winkler(name, known), known))
-        .filter(|(score, _)| *score >= ENOUGH)
+        .filter(|(score, _)| *score >= MIN_SIMILARITY)
         .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.into_iter().take(3).map(|(_, known)| known).collect()

@@ -1,4 +1,4 @@
-//! An instance of an FMU, and what is reported when a call of it fails.
+//! An instance of an FMU, and the report of a failed call.
 
 use std::fmt;
 use std::sync::Arc;
@@ -9,20 +9,20 @@ use fmu_host::Success;
 use crate::value::Typed;
 use crate::{Fmu, Messages, Variable};
 
-/// A call that an FMU refused, or that failed in it.
+/// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
     /// Name of the component.
     pub component: String,
     /// File name of the FMU.
     pub fmu: String,
-    /// The function of FMI.
+    /// The FMI function.
     pub function: &'static str,
-    /// What it was called for: variables and values, or a step.
+    /// The purpose of the call: variables and values, or a step.
     pub what: String,
     /// The communication point (s), once the simulation runs.
     pub time: Option<f64>,
-    /// What the function did: `returned fmi2Error`.
+    /// The outcome, such as `returned fmi2Error`.
     pub outcome: String,
     /// What the FMU logged about it.
     pub message: Option<String>,
@@ -52,13 +52,13 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// How a call ended.
+/// The outcome of a call.
 pub(crate) type Called = Result<(), Box<Failure>>;
 
 /// A running FMU.
 pub(crate) struct Instance {
     name: String,
-    /// Before the FMU, which removes its files.
+    /// Must be dropped before the FMU, which removes its files.
     slave: fmu_host::Instance,
     fmu: Arc<Fmu>,
     messages: Messages,
@@ -74,7 +74,7 @@ impl Instance {
         })
     }
 
-    /// Calls a function; `what` says for the user what it is called for.
+    /// Calls a function; `what` describes the purpose of the call to the user.
     #[inline(always)]
     pub(crate) fn call(
         &mut self,
@@ -88,7 +88,7 @@ impl Instance {
         }
     }
 
-    /// What to make of a call that did not just go well.
+    /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
     fn explain(&mut self, what: impl FnOnce() -> String, outcome: fmu_host::Result) -> Called {

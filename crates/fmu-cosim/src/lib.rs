@@ -1,8 +1,7 @@
 //! A native master for FMI 2.0 co-simulation FMUs from any vendor.
 //!
-//! A [`Description`] says which FMUs a system is made of and which output feeds which input; a TOML
-//! file holds one. A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one
-//! run of it.
+//! A [`Description`], usually read from a TOML file, lists the FMUs of a system and their connections.
+//! A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one run of a plan.
 //!
 //! ```no_run
 //! use fmu_cosim::{Description, Plan};
@@ -18,15 +17,15 @@
 //!
 //! At each communication point t the components step to t + h:
 //!
-//! - [`Order::Sequential`] (Gauss-Seidel): one after the other, each after it has fetched its inputs
-//!   from the newest outputs. The order is that of the description.
+//! - [`Order::Sequential`] (Gauss-Seidel): one after the other, in the order of the description; each
+//!   first fetches its inputs from the newest outputs.
 //! - [`Order::Parallel`] (Jacobi): all outputs are read, all inputs are set, then all components step.
 //!
-//! # What a row holds
+//! # Rows
 //!
-//! The row of t(k) = start + k step holds, of a component that computes continuously, the outputs at
-//! t(k), before the step; of a sampled one (all its outputs are discrete), those of the sample that it
-//! takes at t(k), which it shows after the step. The last row is that of the stop time.
+//! For a continuous component, the row of t(k) = start + k step contains the outputs at t(k), before
+//! the step. For a sampled component (all its outputs are discrete), it contains those of the sample
+//! taken at t(k), which are available after the step. The last row is that of the stop time.
 #![forbid(unsafe_code)]
 
 mod check;

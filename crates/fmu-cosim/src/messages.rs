@@ -1,4 +1,4 @@
-//! What the FMUs of a simulation log.
+//! The log messages of the FMUs in a simulation.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use fmu_file::text::plain;
 use fmu_host::{Logged, Status};
 
-/// A message of an instance.
+/// A log message of an instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
     /// Name of the instance.
     pub instance: String,
-    /// Whether it reports a problem, and is not mere information.
+    /// Whether it reports a problem rather than mere information.
     pub warning: bool,
-    /// What it says.
+    /// Its text.
     pub text: String,
     /// How many times it was logged.
     pub times: u64,
@@ -21,24 +21,24 @@ pub struct Message {
     call: u64,
 }
 
-/// An FMU that logs at every step is not kept to the end.
+/// Maximum number kept, in case an FMU logs at every step.
 const MAX_MESSAGES: usize = 100;
-/// Nor is a message without end.
+/// Maximum length of a message.
 const MAX_CHARACTERS: usize = 1000;
 
-/// The messages of a simulation. Clones share them: an FMU may log from a thread of its own.
+/// The messages of a simulation. Clones share them, since an FMU may log from its own threads.
 #[derive(Debug, Clone, Default)]
 pub struct Messages(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
     kept: Mutex<Vec<Message>>,
-    /// Number of the call that is under way.
+    /// Number of the current call.
     call: AtomicU64,
 }
 
 impl Messages {
-    /// Takes what was logged so far.
+    /// Takes the messages logged so far.
     pub fn take(&self) -> Vec<Message> {
         std::mem::take(&mut self.kept())
     }
@@ -51,14 +51,14 @@ impl Messages {
         self.0.call.load(Ordering::Relaxed)
     }
 
-    /// Notes that a function of an FMU is about to be called.
+    /// Records that a function of an FMU is about to be called.
     #[inline]
     pub(crate) fn begin_call(&self) {
-        // One thread makes the calls of a simulation, so that nothing is lost between the two.
+        // All calls of a simulation come from one thread, so load and store need not be atomic together.
         self.0.call.store(self.call() + 1, Ordering::Relaxed);
     }
 
-    /// Keeps what an instance logs.
+    /// Stores a message of an instance.
     pub(crate) fn log(&self, instance: &str, logged: &Logged) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
         self.keep(instance, logged.status != Status::Ok, text);
@@ -86,8 +86,8 @@ impl Messages {
         messages.push(message);
     }
 
-    /// Notes that the newest call returned a warning: what was logged in it is one, with whatever
-    /// status.
+    /// Records that the newest call returned a warning: all messages logged in it become warnings,
+    /// whatever their status.
     pub(crate) fn warn(&self, instance: &str, function: &str) {
         let call = self.call();
         let mut explained = false;
@@ -100,9 +100,9 @@ impl Messages {
         }
     }
 
-    /// Takes what was logged in the newest call, of this function: why it failed.
+    /// Takes the messages of the newest call, of this function, as the reason of its failure.
     pub(crate) fn reason(&self, function: &str) -> Option<String> {
-        // Some FMUs begin with it, too.
+        // Some FMUs start their messages with the name of the function.
         let prefix = format!("{function}: ");
         let call = self.call();
         let logged: Vec<Message> = self.kept().extract_if(.., |m| m.call == call).collect();

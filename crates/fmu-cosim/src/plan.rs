@@ -1,4 +1,4 @@
-//! A system, loaded and checked: runs are made of it.
+//! A loaded and checked system, ready to simulate.
 
 use std::collections::HashMap;
 
@@ -10,12 +10,12 @@ use crate::value::Typed;
 use crate::wiring::{Record, Wire, records, wires};
 use crate::{Description, Experiment, Order, Value, Variable, check};
 
-/// A system whose FMUs are loaded, and whose connections, start values and records are known to fit.
+/// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
     pub(crate) components: Vec<Planned>,
     pub(crate) order: Order,
     pub(crate) experiment: Experiment,
-    /// What feeds the inputs of each component.
+    /// The connections to each component.
     pub(crate) wires: Vec<Vec<Wire>>,
     pub(crate) records: Vec<Record>,
     columns: Vec<Column>,
@@ -41,8 +41,8 @@ impl Plan {
     /// Loads the FMUs of a system, each file once, and checks that everything fits.
     ///
     /// # Errors
-    /// What does not fit, by name: a file, a variable, a causality, a type, a unit, a start value, the
-    /// times, an algebraic loop.
+    /// Something does not fit; the error names it: a file, a variable, a causality, a type, a unit, a
+    /// start value, the times, an algebraic loop.
     pub fn new(description: &Description) -> Result<Self> {
         let mut fmus = HashMap::new();
         description.experiment().steps()?;
@@ -55,7 +55,7 @@ impl Plan {
             let name = &component.name;
             ensure!(
                 !name.is_empty() && !name.contains(|c: char| c == '.' || c.is_control()),
-                "the component name {name:?} is refused; expected a text without dots and control characters"
+                "the component name {name:?} is invalid; expected a name without dots and control characters"
             );
             ensure!(
                 components.iter().all(|other| other.name != *name),
@@ -65,7 +65,7 @@ impl Plan {
             if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
                 ensure!(
                     !new.fmu.only_once,
-                    "{} can have one instance only; {} and {name} are two",
+                    "{} allows only one instance; {} and {name} both use it",
                     new.fmu.file_name(),
                     other.name
                 );
@@ -126,17 +126,17 @@ impl Plan {
         self.experiment
     }
 
-    /// A start value for `component.variable`, in place of that of the description.
+    /// A start value for `component.variable` that replaces the one of the description.
     ///
     /// # Errors
-    /// There is no such variable, or the value does not fit it.
+    /// There is no such variable, or the value has the wrong type.
     pub fn start(&self, name: &str, value: &Value) -> Result<Start> {
         let port = port(&self.components, name)?;
         let value = start(port.of(&self.components), name, value)?;
         Ok(Start { port, value })
     }
 
-    /// The start values of a component: those of the description, then others.
+    /// The start values of a component: those of the description, then `starts`.
     pub(crate) fn starts<'a>(
         &'a self,
         component: usize,

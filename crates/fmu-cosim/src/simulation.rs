@@ -8,15 +8,15 @@ use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
 use crate::wiring::{Record, Wire};
 use crate::{Failure, Message, Messages, Order, Plan, Start};
 
-/// A run of a system, initialized.
+/// An initialized run of a system.
 pub struct Simulation<'a> {
     plan: &'a Plan,
     instances: Vec<Instance>,
-    /// What feeds each component.
+    /// The connections to each component.
     inputs: Vec<Inputs>,
-    /// Read before a step: components that compute continuously.
+    /// Continuous components, which are read before a step.
     before: Readers,
-    /// Read after it: sampled ones.
+    /// Sampled components, which are read after a step.
     after: Readers,
     row: Vec<f64>,
     messages: Messages,
@@ -72,7 +72,7 @@ impl Inputs {
         self.booleans.iter().try_for_each(|t| t.deliver(instances))
     }
 
-    /// Fetches; true if a value has changed.
+    /// Fetches inputs; returns whether a value has changed.
     fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Box<Failure>> {
         let mut changed = false;
         for transfer in &mut self.reals {
@@ -113,19 +113,19 @@ impl Readers {
 }
 
 impl Plan {
-    /// Makes and initializes the instances of a run, with these start values in place of those of the
+    /// Creates and initializes the instances of a run; `starts` override the start values of the
     /// description.
     ///
     /// # Errors
-    /// An FMU refuses; with its message.
+    /// An FMU returns an error; its message is included.
     pub fn simulate(&self, starts: &[Start]) -> Result<Simulation<'_>> {
         self.simulate_with(starts, &Messages::default())
     }
 
-    /// As [`Plan::simulate`]; what the FMUs log is also there when it fails, or the run does.
+    /// Like [`Plan::simulate`], but the messages of the FMUs are available even if it or the run fails.
     ///
     /// # Errors
-    /// As [`Plan::simulate`].
+    /// See [`Plan::simulate`].
     pub fn simulate_with(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
         Simulation::new(self, starts, messages)
     }
@@ -176,7 +176,7 @@ impl<'a> Simulation<'a> {
             .try_for_each(Instance::exit_initialization)
     }
 
-    /// Carries initial outputs to inputs, as often as an output may depend on another's.
+    /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs.
     fn propagate(&mut self) -> Called {
         for _ in 0..=self.inputs.len() {
             let mut changed = false;
@@ -191,11 +191,11 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Steps from the start to the stop time; `observe` gets the time (s) and the row of each
-    /// communication point. Returns what the FMUs have logged.
+    /// Steps from the start to the stop time; `observe` receives the time (s) and the row of each
+    /// communication point. Returns the messages of the FMUs.
     ///
     /// # Errors
-    /// A [`Failure`]: an FMU refused, and the run ends there.
+    /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(self, mut observe: impl FnMut(f64, &[f64])) -> Result<Vec<Message>> {
         self.run_while(|time, row| {
             observe(time, row);
@@ -203,10 +203,10 @@ impl<'a> Simulation<'a> {
         })
     }
 
-    /// As [`Simulation::run`], and ends earlier when `observe` returns false.
+    /// Like [`Simulation::run`], but stops early when `observe` returns false.
     ///
     /// # Errors
-    /// As [`Simulation::run`].
+    /// See [`Simulation::run`].
     pub fn run_while(mut self, observe: impl FnMut(f64, &[f64]) -> bool) -> Result<Vec<Message>> {
         self.steps(observe).map_err(|failure| *failure)?;
         Ok(self.messages.take())
@@ -227,7 +227,7 @@ impl<'a> Simulation<'a> {
         self.instances.iter_mut().try_for_each(Instance::terminate)
     }
 
-    /// Steps from a communication point to the next, and fills the row.
+    /// Steps from one communication point to the next and fills the row.
     #[inline]
     fn step(&mut self, time: f64, step: f64) -> Called {
         self.before.read(&mut self.instances, &mut self.row)?;

@@ -1,4 +1,4 @@
-//! The components of a system with their FMUs, and what names in it stand for.
+//! The components of a system with their FMUs, and the resolution of names.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use crate::{Component, Fmu, Value, Variable};
 pub struct Planned {
     /// Its name in the system.
     pub name: String,
-    /// Its FMU, which components of the same file share.
+    /// Its FMU, shared by components with the same file.
     pub fmu: Arc<Fmu>,
     pub(crate) sampled: bool,
     starts: Vec<(usize, Typed)>,
@@ -28,7 +28,7 @@ pub(crate) struct Port {
     pub(crate) variable: usize,
 }
 
-/// A connection, resolved.
+/// A resolved connection.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Link {
     pub(crate) from: Port,
@@ -86,7 +86,7 @@ fn open(path: &Path, fmus: &mut HashMap<PathBuf, Arc<Fmu>>) -> Result<Arc<Fmu>> 
     Ok(fmu)
 }
 
-/// Whether all outputs are discrete, as those of a sampled controller.
+/// Whether all outputs are discrete, like those of a sampled controller.
 fn is_sampled(fmu: &Fmu) -> bool {
     let mut outputs = fmu
         .variables
@@ -99,7 +99,7 @@ fn is_sampled(fmu: &Fmu) -> bool {
 pub(crate) fn start(variable: &Variable, name: &str, value: &Value) -> Result<Typed> {
     match variable.causality {
         Causality::Input | Causality::Parameter => value.typed(variable, name),
-        _ => bail!("{name} = {value} is refused: only inputs and parameters have start values"),
+        _ => bail!("{name} = {value} cannot be set: only inputs and parameters have start values"),
     }
 }
 
@@ -115,7 +115,7 @@ pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
             let names: Vec<&str> = components.iter().map(|c| c.name.as_str()).collect();
             let known = match similar(component, names.iter().copied()).first() {
                 Some(name) => format!("did you mean {name}?"),
-                None => format!("there are {}", names.join(", ")),
+                None => format!("the components are {}", names.join(", ")),
             };
             format!("{name}: there is no component {component:?}; {known}")
         })?;

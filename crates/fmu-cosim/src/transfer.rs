@@ -1,9 +1,9 @@
-//! Values on their way from outputs to inputs, and into rows.
+//! The transfer of values from outputs to inputs and into rows.
 
 use crate::Failure;
 use crate::instance::{Called, Instance};
 
-/// A type of FMI, and how it is read and written.
+/// An FMI type with its get and set functions.
 pub(crate) trait Type {
     type Value: Copy + Default + PartialEq + std::fmt::Debug;
     fn get(s: &mut Slave, references: &[u32], values: &mut [Self::Value]) -> fmu_host::Result;
@@ -92,7 +92,7 @@ impl<T: Type> Transfer<T> {
         }
     }
 
-    /// Reads the outputs; true if one has changed.
+    /// Reads the outputs; returns whether one has changed.
     pub(crate) fn fetch_changes(
         &mut self,
         instances: &mut [Instance],

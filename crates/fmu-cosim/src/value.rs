@@ -1,4 +1,4 @@
-//! Start values: what a file or a command line gives, and what FMI wants.
+//! Start values, as written by the user and as typed for FMI.
 
 use std::ffi::CString;
 
@@ -8,11 +8,11 @@ use serde::Deserialize;
 
 use crate::Variable;
 
-/// A value as the user writes it.
+/// A value as written by the user.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected a number, true, false or a text in quotes"
+    expecting = "expected a number, true, false or a quoted string"
 )]
 pub enum Value {
     /// `true` or `false`.
@@ -21,16 +21,16 @@ pub enum Value {
     Integer(i64),
     /// A number.
     Real(f64),
-    /// The name of an enumeration's item, a text, or any of the above as text.
+    /// The name of an enumeration item, a string, or any of the above as text.
     Text(String),
 }
 
-/// A value of the type that a variable has.
+/// A value with the type of its variable.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Typed {
     /// Of a Real.
     Real(f64),
-    /// Of an Integer; of an Enumeration, the number of an item.
+    /// Of an Integer, or the value of an Enumeration item.
     Integer(i32),
     /// Of a Boolean.
     Boolean(bool),
@@ -61,10 +61,10 @@ impl std::fmt::Display for Typed {
 }
 
 impl Value {
-    /// The value that a variable, shown to the user as `name`, can be set to.
+    /// Converts to the type of a variable, which is shown to the user as `name`.
     ///
     /// # Errors
-    /// The value is not one of the variable's type.
+    /// The value does not have the type of the variable.
     pub(crate) fn typed(&self, variable: &Variable, name: &str) -> Result<Typed> {
         let typed = match variable.kind {
             VariableType::Real => self.real().map(Typed::Real),
@@ -79,7 +79,7 @@ impl Value {
         match typed {
             Some(typed) => Ok(typed),
             None => bail!(
-                "{name} = {self} is refused; expected {}",
+                "{name} = {self} is invalid; expected {}",
                 expected(variable)
             ),
         }
@@ -110,7 +110,7 @@ impl Value {
         }
     }
 
-    /// The number of an enumeration's item, given by its name or its number.
+    /// The value of an enumeration item, given by name or value.
     fn item(&self, items: &[(String, i32)]) -> Option<i32> {
         let by_name = match self {
             Self::Text(text) => items.iter().find(|(name, _)| name == text),
@@ -129,9 +129,9 @@ impl Value {
 fn expected(variable: &Variable) -> String {
     match variable.kind {
         VariableType::Real => "a number".into(),
-        VariableType::Integer => "a whole number of 32 bits".into(),
+        VariableType::Integer => "a 32-bit integer".into(),
         VariableType::Boolean => "true or false".into(),
-        VariableType::String => "a text in quotes, without a zero byte".into(),
+        VariableType::String => "a quoted string without null bytes".into(),
         VariableType::Enumeration => {
             let names: Vec<&str> = variable
                 .items

@@ -1,4 +1,4 @@
-//! Connections and records, grouped as they are read and written.
+//! Connections and recorded variables, grouped by component and type for reading and writing.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub(crate) struct Record {
     pub(crate) columns: Vec<usize>,
 }
 
-/// The types that have functions of their own: an Enumeration is an Integer there.
+/// The type whose get and set functions are used: an Enumeration is accessed as an Integer.
 pub(crate) fn channel(kind: VariableType) -> VariableType {
     match kind {
         VariableType::Enumeration => VariableType::Integer,

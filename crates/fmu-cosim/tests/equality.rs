@@ -1,5 +1,5 @@
-//! The native master gives the bits of the mathematics called in process, at every sample of the 18
-//! loops of Table 1. (`tests/test_native.py` holds it to FMPy.)
+//! The native master gives the same bits as the mathematics called in process, at every sample of the
+//! 18 loops of Table 1. (`tests/test_native.py` compares it with FMPy.)
 
 #[path = "../../../tests/fmus.rs"]
 mod fmus;
@@ -39,7 +39,7 @@ fn in_process(
         .unzip()
 }
 
-/// Errors and forces of a loop by the native master.
+/// Errors and forces of a loop in the native master.
 fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> (Vec<f64>, Vec<f64>) {
     let (name, frequency) = match signal {
         SetPoint::Step => ("step", 0.2),
@@ -119,8 +119,8 @@ fn supervised_ipid_rbf_loops() {
     }
 }
 
-/// In parallel order the plant feels u one sample later, as in sequential order with the PID terms of
-/// the sample before.
+/// In parallel order the plant receives u one sample later, as in sequential order with the PID terms
+/// of the previous sample.
 #[test]
 fn parallel_order_delays_by_one_sample() {
     let plan_of = |order| {

@@ -1,4 +1,4 @@
-//! Simulations in several threads.
+//! Simulations on several threads.
 
 #[path = "../../../tests/fmus.rs"]
 mod fmus;
@@ -15,7 +15,7 @@ fn plan() -> Plan {
 }
 
 #[test]
-fn runs_of_one_plan_go_on_in_several_threads_and_move_to_others() {
+fn simulations_of_one_plan_run_on_several_threads() {
     let plan = plan();
     let run = |simulation: Simulation<'_>| {
         let mut rows = Vec::new();

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-/// What is wrong, in words: the file or variable, what was found, and what was expected.
+/// A message that names the file or variable, what was found and what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Error(String);
 
@@ -12,7 +12,7 @@ impl Error {
         Self(message.into())
     }
 
-    /// For `map_err`: what could not be done with a file, and why.
+    /// For `map_err`: an action that failed on a file, and the cause.
     pub(crate) fn file<E: fmt::Display>(action: &str, file: &Path) -> impl FnOnce(E) -> Self {
         move |cause| Self(format!("cannot {action} {}: {cause}", file.display()))
     }

@@ -1,4 +1,4 @@
-//! Runs over all cores.
+//! Parallel execution on all cores.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -7,33 +7,33 @@ use rayon::ThreadPoolBuilder;
 
 use crate::{Cell, Error, Plan, Row, Run};
 
-/// How a sweep ended that met no error.
+/// The outcome of a sweep without errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     /// All runs are done.
     Complete,
-    /// It was cancelled with runs left to do.
+    /// The sweep was cancelled before all runs were done.
     Cancelled,
 }
 
-/// Simulates the runs of these numbers, such as [`crate::Journal::pending`] or the share of a worker, on
-/// a number of threads (0: one for each core).
+/// Simulates the runs with these indices, such as [`crate::Journal::pending`] or the share of a worker,
+/// on a number of threads (0: one per core).
 ///
-/// Each thread takes the next run when it is done with the last, and calls `init` before its first one
-/// for a state of its own, which need not be `Send`. `simulate` returns the results of a run, which are
-/// to depend on the run and not on what the state did before; `keep` gets the parameters and results as
-/// a row, and is the place to count progress: [`crate::Journal::append`], or for a worker, the output of
-/// [`crate::Columns::line`] in one piece. Rows come in any order.
+/// Each thread takes the next run as soon as it has finished one. Before its first run it calls `init`
+/// to create its own state, which need not be `Send`. `simulate` returns the results of a run, which
+/// must depend only on the run and not on the history of the state. `keep` receives parameters and
+/// results as a row, in any order; it can append to the journal ([`crate::Journal::append`]), print
+/// [`crate::Columns::line`] in one write, and report progress.
 ///
-/// Once `cancel` is set, the runs under way are finished and kept, and no other is begun.
+/// Once `cancel` is set, running simulations are finished and kept, and no new ones are started.
 ///
 /// # Errors
-/// If `init`, `simulate` or `keep` gives an error or the plan has no such run; like a cancellation this
-/// ends the sweep after the runs under way. If several threads fail, the error of one of them. Or if the
-/// threads cannot be started.
+/// If `init`, `simulate` or `keep` returns an error, the plan has no such run, or the threads cannot be
+/// started. Like a cancellation, an error ends the sweep after the running simulations. If several
+/// threads fail, the error of one of them is returned.
 ///
 /// # Panics
-/// If `init`, `simulate` or `keep` does, after the runs under way on other threads.
+/// If `init`, `simulate` or `keep` panics, after the running simulations of other threads.
 pub fn execute<State, R, E>(
     plan: &Plan,
     indices: impl Iterator<Item = u64> + Send,
@@ -78,7 +78,7 @@ where
     })
 }
 
-/// Set when a thread ends: by an error or a panic, which end the sweep, or because no run is left.
+/// Sets a flag when a thread ends, be it by an error, by a panic, or because no run is left.
 struct SetWhenDropped<'a>(&'a AtomicBool);
 
 impl Drop for SetWhenDropped<'_> {

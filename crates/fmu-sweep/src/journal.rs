@@ -1,9 +1,9 @@
-//! The rows of the runs that are finished, kept through a kill.
+//! The rows of finished runs, stored so that they survive a kill.
 //!
-//! # The file
+//! # File format
 //!
-//! Beside the table lies the journal, its name with `.part` behind it, until the table is written. It
-//! is UTF-8 with a line feed after each line:
+//! Until the table is written, the journal is stored next to it under the same name with the suffix
+//! `.part`. It is UTF-8 text with a line feed after each line:
 //!
 //! ```text
 //! # sweep 5f1d00c4
@@ -12,28 +12,28 @@
 //! 2,1.5,0.5,,true
 //! ```
 //!
-//! - Line 1: `# sweep `, and hexadecimal digits that differ for different sweeps (the fingerprint).
+//! - Line 1: `# sweep ` and the fingerprint, hexadecimal digits that differ between sweeps.
 //! - Line 2: the header of a CSV file, [`Columns::header`].
-//! - Then a line for each finished run, [`Columns::line`], in any order: the number of the run, and
-//!   fields by the rules of RFC 4180; an empty field is a missing value and `""` an empty text. Numbers
+//! - Then a line for each finished run, [`Columns::line`], in any order: the index of the run and its
+//!   fields in RFC 4180 format; an empty field is a missing value and `""` an empty string. Numbers
 //!   read back to the same bits and may be `inf`, `-inf` or `NaN`; booleans are `true` or `false`.
 //!
-//! Without its last line feed a line is torn, the trace of a kill, and cut off when the journal is next
-//! opened. A run may stand twice if both lines have the same values.
+//! A last line without a line feed was torn by a kill; it is cut off when the journal is next opened.
+//! A run may appear twice if both lines have the same values.
 //!
 //! # Other programs
 //!
-//! Whoever writes to the file holds an exclusive lock of it: `File::try_lock`, which is `flock` on Unix
+//! Writers hold an exclusive lock on the file: `File::try_lock`, which is `flock` on Unix
 //! (`fcntl.flock(file, LOCK_EX | LOCK_NB)` in Python). A program that collects lines from workers takes
-//! the lock, writes the two lines of the header if the file is empty, cuts a torn line off if there is
-//! one, appends whole lines, and closes the file. [`Journal::open`] and [`Journal::finish`] then make
-//! the table.
+//! the lock, writes the two header lines if the file is empty, cuts off a torn line if there is one,
+//! appends whole lines, and closes the file. [`Journal::open`] and [`Journal::finish`] then write the
+//! table.
 //!
-//! # What survives
+//! # Durability
 //!
-//! The end of the process, however it ends, takes the runs that were under way and no other. The rows
-//! are asked to go to the disk at most once a second, when a row is appended, and by [`Journal::sync`]:
-//! a power failure takes those of about the last second, and these runs are done again.
+//! However the process ends, only the runs in progress are lost. Rows are synced to disk when a row is
+//! appended, at most once a second, and by [`Journal::sync`]: a power failure loses the rows of about
+//! the last second, and these runs are repeated.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -45,7 +45,7 @@ use std::time::{Duration, Instant};
 
 use crate::{Columns, Error, Row, table};
 
-/// The journal of a sweep, open and locked.
+/// The journal of a sweep, opened and locked.
 #[derive(Debug)]
 pub struct Journal {
     output: PathBuf,
@@ -68,8 +68,8 @@ struct End {
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
 impl Journal {
-    /// Opens the journal of the table `output`, or makes a new one. The fingerprint is a digest in
-    /// hexadecimal digits of all that makes the rows what they are; `runs` is their number.
+    /// Opens or creates the journal of the table `output`. The fingerprint is a hexadecimal digest of
+    /// everything that the rows depend on; `runs` is their number.
     ///
     /// # Errors
     /// If the output is not named `.csv` or `.parquet` or the fingerprint is not hexadecimal; if the
@@ -126,22 +126,22 @@ impl Journal {
         &self.done
     }
 
-    /// The other runs of a range, in their order.
+    /// The remaining runs of a range, in order.
     pub fn pending(&self, range: Range<u64>) -> impl Iterator<Item = u64> {
         range.filter(|index| !self.done.contains(index))
     }
 
-    /// Appends a row in one piece. Threads may call this at the same time.
+    /// Appends a row in one write. Threads may call this concurrently.
     ///
     /// # Errors
-    /// If the row does not fit the columns or the number of runs, or cannot be written; then nothing
-    /// of it is left in the file.
+    /// If the row does not match the columns or the number of runs, or cannot be written; nothing of
+    /// it is left in the file.
     pub fn append(&self, row: &Row) -> Result<(), Error> {
         let line = self.columns.line(row)?;
         self.check(row.index)?;
         let mut end = self.end.lock().expect("no panic while a row is written");
         if let Err(error) = (&self.file).write_all(line.as_bytes()) {
-            let _ = self.file.set_len(end.length); // the first error says more
+            let _ = self.file.set_len(end.length); // the first error is more useful
             return Err(Error::file("write", &self.path)(error));
         }
         end.length += line.len() as u64;
@@ -153,7 +153,7 @@ impl Journal {
         if sync { self.sync() } else { Ok(()) }
     }
 
-    /// Waits until all rows are on the disk.
+    /// Waits until all rows are on disk.
     ///
     /// # Errors
     /// If they cannot be written.
@@ -163,11 +163,11 @@ impl Journal {
             .map_err(Error::file("write", &self.path))
     }
 
-    /// Writes the table, its rows in the order of the runs, and removes the journal.
+    /// Writes the table with its rows sorted by run, and removes the journal.
     ///
     /// # Errors
-    /// If runs are missing or stand twice with different values, or a file cannot be read or written;
-    /// then the journal stays.
+    /// If runs are missing or appear twice with different values, or a file cannot be read or written;
+    /// the journal is then kept.
     pub fn finish(self) -> Result<(), Error> {
         let text = self.read()?;
         let rows = self.rows(&text)?;
@@ -186,7 +186,7 @@ impl Journal {
         fs::remove_file(&self.path).map_err(Error::file("remove", &self.path))
     }
 
-    /// Cuts the file to its last whole line, and writes the header if that is what was torn.
+    /// Cuts the file after its last whole line, and writes the header if it was torn or missing.
     fn cut_torn_line(&mut self) -> Result<(), Error> {
         let mut bytes = Vec::new();
         self.file
@@ -228,26 +228,26 @@ impl Journal {
         Ok(text)
     }
 
-    /// The lines of the runs, each once.
+    /// The lines of the runs, without duplicates.
     fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>, Error> {
         let mut rows = BTreeMap::new();
         let headers = self.header.lines().count();
         for (number, line) in text.lines().enumerate().skip(headers) {
-            let refused = |error: Error| {
-                let advice = "delete the line to have the run done again";
+            let invalid = |error: Error| {
+                let advice = "delete the line to repeat the run";
                 let file = self.path.display();
                 Error::new(format!("{file}:{}: {error}; {advice}", number + 1))
             };
-            let row = self.columns.parse(line).map_err(refused)?;
-            self.check(row.index).map_err(refused)?;
+            let row = self.columns.parse(line).map_err(invalid)?;
+            self.check(row.index).map_err(invalid)?;
             let Some(other) = rows.insert(row.index, line) else {
                 continue;
             };
-            // Compared as they are written, for NaN differs from itself.
-            let other = self.columns.parse(other).map_err(refused)?;
+            // Compared as text, since NaN differs from itself.
+            let other = self.columns.parse(other).map_err(invalid)?;
             if self.columns.line(&row)? != self.columns.line(&other)? {
                 let message = format!("another row of run {}, expected the same one", row.index);
-                return Err(refused(Error::new(message)));
+                return Err(invalid(Error::new(message)));
             }
         }
         Ok(rows)

@@ -1,9 +1,9 @@
-//! Parameter sweeps of simulations, whatever simulates: a [`Plan`] gives the parameters of every run,
-//! [`execute`] runs them over all cores, [`Metrics`] makes a row of numbers of each, and a [`Journal`]
-//! keeps the rows through a kill and writes them as a CSV or Parquet table.
+//! Parameter sweeps for any simulation: a [`Plan`] defines the parameters of every run, [`execute`]
+//! distributes the runs over all cores, [`Metrics`] reduces each run to a row of numbers, and a
+//! [`Journal`] stores the rows so that they survive a kill and writes them as a CSV or Parquet table.
 //!
-//! The same plan gives the same table, byte for byte, for any number of threads, processes and
-//! machines, as long as a simulation gives the same numbers for the same parameters.
+//! The same plan produces the same table, byte for byte, for any number of threads, processes and
+//! machines, provided that a simulation is deterministic.
 //!
 //! ```
 //! use std::sync::atomic::AtomicBool;

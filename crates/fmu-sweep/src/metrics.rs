@@ -1,17 +1,17 @@
-//! What a run came to, in a few numbers that are computed sample by sample.
+//! Metrics of a run, computed sample by sample.
 
 use serde::Deserialize;
 
 use crate::{Cell, Column, Error, Kind, Value};
 
-/// What counts as settled, and what as diverged.
+/// When a loop counts as settled, and when as diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
-    /// Largest |e| of a settled loop, as a fraction of the reference's absolute value; where the
+    /// Maximum |e| of a settled loop, as a fraction of the absolute value of the reference; where the
     /// reference is 0, a loop has settled if e is 0.
     pub band: f64,
-    /// Largest |e| of a loop that has not diverged, in the unit of the error.
+    /// Maximum |e| of a loop that has not diverged, in the unit of the error.
     pub limit: f64,
 }
 
@@ -46,7 +46,7 @@ impl Options {
     }
 }
 
-/// A control loop at one time.
+/// The signals of a control loop at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Time in seconds.
@@ -55,14 +55,14 @@ pub struct Sample {
     pub r: f64,
     /// Output of the plant, in the unit of the reference.
     pub y: f64,
-    /// Error, in the unit of the reference. It is given and not computed, since it is the controller
-    /// that knows it: a disturbance of the measured output is in it.
+    /// Error, in the unit of the reference. It is passed in rather than computed, since the
+    /// controller's error includes the disturbance of the measured output.
     pub e: f64,
     /// Control.
     pub u: f64,
 }
 
-/// The metrics of one run, while it runs.
+/// Accumulates the metrics of a run.
 ///
 /// ```
 /// use fmu_sweep::{Metrics, Options, Sample};
@@ -85,7 +85,7 @@ pub struct Metrics {
     changes: u64,
     /// Whether the last sample changed the reference.
     changed: bool,
-    /// The time since which the loop has been within the band.
+    /// The time from which on the loop has stayed within the band.
     settled: Option<f64>,
     lowest_y: f64,
     highest_y: f64,
@@ -94,7 +94,7 @@ pub struct Metrics {
 }
 
 impl Metrics {
-    /// The metrics of a run without a sample.
+    /// The metrics of a run without samples.
     #[must_use]
     pub fn new(options: &Options) -> Self {
         Self {
@@ -110,11 +110,11 @@ impl Metrics {
         }
     }
 
-    /// Takes the next sample; its time must not lie before the last one's.
+    /// Adds the next sample, whose time must not be before the previous one's.
     ///
-    /// Returns whether the run is sound: not if a number of the sample is not finite, or |e| is above
-    /// the limit. Such a sample is the time of divergence and nothing else; it and what follows is in no
-    /// metric.
+    /// Returns false once the run has diverged, that is, if a number of the sample is not finite or
+    /// |e| exceeds the limit. Such a sample only sets the time of divergence; neither it nor later ones
+    /// enter the metrics.
     pub fn push(&mut self, sample: Sample) -> bool {
         if self.summary.diverged {
             return false;
@@ -146,7 +146,7 @@ impl Metrics {
         true
     }
 
-    /// Notes that the run diverged at a time in seconds, such as that of a step that failed.
+    /// Records that the run diverged at a time in seconds, such as that of a failed step.
     pub fn diverge(&mut self, time: f64) {
         if !self.summary.diverged {
             self.summary.diverged = true;
@@ -154,7 +154,7 @@ impl Metrics {
         }
     }
 
-    /// The metrics of all samples.
+    /// Returns the metrics of all samples.
     #[must_use]
     pub fn finish(self) -> Summary {
         let resting = !self.summary.diverged && !self.changed;
@@ -184,42 +184,42 @@ impl Metrics {
     }
 }
 
-/// The metrics of a run; of one that diverged, those until then.
+/// The metrics of a run, up to its divergence if it diverged.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Summary {
-    /// Integral of |e|. This and the next two go from the first to the last sample by the rectangle
-    /// rule: a sample counts until the next one.
+    /// Integral of |e|. This and the next two are computed from the first to the last sample by the
+    /// rectangle rule: a sample holds until the next one.
     pub iae: f64,
     /// Integral of e².
     pub ise: f64,
     /// Integral of |e|, weighted by the time since the first sample in seconds.
     pub itae: f64,
-    /// How far y went beyond the reference, at least 0:
+    /// The overshoot of y beyond the reference, at least 0:
     ///
-    /// - If the reference is a step, which means that it changes once or never, the largest excess of y
-    ///   beyond its last value, in the direction of the step, as a fraction of the step's height. The
-    ///   step goes from the reference's first value if it changes, and from the first y if not.
-    /// - If the reference changes more than once, as a sine or square wave does, the largest excess of
-    ///   |y| beyond the reference's largest absolute value, as a fraction of that value.
+    /// - If the reference is a step, that is, changes at most once, the maximum excess of y beyond its
+    ///   last value, in the direction of the step, as a fraction of the step's height. The step starts
+    ///   from the reference's first value if it changes, and from the first y if not.
+    /// - If the reference changes more than once, like a sine or square wave, the maximum excess of
+    ///   |y| beyond the reference's maximum absolute value, as a fraction of that value.
     ///
-    /// None if there is no sample, or the step has no height.
+    /// `None` if there is no sample or the step has zero height.
     pub overshoot: Option<f64>,
     /// The time in seconds, not before the reference's last change, from which on |e| stays within
-    /// [`Options::band`] times the absolute value of the reference. None if there is none, if the
-    /// reference still changes at the last sample, or if the run diverged.
+    /// [`Options::band`] times the absolute value of the reference. `None` if there is no such time,
+    /// the reference still changes at the last sample, or the run diverged.
     pub settling_time: Option<f64>,
-    /// Largest |u|; 0 if there is no sample.
+    /// Maximum |u|; 0 if there is no sample.
     pub largest_u: f64,
-    /// The error at the last sample; none if there is no sample.
+    /// The error at the last sample; `None` if there is no sample.
     pub final_e: Option<f64>,
-    /// Whether the simulation failed, a number was not finite, or |e| went beyond [`Options::limit`].
+    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Options::limit`].
     pub diverged: bool,
-    /// The time of that in seconds.
+    /// The time of divergence in seconds.
     pub diverged_at: Option<f64>,
 }
 
 impl Summary {
-    /// The columns of the metrics, named as the fields.
+    /// The columns of the metrics, named like the fields.
     #[must_use]
     pub fn columns() -> [Column; 9] {
         [
@@ -259,7 +259,7 @@ impl Summary {
 }
 
 /// The settling time of a recorded response: the first time after the last sample with |e| > band, in
-/// the unit of `time`. None if the last sample is outside, or there is no sample; NaN is outside.
+/// the unit of `time`. `None` if there is no sample or the last one is outside; NaN counts as outside.
 ///
 /// ```
 /// let settled = fmu_sweep::metrics::settling_time(&[0.0, 0.1, 0.2], &[1.0, -0.2, 0.01], 0.02);
@@ -267,7 +267,7 @@ impl Summary {
 /// ```
 ///
 /// # Panics
-/// If there are not as many errors as times.
+/// If `time` and `error` differ in length.
 #[must_use]
 pub fn settling_time(time: &[f64], error: &[f64], band: f64) -> Option<f64> {
     assert_eq!(time.len(), error.len(), "a time for each error");

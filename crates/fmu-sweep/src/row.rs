@@ -10,13 +10,13 @@ use crate::Error;
 
 /// A value of a parameter or a metric.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "expected a number, a boolean or a text")]
+#[serde(untagged, expecting = "expected a number, a boolean or a string")]
 pub enum Value {
-    /// A number, also an integer.
+    /// A number, possibly an integer.
     Number(f64),
     /// A boolean.
     Boolean(bool),
-    /// A text, such as the name of an item of an enumeration.
+    /// A string, such as the name of an enumeration item.
     Text(String),
 }
 
@@ -32,7 +32,7 @@ pub enum Kind {
 }
 
 impl Value {
-    /// The type of the value.
+    /// The type of this value.
     #[must_use]
     pub fn kind(&self) -> Kind {
         match self {
@@ -44,7 +44,7 @@ impl Value {
 }
 
 impl fmt::Display for Value {
-    /// Numbers with the fewest digits that read back to the same bits.
+    /// Writes numbers with the fewest digits that read back to the same bits.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(number) => write!(f, "{number:?}"),
@@ -59,18 +59,18 @@ impl fmt::Display for Kind {
         f.write_str(match self {
             Self::Number => "a number",
             Self::Boolean => "true or false",
-            Self::Text => "a text",
+            Self::Text => "a string",
         })
     }
 }
 
-/// A value in a table, or none.
+/// A cell of a table, `None` if the value is missing.
 pub type Cell = Option<Value>;
 
 /// The results of a run, in the order of the [`Columns`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// The number of the run, from 0.
+    /// The index of the run, from 0.
     pub index: u64,
     /// A cell for each column.
     pub cells: Vec<Cell>,
@@ -87,7 +87,7 @@ pub struct Column {
     pub optional: bool,
 }
 
-/// The name of the column before all others, the number of the run.
+/// The name of the first column, the index of the run.
 pub const INDEX: &str = "index";
 
 /// The columns of a table, after the first one, `index`.
@@ -107,10 +107,10 @@ pub const INDEX: &str = "index";
 pub struct Columns(Vec<Column>);
 
 impl Columns {
-    /// Columns of these names and types.
+    /// Creates columns with these names and types.
     ///
     /// # Errors
-    /// If a name stands twice, is `index`, is empty, or has a control character.
+    /// If a name appears twice, is `index`, is empty, or has a control character.
     pub fn new(columns: impl IntoIterator<Item = Column>) -> Result<Self, Error> {
         let columns: Vec<_> = columns.into_iter().collect();
         let mut names = HashSet::from([INDEX]);
@@ -122,7 +122,7 @@ impl Columns {
             }
             if !names.insert(name) {
                 return Err(Error::new(format!(
-                    "the column {name} stands twice, expected different names"
+                    "the column {name} appears twice, expected different names"
                 )));
             }
         }
@@ -149,7 +149,7 @@ impl Columns {
     /// Checks that a row fits the columns.
     ///
     /// # Errors
-    /// If a value is missing or has the wrong type for its column, or a text has a control character.
+    /// If a value is missing or has the wrong type for its column, or a string has a control character.
     pub fn check(&self, row: &Row) -> Result<(), Error> {
         if row.cells.len() != self.0.len() {
             return Err(Error::new(format!(
@@ -164,25 +164,25 @@ impl Columns {
                 None if column.optional => {}
                 Some(Value::Text(text)) if text.contains(char::is_control) => {
                     return Err(Error::new(format!(
-                        "run {}: {} is {text:?}, expected a text without control characters",
+                        "run {}: {} is {text:?}, expected a string without control characters",
                         row.index, column.name
                     )));
                 }
                 Some(value) if value.kind() == column.kind => {}
                 _ => {
                     let found = cell.as_ref().map_or("empty".into(), Value::to_string);
-                    return Err(column.refused(row.index, &found));
+                    return Err(column.mismatch(row.index, &found));
                 }
             }
         }
         Ok(())
     }
 
-    /// The row as a line of CSV, with its line feed: texts quoted where RFC 4180 asks for it and if
-    /// they are empty, an empty field for a missing value.
+    /// The row as a line of CSV, with its line feed. Strings are quoted where RFC 4180 requires it and
+    /// if they are empty; a missing value is an empty field.
     ///
     /// # Errors
-    /// If the row does not fit the columns, by [`Columns::check`].
+    /// If the row does not fit the columns, see [`Columns::check`].
     pub fn line(&self, row: &Row) -> Result<String, Error> {
         self.check(row)?;
         let mut line = row.index.to_string();
@@ -198,7 +198,7 @@ impl Columns {
         Ok(line)
     }
 
-    /// Reads a line of [`Columns::line`], given without its line feed.
+    /// Parses a line written by [`Columns::line`], without its line feed.
     ///
     /// # Errors
     /// If the line is not CSV, or does not fit the columns.
@@ -221,7 +221,7 @@ impl Columns {
                 (Some(field), Kind::Text) => Some(Value::Text(field.clone().into_owned())),
             };
             value
-                .ok_or_else(|| column.refused(index, field.as_deref().unwrap_or("empty")))
+                .ok_or_else(|| column.mismatch(index, field.as_deref().unwrap_or("empty")))
                 .map(Some)
         });
         Ok(Row {
@@ -232,7 +232,7 @@ impl Columns {
 }
 
 impl Column {
-    fn refused(&self, index: u64, found: &str) -> Error {
+    fn mismatch(&self, index: u64, found: &str) -> Error {
         Error::new(format!(
             "run {index}: {} is {found}, expected {}",
             self.name, self.kind
@@ -240,7 +240,7 @@ impl Column {
     }
 }
 
-/// Appends a text as a field. The empty text is quoted, as an empty field is a missing value.
+/// Appends a string as a field. An empty string is quoted, as an empty field is a missing value.
 fn push_text(line: &mut String, text: &str) {
     if text.is_empty() || text.contains([',', '"']) {
         line.push('"');
@@ -251,7 +251,7 @@ fn push_text(line: &mut String, text: &str) {
     }
 }
 
-/// The fields of a line, none for an empty field without quotes.
+/// The fields of a line, `None` for an empty field without quotes.
 fn split(line: &str) -> Option<Vec<Option<Cow<'_, str>>>> {
     let mut fields = Vec::new();
     let mut rest = line;
@@ -274,7 +274,7 @@ fn split(line: &str) -> Option<Vec<Option<Cow<'_, str>>>> {
     }
 }
 
-/// The text up to the closing quotation mark, and what follows the mark.
+/// The text up to the closing quotation mark, and the rest after the mark.
 fn unquote(quoted: &str) -> Option<(String, &str)> {
     let mut text = String::new();
     let mut rest = quoted;
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_does_not_fit_is_refused_with_what_was_expected() {
+    fn a_line_that_does_not_fit_is_rejected_with_the_expectation() {
         for (line, reason) in [
             ("", "\"\", expected 5 fields"),
             ("3,1,,true", "\"3,1,,true\", expected 5 fields"),
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_does_not_fit_is_refused_with_what_was_expected() {
+    fn a_row_that_does_not_fit_is_rejected_with_the_expectation() {
         let mut short = row(1.0, None, true, None);
         short.cells.pop();
         let mut empty = row(1.0, None, true, None);
@@ -407,10 +407,10 @@ mod tests {
         for (row, reason) in [
             (short, "run 3: a row of 3 values, expected 4"),
             (empty, "run 3: boolean is empty, expected true or false"),
-            (wrong, "run 3: text is 1.0, expected a text"),
+            (wrong, "run 3: text is 1.0, expected a string"),
             (
                 row(1.0, None, true, Some("a\nb")),
-                "run 3: text is \"a\\nb\", expected a text without control characters",
+                "run 3: text is \"a\\nb\", expected a string without control characters",
             ),
         ] {
             assert_eq!(columns().line(&row).unwrap_err().to_string(), reason);
@@ -418,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_columns_differ_and_fit_on_a_line() {
+    fn column_names_are_unique_and_have_no_control_characters() {
         let names = |names: &[&str]| {
             Columns::new(names.iter().map(|&name| Column {
                 name: name.into(),
@@ -430,11 +430,11 @@ mod tests {
         for (wrong, reason) in [
             (
                 ["a", "a"],
-                "the column a stands twice, expected different names",
+                "the column a appears twice, expected different names",
             ),
             (
                 ["a", "index"],
-                "the column index stands twice, expected different names",
+                "the column index appears twice, expected different names",
             ),
             (
                 ["a", ""],

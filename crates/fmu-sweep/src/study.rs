@@ -1,4 +1,4 @@
-//! A study: a sweep file, the system that it is of, one run and its metrics, and all of them.
+//! A study: a sweep file applied to its system, run by run.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,18 +14,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Cell, Columns, Journal, Metrics, Parameter, Plan, Run, Sample, Summary};
 
-/// A sweep, as its file describes it.
+/// The contents of a sweep file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// The system, as seen from the folder of the file.
+    /// The system file, relative to the folder of the sweep file.
     system: PathBuf,
-    /// Times and order in place of those of the system.
+    /// Times and order that override those of the system.
     start: Option<f64>,
     stop: Option<f64>,
     step: Option<f64>,
     order: Option<Order>,
-    /// Start values of all runs, in place of those of the system.
+    /// Start values of all runs, which override those of the system.
     #[serde(default)]
     set: BTreeMap<String, Value>,
     #[serde(default)]
@@ -43,7 +43,7 @@ fn one() -> u64 {
     1
 }
 
-/// The variables that the metrics are of.
+/// The variables from which the metrics are computed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Signals {
@@ -56,7 +56,7 @@ struct Signals {
 /// A sweep that is ready to run.
 pub struct Study {
     system: fmu_cosim::Plan,
-    /// Files that it is made of: the system, then the FMUs.
+    /// The files that it depends on: the system, then the FMUs.
     files: Vec<PathBuf>,
     plan: Plan,
     columns: Columns,
@@ -65,38 +65,38 @@ pub struct Study {
     /// The columns of reference, output, error and control in a row of the system.
     signals: [usize; 4],
     metrics: crate::Options,
-    /// The first run that broke off, and why.
+    /// The first run that an FMU ended early, and why.
     first_failure: Mutex<Option<(u64, Failure)>>,
 }
 
-/// What a coordinator of several machines needs to know.
+/// The information that the coordinator of a distributed sweep needs.
 #[derive(Debug, Serialize)]
 pub struct Outline<'a> {
     /// Number of runs.
     pub runs: u64,
-    /// Head of the journal.
+    /// Header of the journal.
     pub header: String,
-    /// File of the system.
+    /// The system file.
     pub system: &'a Path,
     /// Its FMUs.
     pub fmus: &'a [PathBuf],
 }
 
-/// How far a sweep is that [`Study::write`] works on.
+/// Progress of [`Study::write`].
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
-    /// Number of all runs.
+    /// Total number of runs.
     pub runs: u64,
-    /// Number of runs that were in the journal already.
+    /// Number of runs that were already in the journal.
     pub before: u64,
 }
 
 impl Study {
-    /// Reads the file of a sweep and loads the FMUs of its system. `system` and `fmus` replace the
-    /// file of the system and the folder of its FMUs.
+    /// Reads a sweep file and loads the FMUs of its system. `system` and `fmus` override the system
+    /// file and the folder of its FMUs.
     ///
     /// # Errors
-    /// A file cannot be read; what does not fit in the files.
+    /// A file cannot be read, or its contents do not fit.
     pub fn open(sweep: &Path, system: Option<&Path>, fmus: Option<&Path>) -> Result<Self> {
         let text = fs::read_to_string(sweep).context("cannot read it")?;
         let file: File = toml::from_str(&text)?;
@@ -138,8 +138,8 @@ impl Study {
         Ok(study)
     }
 
-    /// Sets every listed value and the ends of every range in the FMUs, so that a value that they
-    /// reject is reported before the first run, not hours later.
+    /// Sets every listed value and the ends of every range in the FMUs, so that a rejected value is
+    /// reported before the first run rather than hours later.
     ///
     /// # Errors
     /// A value is rejected.
@@ -167,7 +167,7 @@ impl Study {
         start().with_context(|| format!("run {}", run.index))
     }
 
-    /// One run, and its metrics. A run that an FMU breaks off diverged.
+    /// Simulates a run and returns its metrics. A run that an FMU ends early counts as diverged.
     fn simulate(&self, run: &Run<'_>) -> Result<[Cell; 9]> {
         let simulation = self.initialize(run)?;
         let mut metrics = Metrics::new(&self.metrics);
@@ -197,14 +197,14 @@ impl Study {
         }
     }
 
-    /// Simulates runs; `keep` gets the line of each, and its row.
+    /// Simulates runs; `keep` receives the line and the row of each.
     fn execute(
         &self,
         indices: impl Iterator<Item = u64> + Send,
         threads: usize,
         keep: impl Fn(&str, &crate::Row) -> Result<()> + Sync,
     ) -> Result<()> {
-        // A kill loses nothing but the runs under way, so nothing needs to be cancelled.
+        // A kill only loses the runs in progress, so cancellation is not needed.
         let never = AtomicBool::new(false);
         let simulate = |(): &mut (), run: &Run<'_>| self.simulate(run);
         crate::execute(
@@ -219,10 +219,10 @@ impl Study {
         Ok(())
     }
 
-    /// Simulates some runs; `keep` gets the line of each as it is ready.
+    /// Simulates some runs; `keep` receives the line of each as soon as it is ready.
     ///
     /// # Errors
-    /// The plan has no such runs; a run cannot be started; what `keep` returns.
+    /// The plan has no such runs, a run cannot be started, or `keep` fails.
     pub fn rows(
         &self,
         runs: Range<u64>,
@@ -233,11 +233,11 @@ impl Study {
         self.execute(runs, threads, |line, _| keep(line))
     }
 
-    /// Simulates the runs that are not yet in the journal of `file`, and writes all rows to it.
-    /// `begin` is called before the first run; what it returns is called after every run.
+    /// Simulates the runs that are not yet in the journal of `file`, and writes all rows to `file`.
+    /// `begin` is called before the first run; the closure it returns is called after every run.
     ///
     /// # Errors
-    /// The journal is of another sweep; a file cannot be written; a run cannot be started.
+    /// The journal belongs to another sweep, a file cannot be written, or a run cannot be started.
     pub fn write<F: Fn() + Sync>(
         &self,
         file: &Path,
@@ -257,7 +257,7 @@ impl Study {
         Ok(journal.finish()?)
     }
 
-    /// The first run that an FMU broke off, and why.
+    /// The first run that an FMU ended early, and why.
     pub fn first_failure(&self) -> Option<(u64, String)> {
         let first = self.first_failure.lock().ok()?;
         first
@@ -265,10 +265,10 @@ impl Study {
             .map(|(run, failure)| (*run, failure.to_string()))
     }
 
-    /// What a coordinator of several machines needs to know.
+    /// The information that the coordinator of a distributed sweep needs.
     ///
     /// # Errors
-    /// A name does not fit into the head of a journal.
+    /// A name is not allowed in the header of a journal.
     pub fn outline(&self) -> Result<Outline<'_>> {
         let (system, fmus) = self.files.split_first().context("there is no system")?;
         Ok(Outline {
@@ -280,7 +280,7 @@ impl Study {
     }
 }
 
-/// What the file of the sweep says of the system.
+/// Applies the settings of the sweep file to the system.
 fn apply(file: &File, description: &mut Description) {
     description.start = file.start.unwrap_or(description.start);
     description.stop = file.stop.unwrap_or(description.stop);
@@ -320,7 +320,7 @@ fn starts<'a>(
 
 fn convert(value: &crate::Value) -> Value {
     match value {
-        // A parameter of type Integer takes it too.
+        // Integer parameters accept it too.
         crate::Value::Number(n) if n.fract() == 0.0 && n.abs() < 1e15 => Value::Integer(*n as i64),
         crate::Value::Number(n) => Value::Real(*n),
         crate::Value::Boolean(value) => Value::Boolean(*value),
@@ -328,7 +328,7 @@ fn convert(value: &crate::Value) -> Value {
     }
 }
 
-/// A digest of all that the rows depend on: the content of the sweep, of the system and of the FMUs.
+/// A digest of everything that the rows depend on: the sweep, the system and the FMUs.
 fn fingerprint(sweep: &str, files: &[PathBuf]) -> Result<String> {
     let mut content = checksum(sweep.as_bytes()).to_le_bytes().to_vec();
     for file in files {

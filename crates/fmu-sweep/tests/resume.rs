@@ -1,4 +1,4 @@
-//! A sweep whose process is killed again and again ends with the same table, byte for byte.
+//! A sweep whose process is killed repeatedly produces the same table, byte for byte.
 
 use std::fs;
 use std::io::Write;
@@ -32,7 +32,7 @@ const PLAN: &str = "
     normal = [0.1, 0.02]
 ";
 
-/// Runs of [`PLAN`].
+/// Number of runs of [`PLAN`].
 const RUNS: u64 = 200;
 
 fn plan() -> Plan {
@@ -69,7 +69,7 @@ fn simulate(run: &Run<'_>) -> [Cell; 9] {
     metrics.finish().cells()
 }
 
-/// Does the pending runs of a share, at least `pause` for each.
+/// Executes the pending runs, pausing before each.
 fn sweep(journal: &Journal, threads: usize, pause: Duration) {
     let ended = execute(
         &plan(),
@@ -90,9 +90,9 @@ fn open(output: &Path) -> Journal {
     Journal::open(output, "c0ffee", columns(), RUNS).unwrap()
 }
 
-/// The bytes of the table of a sweep that nobody disturbs.
-fn undisturbed(folder: &Path, name: &str, threads: usize) -> Vec<u8> {
-    let output = folder.join("undisturbed").join(name);
+/// The bytes of the table of an uninterrupted sweep.
+fn uninterrupted(folder: &Path, name: &str, threads: usize) -> Vec<u8> {
+    let output = folder.join("uninterrupted").join(name);
     fs::create_dir_all(output.parent().unwrap()).unwrap();
     let journal = open(&output);
     sweep(&journal, threads, Duration::ZERO);
@@ -102,7 +102,7 @@ fn undisturbed(folder: &Path, name: &str, threads: usize) -> Vec<u8> {
 
 const OUTPUT: &str = "SWEEP_TEST_OUTPUT";
 
-/// Not a test of its own: the process that is killed.
+/// Not an actual test, but the process that is killed.
 #[test]
 fn process() {
     let Some(output) = std::env::var_os(OUTPUT) else {
@@ -126,7 +126,7 @@ fn journal_of(output: &Path) -> PathBuf {
     output.with_extension("csv.part")
 }
 
-/// The numbers of the runs in a journal, of whole lines.
+/// The indices of the runs in the whole lines of a journal.
 fn runs_in(journal: &Path) -> Vec<u64> {
     let text = fs::read_to_string(journal).unwrap_or_default();
     let whole = text.rfind('\n').map_or("", |last| &text[..last]);
@@ -135,16 +135,16 @@ fn runs_in(journal: &Path) -> Vec<u64> {
 }
 
 #[test]
-fn a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice() {
+fn a_killed_sweep_neither_loses_nor_repeats_runs() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("killed.csv");
     let journal = journal_of(&output);
     let mut before = Vec::new();
     for kill in 0..5 {
         let mut process = start(&output);
-        let patience = Instant::now() + Duration::from_secs(60);
+        let deadline = Instant::now() + Duration::from_secs(60);
         while runs_in(&journal).len() < before.len() + 10 {
-            assert!(Instant::now() < patience, "no progress");
+            assert!(Instant::now() < deadline, "no progress");
             assert_eq!(
                 process.try_wait().unwrap(),
                 None,
@@ -162,7 +162,7 @@ fn a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice() {
         assert_eq!(different.len(), after.len(), "done twice after kill {kill}");
         assert!(!output.exists());
         before = after;
-        // What a kill within a write would leave.
+        // Simulate a kill during a write.
         if kill % 2 == 0 {
             let mut file = fs::OpenOptions::new().append(true).open(&journal).unwrap();
             file.write_all(b"199,1.0,lin").unwrap();
@@ -170,7 +170,7 @@ fn a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice() {
     }
     assert!(start(&output).wait().unwrap().success());
     assert!(!journal.exists());
-    let expected = undisturbed(folder.path(), "a.csv", 1);
+    let expected = uninterrupted(folder.path(), "a.csv", 1);
     assert!(fs::read(&output).unwrap() == expected);
 }
 
@@ -178,24 +178,24 @@ fn a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice() {
 fn the_table_is_the_same_for_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.csv", "a.parquet"] {
-        let expected = undisturbed(folder.path(), name, 1);
+        let expected = uninterrupted(folder.path(), name, 1);
         for threads in [0, 2, 5] {
             assert!(
-                undisturbed(folder.path(), name, threads) == expected,
+                uninterrupted(folder.path(), name, threads) == expected,
                 "{name}"
             );
         }
     }
-    let text = String::from_utf8(undisturbed(folder.path(), "a.csv", 1)).unwrap();
+    let text = String::from_utf8(uninterrupted(folder.path(), "a.csv", 1)).unwrap();
     assert!(
         text.contains(",true,") && text.contains(",false,"),
         "some runs diverge, some not"
     );
 }
 
-/// As a program would that has ranges of runs done by workers, and collects their lines.
+/// Imitates a program that distributes ranges of runs to workers and collects their lines.
 #[test]
-fn lines_of_workers_make_the_same_table() {
+fn lines_from_workers_produce_the_same_table() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("collected.csv");
     let mut text = fmu_sweep::journal::header("c0ffee", &columns()).unwrap();
@@ -208,12 +208,12 @@ fn lines_of_workers_make_the_same_table() {
     }
     fs::write(journal_of(&output), text).unwrap();
     open(&output).finish().unwrap();
-    assert!(fs::read(&output).unwrap() == undisturbed(folder.path(), "a.csv", 2));
+    assert!(fs::read(&output).unwrap() == uninterrupted(folder.path(), "a.csv", 2));
 }
 
-/// A worker whose numbers differ, by its program or machine, is found out.
+/// A worker whose numbers differ because of its program or machine is detected.
 #[test]
-fn workers_that_do_not_agree_are_found_out() {
+fn workers_that_disagree_are_detected() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("collected.csv");
     let plan = plan();

@@ -1,4 +1,4 @@
-"""Print Table 1 and write the page, its figures and the overview."""
+"""Print Table 1; write the page, its figures and the overview."""
 
 import argparse
 import sys
@@ -19,7 +19,7 @@ from .scenarios import paper_loops
 
 
 def run(options: argparse.Namespace) -> bool:
-    """Make the report; returns whether all of Table 1 is reproduced."""
+    """Write the report; return whether all of Table 1 is reproduced."""
     with loop.workers() as pool:
         data = Data(results(pool, options.fmus))
         text, all_hold = table1.report(data.results, colour=table1.colourful())
@@ -38,23 +38,23 @@ def run(options: argparse.Namespace) -> bool:
 
 
 def results(pool: Pool, fmus: Path) -> dict:
-    """Co-simulate all that the report shows."""
+    """Co-simulate all loops of the report."""
     started: dict = loop.start(pool, paper_loops() | sections.loops(), fmus)
     for job in noise.jobs():
         started[job] = pool.apply_async(noise.execute, (job, fmus))
-    print(f"co-simulating {len(started)} loops by FMPy ...", flush=True)
+    print(f"co-simulating {len(started)} loops with FMPy ...", flush=True)
     return {key: run.get() for key, run in started.items()}
 
 
 def start_writing(parts: Sequence[Part], folder: Path, pool: Pool) -> list[AsyncResult]:
-    """Have the figures of some parts written as SVG and PDF."""
+    """Write the figures of some parts as SVG and PDF."""
     return start_figures([part.figure for part in parts if part.figure], folder, pool)
 
 
 def main() -> int:
-    """Run the program; returns its exit status."""
+    """Run the program; return its exit status."""
     parser = loop.parser(
-        "Recompute the paper from the FMUs: print Table 1, write index.html, every figure as SVG"
+        "Reproduce the paper from the FMUs: print Table 1; write index.html, every figure as SVG"
         " and PDF, table1.txt and closed-loop.png.",
         prog="python -m pendulum_fmus.report",
     )
@@ -63,7 +63,7 @@ def main() -> int:
         type=Path,
         default=REPORT,
         metavar="DIR",
-        help="where everything is written (default: target/report of this project)",
+        help="output folder (default: target/report of this project)",
     )
     options = parser.parse_args()
     try:

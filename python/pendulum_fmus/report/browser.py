@@ -1,4 +1,4 @@
-"""Figures for the page: curves thinned to what a screen can show, as JSON for plotly."""
+"""Figures for the page: curves thinned to screen resolution, as JSON for plotly."""
 
 import base64
 from collections.abc import Iterable
@@ -11,18 +11,18 @@ from .style import STYLES
 from .thin import thinned
 
 RESOLUTION = 2000
-"""Left-out samples lie within this part of a panel's height; a panel is some 250 pixels high."""
+"""Maximum error of a thinned curve, as a fraction of a panel's height of about 250 pixels."""
 
 
 class Columns:
-    """Curves by key: the samples that any panel needs of them."""
+    """The samples of each curve, by key, that its panels need."""
 
     def __init__(self):
         self.curves: dict[str, Curve] = {}
         self.kept: dict[str, np.ndarray] = {}
 
     def add(self, panel: Panel, curve: Curve) -> None:
-        """Keep the samples that one more panel needs of a curve."""
+        """Keep the samples of a curve that another panel needs."""
         kept = needed(panel, curve)
         if curve.key in self.kept:
             kept = np.union1d(self.kept[curve.key], kept)
@@ -30,7 +30,7 @@ class Columns:
         self.curves[curve.key] = curve
 
     def packed(self) -> dict[str, dict[str, str]]:
-        """Return {key: {x, y}}, doubles in base64; x and y of full precision."""
+        """Return {key: {x, y}} with full-precision doubles in base64."""
         return {
             key: {"x": pack(curve.x[self.kept[key]]), "y": pack(curve.y[self.kept[key]])}
             for key, curve in self.curves.items()
@@ -38,9 +38,9 @@ class Columns:
 
 
 def needed(panel: Panel, curve: Curve) -> np.ndarray:
-    """Return the samples that a panel needs of a curve, its extremes among them.
+    """Return the samples of a curve that a panel needs, including its extremes.
 
-    One more on each side of what the panel shows belongs to them.
+    They include one sample on each side of the visible range.
     """
     left, right = panel.x_range()
     inside = np.flatnonzero((curve.x >= left) & (curve.x <= right))
@@ -49,7 +49,7 @@ def needed(panel: Panel, curve: Curve) -> np.ndarray:
     x, y = curve.x[part], curve.y[part]
     if panel.log_y:
         y, bottom, top = np.log10(np.abs(y)), np.log10(bottom), np.log10(top)
-    # What lies far off the scale needs no precision, only its course through the panel
+    # Far off the scale, only the course of the curve through the panel matters
     height = top - bottom
     y = np.clip(y, bottom - height, top + height)
     kept = np.union1d(thinned(x, y, height / RESOLUTION), [np.argmin(y), np.argmax(y)])
@@ -62,7 +62,7 @@ def pack(column: np.ndarray) -> str:
 
 
 def figure_json(figure: Figure) -> dict[str, Any]:
-    """Return what the page's script draws a figure from."""
+    """Return the data from which the page's script draws a figure."""
     return {
         "name": figure.name,
         "rows": [[panel_json(panel) for panel in row] for row in figure.rows],
@@ -71,7 +71,7 @@ def figure_json(figure: Figure) -> dict[str, Any]:
 
 
 def panel_json(panel: Panel) -> dict[str, Any]:
-    """Return one panel."""
+    """Return the data of a panel."""
     return {
         "title": panel.title,
         "xLabel": panel.x_label,
@@ -95,7 +95,7 @@ def panel_json(panel: Panel) -> dict[str, Any]:
 
 
 def styles_json() -> dict[str, Any]:
-    """Return the looks of the curves."""
+    """Return the styles of the curves."""
     return {
         key: {
             "light": style.light,
@@ -109,7 +109,7 @@ def styles_json() -> dict[str, Any]:
 
 
 def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
-    """Return all that the page's script needs."""
+    """Return all data for the page's script."""
     figures, columns = list(figures), Columns()
     for figure in figures:
         for row in figure.rows:

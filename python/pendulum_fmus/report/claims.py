@@ -1,4 +1,4 @@
-"""What the paper says, how it is measured, and whether it holds."""
+"""The paper's claims: quotation, criterion, measurement and verdict."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from .numbers import number
 
 
 class Verdict(Enum):
-    """Whether a claim holds: (what the page says, its sign)."""
+    """Verdict on a claim: (label, sign)."""
 
     HOLDS = ("holds", "✓")
     REMARK = ("holds with a remark", "◐")
@@ -16,17 +16,17 @@ class Verdict(Enum):
 
     @property
     def label(self) -> str:
-        """What the page calls it."""
+        """Label on the page."""
         return self.value[0]
 
     @property
     def sign(self) -> str:
-        """A character that tells it apart without colour."""
+        """A character that distinguishes it without colour."""
         return self.value[1]
 
 
 def judge(main: bool, whole: bool = True) -> Verdict:
-    """Return HOLDS if all of a claim is true, REMARK if only its main part is."""
+    """Return HOLDS if a claim is fully true, REMARK if only its main part is."""
     if not main:
         return Verdict.FAILS
     return Verdict.HOLDS if whole else Verdict.REMARK
@@ -39,9 +39,9 @@ class Table:
     Parameters
     ----------
     columns
-        Heads of the columns.
+        Headings of the columns.
     rows
-        By quantity, with its unit: one number or text per column.
+        One number or text per column, by quantity with its unit.
     """
 
     columns: Sequence[str]
@@ -58,7 +58,7 @@ def _cell(value: float | str) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured for a claim."""
+    """The result of measuring a claim."""
 
     verdict: Verdict
     table: Table
@@ -72,11 +72,11 @@ class Claim:
     Parameters
     ----------
     says
-        A short quotation or, without quotation marks, a paraphrase.
+        A short quotation, or a paraphrase without quotation marks.
     criterion
-        By what rule the verdict follows from the numbers.
+        The rule by which the verdict follows from the numbers.
     measure
-        Measures it; takes the kind that stands for IPID-RBF, "IPID-RBF" as in Table 1 or
+        Function that measures it, given the variant of IPID-RBF: "IPID-RBF" as in Table 1 or
         "IPID-RBF own".
     """
 
@@ -87,18 +87,18 @@ class Claim:
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with what was found.
+    """A claim with its result.
 
     Parameters
     ----------
     claim, finding
-        What it says and what was measured.
+        The claim and its measurement.
     own
-        The verdict if IPID-RBF learns its own force, (29).
+        The verdict if IPID-RBF learns its own force (29).
     number
-        Of the claim in its part of the page.
+        Number of the claim in its part of the page.
     repeats
-        Whether its numbers are those of the claim before.
+        Whether its numbers equal those of the previous claim.
     """
 
     claim: Claim

@@ -11,19 +11,19 @@ from .scenarios import gain_loop, loops_of
 
 @dataclass(frozen=True)
 class Trace:
-    """What one controller did in one loop; all columns of shape (steps,).
+    """The results of one controller in one loop; all columns have shape (steps,).
 
     Parameters
     ----------
     key
-        Name that no other trace has, for the columns of the page.
+        Unique name, for the columns of the page.
     t
         Time [s].
     r, d, theta, e
         Reference, disturbance, angle of the pendulum, and the controller's error r - (theta + d)
         [rad].
     u, u_p, u_n
-        Force, the PID's part of it, the network's part [N]; u_n is None for a PID.
+        Force, and the parts of the PID and the network [N]; u_n is None for a PID.
     """
 
     key: str
@@ -54,7 +54,7 @@ class Trace:
 
 
 def trace_of(key: str, columns: Columns, controller: str = "controller", plant: str = "plant"):
-    """Pick one controller's columns out of a run."""
+    """Select one controller's columns from a run."""
     return Trace(
         key=key,
         t=columns["time"],
@@ -69,7 +69,7 @@ def trace_of(key: str, columns: Columns, controller: str = "controller", plant: 
 
 
 class Data:
-    """Results by loop, and the traces in them."""
+    """Results by loop, and their traces."""
 
     def __init__(self, results: Mapping[Loop, Columns]):
         self.results = results
@@ -85,5 +85,5 @@ class Data:
         return trace_of(f"{gain}*{factor:g}", self.results[gain_loop(gain, factor)])
 
     def loop(self, loop: Loop) -> Trace:
-        """Return the trace of any loop's controller."""
+        """Return the trace of the controller of any loop."""
         return trace_of(repr(loop), self.results[loop])

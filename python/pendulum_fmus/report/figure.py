@@ -1,4 +1,4 @@
-"""What a figure shows, for the page and for print alike."""
+"""The contents of a figure, independent of page or print."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ class Curve:
     Parameters
     ----------
     key
-        Name that curves share that have the same columns.
+        Name shared by curves with the same columns.
     x, y
         Columns, shape (n,) each.
     style
         Key of STYLES.
     name
-        What the legend calls it; by default as its style.
+        Name in the legend; by default that of its style.
     """
 
     key: str
@@ -44,19 +44,19 @@ class Panel:
     Parameters
     ----------
     title
-        What it shows.
+        Its heading.
     x_label, y_label
         Titles of the axes, with units.
     curves
-        What is drawn, the first at the back.
+        The curves, the first at the back.
     xlim, ylim
-        What part is shown; None for all of it.
+        Visible range; None for everything.
     log_x, log_y
         Whether an axis is logarithmic.
     frame
-        What another panel magnifies: ((left, right), (bottom, top)).
+        Part magnified in another panel: ((left, right), (bottom, top)).
     weight
-        Width, relative to the other panels of the row.
+        Width relative to the other panels of the row.
     """
 
     title: str
@@ -71,13 +71,13 @@ class Panel:
     weight: float = 1.0
 
     def x_range(self) -> tuple[float, float]:
-        """Return what part of the x axis is shown."""
+        """Return the visible range of the x axis."""
         if self.xlim:
             return self.xlim
         return min(c.x[0] for c in self.curves), max(c.x[-1] for c in self.curves)
 
     def y_range(self) -> tuple[float, float]:
-        """Return what part of the y axis is shown: all of the curves and a margin, or `ylim`."""
+        """Return the visible range of the y axis: all curves and a margin, or `ylim`."""
         if self.ylim:
             return self.ylim
         low, high = self.x_range()
@@ -89,7 +89,7 @@ class Panel:
         return bottom - margin, top + margin
 
     def markers(self, index: int) -> np.ndarray:
-        """Return which samples of curve `index` bear its marker; staggered from curve to curve."""
+        """Return the samples of curve `index` with a marker; staggered from curve to curve."""
         curve, (low, high) = self.curves[index], self.x_range()
         offset = (index + 0.5) / len(self.curves)
         share = (np.arange(MARKERS) + offset) / MARKERS
@@ -105,11 +105,11 @@ class Figure:
     Parameters
     ----------
     name
-        Of its files, and its anchor in the page.
+        Name of its files and its anchor in the page.
     title
         Its heading.
     alt
-        What can be seen, for those who cannot see it.
+        Text alternative for screen readers.
     rows
         Rows of panels.
     """
@@ -120,7 +120,7 @@ class Figure:
     rows: Sequence[Sequence[Panel]]
 
     def styles(self) -> dict[tuple[str, str], None]:
-        """Return the (style, name) of all curves, each once, in order."""
+        """Return the distinct (style, name) pairs of all curves, in order."""
         return {
             (curve.style, curve.name): None
             for row in self.rows

@@ -1,4 +1,4 @@
-"""What the verdicts are measured by. Columns have shape (steps,); angles in rad, forces in N."""
+"""Metrics for the verdicts. Columns have shape (steps,); angles are in rad, forces in N."""
 
 import math
 
@@ -11,10 +11,10 @@ BURST = 50.0
 """A force beyond this, half of the limit, is a large adjustment [N]."""
 
 HOLD = 0.1
-"""How long an error must stay within its band to have settled [s]."""
+"""Minimum time for which an error must stay within its band to count as settled [s]."""
 
 BURST_GAP = 0.25
-"""Large adjustments that lie closer together than this are one [s]."""
+"""Large adjustments closer together than this count as one [s]."""
 
 
 def iae(trace: Trace) -> float:
@@ -33,47 +33,47 @@ def itae(trace: Trace) -> float:
 
 
 def rms(column: np.ndarray) -> float:
-    """Return the root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(column**2)))
 
 
 def largest(column: np.ndarray) -> float:
-    """Return the largest absolute value."""
+    """Return the maximum absolute value."""
     return float(np.max(np.abs(column)))
 
 
 def variation(column: np.ndarray) -> float:
-    """Return the total variation: the sum of all changes from sample to sample."""
+    """Return the total variation: the sum of the absolute changes between samples."""
     return float(np.sum(np.abs(np.diff(column))))
 
 
 def tone(column: np.ndarray, ts: float) -> float:
-    """Return the frequency at which a column that is sampled every `ts` [s] rings most [Hz]."""
+    """Return the dominant frequency [Hz] of a column sampled every `ts` [s]."""
     changes = np.diff(column) * np.hanning(len(column) - 1)
     spectrum = np.abs(np.fft.rfft(changes))
     return float(np.fft.rfftfreq(len(changes), ts)[np.argmax(spectrum)])
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Return Pearson's coefficient of correlation."""
+    """Return Pearson's correlation coefficient."""
     return float(np.corrcoef(a, b)[0, 1])
 
 
 def excess(trace: Trace) -> float:
-    """Return how far theta goes beyond a constant set-point [rad]; 0 if it stays on its side."""
+    """Return the overshoot of theta beyond a constant set-point [rad]; 0 if there is none."""
     return max(float(np.max((trace.theta - trace.r) * np.sign(trace.r))), 0.0)
 
 
 def overshoot(trace: Trace, height: float = 1.0) -> float:
-    """Return the excess beyond a constant set-point, in percent of a jump of `height` [rad]."""
+    """Return the overshoot beyond a constant set-point, in percent of a jump of `height` [rad]."""
     return 100 * excess(trace) / height
 
 
 def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> float:
-    """Return how long after the first sample |e| stays within `band` times the jump [s].
+    """Return the time after the first sample from which |e| stays within `band` times the jump [s].
 
-    The paper's k = 1 is its first sample after t = 0, so that a part that starts with a jump at
-    t = 0 counts from there. NaN if the error does not stay within for at least the last HOLD: one
+    The paper's k = 1 is its first sample after t = 0, so a part that starts with a jump at t = 0
+    is timed from there. NaN if the error is not within the band for at least the last HOLD: a loop
     that still swings through the band at the end has not settled.
     """
     settled = settling_time(trace.t, trace.e, band * height)
@@ -83,13 +83,13 @@ def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> 
 
 
 def rise_time(trace: Trace) -> float:
-    """Return the time that theta takes from 10 % to 90 % of a unit step [s]; NaN if never."""
+    """Return the rise time of theta from 10 % to 90 % of a unit step [s]; NaN if never reached."""
     low, high = (np.flatnonzero(trace.theta >= level) for level in (0.1, 0.9))
     return float(trace.t[high[0]] - trace.t[low[0]]) if high.size else math.nan
 
 
 def bursts(t: np.ndarray, force: np.ndarray) -> list[float]:
-    """Return when the large adjustments of a force begin [s]."""
+    """Return the start times of the large adjustments of a force [s]."""
     large = t[np.abs(force) > BURST]
     if not large.size:
         return []
@@ -98,8 +98,8 @@ def bursts(t: np.ndarray, force: np.ndarray) -> list[float]:
 
 
 def half_periods(trace: Trace) -> list[Trace]:
-    """Return the parts of a 0.1 Hz square wave after its jumps at 5, 10 and 15 s.
+    """Return the segments of a 0.1 Hz square wave after its jumps at 5, 10 and 15 s.
 
-    At a jump's own sample the old set-point still holds, so a part begins one sample later.
+    The sample of a jump still has the old set-point, so a segment starts one sample later.
     """
     return [trace.part(start + trace.ts, start + 5 + trace.ts) for start in (5, 10, 15)]

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them."""
+"""Human-readable numbers."""
 
 import math
 
@@ -21,5 +21,5 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def listing(values: list[float], unit: str) -> str:
-    """Return numbers as an enumeration with their unit."""
+    """Return numbers as a list with their unit."""
     return ", ".join(number(value) for value in values) + f" {unit}".rstrip() if values else "none"

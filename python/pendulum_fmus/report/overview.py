@@ -13,7 +13,7 @@ from .scenarios import SIGNALS
 
 
 def panels(data: Data) -> list[list[Panel]]:
-    """Return angles above magnitudes of errors, one column per signal."""
+    """Return angles above absolute errors, one column per signal."""
     traces = {s: {kind: data(kind, s) for kind in SHOWN} for s in SIGNALS}
     return [
         [Panel(s, ANGLE, outputs(traces[s]), xlim=(0, END), ylim=(-1.6, 1.6)) for s in SIGNALS],

@@ -21,18 +21,18 @@ ASSETS = Path(__file__).parent / "assets"
 
 @dataclass(frozen=True)
 class Part:
-    """A figure of the paper or a section of our own, as the page shows it.
+    """A figure of the paper or an additional section, as shown on the page.
 
     Parameters
     ----------
     anchor
-        Where links lead.
+        Target of links.
     heading, caption, notes
         Text above and below the figure.
     figure
-        What is drawn, if anything.
+        The figure, if any.
     judged
-        What was found.
+        The claims with their verdicts.
     """
 
     anchor: str
@@ -44,7 +44,7 @@ class Part:
 
 
 def part_of(entry: Entry) -> Part:
-    """Return a figure of the paper as a part of the page."""
+    """Return a figure of the paper as part of the page."""
     return Part(
         entry.figure.name,
         f"Figure {entry.number}. {entry.figure.title}",
@@ -56,7 +56,7 @@ def part_of(entry: Entry) -> Part:
 
 
 def script_safe(value: Any) -> str:
-    """Return JSON that may stand within a script element."""
+    """Return JSON that can be embedded in a script element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
 
 

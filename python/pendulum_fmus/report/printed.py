@@ -1,4 +1,4 @@
-"""Figures for a paper: the same panels by Matplotlib, as SVG and PDF."""
+"""Figures for print: the same panels drawn with Matplotlib, as SVG and PDF."""
 
 from collections.abc import Sequence
 from multiprocessing.pool import AsyncResult, Pool
@@ -23,7 +23,7 @@ RC = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "pdf.fonttype": 42,
-    "svg.hashsalt": "report",  # the same figure gives the same bytes
+    "svg.hashsalt": "report",  # makes the files reproducible
     "path.simplify": False,
 }
 
@@ -108,7 +108,7 @@ def sheet(figure: Figure) -> Sheet:
 
 
 def write(figure: Figure, folder: Path) -> list[Path]:
-    """Write a figure as SVG and PDF; returns their paths."""
+    """Write a figure as SVG and PDF; return their paths."""
     paths = [folder / f"{figure.name}.{kind}" for kind in ("svg", "pdf")]
     with rc_context(RC):
         drawn = sheet(figure)
@@ -118,7 +118,7 @@ def write(figure: Figure, folder: Path) -> list[Path]:
 
 
 def start(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[AsyncResult]:
-    """Have the figures written, the largest first; each result is a list of paths."""
+    """Start writing the figures, largest first; each result is a list of paths."""
     folder.mkdir(parents=True, exist_ok=True)
     ordered = sorted(figures, key=lambda figure: -len(figure.rows))
     return [pool.apply_async(write, (figure, folder)) for figure in ordered]

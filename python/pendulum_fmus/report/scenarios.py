@@ -1,4 +1,4 @@
-"""The loops that the figures of the paper show."""
+"""The loops shown in the paper's figures."""
 
 from .. import table1
 from ..loop import Loop
@@ -6,22 +6,22 @@ from ..loop import Loop
 SIGNALS = ("step", "sine", "square")
 
 AMPLITUDES = {"step": (0.0, 1.0), "sine": (0.0, 1.0, 2.0), "square": (0.0, 1.0, 2.0)}
-"""Disturbances [rad]: none; that of Table 1; that of the text on Figures 12 and 14."""
+"""Disturbances [rad]: none, that of Table 1, and that of the text on Figures 12 and 14."""
 
 KINDS = ("PID", "PID-RBF", "IPID-RBF", "IPID-RBF own")
-"""The controllers: IPID-RBF learns the supervisor's force as in Table 1, its `own` as in (29)."""
+"""The controllers: IPID-RBF learns the supervisor's force as in Table 1 or its own as in (29)."""
 
 GAINS = {"kp": 300.0, "ki": 500.0, "kd": 100.0}
 """The paper's gains [N/rad, N/(rad s), N s/rad]."""
 
 FACTORS = (0.5, 1.0, 2.0)
-"""What Figure 2 multiplies each gain by; the paper's own choice stands in its picture only."""
+"""Factors of each gain in Figure 2; the paper gives its own only in the picture."""
 
 
 def loops_of(signal: str, amplitude: float) -> dict[str, tuple[Loop, str, str]]:
-    """Return by kind the loop, and the names of the controller and the plant in it.
+    """Return, by kind, the loop and the names of its controller and plant.
 
-    IPID-RBF learns the supervisor's force as in Table 1, "IPID-RBF own" its own as in (29).
+    IPID-RBF learns the supervisor's force as in Table 1, "IPID-RBF own" learns its own as in (29).
     """
     supervised = Loop("IpidRbf", signal, amplitude, "supervisor")
     return {

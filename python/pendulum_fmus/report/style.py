@@ -1,26 +1,26 @@
-"""How curves look: told apart by colour, dashes, width and marker, so that grey will do as well."""
+"""Styles of curves, which differ in colour, dashes, width and marker for greyscale prints."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Style:
-    """The look of one kind of curve.
+    """The style of one kind of curve.
 
     Parameters
     ----------
     name
-        What the legend calls it.
+        Name in the legend.
     light, dark
         Colours on white and on black, safe for the colour-blind.
     dash
         Lengths of dashes and gaps [pt]; empty for a solid line.
     width
-        Of the line [pt].
+        Line width [pt].
     marker
-        Of Matplotlib; "" for none.
+        Matplotlib marker; "" for none.
     symbol
-        The same of plotly.
+        The same marker in plotly.
     """
 
     name: str

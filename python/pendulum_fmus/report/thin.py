@@ -1,4 +1,4 @@
-"""Fewer points for the same curve: every sample left out lies near the line between two kept."""
+"""Curve thinning: every omitted sample lies near the line between two kept ones."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ import numpy as np
 def thinned(x: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the indices of the samples to keep, increasing, shape (kept,).
 
-    Between those kept, linear interpolation is off by at most `tolerance`, in the unit of y. The
-    sample that is worst off in each gap is kept first (Douglas and Peucker), so peaks stay.
+    Linear interpolation between them deviates by at most `tolerance`, in the unit of y. The sample
+    with the largest deviation in each gap is kept first (Douglas-Peucker), so peaks are preserved.
 
     Parameters
     ----------
     x, y
         The curve, shape (n,) each, n >= 2; x increases, y is finite.
     tolerance
-        Largest deviation.
+        Maximum deviation.
     """
     keep = np.array([0, len(x) - 1])
     while True:

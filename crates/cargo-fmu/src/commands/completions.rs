@@ -1,10 +1,10 @@
-//! `cargo fmu completions`: what a shell completes after `cargo fmu`.
+//! `cargo fmu completions`: completion scripts for shells.
 
 use clap::Command;
 use clap_complete::Shell;
 
-/// Bash knows one completion per command, and `cargo` has its own: hand over to ours after
-/// `cargo fmu`, else to the one before. (Zsh's completion of `cargo` looks for `_cargo-fmu` itself.)
+/// Bash supports one completion per command, and `cargo` already has one: use ours after
+/// `cargo fmu`, else the existing one. (Zsh's completion of `cargo` finds `_cargo-fmu` by itself.)
 const BASH: &str = r#"
 _cargo_fmu_before=$(complete -p cargo 2>/dev/null | sed -n 's/.* -F \([^ ]*\) .*/\1/p')
 _cargo_fmu_after_cargo() {
@@ -19,9 +19,9 @@ _cargo_fmu_after_cargo() {
 complete -F _cargo_fmu_after_cargo -o bashdefault -o default cargo
 "#;
 
-/// The script that a shell reads to complete the command line.
+/// The completion script for a shell.
 pub fn script(shell: Shell, command: Command) -> Vec<u8> {
-    // With a hyphen in the name, clap's script for Bash forgets the options of subcommands.
+    // With a hyphen in the name, clap's Bash script lacks the options of subcommands.
     let name = match shell {
         Shell::Bash => "cargo_fmu",
         _ => "cargo-fmu",

@@ -11,28 +11,28 @@ use fmu_file::platform::Prebuilt;
 /// What to export, and for which platforms.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
-    /// Names of models [default: all]
+    /// Models to export [default: all]
     #[arg(value_name = "MODEL")]
     models: Vec<String>,
-    /// Folder for the FMUs [default: fmu in cargo's target folder]
+    /// Output folder for the FMUs [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Build for every Linux with glibc 2.17 or newer, by cargo-zigbuild
+    /// Build for any Linux with glibc 2.17 or newer, using cargo-zigbuild
     #[arg(long)]
     portable: bool,
-    /// Rust target to build for, may be repeated [default: this machine]. universal2-apple-darwin is
-    /// both processors of macOS; x86_64-unknown-linux-gnu.2.28 is Linux with glibc 2.28
+    /// Rust target to build for; may be repeated [default: this machine]. universal2-apple-darwin
+    /// builds for both macOS architectures, x86_64-unknown-linux-gnu.2.28 for Linux with glibc 2.28
     #[arg(long = "target", value_name = "TRIPLE")]
     targets: Vec<String>,
-    /// Shared library that was built elsewhere, for linux64, win64, ...
+    /// Add a shared library built elsewhere, for linux64, win64, ...
     #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     binaries: Vec<Prebuilt>,
-    /// Compress by zopfli: 3.5 % smaller, but slow
+    /// Compress with zopfli: 3.5 % smaller, but slow
     #[arg(long)]
     small: bool,
 }
 
-/// Exports the models and prints which FMUs were written.
+/// Exports the models and prints the FMUs that were written.
 ///
 /// # Errors
 /// See [`fmu_build::export`].

@@ -1,4 +1,4 @@
-//! `cargo fmu merge`: merges FMUs of one model that were built on several machines.
+//! `cargo fmu merge`: merges FMUs of one model that were built on different machines.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -12,10 +12,10 @@ use super::export::print_fmu;
 /// What to merge.
 #[derive(Debug, Args)]
 pub struct MergeArgs {
-    /// The FMUs, two or more, from any vendor
+    /// Two or more FMUs, from any vendor
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
-    /// The FMU to write; may be one of those
+    /// The FMU to write; may be one of the inputs
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! The commands: the options of each, and what it prints.
+//! The commands with their options and output.
 
 pub mod completions;
 pub mod export;

@@ -1,4 +1,4 @@
-//! `cargo fmu probe`: one test of a binary, in a process of its own; `validate` starts it.
+//! `cargo fmu probe`: one test of a binary in its own process, started by `validate`.
 
 use std::ffi::OsString;
 
@@ -7,17 +7,17 @@ use clap::Args;
 /// Name of the command.
 pub const NAME: &str = "probe";
 
-/// What `fmu_check` passes to itself.
+/// The arguments that `fmu_check` passes to itself.
 #[derive(Debug, Args)]
 pub struct ProbeArgs {
     #[arg(hide = true)]
     arguments: Vec<OsString>,
 }
 
-/// Makes the test.
+/// Runs the test.
 ///
 /// # Errors
-/// The arguments are not those of a test; the unpacked FMU cannot be read.
+/// The arguments do not describe a test, or the unpacked FMU cannot be read.
 pub fn run(args: &ProbeArgs) -> anyhow::Result<()> {
     fmu_check::probe(&args.arguments)
 }

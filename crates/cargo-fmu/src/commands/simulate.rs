@@ -13,22 +13,22 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::style::WARNING;
 use crate::table;
 
-/// What to simulate, and what to change in it.
+/// The system to simulate, and changes to it.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// File that describes the system, such as those in examples/closed-loop
+    /// System file, such as those in examples/closed-loop
     #[arg(value_name = "SYSTEM.toml")]
     system: PathBuf,
-    /// Start value; for an enumeration the name of an item; may be repeated
+    /// Set a start value (for an enumeration, the name of an item); may be repeated
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE")]
     sets: Vec<Assignment>,
     /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     start: Option<f64>,
-    /// Last communication point that is recorded, in s
+    /// Stop time, the last recorded communication point, in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// Communication step in s
+    /// Communication step size in s
     #[arg(long, value_name = "H", allow_negative_numbers = true)]
     step: Option<f64>,
     /// Order of stepping
@@ -40,7 +40,7 @@ pub struct SimulateArgs {
     /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
-    /// Write time and recorded variables to this file
+    /// Write the time and the recorded variables to this file
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 }
@@ -48,9 +48,9 @@ pub struct SimulateArgs {
 /// Order of stepping.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Order {
-    /// One component after the other, from the newest outputs (Gauss-Seidel)
+    /// One component after the other, using the newest outputs (Gauss-Seidel)
     Sequential,
-    /// All components from the same outputs, one step later (Jacobi)
+    /// All components at once, using the outputs before the step (Jacobi)
     Parallel,
 }
 
@@ -78,13 +78,13 @@ impl FromStr for Assignment {
     }
 }
 
-/// Between two looks at the progress: short enough to look smooth without slowing the run.
+/// Interval between progress updates: short enough to look smooth without slowing the run.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Simulates the system, and says how it went.
+/// Simulates the system and reports the results.
 ///
 /// # Errors
-/// What does not fit in the file or the options; what an FMU refused, and why.
+/// The system file or the options are invalid, or an FMU returns an error.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
     let description = describe(args)?;
     let file = || args.system.display().to_string();
@@ -105,7 +105,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
     );
     let begin = Instant::now();
     let messages = Messages::default();
-    let ended = plan
+    let outcome = plan
         .simulate_with(&starts, &messages)
         .and_then(|simulation| {
             simulation.run(|time, row| {
@@ -119,12 +119,15 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
         });
     let elapsed = begin.elapsed();
     progress.bar.finish_and_clear();
-    let said = match &ended {
-        Ok(said) => said,
+    let logged = match &outcome {
+        Ok(logged) => logged,
         Err(_) => &messages.take(),
     };
-    said.iter().filter(|message| message.warning).for_each(warn);
-    ended.map_err(|error| explain(error, csv.is_some()))?;
+    logged
+        .iter()
+        .filter(|message| message.warning)
+        .for_each(warn);
+    outcome.map_err(|error| explain(error, csv.is_some()))?;
     let rows = csv.map(Csv::finish).transpose()?;
     report(out, plan.columns(), &last, plan.experiment(), elapsed)?;
     if let (Some(rows), Some(path)) = (rows, &args.csv) {
@@ -133,7 +136,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-/// The system of the file, with what the options change.
+/// Reads the system file and applies the options.
 fn describe(args: &SimulateArgs) -> Result<Description> {
     let mut description = Description::read(&args.system)?;
     let of = |option: Option<f64>, file: f64| option.unwrap_or(file);
@@ -155,7 +158,7 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
     Ok(description)
 }
 
-/// Says of a run that broke off that its file was not written.
+/// Adds to the error of a failed run that its file was not written.
 fn explain(error: anyhow::Error, has_file: bool) -> anyhow::Error {
     match error.downcast::<Failure>() {
         Ok(failure) if has_file => anyhow!("{failure}; no file was written"),
@@ -200,18 +203,18 @@ fn report(
     Ok(())
 }
 
-/// How many times faster than real time it goes, which may be less than once.
+/// The speed relative to real time, which may be below 1.
 fn speed(factor: f64) -> String {
     let digits = if factor < 10.0 { 2 } else { 0 };
     format!("{factor:.digits$} times real time")
 }
 
-/// A bar with the simulated time, and how many times faster than real time it goes.
+/// A progress bar with the simulated time and the speed relative to real time.
 struct Progress {
     bar: ProgressBar,
     experiment: Experiment,
     steps: u64,
-    /// The step at which to look at it again.
+    /// The step of the next update.
     next: u64,
     begin: Instant,
 }

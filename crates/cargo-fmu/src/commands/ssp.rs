@@ -1,4 +1,4 @@
-//! `cargo fmu ssp`: systems as packages for other tools.
+//! `cargo fmu ssp`: exports systems as SSP packages for other tools.
 
 use std::fs;
 use std::io::Write;
@@ -12,13 +12,13 @@ use fmu_file::replace;
 
 use crate::style::WARNING;
 
-/// What to package, and where it goes.
+/// The systems to package, and the output folder.
 #[derive(Debug, Args)]
 pub struct SspArgs {
-    /// Files that describe systems
+    /// System files
     #[arg(value_name = "SYSTEM.toml", required = true)]
     systems: Vec<PathBuf>,
-    /// Folder that the packages are written to
+    /// Output folder for the packages
     #[arg(long, value_name = "DIR", default_value = "target/fmu")]
     out: PathBuf,
     /// Folder of the FMUs
@@ -26,13 +26,13 @@ pub struct SspArgs {
     fmus: Option<PathBuf>,
 }
 
-/// Writes the packages, once all of them are known to fit.
+/// Writes the packages, after all systems have been checked.
 ///
 /// # Errors
-/// What does not fit in a system, as `simulate` reports it; the folder cannot be written to.
+/// A system is invalid, as `simulate` reports it, or the folder is not writable.
 pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
     fs::create_dir_all(&args.out)
-        .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
+        .with_context(|| format!("cannot create the folder {}", args.out.display()))?;
     replace::check_writable(&args.out)?;
     let mut packages: Vec<Package> = Vec::new();
     for system in &args.systems {

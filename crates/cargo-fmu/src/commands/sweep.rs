@@ -1,4 +1,4 @@
-//! `cargo fmu sweep`: many runs of a system, each with other values.
+//! `cargo fmu sweep`: many runs of a system, each with different parameter values.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -11,29 +11,29 @@ use clap::Args;
 use fmu_sweep::{Progress, Study};
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// What to sweep, and where the rows go.
+/// The sweep to run, and the destination of its rows.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
-    /// File that describes the sweep, such as those in examples/sweep
+    /// Sweep file, such as those in examples/sweep
     #[arg(value_name = "SWEEP.toml")]
     sweep: PathBuf,
-    /// File for the rows, .csv or .parquet [default: the sweep's name with .csv]
+    /// Output file, .csv or .parquet [default: the name of the sweep file with .csv]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Number of threads [default: one for each core]
+    /// Number of threads [default: one per core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// File of the system, instead of the one that the sweep names
+    /// System file to use instead of the one named in the sweep file
     #[arg(long, value_name = "SYSTEM.toml")]
     system: Option<PathBuf>,
     /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
-    /// Print the rows of these runs, counted from 0, END excluded, as a worker of a distributed
-    /// sweep does
+    /// Print the rows of these runs (from 0, END excluded); used by the workers of a distributed
+    /// sweep
     #[arg(long, value_name = "FIRST..END", conflicts_with = "out")]
     rows: Option<Runs>,
-    /// Print what the coordinator of a distributed sweep needs, as JSON
+    /// Print the plan as JSON; used by the coordinator of a distributed sweep
     #[arg(long, conflicts_with_all = ["out", "rows"])]
     plan: bool,
 }
@@ -55,10 +55,10 @@ impl FromStr for Runs {
     }
 }
 
-/// Runs the sweep, or the part of it that the options select.
+/// Runs the sweep, or the part selected by the options.
 ///
 /// # Errors
-/// What does not fit in the files; a start value that an FMU rejects; a file that cannot be written.
+/// A file is invalid or cannot be written, or an FMU rejects a start value.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<()> {
     let file = || args.sweep.display().to_string();
     let study = Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref())
@@ -76,7 +76,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<()> {
     write(&study, args, out)
 }
 
-/// Does the runs that are left, and prints how it went.
+/// Executes the remaining runs and prints a summary.
 fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
     let file = match &args.out {
         Some(file) => file.clone(),
@@ -104,12 +104,12 @@ fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
         left as f64 / elapsed
     )?;
     if before > 0 {
-        writeln!(out, "{before} runs were done before")?;
+        writeln!(out, "{before} runs were already done")?;
     }
     if let Some((run, failure)) = study.first_failure() {
         writeln!(
             out,
-            "runs broke off, the first of them run {run}: {failure}"
+            "some runs stopped early, the first was run {run}: {failure}"
         )?;
     }
     writeln!(out, "wrote {}: {runs} rows", file.display())?;

@@ -11,7 +11,7 @@ use fmu_check::{Findings, Probes, Severity};
 use super::probe;
 use crate::style::{ERROR, OK, WARNING};
 
-/// What to check.
+/// The FMUs to check, and how.
 #[derive(Debug, Args)]
 pub struct ValidateArgs {
     /// The FMUs, from any vendor

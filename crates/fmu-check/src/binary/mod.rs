@@ -1,4 +1,4 @@
-//! Tests of a binary by running it: each in a process of its own, which may crash, hang or exit.
+//! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
 pub mod probe;
 mod report;
@@ -20,18 +20,18 @@ use super::finding::Findings;
 use probe::{Kind, Probe};
 use report::Outcome;
 
-/// How to start the process of a test.
+/// How to start a test process.
 #[derive(Debug)]
 pub struct Probes {
-    /// The program.
+    /// The program to start.
     pub program: PathBuf,
-    /// Its first arguments. It passes those that follow to [`crate::probe`].
+    /// Its leading arguments. The program passes all further arguments to [`crate::probe`].
     pub arguments: Vec<OsString>,
-    /// How long each test may take.
+    /// Time limit of each test.
     pub time_limit: Duration,
 }
 
-/// Runs the binaries for this machine, if there are any.
+/// Runs the binaries built for this machine, if there are any.
 pub fn check(
     model: &ModelDescription<'_>,
     archive: &mut Archive,
@@ -53,7 +53,7 @@ pub fn check(
         .filter(|(_, binary)| archive.names.contains(binary))
         .collect();
     if kinds.is_empty() {
-        // Without any binary there are sources, or that has been reported.
+        // An FMU without binaries has sources, or the lack of both has been reported.
         if !archive
             .names
             .iter()
@@ -64,7 +64,7 @@ pub fn check(
         findings.warning(
             "binaries",
             format!(
-                "there is none for this machine ({}), so none was run",
+                "there is none for this machine ({}); no binary was run",
                 platform.folder
             ),
         );
@@ -76,7 +76,7 @@ pub fn check(
     }) {
         findings.warning(
             binary.as_str(),
-            "it is for another processor than this machine's, so none was run",
+            "it is built for another processor; no binary was run",
         );
         return;
     }
@@ -104,7 +104,7 @@ fn run_all(
         for probe in Probe::ALL {
             let errors = findings.errors();
             run(folder.path(), probe, *kind, binary, probes, findings)?;
-            // An FMU that cannot be loaded or simulated would fail the other tests alike.
+            // An FMU that cannot be loaded or simulated would fail all other tests too.
             if probe.is_basic() && findings.errors() > errors {
                 break;
             }
@@ -151,7 +151,7 @@ fn run(
     Ok(())
 }
 
-/// Waits for a process; none if it had to be killed.
+/// Waits for a process; `None` if it had to be killed.
 fn wait(child: &mut Child, limit: Duration) -> Result<Option<ExitStatus>> {
     let start = Instant::now();
     let mut pause = Duration::from_millis(1);

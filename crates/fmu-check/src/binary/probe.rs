@@ -1,4 +1,4 @@
-//! The tests of a binary. They run in the child process.
+//! The tests of a binary, which run in the child process.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -19,24 +19,24 @@ use super::run::{Run, Subject, Value, get};
 /// A test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Probe {
-    /// It loads, has its functions, and makes an instance.
+    /// The binary loads, exports its functions and creates an instance.
     Identity,
-    /// It refuses the GUID of another FMU.
+    /// It rejects the GUID of another FMU.
     Guid,
-    /// It has the start values of the XML.
+    /// Its start values are those of the XML.
     Start,
     /// It can be simulated and reset.
     Simulation,
-    /// It can save and restore its state, if it says so.
+    /// It can save and restore its state, if it declares that.
     State,
-    /// It gives derivatives, if it says so.
+    /// It provides derivatives, if it declares them.
     Derivatives,
-    /// Two instances do not disturb each other, unless it says so.
+    /// Two instances do not affect each other, unless only one is allowed.
     Instances,
 }
 
 impl Probe {
-    /// All tests, in the order in which they are made.
+    /// All tests, in the order in which they run.
     pub const ALL: [Self; 7] = [
         Self::Identity,
         Self::Guid,
@@ -60,13 +60,13 @@ impl Probe {
         }
     }
 
-    /// Whether the tests after it need what it tests.
+    /// Whether later tests only make sense if this one passes.
     pub fn is_basic(self) -> bool {
         matches!(self, Self::Identity | Self::Simulation)
     }
 }
 
-/// The kind of FMU to be tested.
+/// The interface type under test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Co-simulation.
@@ -76,7 +76,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Both kinds.
+    /// Both interface types.
     pub const ALL: [Self; 2] = [Self::Cs, Self::Me];
 
     /// Name on the command line.
@@ -87,7 +87,7 @@ impl Kind {
         }
     }
 
-    /// The element of the model description.
+    /// Its element in the model description.
     pub fn element(self) -> &'static str {
         match self {
             Self::Cs => "CoSimulation",
@@ -103,7 +103,7 @@ impl Kind {
     }
 }
 
-/// The arguments of the child process. It runs in the folder of the unpacked FMU.
+/// The arguments of the child process, which runs in the folder of the unpacked FMU.
 struct Options {
     probe: Probe,
     kind: Kind,
@@ -126,10 +126,10 @@ impl Options {
     }
 }
 
-/// Makes one test of a binary in this process, as [`crate::Probes`] asks for it.
+/// Runs one test of a binary in this process, which [`crate::Probes`] has started.
 ///
 /// # Errors
-/// The arguments are not those of a test; the unpacked FMU cannot be read.
+/// The arguments do not describe a test, or the unpacked FMU cannot be read.
 pub fn run(arguments: &[OsString]) -> Result<()> {
     let options =
         &Options::parse(arguments).context("expected PROBE KIND BINARY SECONDS of a check")?;
@@ -140,7 +140,7 @@ pub fn run(arguments: &[OsString]) -> Result<()> {
     let report = Arc::new(Report::open(Path::new("log"))?);
     let here = std::env::current_dir()?;
     if let Err(error) = test(options, &model, &here, &report) {
-        // The folder is gone when the message is read.
+        // The folder no longer exists when the message is read.
         let folder = format!("{}/", here.display());
         report.error(&format!("{error:#}").replace(&folder, ""));
     }
@@ -148,7 +148,7 @@ pub fn run(arguments: &[OsString]) -> Result<()> {
     Ok(())
 }
 
-/// Ends this process if its parent has not done so: it may have been killed.
+/// Aborts this process after a while, in case the parent was killed and cannot do it.
 fn end_after(limit: Duration) {
     std::thread::spawn(move || {
         std::thread::sleep(limit);
@@ -219,13 +219,13 @@ fn guid(subject: &Subject<'_>, report: &Report) -> Result<()> {
     let wrong = "{00000000-0000-0000-0000-000000000000}";
     if subject.try_instantiate(wrong)?.is_some() {
         report.warning(
-            "fmi2Instantiate took the GUID of another FMU, expected NULL: XML and binary of different versions would not be told apart",
+            "fmi2Instantiate accepted the GUID of another FMU, expected NULL: a mismatch of XML and binary would go unnoticed",
         );
     }
     Ok(())
 }
 
-/// Compares the start values of the XML with what the binary gives in initialization mode.
+/// Compares the start values of the XML with those of the binary in initialization mode.
 fn start(subject: &Subject<'_>, report: &Report) -> Result<()> {
     let mut instance = subject.instantiate()?;
     subject.enter_initialization(&mut instance)?;
@@ -248,7 +248,7 @@ fn start(subject: &Subject<'_>, report: &Report) -> Result<()> {
     Ok(())
 }
 
-/// Whether a value is a start value, up to the digits that tools write of a number.
+/// Whether a value equals a start value, apart from digits lost when a tool wrote the XML.
 fn is_start(value: &Value, start: &str) -> bool {
     match value {
         Value::Real(value) => real(start).is_none_or(|start| {
@@ -262,7 +262,7 @@ fn is_start(value: &Value, start: &str) -> bool {
     }
 }
 
-/// Makes steps, ends, resets, and makes the first step again.
+/// Takes some steps, terminates, resets, and takes the first step again.
 fn simulation(subject: &Subject<'_>, report: &Report) -> Result<()> {
     let step = subject.step();
     let mut run = Run::begin(subject)?;
@@ -271,7 +271,7 @@ fn simulation(subject: &Subject<'_>, report: &Report) -> Result<()> {
     if subject.claims(Capability::CanHandleVariableCommunicationStepSize) {
         for other in [step / 2.0, step / 4.0, step] {
             run.advance(other).context(
-                "canHandleVariableCommunicationStepSize is true, but for a step of another size",
+                "canHandleVariableCommunicationStepSize is true, but with another step size",
             )?;
         }
     }
@@ -298,7 +298,7 @@ fn simulation(subject: &Subject<'_>, report: &Report) -> Result<()> {
     Ok(())
 }
 
-/// The first value that is other than expected.
+/// Describes the first value that differs from the expected one.
 fn difference(values: &[(&str, Value)], expected: &[(&str, Value)]) -> Option<String> {
     let ((name, value), (_, expected)) = values.iter().zip(expected).find(|(a, b)| a.1 != b.1)?;
     Some(format!("{} is {value}, expected {expected}", quote(name)))
@@ -316,7 +316,7 @@ fn state(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Makes a step from a state, and again from the same state after it was restored.
+/// Takes a step from a state, restores the state, and takes the step again.
 fn save_and_restore(run: &mut Run<'_>, subject: &Subject<'_>, as_bytes: bool) -> Result<()> {
     const MAX_BYTES: usize = 1 << 30;
     let step = subject.step();
@@ -377,7 +377,7 @@ fn derivatives(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Runs an instance alone, and again beside another one with other inputs.
+/// Runs an instance alone, and again next to a second instance with other inputs.
 fn instances(subject: &Subject<'_>) -> Result<()> {
     const ONLY_ONCE: Capability = Capability::CanBeInstantiatedOnlyOncePerProcess;
     const FLAG: &str = ONLY_ONCE.as_str();
@@ -396,7 +396,7 @@ fn instances(subject: &Subject<'_>) -> Result<()> {
         for reference in subject.reals(Causality::Input) {
             let mut value = [0.0];
             other.instance.get_real(&[reference], &mut value)?;
-            // An input may have bounds; then the other instance keeps its value.
+            // An input may have bounds; the other instance then keeps its value.
             let _ = other.instance.set_real(&[reference], &[value[0] + 1.0]);
         }
         for _ in 0..2 {
@@ -406,11 +406,11 @@ fn instances(subject: &Subject<'_>) -> Result<()> {
         one.observe()
     };
     let values =
-        beside().with_context(|| format!("{FLAG} is false, but beside another instance"))?;
+        beside().with_context(|| format!("{FLAG} is false, but with a second instance"))?;
     let difference = difference(&values, &expected);
     ensure!(
         difference.is_none(),
-        "{FLAG} is false, but beside another instance, {} as alone",
+        "{FLAG} is false, but with a second instance, {} as alone",
         difference.unwrap_or_default()
     );
     Ok(())

@@ -1,5 +1,5 @@
-//! What a test in a child process tells its parent: lines in a file, written before and after each
-//! call, so that they outlive a crash.
+//! The report of a test to the parent process: lines in a file, written before each call so that
+//! they survive a crash.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -10,7 +10,7 @@ use anyhow::{Context, Result};
 
 use crate::finding::Findings;
 
-/// More bytes than this of a report are not read.
+/// Maximum number of bytes read of a report.
 pub const MAX_BYTES: u64 = 1 << 20;
 
 const CALL: &str = "call ";
@@ -39,11 +39,11 @@ impl Report {
 
     fn line(&self, kind: &str, text: &str) {
         let line = format!("{kind}{}\n", text.replace(['\n', '\r'], " "));
-        // Without a report there is nobody to tell; the parent sees that the end is missing.
+        // A failure cannot be reported here, but the parent notices that the end is missing.
         let _ = (&self.file).write_all(line.as_bytes());
     }
 
-    /// Says which function is called next.
+    /// Records which function is called next.
     pub fn call(&self, name: &str) {
         let last = self.last_call.lock();
         let mut last = last.unwrap_or_else(PoisonError::into_inner);
@@ -63,13 +63,13 @@ impl Report {
         self.line(WARNING, text);
     }
 
-    /// Says that the test came to its end.
+    /// Records that the test has finished.
     pub fn end(&self) {
         self.line(END, "");
     }
 }
 
-/// The parent's side: how a test ended.
+/// The parent's side: the outcome of a test.
 #[derive(Default)]
 pub struct Outcome {
     last_call: String,
@@ -77,7 +77,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Reads a report, and adds its findings.
+    /// Reads a report and adds its findings.
     pub fn read(text: &str, location: &str, findings: &mut Findings) -> Self {
         let mut outcome = Self::default();
         for line in text.lines() {
@@ -94,7 +94,7 @@ impl Outcome {
         outcome
     }
 
-    /// The call that did not return, if the test did not come to its end.
+    /// The call that did not return, if the test did not finish.
     pub fn unfinished(&self) -> Option<&str> {
         let call = match self.last_call.as_str() {
             "" => "the test",

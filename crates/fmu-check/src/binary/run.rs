@@ -1,4 +1,4 @@
-//! A simulation of an FMU, as short as a test needs it.
+//! A short simulation of an FMU, for the tests.
 
 use std::sync::Arc;
 
@@ -10,30 +10,30 @@ use fmu_host::{Instance, Instantiation, Kind, Library};
 
 use crate::finding::Location;
 
-/// More rounds of `fmi2NewDiscreteStates` than this do not end.
+/// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
 
-/// An FMU to be tested.
+/// The FMU under test.
 pub struct Subject<'a> {
     /// Its model description.
     pub model: &'a ModelDescription<'a>,
     /// Its binary.
     pub library: &'a Arc<Library>,
-    /// The kind that is tested.
+    /// The interface type under test.
     pub kind: Kind,
-    /// The element of that kind.
+    /// The XML element of that type.
     pub element: &'a Element<'a>,
     /// URI of the folder `resources`.
     pub resources: String,
 }
 
 impl<'a> Subject<'a> {
-    /// Whether a capability is claimed.
+    /// Whether the FMU declares a capability.
     pub fn claims(&self, capability: Capability) -> bool {
         capability.is_claimed_by(self.element)
     }
 
-    /// A new instance.
+    /// Creates an instance.
     pub fn instantiate(&self) -> Result<Instance> {
         let guid = self.model.root.attribute("guid").unwrap_or_default();
         self.try_instantiate(guid)?.with_context(|| {
@@ -47,7 +47,7 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// A new instance with this GUID; none if the FMU refuses it.
+    /// Creates an instance with this GUID; `None` if the FMU rejects it.
     pub fn try_instantiate(&self, guid: &str) -> Result<Option<Instance>> {
         let arguments = Instantiation {
             name: "instance",
@@ -73,7 +73,7 @@ impl<'a> Subject<'a> {
             .filter(|stop| stop.is_finite() && *stop > self.start())
     }
 
-    /// A step of the default experiment.
+    /// Step size of the default experiment.
     pub fn step(&self) -> f64 {
         let span = self.stop().map_or(1.0, |stop| stop - self.start());
         self.model
@@ -82,14 +82,14 @@ impl<'a> Subject<'a> {
             .unwrap_or(span / 1000.0)
     }
 
-    /// Brings an instance into initialization mode.
+    /// Puts an instance into initialization mode.
     pub fn enter_initialization(&self, instance: &mut Instance) -> Result<()> {
         instance.setup_experiment(self.start(), self.stop())?;
         instance.enter_initialization_mode()?;
         Ok(())
     }
 
-    /// The real variables of a causality.
+    /// The value references of the Real variables with a causality.
     pub fn reals(&self, causality: Causality) -> Vec<u32> {
         self.model
             .variables()
@@ -108,7 +108,7 @@ pub struct Run<'a> {
     subject: &'a Subject<'a>,
     /// The instance.
     pub instance: Instance,
-    /// Time of the simulation.
+    /// Simulation time.
     pub time: f64,
 }
 
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// Initializes a new instance, or one that was reset.
+    /// Initializes an instance that is new or was reset.
     pub fn initialize(&mut self) -> Result<()> {
         self.time = self.subject.start();
         self.subject.enter_initialization(&mut self.instance)?;
@@ -140,7 +140,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Ends event mode.
+    /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
         for _ in 0..MAX_ROUNDS {
             if !self.instance.new_discrete_states()? {
@@ -148,10 +148,12 @@ impl<'a> Run<'a> {
                 return Ok(());
             }
         }
-        bail!("fmi2NewDiscreteStates wanted {MAX_ROUNDS} calls more, expected an end")
+        bail!(
+            "fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end"
+        )
     }
 
-    /// Goes on by one step.
+    /// Advances by one step.
     pub fn advance(&mut self, step: f64) -> Result<()> {
         match self.subject.kind {
             Kind::CoSimulation => {
@@ -187,7 +189,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The values of all variables that the FMU computes, as bits.
+    /// The values of all variables that the FMU computes.
     pub fn observe(&mut self) -> Result<Vec<(&'a str, Value)>> {
         self.subject
             .model
@@ -198,7 +200,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// A value that an FMU gives.
+/// The value of a variable, which compares bit by bit.
 #[derive(Debug, Clone)]
 pub enum Value {
     /// Of a Real.
@@ -212,7 +214,7 @@ pub enum Value {
 }
 
 impl PartialEq for Value {
-    /// The same bits are the same value, NaN too.
+    /// Compares bits, so that NaN equals itself.
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
@@ -230,13 +232,13 @@ impl std::fmt::Display for Value {
             Self::Integer(value) => write!(f, "{value}"),
             Self::Boolean(0) => write!(f, "false"),
             Self::Boolean(1) => write!(f, "true"),
-            Self::Boolean(value) => write!(f, "{value}, which is no Boolean"),
+            Self::Boolean(value) => write!(f, "{value}, which is not a Boolean"),
             Self::String(value) => f.write_str(&fmu_file::text::quote(value)),
         }
     }
 }
 
-/// Asks for the value of a variable.
+/// Gets the value of a variable.
 pub fn get(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Value> {
     value(instance, variable.kind, &[variable.reference])
         .with_context(|| format!("the value of {} cannot be read", Location::from(variable)))

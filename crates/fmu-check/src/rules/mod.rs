@@ -1,4 +1,4 @@
-//! What FMI 2.0.4 asks of a model description beyond its schema.
+//! The rules of FMI 2.0.4 for a model description that its schema does not express.
 
 mod names;
 mod root;
@@ -25,7 +25,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     structure::check(model, findings);
 }
 
-/// The names of elements, each of which must be there once.
+/// Collects the names of elements, which must be unique.
 fn unique<'a>(
     elements: impl Iterator<Item = &'a Element<'a>>,
     what: &str,
@@ -39,7 +39,7 @@ fn unique<'a>(
         if name.is_empty() {
             findings.error(
                 element,
-                format!("the name of a {what} is empty, expected a text"),
+                format!("the name of a {what} is empty, expected a string"),
             );
         }
         if !names.insert(name) {

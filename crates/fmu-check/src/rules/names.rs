@@ -1,4 +1,4 @@
-//! Rules of the names of variables (FMI 2.0.4, section 2.2.9).
+//! Rules for variable names (FMI 2.0.4, section 2.2.9).
 
 use std::collections::HashSet;
 
@@ -22,7 +22,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             );
         }
         if name.trim().is_empty() {
-            findings.error(variable, "the name is empty, expected a text");
+            findings.error(variable, "the name is empty, expected a string");
         } else if structured && !is_structured(name) {
             findings.error(
                 variable,
@@ -41,7 +41,7 @@ fn is_structured(name: &str) -> bool {
     {
         None => whole(name),
         Some(inner) => match inner.rsplit_once(',') {
-            // The comma may also stand between indices.
+            // The comma may also separate indices.
             Some((inner, order)) if is_number(order) => whole(inner),
             _ => whole(inner),
         },
@@ -52,7 +52,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// What comes after an identifier at the beginning of a text: names with indices, dots between.
+/// The rest of a text after its leading identifier: names with indices, separated by dots.
 fn identifier(mut text: &str) -> Option<&str> {
     loop {
         text = match text.strip_prefix('\'') {
@@ -73,7 +73,7 @@ fn identifier(mut text: &str) -> Option<&str> {
     }
 }
 
-/// What comes after a name of letters, digits and underscores.
+/// The rest of a text after a name of letters, digits and underscores.
 fn plain(text: &str) -> Option<&str> {
     let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let rest = text.trim_start_matches(is_name);
@@ -81,7 +81,7 @@ fn plain(text: &str) -> Option<&str> {
     starts_well.then_some(rest)
 }
 
-/// What comes after a name in quotes, whose first quote has been read.
+/// The rest of a text after a quoted name, whose opening quote has been read.
 fn quoted(text: &str) -> Option<&str> {
     let mut characters = text.char_indices();
     while let Some((at, character)) = characters.next() {

@@ -1,4 +1,4 @@
-//! Rules of the attributes of the root, of log categories, of the kinds of FMU, and of the default experiment.
+//! Rules for the root attributes, log categories, interface types and default experiment.
 
 use fmu_description::xml::Element;
 use fmu_description::{Capability, ModelDescription};
@@ -15,7 +15,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             .attribute(name)
             .is_some_and(|text| text.trim().is_empty())
         {
-            findings.error(root, format!("{name} is empty, expected a text"));
+            findings.error(root, format!("{name} is empty, expected a string"));
         }
     }
     if let Some(date) = root.attribute("generationDateAndTime")
@@ -42,7 +42,7 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
     for kind in KINDS {
         let mut of_kind = root.children(kind);
         if let (Some(_), Some(second)) = (of_kind.next(), of_kind.next()) {
-            findings.error(second, format!("{kind} stands twice, expected it once"));
+            findings.error(second, format!("{kind} appears twice, expected it once"));
         }
     }
     if root.child("ModelExchange").is_some() && root.attribute("numberOfEventIndicators").is_none()
@@ -79,7 +79,7 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
     }
 }
 
-/// Whether a text can begin the name of a C function, and so be the name of a binary.
+/// Whether a text can be the prefix of a C function, and thus the name of a binary.
 fn is_c_identifier(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')

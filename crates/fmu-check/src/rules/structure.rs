@@ -1,4 +1,4 @@
-//! Rules of the model structure (FMI 2.0.4, section 2.2.8).
+//! Rules for the model structure (FMI 2.0.4, section 2.2.8).
 
 use std::collections::HashSet;
 
@@ -24,7 +24,7 @@ fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
     unknowns.iter().map(|unknown| unknown.index).collect()
 }
 
-/// Checks indices and dependencies of the unknowns of a list.
+/// Checks the indices and dependencies of the unknowns in a list.
 fn each(
     list: &str,
     unknowns: &[Unknown<'_>],
@@ -91,7 +91,7 @@ fn outputs(model: &ModelDescription<'_>, findings: &mut Findings) {
         if is_output && !listed.contains(&index) {
             findings.error(
                 variable,
-                "the output is not in Outputs of ModelStructure, expected there",
+                "the output is not in Outputs of ModelStructure, expected it there",
             );
         }
         if !is_output && listed.contains(&index) {
@@ -122,8 +122,7 @@ fn derivatives(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
 }
 
-/// Checks that the variables that are computed in the initialization are in `InitialUnknowns`, and no
-/// others.
+/// Checks that `InitialUnknowns` lists exactly the variables that are computed during initialization.
 fn initial_unknowns(model: &ModelDescription<'_>, findings: &mut Findings) {
     let listed = indices(&model.initial_unknowns);
     let mut of_states = HashSet::new();
@@ -144,7 +143,7 @@ fn initial_unknowns(model: &ModelDescription<'_>, findings: &mut Findings) {
         if unknown && !listed.contains(&index) {
             findings.error(
                 variable,
-                "it is computed in the initialization and not in InitialUnknowns of ModelStructure, expected there",
+                "it is computed during initialization but not in InitialUnknowns of ModelStructure, expected it there",
             );
         }
         if !unknown && listed.contains(&index) {

@@ -1,4 +1,4 @@
-//! Rules of types, of their enumerations, and of bounds and starts.
+//! Rules for types, their enumerations, bounds and start values.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,7 +10,7 @@ use fmu_file::text::quote;
 use super::unique;
 use crate::finding::{Findings, Location};
 
-/// The values of the items of each enumeration type, by its name.
+/// The item values of each enumeration type, by type name.
 type Items<'a> = HashMap<&'a str, HashSet<i32>>;
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
@@ -37,7 +37,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
 }
 
-/// Checks that min <= start <= max, where a variable has what its type has unless it says other.
+/// Checks that min <= start <= max; a variable inherits the bounds of its type.
 fn bounds(
     value: &Element<'_>,
     at: impl Into<Location> + Copy,
@@ -76,7 +76,7 @@ fn bounds(
     }
 }
 
-/// Checks the items of an enumeration, and returns their values.
+/// Checks the items of an enumeration and returns their values.
 fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
     let items = || value.children("Item");
     unique(items(), "item", findings);

@@ -1,4 +1,4 @@
-//! Rules of units, and of how types and variables use them.
+//! Rules for units and their use in types and variables.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,7 +10,7 @@ use fmu_file::text::quote;
 use super::unique;
 use crate::finding::Findings;
 
-/// The display units of each unit, by its name.
+/// The display units of each unit, by unit name.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
@@ -36,7 +36,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
 }
 
-/// Checks that a unit can be converted to its base unit and to its display units.
+/// Checks that a unit can be converted to its base unit and its display units.
 fn factors(unit: &Element<'_>, findings: &mut Findings) {
     for child in &unit.children {
         let number = |name: &str| child.attribute(name).and_then(real);
@@ -59,7 +59,7 @@ fn factors(unit: &Element<'_>, findings: &mut Findings) {
     }
 }
 
-/// Checks that the unit of a type or variable, and its display unit, are defined.
+/// Checks that the unit and the display unit of a type or variable are defined.
 fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &mut Findings) {
     let displays = unit.and_then(|unit| units.get(unit));
     if let Some(own) = value.attribute("unit")

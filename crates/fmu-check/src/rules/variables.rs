@@ -1,5 +1,4 @@
-//! Rules of single variables, and of variables with the same value reference (FMI 2.0.4, section
-//! 2.2.7).
+//! Rules for variables, and for variables with the same value reference (FMI 2.0.4, section 2.2.7).
 
 use std::collections::HashMap;
 
@@ -20,13 +19,13 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             if variable.kind != VariableType::Real {
                 findings.error(
                     variable,
-                    "the independent variable is no Real, expected a Real",
+                    "the independent variable is not a Real, expected a Real",
                 );
             }
             if let Some(first) = independent.replace(variable.name) {
                 findings.error(
                     variable,
-                    format!("it is independent as {first:?} is, expected at most one independent variable"),
+                    format!("it is independent like {first:?} is, expected at most one independent variable"),
                 );
             }
         }
@@ -34,8 +33,8 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     aliases(model, findings);
 }
 
-/// The values of `initial` that go with a causality and a variability; none if these two do not go
-/// together.
+/// The values of `initial` allowed for a causality and a variability; `None` if that combination is
+/// not allowed.
 fn allowed(causality: Causality, variability: Variability) -> Option<&'static [Option<Initial>]> {
     use Causality::{CalculatedParameter, Independent, Input, Local, Output, Parameter};
     use Variability::{Constant, Continuous, Discrete, Fixed, Tunable};
@@ -65,7 +64,7 @@ fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
         None => findings.error(
             variable,
             format!(
-                "causality {causality} and variability {variability} stand together, expected a combination of section 2.2.7 of FMI 2.0.4"
+                "causality {causality} and variability {variability} are combined, expected a combination allowed by section 2.2.7 of FMI 2.0.4"
             ),
         ),
         Some(initials) if !initials.contains(&variable.initial) => findings.error(
@@ -133,7 +132,7 @@ fn derivative(
     }
 }
 
-/// Checks variables of one type with one value reference, which have one value.
+/// Checks variables of the same type and value reference, which share one value.
 fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut sets: HashMap<(VariableType, u32), Vec<&ScalarVariable<'_>>> = HashMap::new();
     for (_, variable) in model.variables() {

@@ -1,23 +1,23 @@
-//! Where the components of a system stand in its diagram, and how the connections run.
+//! The layout of a system's diagram: positions of components and routes of connections.
 //!
-//! Signals flow from left to right: a component stands in the column after those that feed it. A
+//! Signals flow from left to right: a component is placed in the column after those that feed it. A
 //! connection to the next column runs between the two; one that skips columns runs above all
 //! components, one that leads back runs below them. No line crosses a component.
 
-/// Width of a component, and of the gap between two columns.
+/// Width of a component and of the gap between two columns.
 const WIDTH: f64 = 40.0;
 const GAP: f64 = 40.0;
-/// Height for each connector, and between components of one column.
+/// Height per connector, and distance between components of a column.
 const PITCH: f64 = 5.0;
 const SPACING: f64 = 20.0;
-/// Between two lines above or below all components.
+/// Distance between two lines above or below all components.
 const LANE: f64 = 4.0;
 
-/// A component, as its diagram knows it.
+/// A component in the diagram.
 pub struct Part {
-    /// How many connectors it has on the left.
+    /// Number of connectors on the left.
     pub inputs: usize,
-    /// And on the right.
+    /// Number of connectors on the right.
     pub outputs: usize,
 }
 
@@ -51,11 +51,11 @@ pub struct Area {
 
 /// A diagram.
 pub struct Layout {
-    /// Where the components stand.
+    /// The area of each component.
     pub parts: Vec<Area>,
     /// The points of each connection between its two ends.
     pub lines: Vec<Vec<(f64, f64)>>,
-    /// What holds all of it.
+    /// The bounding box.
     pub extent: Area,
 }
 
@@ -74,7 +74,7 @@ pub fn lay_out(parts: &[Part], links: &[Link]) -> Layout {
         let (from, to) = (areas[link.from.part], areas[link.to.part]);
         let start = level(from, link.from.index, parts[link.from.part].outputs);
         let end = level(to, link.to.index, parts[link.to.part].inputs);
-        // Each line has a place of its own in the gaps, and above and below.
+        // Each line has its own position in the gaps, above and below.
         let place = GAP * (index as f64 + 1.0) / (count + 1.0);
         let lane = LANE * (index as f64 + 1.0);
         let (leave, enter) = (from.x2 + place, to.x1 - GAP + place);
@@ -107,8 +107,7 @@ fn level(area: Area, index: usize, count: usize) -> f64 {
     area.y1 + (area.y2 - area.y1) * height(index, count)
 }
 
-/// The column of each component: one after the last of those that feed it, but for those that are
-/// fed by it in turn.
+/// The column of each component: one after the last component that feeds it, ignoring feedback.
 fn columns(count: usize, links: &[Link]) -> Vec<usize> {
     let is_fed = |part: usize| links.iter().any(|link| link.to.part == part);
     let mut order = Vec::new();
@@ -116,7 +115,7 @@ fn columns(count: usize, links: &[Link]) -> Vec<usize> {
     for part in sources.into_iter().chain(fed) {
         visit(part, links, &mut vec![false; count], &mut order);
     }
-    order.reverse(); // each before those that it feeds
+    order.reverse(); // each component before those that it feeds
     let mut columns = vec![0; count];
     for (position, &part) in order.iter().enumerate() {
         for link in links.iter().filter(|link| link.from.part == part) {
@@ -129,7 +128,7 @@ fn columns(count: usize, links: &[Link]) -> Vec<usize> {
     columns
 }
 
-/// Appends a component to the order after those that it feeds.
+/// Appends a component to the order, after those that it feeds.
 fn visit(part: usize, links: &[Link], open: &mut Vec<bool>, order: &mut Vec<usize>) {
     if open[part] || order.contains(&part) {
         return;
@@ -141,7 +140,7 @@ fn visit(part: usize, links: &[Link], open: &mut Vec<bool>, order: &mut Vec<usiz
     order.push(part);
 }
 
-/// Puts the components of each column below one another, the first on top.
+/// Stacks the components of each column, the first on top.
 fn place(parts: &[Part], columns: &[usize]) -> Vec<Area> {
     let mut tops = vec![0.0; parts.len()];
     let place = |(part, &column): (&Part, &usize)| {
@@ -173,7 +172,7 @@ mod tests {
 
     #[test]
     fn signals_flow_from_left_to_right() {
-        // controller, plant, source; the plant feeds the controller back
+        // controller, plant, source, with feedback from the plant to the controller
         assert_eq!(columns(3, &[link(2, 0), link(1, 0), link(0, 1)]), [1, 2, 0]);
         // supervisor, its plant, controller, plant, source
         let supervised = [(4, 0), (1, 0), (0, 1), (4, 2), (3, 2), (0, 2), (2, 3)];

@@ -1,4 +1,4 @@
-//! Systems as packages for other tools, by System Structure and Parameterization (SSP) 1.0.
+//! Exports systems as System Structure and Parameterization (SSP) 1.0 packages.
 
 mod layout;
 mod package;

@@ -1,4 +1,4 @@
-//! One package: what is in its archive.
+//! An SSP package and the contents of its archive.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::{Description, Order, Plan};
 use super::resources::Resources;
 use super::structure;
 
-/// A package that can be written.
+/// A package that is ready to be written.
 pub struct Package {
     file: PathBuf,
     structure: String,
@@ -19,10 +19,10 @@ pub struct Package {
 }
 
 impl Package {
-    /// The package of a system, to be written to `folder` under the name of the system's file.
+    /// Builds the package of a system, which is written to `folder` under the name of the system file.
     ///
     /// # Errors
-    /// What does not fit in the system; a start value that an FMU rejects.
+    /// Something in the system does not fit, or an FMU rejects a start value.
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
@@ -45,7 +45,7 @@ impl Package {
         pack().with_context(|| system.display().to_string())
     }
 
-    /// Where it is written.
+    /// The file that it is written to.
     pub fn file(&self) -> &Path {
         &self.file
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use fmu_file::archive::{Entry, Packed};
 
-/// FMUs by the names that they have in a package, each once.
+/// The FMUs of a package by their names in it, each stored once.
 #[derive(Default)]
 pub struct Resources {
     files: BTreeMap<String, File>,
@@ -20,13 +20,13 @@ struct File {
 }
 
 impl Resources {
-    /// Takes an FMU in, unless it is there; returns its place in the package.
+    /// Adds an FMU unless it is already there; returns its path in the package.
     ///
     /// # Errors
-    /// It cannot be read, or another FMU has its name.
+    /// The FMU cannot be read, or a different FMU has the same name.
     pub fn add(&mut self, fmu: &Path) -> Result<String> {
         let name = name(fmu);
-        // Not every system tells "a" from "A" when it unpacks.
+        // Some file systems do not distinguish "a" from "A".
         let key = name.to_ascii_lowercase();
         let place = format!("resources/{name}");
         if self.files.get(&key).is_some_and(|known| known.path == fmu) {
@@ -61,7 +61,7 @@ impl Resources {
     }
 }
 
-/// The file name, without what a URI cannot have.
+/// The file name without characters that are not allowed in a URI.
 fn name(fmu: &Path) -> String {
     let name = fmu.file_name().unwrap_or_default().to_string_lossy();
     name.replace(
@@ -74,7 +74,7 @@ fn name(fmu: &Path) -> String {
 mod tests {
     use super::*;
 
-    /// Files `folder/name` with a content, and what a package makes of them.
+    /// Writes files `folder/name` with some content and adds them to a package.
     fn add(files: &[(&str, &str)]) -> Result<Vec<String>> {
         let folder = tempfile::tempdir().unwrap();
         let mut resources = Resources::default();
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn an_fmu_is_there_once() {
+    fn an_fmu_is_stored_once() {
         let places = add(&[
             ("A.fmu", "a"),
             ("A.fmu", "a"),
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn different_fmus_of_one_name_are_refused() {
+    fn different_fmus_with_the_same_name_are_rejected() {
         for other in ["other/A.fmu", "other/a.fmu"] {
             let error = add(&[("A.fmu", "a"), (other, "b")]).unwrap_err();
             let error = error.to_string();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_a_uri() {
+    fn a_path_is_a_uri() {
         let places = add(&[("Cart & pole #1.fmu", "a")]).unwrap();
         assert_eq!(places, ["resources/Cart___pole__1.fmu"]);
     }

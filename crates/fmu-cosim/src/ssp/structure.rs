@@ -1,4 +1,4 @@
-//! `SystemStructure.ssd`: a system in the words of the standard.
+//! `SystemStructure.ssd`: the description of a system in SSP terms.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ use crate::{Connection, Description, Fmu, Plan, Planned, Typed, Variable};
 use super::layout::{self, Area, Layout, Link, Part, Pin};
 use fmu_description::xml::Element;
 
-/// One name for all sets of start values: tools choose by the name, for all components at once.
+/// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
 
-/// All at the root, where every tool accepts them.
+/// Declared at the root, where every tool accepts them.
 const NAMESPACES: [(&str, &str); 4] = [
     (
         "xmlns:ssc",
@@ -37,10 +37,10 @@ const BASE_UNIT: [&str; 10] = [
     "kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset",
 ];
 
-/// The document of a system whose FMUs lie at `places` in the package.
+/// The document of a system whose FMUs are stored at `places` in the package.
 ///
 /// # Errors
-/// A name has a character that XML cannot hold.
+/// A name has a character that XML does not allow.
 pub fn document(
     name: &str,
     description: &Description,
@@ -68,7 +68,7 @@ pub fn document(
         .fold(root, |root, (name, uri)| root.with(name, uri))
         .with("version", "1.0")
         .with("name", name)
-        // The standard has no place for the step.
+        // The standard has no attribute for the step.
         .with(
             "description",
             format!("communication step {} s", description.step),
@@ -84,12 +84,12 @@ pub fn document(
     Ok(root.document()?)
 }
 
-/// A component, and its connectors by the sides that they are on.
+/// A component and its connectors, by side.
 struct Face<'a> {
     component: &'a Planned,
     inputs: Vec<&'a Variable>,
     outputs: Vec<&'a Variable>,
-    /// Those parameters that the system sets.
+    /// The parameters that the system sets.
     parameters: Vec<&'a Variable>,
 }
 
@@ -130,7 +130,7 @@ fn links(description: &Description, faces: &[Face<'_>]) -> Result<Vec<Link>> {
         .context("a connection does not fit")
 }
 
-/// The place of `component.variable` on a side of its component.
+/// The position of `component.variable` on a side of its component.
 fn pin<'a>(
     faces: &'a [Face<'a>],
     name: &str,
@@ -196,7 +196,7 @@ fn connector(
         .holding(geometry)
 }
 
-/// The start values, in the component itself: that is where all tools read them.
+/// The start values, stored in the component itself, where all tools read them.
 fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element<'static>> {
     let fmu = &face.component.fmu;
     let parameters: Vec<Element<'static>> = face
@@ -237,7 +237,7 @@ fn start(variable: &Variable, value: &Typed, fmu: &Fmu, terms: &mut Terms) -> El
     }
 }
 
-/// A number as XML writes it, and reads it back exactly.
+/// A number in XML notation that reads back exactly.
 fn real(value: f64) -> String {
     match value {
         f64::INFINITY => "INF".into(),
@@ -276,7 +276,7 @@ fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element<'static> {
         .with("y2", y2)
 }
 
-/// The times, and the step where libcosim looks for it.
+/// The start and stop times, and the step in an annotation that libcosim reads.
 fn experiment(description: &Description) -> Element<'static> {
     let step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(description.step));
     let algorithm = Element::new("osp:Algorithm").holding(step);
@@ -289,7 +289,7 @@ fn experiment(description: &Description) -> Element<'static> {
         .listing("ssd:Annotations", vec![annotation])
 }
 
-/// Units and enumerations that the system speaks of.
+/// The units and enumerations that a system uses.
 #[derive(Default)]
 struct Terms {
     units: BTreeMap<String, Vec<(String, f64)>>,
@@ -297,8 +297,8 @@ struct Terms {
 }
 
 impl Terms {
-    /// The unit of a variable; none if the FMU does not define it, or if another FMU defines it
-    /// otherwise. Tools take the unit of the FMU's variable then.
+    /// The unit of a variable; `None` if the FMU does not define it or another FMU defines it
+    /// differently. Tools then use the unit of the FMU's variable.
     fn unit(&mut self, fmu: &Fmu, variable: &Variable) -> Option<String> {
         let name = variable.unit.as_ref()?;
         let base = fmu.unit(name)?;
@@ -309,8 +309,8 @@ impl Terms {
         (known == base).then(|| name.clone())
     }
 
-    /// The name of a variable's enumeration: that of the FMU and of the type, for two FMUs may mean
-    /// different things by one name.
+    /// The name of a variable's enumeration: those of the FMU and of the type, since two FMUs may use
+    /// one name for different types.
     fn enumeration(&mut self, fmu: &Fmu, variable: &Variable) -> String {
         let of_type = variable.declared_type.as_ref().unwrap_or(&variable.name);
         let file = fmu.path.file_stem().unwrap_or_default().to_string_lossy();

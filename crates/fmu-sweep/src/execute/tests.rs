@@ -24,7 +24,7 @@ fn square(run: &Run<'_>) -> Option<Cell> {
     }
 }
 
-/// The rows of all runs but what the test makes of them, sorted.
+/// The rows of some runs, sorted by index.
 fn rows(plan: &Plan, indices: impl Iterator<Item = u64> + Send, threads: usize) -> Vec<Row> {
     let rows = Mutex::new(Vec::new());
     let ended = execute(
@@ -63,7 +63,7 @@ fn rows_are_the_same_for_any_number_of_threads_and_any_shares() {
 }
 
 #[test]
-fn a_state_is_made_once_for_each_thread_that_works() {
+fn each_working_thread_creates_one_state() {
     for (plan, threads) in [(plan(2), 8), (plan(100), 3)] {
         let made = AtomicUsize::new(0);
         let kept = AtomicUsize::new(0);
@@ -88,13 +88,13 @@ fn a_state_is_made_once_for_each_thread_that_works() {
         )
         .unwrap();
         assert_eq!(kept.into_inner() as u64, plan.runs());
-        let most = threads.min(plan.runs() as usize);
-        assert!((1..=most).contains(&made.into_inner()));
+        let max_states = threads.min(plan.runs() as usize);
+        assert!((1..=max_states).contains(&made.into_inner()));
     }
 }
 
-/// Executes 1000 runs on 4 threads, and gives the outcome and how many were kept. What is to happen
-/// happens at run 20; the runs after it are slow, so that they cannot all be done meanwhile.
+/// Executes 1000 runs on 4 threads; returns the outcome and the number of rows kept. The callbacks
+/// fail at run 20; later runs are slow, so that they cannot all finish before the failure takes effect.
 fn failing(
     init: impl Fn() -> Result<(), Error> + Sync,
     simulate: impl Fn(&Run<'_>) -> Result<(), Error> + Sync,
@@ -130,21 +130,31 @@ fn at_twenty(index: u64) -> Result<(), Error> {
 }
 
 #[test]
-fn an_error_ends_the_sweep_and_keeps_what_is_done() {
-    let go_on = AtomicBool::new(false);
+fn an_error_ends_the_sweep_and_keeps_finished_runs() {
+    let not_cancelled = AtomicBool::new(false);
     let failed = Err(Error::new("run 20 fails"));
-    let (outcome, kept) = failing(|| Ok(()), |run| at_twenty(run.index), |_| Ok(()), &go_on);
+    let (outcome, kept) = failing(
+        || Ok(()),
+        |run| at_twenty(run.index),
+        |_| Ok(()),
+        &not_cancelled,
+    );
     assert_eq!(outcome, failed);
     assert!((20..1000).contains(&kept), "{kept}");
-    let (outcome, kept) = failing(|| Ok(()), |_| Ok(()), |row| at_twenty(row.index), &go_on);
+    let (outcome, kept) = failing(
+        || Ok(()),
+        |_| Ok(()),
+        |row| at_twenty(row.index),
+        &not_cancelled,
+    );
     assert_eq!(outcome, failed);
     assert!((20..1000).contains(&kept), "{kept}");
-    let (outcome, kept) = failing(|| at_twenty(20), |_| Ok(()), |_| Ok(()), &go_on);
+    let (outcome, kept) = failing(|| at_twenty(20), |_| Ok(()), |_| Ok(()), &not_cancelled);
     assert_eq!((outcome, kept), (failed, 0));
 }
 
 #[test]
-fn a_run_that_the_plan_does_not_have_is_an_error() {
+fn a_run_outside_the_plan_is_an_error() {
     let outcome = execute(
         &plan(3),
         2..5,
@@ -156,12 +166,12 @@ fn a_run_that_the_plan_does_not_have_is_an_error() {
     );
     assert_eq!(
         outcome.unwrap_err().to_string(),
-        "runs 3..4, expected some of 0..3"
+        "runs 3..4, expected a range within 0..3"
     );
 }
 
 #[test]
-fn a_cancelled_sweep_ends_after_the_runs_under_way() {
+fn a_cancelled_sweep_finishes_its_running_simulations() {
     let cancel = AtomicBool::new(false);
     let cancelling = |row: &Row| {
         cancel.fetch_or(row.index == 20, Relaxed);
@@ -175,7 +185,7 @@ fn a_cancelled_sweep_ends_after_the_runs_under_way() {
 }
 
 #[test]
-fn a_sweep_that_is_cancelled_in_its_last_run_is_complete() {
+fn a_sweep_cancelled_in_its_last_run_is_complete() {
     let cancel = AtomicBool::new(false);
     let outcome = execute(
         &plan(3),

@@ -32,7 +32,7 @@ fn open(output: &Path) -> Result<Journal, Error> {
     Journal::open(output, "0abc", columns(), RUNS)
 }
 
-/// A folder, the output and the journal in it.
+/// A folder, and the paths of the table and the journal in it.
 fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("a.csv");
@@ -43,7 +43,7 @@ fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
 const TABLE: &str = "index,p,model\n0,0.0,\n1,NaN,\"π,\"\"x\"\"\"\n2,0.2,linear\n3,0.3,#\n";
 
 #[test]
-fn rows_are_kept_in_the_documented_form_and_sorted_in_the_end() {
+fn rows_are_stored_in_the_documented_format_and_sorted_at_the_end() {
     let (folder, output, part) = files();
     let journal = open(&output).unwrap();
     assert!(journal.done().is_empty());
@@ -68,7 +68,7 @@ fn rows_are_kept_in_the_documented_form_and_sorted_in_the_end() {
 }
 
 #[test]
-fn a_journal_that_is_torn_anywhere_is_resumed() {
+fn a_journal_torn_at_any_byte_is_resumed() {
     let (_folder, output, part) = files();
     let journal = open(&output).unwrap();
     for index in [2, 1, 0, 3] {
@@ -95,7 +95,7 @@ fn a_journal_that_is_torn_anywhere_is_resumed() {
 }
 
 #[test]
-fn two_processes_do_not_share_a_journal() {
+fn two_processes_cannot_share_a_journal() {
     let (_folder, output, part) = files();
     let journal = open(&output).unwrap();
     let expected = format!(
@@ -108,7 +108,7 @@ fn two_processes_do_not_share_a_journal() {
 }
 
 #[test]
-fn the_journal_of_another_sweep_is_left_alone() {
+fn the_journal_of_another_sweep_is_not_changed() {
     let (_folder, output, part) = files();
     drop(open(&output).unwrap());
     let before = fs::read(&part).unwrap();
@@ -124,7 +124,7 @@ fn the_journal_of_another_sweep_is_left_alone() {
         assert_eq!(error.to_string(), expected);
         assert_eq!(fs::read(&part).unwrap(), before);
     }
-    for text in ["a letter to somebody", "\n", "# sweep 0abc\n\n"] {
+    for text in ["an unrelated file", "\n", "# sweep 0abc\n\n"] {
         fs::write(&part, text).unwrap();
         assert_eq!(open(&output).unwrap_err().to_string(), expected);
         assert_eq!(fs::read_to_string(&part).unwrap(), text);
@@ -132,7 +132,7 @@ fn the_journal_of_another_sweep_is_left_alone() {
 }
 
 #[test]
-fn a_run_that_stands_twice_is_kept_once_if_its_rows_are_the_same() {
+fn a_duplicate_run_is_kept_once_if_its_rows_are_equal() {
     let (_folder, output, _) = files();
     let journal = open(&output).unwrap();
     for index in [1, 0, 1, 2, 3, 1] {
@@ -146,7 +146,7 @@ fn a_run_that_stands_twice_is_kept_once_if_its_rows_are_the_same() {
 }
 
 #[test]
-fn a_damaged_journal_is_refused_with_the_line() {
+fn a_damaged_journal_is_rejected_with_the_line() {
     let (_folder, output, part) = files();
     drop(open(&output).unwrap());
     let header = fs::read_to_string(&part).unwrap();
@@ -168,7 +168,7 @@ fn a_damaged_journal_is_refused_with_the_line() {
         let text = format!("{header}{lines}");
         fs::write(&part, &text).unwrap();
         let error = open(&output).unwrap_err().to_string();
-        let advice = "delete the line to have the run done again";
+        let advice = "delete the line to repeat the run";
         assert_eq!(error, format!("{}{reason}; {advice}", part.display()));
         assert_eq!(fs::read_to_string(&part).unwrap(), text);
     }
@@ -181,7 +181,7 @@ fn a_damaged_journal_is_refused_with_the_line() {
 }
 
 #[test]
-fn a_journal_with_runs_missing_is_not_finished() {
+fn a_journal_with_missing_runs_is_not_finished() {
     let (_folder, output, part) = files();
     let journal = open(&output).unwrap();
     for index in [0, 3] {
@@ -197,7 +197,7 @@ fn a_journal_with_runs_missing_is_not_finished() {
 }
 
 #[test]
-fn a_row_that_does_not_fit_is_not_kept() {
+fn a_row_that_does_not_fit_is_not_stored() {
     let (_folder, output, part) = files();
     let journal = open(&output).unwrap();
     let before = fs::read(&part).unwrap();
@@ -215,7 +215,7 @@ fn a_row_that_does_not_fit_is_not_kept() {
 }
 
 #[test]
-fn wrong_arguments_are_refused_before_a_file_is_made() {
+fn wrong_arguments_are_rejected_before_a_file_is_created() {
     let (folder, output, _) = files();
     for fingerprint in ["", "xyz", "0a\n", "0a 0b"] {
         let error = Journal::open(&output, fingerprint, columns(), RUNS).unwrap_err();

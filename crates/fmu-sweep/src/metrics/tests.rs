@@ -21,7 +21,7 @@ fn summary(samples: impl IntoIterator<Item = Sample>) -> Summary {
     metrics.finish()
 }
 
-/// Samples at 1 ms of a reference and an output.
+/// A reference and an output sampled every 1 ms.
 fn sampled(count: u32, r: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> Vec<Sample> {
     let times = (0..count).map(|k| 0.001 * f64::from(k));
     times.map(|time| sample(time, r(time), y(time))).collect()
@@ -32,10 +32,10 @@ fn decay(constant: f64) -> Vec<Sample> {
 }
 
 #[test]
-fn a_first_order_decay_has_the_integrals_of_its_closed_form() {
+fn a_first_order_decay_matches_its_closed_form_integrals() {
     for constant in [0.1, 0.5, 1.0] {
         let found = summary(decay(constant));
-        // The rectangle rule is off by half a step's fall of the integrand, from 1 to 0.
+        // The error of the rectangle rule is half a step times the drop of the integrand from 1 to 0.
         assert!((found.iae - constant - 0.0005).abs() < 1e-6, "{found:?}");
         assert!(
             (found.ise - constant / 2.0 - 0.0005).abs() < 2e-6,
@@ -50,7 +50,7 @@ fn a_first_order_decay_has_the_integrals_of_its_closed_form() {
 }
 
 #[test]
-fn a_second_order_step_overshoots_by_its_damping() {
+fn a_second_order_step_response_overshoots_by_its_damping() {
     for damping in [0.2f64, 0.5, 0.8] {
         let root = (1.0 - damping * damping).sqrt();
         let response = |time: f64| {
@@ -94,12 +94,12 @@ fn undershoot_is_no_overshoot() {
 }
 
 #[test]
-fn a_step_without_height_has_no_overshoot() {
+fn a_step_of_zero_height_has_no_overshoot() {
     assert_eq!(summary(sampled(9, |_| 1.0, |_| 1.0)).overshoot, None);
 }
 
 #[test]
-fn the_settling_time_is_that_of_the_recorded_response() {
+fn the_settling_time_equals_that_of_the_recorded_response() {
     for constant in [0.1, 0.5, 5.0] {
         let samples = decay(constant);
         let time: Vec<_> = samples.iter().map(|s| s.time).collect();
@@ -116,7 +116,7 @@ fn the_settling_time_is_that_of_the_recorded_response() {
 }
 
 #[test]
-fn a_loop_settles_anew_after_each_change_of_the_reference() {
+fn the_settling_time_restarts_when_the_reference_changes() {
     let settled = |samples: &[(f64, f64, f64)]| {
         summary(samples.iter().map(|&(time, r, y)| sample(time, r, y))).settling_time
     };
@@ -135,7 +135,7 @@ fn a_loop_settles_anew_after_each_change_of_the_reference() {
 }
 
 #[test]
-fn a_run_that_diverges_has_the_metrics_until_then() {
+fn metrics_stop_at_divergence() {
     let sound = decay(0.1);
     let until = summary(sound[..50].iter().copied());
     for wrong in [
@@ -190,7 +190,7 @@ fn a_run_that_diverges_has_the_metrics_until_then() {
 }
 
 #[test]
-fn a_run_that_diverges_after_it_settled_has_no_settling_time() {
+fn a_run_that_diverges_after_settling_has_no_settling_time() {
     let mut metrics = Metrics::new(&Options::default());
     metrics.push(sample(0.0, 1.0, 1.0));
     metrics.push(sample(0.1, 1.0, 1.0));
@@ -200,7 +200,7 @@ fn a_run_that_diverges_after_it_settled_has_no_settling_time() {
 }
 
 #[test]
-fn a_run_without_a_sample_has_no_error() {
+fn a_run_without_samples_has_no_error() {
     let mut metrics = Metrics::new(&Options::default());
     metrics.diverge(0.0);
     let expected = Summary {
@@ -242,7 +242,7 @@ fn options_are_checked() {
 }
 
 #[test]
-fn columns_and_cells_belong_together() {
+fn columns_match_cells() {
     let cells = Summary::default().cells();
     for (column, cell) in Summary::columns().iter().zip(&cells) {
         assert_eq!(cell.is_none(), column.optional, "{}", column.name);
@@ -250,7 +250,7 @@ fn columns_and_cells_belong_together() {
     }
 }
 
-/// Two hundred random runs at uneven times, of references that rest, step or wander.
+/// Two hundred random runs at uneven times, with references that are constant, step or wander.
 fn random_runs() -> impl Iterator<Item = Vec<Sample>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut number = move || (random.next_u64() >> 11) as f64 * 2f64.powi(-52) - 1.0;
@@ -281,14 +281,14 @@ fn integrals_are_bounded_by_one_another() {
         let duration = samples[samples.len() - 1].time - samples[0].time;
         assert!(found.iae >= integral.abs() * (1.0 - 1e-12));
         assert!(found.itae <= found.iae * duration);
-        // Cauchy and Schwarz.
+        // Cauchy-Schwarz inequality.
         assert!(found.iae * found.iae <= found.ise * duration * (1.0 + 1e-12));
         assert!(found.overshoot.is_none_or(|overshoot| overshoot >= 0.0));
     }
 }
 
 #[test]
-fn the_sign_of_a_loop_changes_its_last_error_only() {
+fn the_sign_of_a_loop_only_changes_its_final_error() {
     for samples in random_runs() {
         let flipped = samples.iter().map(|s| Sample {
             time: s.time,
@@ -306,7 +306,7 @@ fn the_sign_of_a_loop_changes_its_last_error_only() {
     }
 }
 
-/// Powers of two scale without rounding.
+/// Scaling by powers of two is exact.
 #[test]
 fn metrics_scale_with_the_units_of_error_and_time() {
     for samples in random_runs() {

@@ -1,24 +1,24 @@
-//! Random numbers that can be computed one by one, in any order.
+//! Random numbers that can be computed individually and in any order.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Where a random number stands: in a plan of this seed, that of the parameter with this rank among
-/// the random ones, in this draw.
+/// Identifies a random number by the seed of the plan, the rank of the parameter among the random
+/// ones, and the draw.
 pub struct Draw {
     pub seed: u64,
     pub rank: u64,
     pub draw: u64,
 }
 
-/// Words of 32 bits that a draw takes from the cipher's stream, for two numbers of 64 bits.
+/// Number of 32-bit words that a draw takes from the cipher's stream, for two 64-bit numbers.
 const WORDS: u128 = 4;
 
 impl Draw {
-    /// Two independent numbers of 53 random bits, at least 0 and less than 1.
+    /// Two independent numbers in [0, 1) with 53 random bits.
     ///
-    /// They are read from the stream cipher ChaCha8: the seed is its key, the rank its stream, and the
-    /// draw the place in the stream.
+    /// They come from the stream cipher ChaCha8: the seed is the key, the rank the stream, and the
+    /// draw the position in the stream.
     fn fractions(&self) -> [f64; 2] {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&self.seed.to_le_bytes());
@@ -28,14 +28,14 @@ impl Draw {
         [(); 2].map(|()| (cipher.next_u64() >> 11) as f64 * 2f64.powi(-53))
     }
 
-    /// Evenly distributed, at least 0 and less than 1.
+    /// Uniformly distributed in [0, 1).
     pub fn fraction(&self) -> f64 {
         self.fractions()[0]
     }
 
-    /// Normally distributed, mean 0 and deviation 1, by the method of Box and Muller. It takes the
-    /// functions of `libm`, which give the same bits on every machine; those of the standard library,
-    /// and with them most crates of distributions, do not.
+    /// Normally distributed with mean 0 and deviation 1, by the Box-Muller transform. It uses the
+    /// functions of `libm`, which return the same bits on every machine; those of the standard library,
+    /// and hence most crates for distributions, do not.
     pub fn normal(&self) -> f64 {
         let [radius, angle] = self.fractions();
         let radius = (-2.0 * libm::log(1.0 - radius)).sqrt(); // never the logarithm of 0
@@ -56,7 +56,7 @@ mod tests {
         sum / f64::from(count)
     }
 
-    /// Twenty thousand draws: moments within four of their own deviations.
+    /// Twenty thousand draws: the moments are within four standard errors.
     #[test]
     fn numbers_have_the_moments_of_their_distribution() {
         let fractions = || (0..20_000).map(|k| draw(1, 0, k).fraction());

@@ -1,6 +1,6 @@
-//! Which parameters take which values.
+//! The parameters of a sweep and their values.
 //!
-//! A plan is read from TOML, or whatever else the caller parses with serde:
+//! A plan is read from TOML, or any other format that the caller parses with serde:
 //!
 //! ```toml
 //! seed = 1                    # of the random numbers; 0 if left out
@@ -8,7 +8,7 @@
 //!
 //! [[parameter]]
 //! variable = "controller.pid.kp"
-//! values = [200, 300, 400]    # numbers, or booleans, or texts
+//! values = [200, 300, 400]    # numbers, booleans or strings
 //!
 //! [[parameter]]
 //! variable = "plant.M"
@@ -18,15 +18,15 @@
 //!
 //! [[parameter]]
 //! variable = "plant.l"
-//! uniform = [0.2, 0.3]        # or log_uniform = [least, largest], or normal = [mean, deviation]
+//! uniform = [0.2, 0.3]        # or log_uniform = [min, max], or normal = [mean, deviation]
 //!
 //! [[parameter]]
 //! variables = ["controller.rbf.eta", "supervisor.rbf.eta"]    # the same value for both
 //! values = [0.1, 0.2]
 //! ```
 //!
-//! The grid is made of all combinations of listed and spaced values. The runs go through the grid, the
-//! first parameter slowest, and through all draws at each point of it.
+//! The grid consists of all combinations of listed and spaced values. The runs iterate over the grid,
+//! the first parameter varying slowest, with all draws at each grid point.
 
 mod draw;
 mod parameter;
@@ -39,7 +39,7 @@ use serde::Deserialize;
 use crate::{Cell, Column, Error, Row, Value};
 pub use parameter::Parameter;
 
-/// More runs than this are taken for a mistake.
+/// Maximum number of runs; more are assumed to be a mistake.
 const MAX_RUNS: u64 = 1_000_000_000;
 
 /// The parameters of every run.
@@ -78,14 +78,14 @@ impl TryFrom<Description> for Plan {
 /// One run of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run<'a> {
-    /// The number of the run, from 0.
+    /// The index of the run, from 0.
     pub index: u64,
     /// Variables and their values, in the order of the plan.
     pub assignments: Vec<(&'a str, Value)>,
 }
 
 impl Run<'_> {
-    /// The row of the run: its parameters, and its results.
+    /// The row of the run: its parameters and its results.
     pub fn row(&self, results: impl IntoIterator<Item = Cell>) -> Row {
         let parameters = self
             .assignments
@@ -99,11 +99,11 @@ impl Run<'_> {
 }
 
 impl Plan {
-    /// A plan of these parameters, the first one slowest.
+    /// Creates a plan of these parameters, the first one varying slowest.
     ///
     /// # Errors
-    /// If there is no parameter, a variable stands twice, there are no or more than 10^9 runs, or
-    /// several draws of nothing random.
+    /// If there is no parameter, a variable appears twice, there are no runs or more than 10^9, or
+    /// several draws without a random parameter.
     pub fn new(seed: u64, draws: u64, parameters: Vec<Parameter>) -> Result<Self, Error> {
         if parameters.is_empty() {
             return Err(Error::new(
@@ -114,7 +114,7 @@ impl Plan {
         for variable in parameters.iter().flat_map(Parameter::variables) {
             if !variables.insert(variable) {
                 return Err(Error::new(format!(
-                    "{variable} stands twice, expected it in one parameter"
+                    "{variable} appears twice, expected it in one parameter"
                 )));
             }
         }
@@ -143,7 +143,7 @@ impl Plan {
         })
     }
 
-    /// The number of runs, at least 1 and at most 10^9.
+    /// The number of runs, from 1 to 10^9.
     #[must_use]
     pub fn runs(&self) -> u64 {
         self.runs
@@ -164,14 +164,14 @@ impl Plan {
         self.parameters.iter().flat_map(columns).collect()
     }
 
-    /// The run of a number, from 0, alone: it needs no other run before it.
+    /// The run with an index, from 0. It can be computed without the runs before it.
     ///
-    /// A random number depends on the seed, the number of the draw and the rank of its parameter among
-    /// the random ones. All points of the grid have the same draws, so that the difference between two
-    /// points is theirs and not that of the draws.
+    /// A random number depends on the seed, the index of the draw and the rank of its parameter among
+    /// the random ones. All grid points use the same draws, so that differences between two points are
+    /// not due to the draws.
     ///
     /// # Errors
-    /// If the plan has no run of this number.
+    /// If the plan has no run with this index.
     pub fn run(&self, index: u64) -> Result<Run<'_>, Error> {
         self.check(index..index.saturating_add(1))?;
         let draw = index % self.draws;
@@ -196,8 +196,8 @@ impl Plan {
         Ok(Run { index, assignments })
     }
 
-    /// Runs in which every listed value stands and both ends of every range: those to try before a long
-    /// sweep is begun.
+    /// Runs that together cover every listed value and both ends of every range, to be tried before a
+    /// long sweep is started.
     #[must_use]
     pub fn corners(&self) -> Vec<u64> {
         let mut corners = vec![0];
@@ -209,16 +209,16 @@ impl Plan {
         corners
     }
 
-    /// Checks that a range of runs, such as the share of a worker, lies in the plan.
+    /// Checks that a range of runs, such as the share of a worker, is within the plan.
     ///
     /// # Errors
-    /// If it does not, or has no run.
+    /// If it is not, or is empty.
     pub fn check(&self, range: Range<u64>) -> Result<(), Error> {
         if range.start < range.end && range.end <= self.runs {
             return Ok(());
         }
         Err(Error::new(format!(
-            "runs {}..{}, expected some of 0..{}",
+            "runs {}..{}, expected a range within 0..{}",
             range.start, range.end, self.runs
         )))
     }

@@ -51,7 +51,7 @@ struct Description {
     normal: Option<[f64; 2]>,
 }
 
-/// Numbers of ranges and distributions are smaller, so that no sum of them overflows.
+/// Bound on the numbers of ranges and distributions, so that no sum of them overflows.
 const TOO_LARGE: f64 = 1e290;
 
 impl Parameter {
@@ -61,7 +61,7 @@ impl Parameter {
         &self.variables
     }
 
-    /// The type of all its values.
+    /// The type of its values.
     #[must_use]
     pub fn kind(&self) -> Kind {
         match &self.values {
@@ -70,13 +70,13 @@ impl Parameter {
         }
     }
 
-    /// Whether the values are drawn, not listed or spaced.
+    /// Whether the values are drawn rather than listed or spaced.
     #[must_use]
     pub fn is_random(&self) -> bool {
         !matches!(self.values, Values::List(_) | Values::Spaced { .. })
     }
 
-    /// How many places the parameter has in the grid, at least 1.
+    /// The number of grid positions of the parameter, at least 1.
     #[must_use]
     pub fn count(&self) -> u64 {
         match &self.values {
@@ -86,7 +86,7 @@ impl Parameter {
         }
     }
 
-    /// The places after the first of all listed values, or of the other end of a range.
+    /// The positions, after the first, of all listed values or of the other end of a range.
     pub(super) fn corners(&self) -> Range<u64> {
         match &self.values {
             Values::Spaced { count, .. } => count - 1..*count,
@@ -94,11 +94,11 @@ impl Parameter {
         }
     }
 
-    /// The value at a place of the grid, or the random one of a draw.
+    /// The value at a grid position, or the random value of a draw.
     pub(super) fn value(&self, place: u64, draw: impl FnOnce() -> Draw) -> Value {
         Value::Number(match self.values {
             Values::List(ref values) => return values[place as usize].clone(),
-            // The ends themselves, not their logarithms' powers.
+            // The exact ends, without the rounding of logarithms and powers.
             Values::Spaced { from, .. } if place == 0 => from,
             Values::Spaced { to, count, .. } if place == count - 1 => to,
             Values::Spaced {
@@ -108,7 +108,7 @@ impl Parameter {
                 scale,
             } => {
                 let (place, last) = (place as f64, (count - 1) as f64);
-                // Multiplied before divided, whole numbers stay whole, and tenths the nearest.
+                // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
                 scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
             }
             Values::Uniform(bounds) => {
@@ -125,14 +125,14 @@ impl Parameter {
 }
 
 impl Scale {
-    /// A mean of the bounds, or of their logarithms, never beyond the bounds by rounding.
-    fn between(self, [least, largest]: [f64; 2], mean: impl Fn(f64, f64) -> f64) -> f64 {
+    /// A weighted mean of the bounds, or of their logarithms, clamped to the bounds against rounding.
+    fn between(self, [min, max]: [f64; 2], mean: impl Fn(f64, f64) -> f64) -> f64 {
         let between = match self {
-            Self::Linear => mean(least, largest),
-            // Decimal, so that powers of ten are exact.
-            Self::Log => libm::pow(10.0, mean(libm::log10(least), libm::log10(largest))),
+            Self::Linear => mean(min, max),
+            // Decimal logarithms keep powers of ten exact.
+            Self::Log => libm::pow(10.0, mean(libm::log10(min), libm::log10(max))),
         };
-        between.clamp(least, largest)
+        between.clamp(min, max)
     }
 }
 
@@ -148,7 +148,7 @@ impl TryFrom<Description> for Parameter {
             }
             (Some(variable), Some(_)) => {
                 return Err(Error::new(format!(
-                    "{variable}: variable and variables, expected one of them"
+                    "{variable}: both variable and variables, expected one of them"
                 )));
             }
             (None, None) => {
@@ -194,13 +194,13 @@ impl Description {
                     scale,
                 })
             }
-            (None, None, Some([least, largest]), None, None) => {
-                ordered("least", least, "largest", largest, Scale::Linear)?;
-                Ok(Values::Uniform([least, largest]))
+            (None, None, Some([min, max]), None, None) => {
+                ordered("min", min, "max", max, Scale::Linear)?;
+                Ok(Values::Uniform([min, max]))
             }
-            (None, None, None, Some([least, largest]), None) => {
-                ordered("least", least, "largest", largest, Scale::Log)?;
-                Ok(Values::LogUniform([least, largest]))
+            (None, None, None, Some([min, max]), None) => {
+                ordered("min", min, "max", max, Scale::Log)?;
+                Ok(Values::LogUniform([min, max]))
             }
             (None, None, None, None, Some([mean, deviation])) => {
                 finite("mean", mean)?;
@@ -235,7 +235,7 @@ fn list(values: Vec<Value>) -> Result<Values, String> {
             }
             _ if value.kind() != kind => {
                 return Err(format!(
-                    "the value {value}, expected {kind} as the first one"
+                    "the value {value}, expected {kind} like the first one"
                 ));
             }
             _ => {}
@@ -253,18 +253,18 @@ fn finite(name: &str, number: f64) -> Result<(), String> {
     ))
 }
 
-/// Checks the ends of a range.
-fn ordered(first: &str, least: f64, last: &str, largest: f64, scale: Scale) -> Result<(), String> {
-    finite(first, least)?;
-    finite(last, largest)?;
-    if scale == Scale::Log && least <= 0.0 {
+/// Checks that the ends of a range are ordered.
+fn ordered(first: &str, min: f64, last: &str, max: f64, scale: Scale) -> Result<(), String> {
+    finite(first, min)?;
+    finite(last, max)?;
+    if scale == Scale::Log && min <= 0.0 {
         return Err(format!(
-            "{first} = {least:?}, expected more than 0 for logarithms"
+            "{first} = {min:?}, expected more than 0 for logarithms"
         ));
     }
-    if least >= largest {
+    if min >= max {
         return Err(format!(
-            "{last} = {largest:?}, expected more than {first} = {least:?}"
+            "{last} = {max:?}, expected more than {first} = {min:?}"
         ));
     }
     Ok(())

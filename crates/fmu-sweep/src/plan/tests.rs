@@ -19,13 +19,13 @@ fn numbers(text: &str) -> Vec<f64> {
     values(&plan, 0).into_iter().map(number).collect()
 }
 
-/// A parameter with these keys.
+/// The TOML of a parameter with these keys.
 fn parameter(keys: &str) -> String {
     format!("[[parameter]]\nvariable = 'p'\n{keys}\n")
 }
 
 #[test]
-fn the_first_parameter_is_slowest_and_draws_are_fastest() {
+fn the_first_parameter_varies_slowest_and_draws_fastest() {
     let plan = plan(
         "draws = 2
         [[parameter]]
@@ -48,14 +48,14 @@ fn the_first_parameter_is_slowest_and_draws_are_fastest() {
     let names: Vec<_> = run.assignments.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, ["a", "b", "c", "d"]);
     assert_eq!(run.assignments[2].1, run.assignments[3].1);
-    // Every point of the grid has the same two draws.
+    // Every grid point has the same two draws.
     let draws = values(&plan, 1);
     assert_ne!(draws[0], draws[1]);
     assert!(draws.chunks(2).all(|pair| pair == &draws[..2]));
 }
 
 #[test]
-fn corners_have_every_listed_value_and_the_ends_of_ranges() {
+fn corners_cover_every_listed_value_and_the_ends_of_ranges() {
     let plan = plan(
         "draws = 3
         [[parameter]]
@@ -120,10 +120,10 @@ fn ranges_are_evenly_spaced_with_exact_ends() {
     }
 }
 
-/// Computed by another implementation of ChaCha8, of Box and Muller's method and of the powers, in
-/// Python.
+/// The expected values come from an independent Python implementation of ChaCha8, the Box-Muller
+/// transform and the powers.
 #[test]
-fn random_numbers_stay_what_they_are() {
+fn random_numbers_match_an_independent_implementation() {
     let plan = plan(
         "seed = 42
         draws = 1000
@@ -172,7 +172,7 @@ const EXPECTED: [(u64, [f64; 3]); 3] = [
 ];
 
 #[test]
-fn a_grid_parameter_more_leaves_the_draws_as_they_are() {
+fn another_grid_parameter_does_not_change_the_draws() {
     let random = parameter("normal = [0, 1]");
     let few = plan(&format!("draws = 5\n{random}"));
     let more = plan(&format!(
@@ -182,8 +182,8 @@ fn a_grid_parameter_more_leaves_the_draws_as_they_are() {
 }
 
 #[test]
-fn random_numbers_lie_within_their_bounds() {
-    for (keys, least, largest) in [
+fn random_numbers_are_within_their_bounds() {
+    for (keys, min, max) in [
         ("uniform = [-1, 2]", -1.0, 2.0),
         (
             "uniform = [1.0, 1.0000000000000002]",
@@ -195,10 +195,7 @@ fn random_numbers_lie_within_their_bounds() {
         ("log_uniform = [1e-300, 1e289]", 1e-300, 1e289),
     ] {
         let drawn = numbers(&format!("draws = 1000\n{}", parameter(keys)));
-        assert!(
-            drawn.iter().all(|x| (least..=largest).contains(x)),
-            "{keys}"
-        );
+        assert!(drawn.iter().all(|x| (min..=max).contains(x)), "{keys}");
         assert!(drawn.iter().any(|x| x != &drawn[0]), "{keys}");
     }
 }
@@ -230,13 +227,13 @@ fn columns_have_the_types_of_their_values() {
 }
 
 #[test]
-fn a_run_beyond_the_last_is_refused() {
+fn a_run_beyond_the_last_is_rejected() {
     let plan = plan(&parameter("values = [1, 2]"));
     for (index, reason) in [
-        (2, "runs 2..3, expected some of 0..2"),
+        (2, "runs 2..3, expected a range within 0..2"),
         (
             u64::MAX,
-            "runs 18446744073709551615..18446744073709551615, expected some of 0..2",
+            "runs 18446744073709551615..18446744073709551615, expected a range within 0..2",
         ),
     ] {
         assert_eq!(plan.run(index).unwrap_err().to_string(), reason);
@@ -247,7 +244,7 @@ fn a_run_beyond_the_last_is_refused() {
 }
 
 #[test]
-fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
+fn a_wrong_parameter_is_rejected_with_its_name_and_the_expectation() {
     for (keys, reason) in [
         (
             "",
@@ -276,17 +273,17 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "values = [1, true]",
-            "p: the value true, expected a number as the first one",
+            "p: the value true, expected a number like the first one",
         ),
         (
             "values = ['a', 1]",
-            "p: the value 1.0, expected a text as the first one",
+            "p: the value 1.0, expected a string like the first one",
         ),
         (
             "values = [\"a\\n\"]",
             "p: the value \"a\\n\", expected no control characters",
         ),
-        ("values = [[1]]", "expected a number, a boolean or a text"),
+        ("values = [[1]]", "expected a number, a boolean or a string"),
         (
             "from = 0\nto = 1\ncount = 0",
             "p: count = 0, expected at least 2",
@@ -325,7 +322,7 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "uniform = [1, 1]",
-            "p: largest = 1.0, expected more than least = 1.0",
+            "p: max = 1.0, expected more than min = 1.0",
         ),
         (
             "uniform = [1]",
@@ -333,7 +330,7 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "log_uniform = [-1, 1]",
-            "p: least = -1.0, expected more than 0 for logarithms",
+            "p: min = -1.0, expected more than 0 for logarithms",
         ),
         (
             "normal = [0, 0]",
@@ -349,7 +346,7 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
         ),
         (
             "values = [1]\nvariables = ['q']",
-            "p: variable and variables, expected one of them",
+            "p: both variable and variables, expected one of them",
         ),
         (
             "value = [1]",
@@ -365,7 +362,7 @@ fn a_wrong_parameter_is_refused_with_its_name_and_what_was_expected() {
 }
 
 #[test]
-fn a_wrong_plan_is_refused_with_what_was_expected() {
+fn a_wrong_plan_is_rejected_with_the_expectation() {
     let many = |count: u64| {
         ["p", "q", "r"].map(|name| {
             format!("[[parameter]]\nvariable = '{name}'\nfrom = 0\nto = 1\ncount = {count}\n")
@@ -378,11 +375,11 @@ fn a_wrong_plan_is_refused_with_what_was_expected() {
         ),
         (
             parameter("values = [1]").repeat(2),
-            "p stands twice, expected it in one parameter",
+            "p appears twice, expected it in one parameter",
         ),
         (
             "[[parameter]]\nvariables = ['q', 'q']\nvalues = [1]".into(),
-            "q stands twice, expected it in one parameter",
+            "q appears twice, expected it in one parameter",
         ),
         (
             "[[parameter]]\nvariables = []".into(),

@@ -1,9 +1,9 @@
-//! The results of a sweep as a file, CSV or Parquet by its extension. The same rows give the same
-//! bytes.
+//! Writes the results of a sweep as CSV or Parquet, depending on the file extension. The same rows
+//! produce the same bytes.
 //!
-//! - `.csv`: a header and a line for each row, as [`Columns`] writes them, ended by line feeds.
-//! - `.parquet`: uncompressed; `index` is INT64, numbers DOUBLE, booleans BOOLEAN, texts BYTE_ARRAY of
-//!   UTF-8. Columns are required, or optional if a value may be missing.
+//! - `.csv`: a header and a line for each row, as written by [`Columns`], with line feeds.
+//! - `.parquet`: uncompressed; `index` is INT64, numbers are DOUBLE, booleans BOOLEAN, strings UTF-8
+//!   BYTE_ARRAY. Columns are required, or optional if a value may be missing.
 
 mod parquet;
 
@@ -33,10 +33,10 @@ impl Format {
     }
 }
 
-/// Checks that a table may be written to a file of this name.
+/// Checks that a table can be written to a file of this name.
 ///
 /// # Errors
-/// If it is not named `.csv` or `.parquet`, or is a folder.
+/// If its extension is not `.csv` or `.parquet`, or it is a folder.
 pub fn check(file: &Path) -> Result<(), Error> {
     Format::of(file)?;
     if file.is_dir() {
@@ -48,11 +48,11 @@ pub fn check(file: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Writes rows in their order, whole or not at all, in place of any file of the same name.
+/// Writes rows in order and atomically; an existing file is replaced.
 ///
 /// # Errors
-/// If the file is not named `.csv` or `.parquet`, cannot be written, or a row is an error or does not
-/// fit the columns.
+/// If the file has another extension or cannot be written, or a row is an error or does not fit the
+/// columns.
 pub fn write(
     file: &Path,
     columns: &Columns,
@@ -68,7 +68,7 @@ pub fn write(
     output.finish().map_err(failed)
 }
 
-/// The path with more behind its name.
+/// The path with a suffix appended to its name.
 pub(crate) fn with_suffix(file: &Path, suffix: &str) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(suffix);

@@ -1,4 +1,4 @@
-//! Rows as columns of Parquet.
+//! Writes rows as Parquet columns.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,8 +14,8 @@ use parquet::schema::types::{Type, TypePtr};
 use crate::row::INDEX;
 use crate::{Columns, Error, Kind, Row, Value};
 
-/// Rows that are held in memory to be written column by column.
-const ROWS_OF_A_GROUP: usize = 1 << 16;
+/// Number of rows that are buffered and written column by column.
+const ROWS_PER_GROUP: usize = 1 << 16;
 
 pub fn write(
     output: &mut Replacement,
@@ -30,7 +30,7 @@ pub fn write(
     loop {
         let group: Vec<Row> = rows
             .by_ref()
-            .take(ROWS_OF_A_GROUP)
+            .take(ROWS_PER_GROUP)
             .collect::<Result<_, _>>()?;
         if group.is_empty() {
             break;
@@ -76,7 +76,7 @@ fn schema(columns: &Columns) -> Result<TypePtr, ParquetError> {
         .map(Arc::new)
 }
 
-/// Writes rows that fit the columns.
+/// Writes a row group.
 fn write_group(
     mut group: SerializedRowGroupWriter<'_, &mut Replacement>,
     columns: &Columns,
@@ -118,7 +118,7 @@ fn write_group(
     group.close().map(drop)
 }
 
-/// Writes the next column: its values, and for an optional one where there is a value.
+/// Writes the next column: its values, and for an optional column which rows have one.
 fn write_column<T: DataType>(
     group: &mut SerializedRowGroupWriter<'_, &mut Replacement>,
     values: &[T::T],

@@ -58,7 +58,7 @@ fn a_csv_file_has_a_header_and_a_line_for_each_row() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
-/// More rows than a group has.
+/// More rows than fit in one group.
 #[test]
 fn a_parquet_file_is_read_back_with_its_types() {
     let folder = tempfile::tempdir().unwrap();
@@ -119,7 +119,7 @@ fn the_same_rows_give_the_same_bytes() {
 }
 
 #[test]
-fn a_table_that_cannot_be_written_leaves_what_was_there() {
+fn a_failed_write_keeps_the_existing_file() {
     let folder = tempfile::tempdir().unwrap();
     for extension in ["csv", "parquet"] {
         let file = folder.path().join("a").with_extension(extension);
@@ -148,7 +148,7 @@ fn a_table_that_cannot_be_written_leaves_what_was_there() {
 }
 
 #[test]
-fn other_names_are_refused() {
+fn other_extensions_are_rejected() {
     for name in ["a.txt", "a", ".csv", "a.CSV", "a.csv.gz", ""] {
         let reason = format!("{name}: expected a file named .csv or .parquet");
         assert_eq!(check(Path::new(name)).unwrap_err().to_string(), reason);

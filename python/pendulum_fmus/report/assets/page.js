@@ -1,5 +1,5 @@
 "use strict";
-// Draws all figures by plotly from the data in the page, in the colours of the reader's scheme.
+// Draws all figures with plotly from the data in the page, in the reader's colour scheme.
 (() => {
   const { columns, figures, styles } = JSON.parse(document.getElementById("data").textContent);
   const ROW = 250, STACKED = 240, TITLE = 26, NARROW = 620, MARGIN = 70;
@@ -29,7 +29,7 @@
   const sub = (text) => text.replace(/u_([np])/g, "u<sub>$1</sub>");
   const logged = (range, log) => (log ? range.map(Math.log10) : range);
 
-  // Where each panel lies, in parts of the drawing area: rows side by side, or all stacked.
+  // The position of each panel, as fractions of the drawing area: in rows, or all stacked.
   function places(rows, width) {
     const stacked = width < NARROW;
     const lines = stacked ? rows.flat().map((panel) => [panel]) : rows;
@@ -52,13 +52,13 @@
     return { found, total };
   }
 
-  // How many lines plotly needs for the legend, whose entries it gives the width of the widest.
+  // The number of lines of the legend, in which plotly makes all entries as wide as the widest.
   function legendRows(legend, width) {
     const widest = Math.max(...legend.map(([, name]) => 50 + 7.6 * name.length));
     return Math.ceil(legend.length / Math.max(1, Math.floor(width / widest)));
   }
 
-  // Distance of a logarithmic axis's ticks: some digits of each decade, or whole decades.
+  // Tick spacing of a logarithmic axis: some digits of each decade, or whole decades.
   const logTick = (decades) => (decades < 2.2 ? "D2" : Math.ceil(decades / 6));
 
   function axis(colours, label, range, log, other) {

@@ -1,1 +1,1 @@
-"""What the same FMUs show beyond the paper. One module per section of the page."""
+"""Results of the same FMUs beyond the paper. One module per section of the page."""

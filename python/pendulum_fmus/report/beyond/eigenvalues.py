@@ -1,4 +1,4 @@
-"""The sampled closed loop around a constant set-point, in NumPy: how far learning may go."""
+"""Stability limit of the learning rate from the sampled closed loop at a constant set-point."""
 
 import math
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ ETA, ALPHA = 0.30, 0.05
 """The paper's learning rate and momentum."""
 
 CENTRES, WIDTH = np.array([-2.0, -1.0, 1.0, 2.0]), 0.5
-"""Of the network's nodes."""
+"""Centres and widths of the network's nodes."""
 
 CONSTANT = 1e-6
-"""An eigenvalue this close to 1 is the plant's zero at s = 0 against the integrator."""
+"""An eigenvalue this close to 1 comes from the plant's zero at s = 0 and the integrator."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """How late the plant feels what was measured.
+    """The delay from measurement to plant input.
 
     Parameters
     ----------
     previous_sample_terms
-        Whether the controller uses the PID terms of the sample before.
+        Whether the controller uses the PID terms of the previous sample.
     parallel
         Whether the master steps in parallel.
     """
@@ -49,13 +49,13 @@ def activation() -> float:
 
 
 def held_plant() -> tuple[np.ndarray, np.ndarray]:
-    """Return the zero-order hold of (9) over a sample, without x: A (3, 3), B (3,).
+    """Return the zero-order-hold discretization of (9), without x: A (3, 3), B (3,).
 
     The states are v, theta, omega.
     """
     M, m, l, g, I, b = 1.096, 0.109, 0.25, 9.8, 0.0034, 0.1  # noqa: E741
     mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
-    rates = np.zeros((4, 4))  # the last row and column belong to the force, which is held
+    rates = np.zeros((4, 4))  # the last row and column are the constant force
     rates[[0, 2]] = np.linalg.solve(mass, [[-b, 0, 0, 1], [0, m * g * l, 0, 0]])
     rates[1, 2] = 1
     series = [np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10)]
@@ -63,10 +63,10 @@ def held_plant() -> tuple[np.ndarray, np.ndarray]:
 
 
 def matrix(delay: Delay, eta: float) -> np.ndarray:
-    """Return the matrix (9, 9) of the loop with PID-RBF at r = 1, without limit of the force.
+    """Return the matrix (9, 9) of the loop with PID-RBF at r = 1, without force limit.
 
-    The states are v, theta, omega; e, x3, x2 of the sample before; u_n, and that of the sample
-    before, for only the weights along h learn; u of the sample before.
+    The states are v, theta, omega; e, x3, x2 of the previous sample; u_n of this and the previous
+    sample, since only the weights along h learn; u of the previous sample.
     """
     Ad, Bd = held_plant()
     unit = np.eye(9)
@@ -86,13 +86,13 @@ def matrix(delay: Delay, eta: float) -> np.ndarray:
 
 
 def spectral_radius(delay: Delay, eta: float) -> float:
-    """Return the largest absolute eigenvalue but for the one at 1."""
+    """Return the largest absolute eigenvalue, excluding the one at 1."""
     values = np.linalg.eigvals(matrix(delay, eta))
     return float(np.max(np.abs(values[np.abs(values - 1) > CONSTANT])))
 
 
 def limit(delay: Delay) -> float:
-    """Return the learning rate at which the spectral radius passes 1, by bisection."""
+    """Return the learning rate at which the spectral radius exceeds 1, by bisection."""
     stable, unstable = 0.05, 2.0
     for _ in range(40):
         middle = (stable + unstable) / 2

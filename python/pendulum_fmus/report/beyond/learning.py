@@ -1,4 +1,4 @@
-"""How far the learning rate may go: the printed bound, the eigenvalues, and the FMUs."""
+"""The limit of the learning rate: printed bound, eigenvalues, and FMUs."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ from .eigenvalues import DELAYS, ETA, Delay, limit, printed_bound, spectral_radi
 from .section import section, statement
 
 BELOW, ABOVE = 0.98, 1.02
-"""Parts of the limit at which the FMUs are run."""
+"""Fractions of the limit at which the FMUs are run."""
 
 RINGING = 1.0
-"""A force that changes by more than this per sample, long after the step, rings [N]."""
+"""A force that changes by more than this per sample, long after the step, is ringing [N]."""
 
 LATE = 0.5
-"""Length of the end of a run in which ringing is looked for [s]."""
+"""Length of the end of a run that is checked for ringing [s]."""
 
 RATES = np.geomspace(0.05, 2.5, 120)
 
@@ -29,7 +29,7 @@ NAMES = dict(zip(DELAYS, ("0 samples", "1 sample", "1, parallel", "2 samples"), 
 
 
 def loop(delay: Delay, eta: float, steps: int = 12000) -> Loop:
-    """Return the step response of PID-RBF under a delay and a learning rate."""
+    """Return the step response of PID-RBF with a delay and a learning rate."""
     return Loop(
         "PidRbf",
         "step",
@@ -50,7 +50,7 @@ def loops() -> list[Loop]:
 
 
 def ringing(data: Data, loop: Loop) -> float:
-    """Return how much u changes per sample at the end [N]."""
+    """Return the change of u per sample at the end [N]."""
     trace = data.loop(loop)
     return largest(np.diff(trace.part(trace.t[-1] - LATE, np.inf).u))
 
@@ -64,12 +64,12 @@ def part(data: Data, fmus: Path) -> Part:
     heads = [NAMES[delay] for delay in DELAYS]
     return section(
         "beyond-learning",
-        "How fast the network may learn",
+        "Limit of the learning rate",
         figure(data, limits, bound),
         [
             statement(
-                "The closed loop limits the learning rate far below the bound that section 3.2"
-                " prints, 0 < η h < 2 (G Gᵀ)⁻¹, and the more so the later the plant feels it",
+                "The closed loop limits the learning rate far below the bound printed in section"
+                " 3.2, 0 < η h < 2 (G Gᵀ)⁻¹, and the limit falls further with the delay",
                 "eigenvalues of the sampled loop at r = 1 against 2/|h|², the bound with G = h and"
                 " u held fixed; holds if every limit is below, and falls with the delay",
                 Finding(
@@ -81,7 +81,7 @@ def part(data: Data, fmus: Path) -> Part:
                         heads,
                         {
                             "largest stable η [1]": list(limits.values()),
-                            "of the printed bound [1]": [v / bound for v in limits.values()],
+                            "share of the printed bound [1]": [v / bound for v in limits.values()],
                             "spectral radius at η = 0.30 [1]": [
                                 spectral_radius(delay, ETA) for delay in DELAYS
                             ],
@@ -91,16 +91,16 @@ def part(data: Data, fmus: Path) -> Part:
                 ),
             ),
             statement(
-                "The FMUs ring beyond these limits, and not below",
+                "The FMUs ring above these limits and not below",
                 "change of u per sample in the last 0.5 s of 12 s, at 0.98 and 1.02 of each limit;"
-                " holds if it is below 1 N in the first case, above in the second",
+                " holds if it is below 1 N in the first case and above 1 N in the second",
                 Finding(
                     judge(max(below.values()) < RINGING < min(above.values())),
                     Table(
                         heads,
                         {
-                            "change of u at 0.98 of it [N]": list(below.values()),
-                            "change of u at 1.02 of it [N]": list(above.values()),
+                            "change of u at 0.98 of the limit [N]": list(below.values()),
+                            "change of u at 1.02 of the limit [N]": list(above.values()),
                         },
                     ),
                 ),
@@ -108,14 +108,14 @@ def part(data: Data, fmus: Path) -> Part:
             cycle(data),
         ],
         (
-            "A delay of one sample comes from the terms of the sample before, as in Table 1, or"
-            " from a master that steps in parallel; two come from both.",
+            "The terms of the previous sample, as in Table 1, cause a delay of one sample, and so"
+            " does a master that steps in parallel; together they delay by two.",
         ),
     )
 
 
 def cycle(data: Data):
-    """Return the statement on the limit cycle."""
+    """Return the statement about the limit cycle."""
     trace = data.loop(CYCLE)
     spans = [trace.part(5.0, 10.0), trace.part(15.0, 20.0)]
     swings = [float(np.ptp(span.u)) for span in spans]
@@ -123,10 +123,10 @@ def cycle(data: Data):
     tones = [tone(span.u, trace.ts) for span in spans]
     grows = abs(swings[1] / swings[0] - 1)
     return statement(
-        "With the paper’s η = 0.30 and two samples of delay the loop ends in a limit cycle: it"
+        "With the paper’s η = 0.30 and a delay of two samples the loop ends in a limit cycle: it"
         " neither settles nor falls",
         "step; holds if u still rings at the end, and its swing differs by less than 5 % from that"
-        " ten seconds before",
+        " ten seconds earlier",
         Finding(
             judge(swings[1] > RINGING and grows < 0.05),
             Table(
@@ -142,7 +142,7 @@ def cycle(data: Data):
 
 
 def figure(data: Data, limits: dict[Delay, float], bound: float) -> Figure:
-    """Return the spectral radius over the learning rate, and the limit cycle."""
+    """Return the figure of the spectral radius over the learning rate and of the limit cycle."""
     styles = {DELAYS[0]: "one", DELAYS[1]: "half", DELAYS[3]: "double"}
     radii = [
         Curve(

@@ -1,4 +1,4 @@
-"""A measurement of the angle that comes late and is noisy, as a component in Python."""
+"""A delayed and noisy measurement of the angle, as a component in Python."""
 
 import math
 from collections import deque
@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Variable:
-    """What the master wants to know of a variable."""
+    """The attributes of a variable that the master uses."""
 
     name: str
     causality: str
@@ -20,9 +20,9 @@ class Variable:
 
 
 class Measurement:
-    """Stands between plant and controller like an FMU: `y` is `theta`, late and with noise.
+    """A component between plant and controller: `y` is `theta` with delay and noise.
 
-    It has what the master uses of a component, its two FMI functions among it.
+    It implements the interface of a component that the master uses, including two FMI functions.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ class Measurement:
     deviation
         Standard deviation of the noise [rad], white, one value per communication step.
     delay
-        In communication steps.
+        Delay in communication steps.
     seed
-        Of the noise.
+        Seed of the noise.
     """
 
     sampled = True
@@ -57,21 +57,21 @@ class Measurement:
         return "rad"
 
     def outputs(self) -> Sequence[str]:
-        """Return no outputs: nobody records it."""
+        """Return no outputs, so that none are recorded."""
         return []
 
     def initialize(self, time: float) -> None:
-        """Start at `time` [s], with zeros in the line."""
+        """Start at `time` [s], with a delay line of zeros."""
         self.time = time
 
     def step(self, time: float, _step: float) -> None:
-        """Take the newest angle in, and give out an old one with noise."""
+        """Store the newest angle, and output a delayed one with noise."""
         self.time = time
         self.line.append(self.values[0])
         self.values[1] = self.line[0] + self.deviation * self.noise.standard_normal()
 
     def close(self) -> None:
-        """Do nothing: there is no library to unload."""
+        """Do nothing, as there is no library to unload."""
 
     def _get(self, _component, references, count: int, values) -> None:
         for i in range(count):

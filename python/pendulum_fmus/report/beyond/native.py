@@ -1,4 +1,4 @@
-"""Parameter sweeps by the native master."""
+"""Parameter sweeps with the native master."""
 
 import csv
 import math
@@ -19,11 +19,11 @@ SYSTEMS = {
     "IPID-RBF": "supervised",
     "IPID-RBF own": "ipid-rbf",
 }
-"""The example that is a controller's loop, as in Table 1."""
+"""The example system of each controller's loop, as in Table 1."""
 
 
 def both_plants(kind: str, variable: str) -> list[str]:
-    """Return the full names of a plant's parameter in all plants of a loop."""
+    """Return the full names of a plant parameter in all plants of a loop."""
     plants = ["plant", "supervisor_plant"] if kind == "IPID-RBF" else ["plant"]
     return [f"{plant}.{variable}" for plant in plants]
 
@@ -38,17 +38,17 @@ def sweep(
     kind
         Key of SYSTEMS.
     variables, values
-        What is varied: all variables get the same value; shape (n,).
+        The variables, which all get the same value, and their values, shape (n,).
     settings
         Start values for all runs, by full name.
     limit
-        |e| beyond which a run has diverged [rad].
+        |e| above which a run has diverged [rad].
     fmus
-        The folder that the FMUs are in.
+        Folder of the FMUs.
 
     Returns
     -------
-    The metrics by name, each of shape (n,); NaN where a run has none.
+    The metrics by name, each of shape (n,); NaN where a run has no value.
     """
     if not PROGRAM.is_file():
         raise MasterError(f"{PROGRAM} does not exist; run `make native` first")

@@ -1,4 +1,4 @@
-"""Noise and delay of the measured angle."""
+"""Noise and delay in the measured angle."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -29,21 +29,21 @@ DELAYS = tuple(range(9))
 
 STEPS = 5000
 LATE = 3.0
-"""From when on it is measured [s], of STEPS samples."""
+"""Start of the evaluated part [s] of STEPS samples."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A step response with a controller whose measurement is noisy or late.
+    """A step response with a noisy or delayed measurement.
 
     Parameters
     ----------
     kind
         Key of MODELS; the controllers use current terms.
     deviation
-        Of the noise [rad].
+        Standard deviation of the noise [rad].
     delay
-        In samples.
+        Delay in samples.
     """
 
     kind: str
@@ -53,7 +53,7 @@ class Measured:
 
 
 def loops() -> list[Loop]:
-    """Return no loops: here a measurement stands between; `jobs` returns those."""
+    """Return no loops: those of this section contain a measurement, and `jobs` returns them."""
     return []
 
 
@@ -64,7 +64,7 @@ def jobs() -> list[Measured]:
 
 
 def execute(job: Measured, fmus: Path) -> dict[str, np.ndarray]:
-    """Co-simulate FMUs and the measurement."""
+    """Co-simulate the FMUs and the measurement."""
     with ExitStack() as stack:
 
         def fmu(name: str, model: str, sampled: bool = False) -> Component:
@@ -90,7 +90,7 @@ def execute(job: Measured, fmus: Path) -> dict[str, np.ndarray]:
 
 
 def late(results: dict, job: Measured) -> Trace:
-    """Return the end of a run."""
+    """Return the evaluated part of a run."""
     return trace_of(repr(job), results[job]).part(LATE, np.inf)
 
 
@@ -108,7 +108,7 @@ def part(data: Data, fmus: Path) -> Part:
         kind: [largest(np.diff(late(results, Measured(kind, delay=n)).u)) for n in DELAYS]
         for kind in MODELS
     }
-    bears = {kind: sum(1 for _ in _until_ringing(values)) - 1 for kind, values in ring.items()}
+    tolerated = {kind: sum(1 for _ in _until_ringing(values)) - 1 for kind, values in ring.items()}
     more = [
         min(off["PID-RBF"][i], off["IPID-RBF own"][i]) > off["PID"][i]
         for i in range(len(DEVIATIONS))
@@ -128,11 +128,10 @@ def part(data: Data, fmus: Path) -> Part:
         figure(off, ring),
         [
             statement(
-                "Noise of the measured angle moves the pendulum more under a network than under"
-                " the PID",
-                f"step, white noise, RMS from {LATE:g} s to {STEPS * TS:g} s of what θ differs by"
-                " from the same without noise; holds if larger for both at the smallest noise,"
-                " wholly if at every",
+                "Measurement noise moves the pendulum more with a network than with the PID alone",
+                f"step, white noise, RMS from {LATE:g} s to {STEPS * TS:g} s of the difference of θ"
+                " from the same run without noise; holds if larger for both at the smallest noise,"
+                " fully if at every noise level",
                 Finding(
                     judge(more[0], all(more)),
                     Table(COLUMNS, rows),
@@ -140,15 +139,15 @@ def part(data: Data, fmus: Path) -> Part:
                 ),
             ),
             statement(
-                "A late measurement makes the networks ring at delays that the PID bears",
+                "A measurement delay makes the networks ring at delays that the PID tolerates",
                 "step; largest delay up to which u changes by less than 1 N per sample from"
-                f" {LATE:g} s on; holds if that of PID is larger than that of both",
+                f" {LATE:g} s on; holds if it is larger for PID than for both networks",
                 Finding(
-                    judge(bears["PID"] > max(bears["PID-RBF"], bears["IPID-RBF own"])),
+                    judge(tolerated["PID"] > max(tolerated["PID-RBF"], tolerated["IPID-RBF own"])),
                     Table(
                         COLUMNS,
                         {
-                            "delay without ringing [samples]": list(bears.values()),
+                            "delay without ringing [samples]": list(tolerated.values()),
                             **{
                                 f"change of u, delay {n} [N]": [ring[kind][n] for kind in MODELS]
                                 for n in DELAYS
@@ -170,14 +169,14 @@ def _until_ringing(values: list[float]):
 
 
 def figure(off: dict[str, list[float]], ring: dict[str, list[float]]) -> Figure:
-    """Return what noise and delay do, over their size."""
+    """Return the figure of the effects of noise and delay."""
     x = np.array(DEVIATIONS)
     n = np.array(DELAYS, float)
     return Figure(
         "noise",
         "Noise and delay",
-        "Left, how much the angle moves over the standard deviation of the measurement noise;"
-        " right, how much the force changes per sample over the delay of the measurement.",
+        "Left, RMS movement of the angle over the standard deviation of the measurement noise;"
+        " right, change of the force per sample over the measurement delay.",
         [
             [
                 Panel(

@@ -1,4 +1,4 @@
-"""The nonlinear pendulum: how far the linear design holds it."""
+"""The nonlinear pendulum: range in which the linear design stabilizes it."""
 
 import math
 from pathlib import Path
@@ -16,36 +16,36 @@ from .native import both_plants, sweep
 from .section import section, statement
 
 FALLEN = math.pi
-"""|e| beyond which the pendulum has fallen [rad]."""
+"""|e| above which the pendulum has fallen [rad]."""
 
 HELD = 0.05
-"""A smaller last error is that of a pendulum that is held [rad]."""
+"""A pendulum with a smaller final error is stabilized [rad]."""
 
 GRID = 17
 ROUNDS = 3
-"""Each round looks at GRID values, and the next between the last held and the first that fell."""
+"""Each round tries GRID values; the next refines between the last success and first failure."""
 
 SMALL = math.radians(20)
-"""Up to this angle section 2 takes the linear model for good [rad]."""
+"""Angle up to which section 2 considers the linear model valid [rad]."""
 
 ALIKE = 0.05
-"""Relative: integrals of |e| that differ by less are alike."""
+"""Relative difference below which integrals of |e| count as equal."""
 
 MODELS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF own": "IpidRbf"}
 
 
 def loop(kind: str, model: str) -> Loop:
-    """Return the step of 1 rad on a model of the plant."""
+    """Return the loop with a step of 1 rad on a model of the plant."""
     return Loop(MODELS[kind], "step", 0.0, steps=8000, plant_model=model)
 
 
 def loops() -> list[Loop]:
-    """Return the steps of 1 rad that the figure shows."""
+    """Return the loops shown in the figure, with steps of 1 rad."""
     return [loop(kind, model) for kind in MODELS for model in ("linear", "nonlinear")]
 
 
 def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) -> float:
-    """Return up to which value of some variables [rad] the pendulum is held, by narrowing grids."""
+    """Return the limit of some variables [rad] for a stabilized pendulum, by narrowing grids."""
     settings = settings | dict.fromkeys(both_plants(kind, "model"), "nonlinear")
     low, high = 0.05, math.pi / 2
     for _ in range(ROUNDS):
@@ -81,11 +81,11 @@ def part(data: Data, fmus: Path) -> Part:
         figure(data),
         [
             statement(
-                "The controllers, designed on the linear model, hold the nonlinear pendulum far"
-                " beyond the 20° up to which section 2 linearises",
+                "The controllers, designed for the linear model, stabilize the nonlinear pendulum"
+                " far beyond the 20° up to which section 2 linearises",
                 "largest step, and largest initial angle at set-point 0, after which |e| is below"
-                " 0.05 rad at 20 s and never above π; holds if all are beyond 20°, wholly if all"
-                " steps are beyond the paper’s 1 rad too",
+                " 0.05 rad at 20 s and never above π; holds if all are beyond 20°, fully if all"
+                " steps also exceed the paper’s 1 rad",
                 Finding(
                     judge(min(*step, *start) > SMALL, paper),
                     Table(
@@ -100,27 +100,27 @@ def part(data: Data, fmus: Path) -> Part:
                 ),
             ),
             statement(
-                "At 20° the nonlinear pendulum behaves as the linear one",
+                "At 20° the nonlinear pendulum behaves like the linear one",
                 "integral of |e| after a step, nonlinear against linear; holds if it differs by"
-                " less than 5 % at 20°, wholly if at 1 rad, the paper’s step, too",
+                " less than 5 % at 20°, fully if also at 1 rad, the paper’s step",
                 Finding(
                     judge(np.max(np.abs(apart[:, 0])) < ALIKE, np.max(np.abs(apart)) < ALIKE),
                     Table(
                         COLUMNS,
                         {
-                            "IAE differs at 20° by [%]": (100 * apart[:, 0]).tolist(),
-                            "IAE differs at 1 rad by [%]": (100 * apart[:, 1]).tolist(),
+                            "difference of IAE at 20° [%]": (100 * apart[:, 0]).tolist(),
+                            "difference of IAE at 1 rad [%]": (100 * apart[:, 1]).tolist(),
                         },
                     ),
                 ),
             ),
         ],
-        ("The limits were narrowed down to less than 0.001 rad by sweeps of the native master.",),
+        ("Sweeps with the native master narrowed the limits down to less than 0.001 rad.",),
     )
 
 
 def figure(data: Data) -> Figure:
-    """Return the step of 1 rad on both models."""
+    """Return the figure of a step of 1 rad on both models."""
     panels = []
     for model in ("linear", "nonlinear"):
         traces = {kind: data.loop(loop(kind, model)) for kind in MODELS}
@@ -129,7 +129,7 @@ def figure(data: Data) -> Figure:
     return Figure(
         "nonlinear",
         "The nonlinear pendulum",
-        "Angle after a step of 1 rad over 8 s under PID, PID-RBF and IPID-RBF with its own target,"
-        " on the linear and on the nonlinear plant.",
+        "Angle over 8 s after a step of 1 rad with PID, PID-RBF and IPID-RBF with its own target,"
+        " on the linear and the nonlinear plant.",
         [panels],
     )

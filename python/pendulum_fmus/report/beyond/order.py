@@ -23,7 +23,7 @@ NAMES = {
 }
 
 SAME = 1e-9
-"""Angles that differ by less are the same but for rounding [rad]."""
+"""Angles that differ by less are equal up to rounding [rad]."""
 
 
 def loops() -> list[Loop]:
@@ -56,25 +56,25 @@ def part(data: Data, fmus: Path) -> Part:
         Figure(
             "order",
             "Order of stepping",
-            "Force and the network’s part of it over the first second of a step under PID-RBF, in"
-            " sequential and parallel order, with current terms and those of the sample before.",
+            "Force and the network’s part of it over the first second of a step with PID-RBF, in"
+            " sequential and parallel order, with current terms and those of the previous sample.",
             [panels[:2], panels[2:]],
         ),
         [
             statement(
-                "A master that steps in parallel gives the same loop with current terms as a"
-                " sequential one gives with those of the sample before, as in Table 1",
+                "A parallel master with current terms gives the same loop as a sequential master"
+                " with those of the previous sample, as in Table 1",
                 "the angles differ by less than 1e-9 rad over 20 s",
                 Finding(judge(apart < SAME), Table(["both"], {"max |Δθ| [rad]": [apart]})),
             ),
             statement(
-                "PID-RBF is well behaved but in parallel order with the terms of the sample before",
-                "step; from 19 s on u changes by more than 1 N per sample in that case alone",
+                "PID-RBF only rings in parallel order with the terms of the previous sample",
+                "step; from 19 s on u changes by more than 1 N per sample only in that case",
                 Finding(
                     judge(max(late[:3]) < RINGING < late[3]),
                     Table(["seq., now", "seq., prev.", "par., now", "par., prev."], rows),
                 ),
             ),
         ],
-        ("Prev. are the terms of the sample before (the parameter previous_sample_terms).",),
+        ("“Prev.” means the terms of the previous sample (parameter previous_sample_terms).",),
     )

@@ -1,4 +1,4 @@
-"""Pendulums other than the one that the controllers were tuned for."""
+"""Robustness against plant parameters that differ from those used for tuning."""
 
 from pathlib import Path
 
@@ -17,15 +17,15 @@ from .native import both_plants, sweep
 from .section import section, statement
 
 FACTORS = np.geomspace(0.25, 4, 33)
-"""What a parameter is multiplied by; 1 is in the middle."""
+"""Factors of a parameter; 1 is in the middle."""
 
 NOMINAL = {"M": (1.096, "kg", "mass of the cart"), "l": (0.25, "m", "length to the centre of mass")}
 
 DIVERGED = 1000.0
-"""|e| beyond which a loop has diverged [rad]."""
+"""|e| above which a loop has diverged [rad]."""
 
 SLIGHT = 0.1
-"""Relative: an integral of |e| that grows by less suffers slightly."""
+"""Relative growth of the integral of |e| that counts as slight."""
 
 Swept = dict[str, dict[str, np.ndarray]]
 
@@ -42,13 +42,13 @@ def swept(variable: str, fmus: Path) -> Swept:
         kind: sweep(kind, both_plants(kind, variable), values, {}, DIVERGED, fmus) for kind in KINDS
     }
     for metrics in runs.values():
-        # One that still swings through the band at the end has not settled
+        # A loop that still swings through the band at the end has not settled
         metrics["settling_time"][metrics["settling_time"] > END - HOLD] = np.nan
     return runs
 
 
 def finding(runs: Swept) -> Finding:
-    """Tell who held the pendulum, and at what cost."""
+    """Return which controllers stabilized the pendulum, and at what cost."""
     middle = len(FACTORS) // 2
     fell = [int(np.sum(m["diverged"])) for m in runs.values()]
     worse = [float(np.max(m["iae"]) / m["iae"][middle] - 1) for m in runs.values()]
@@ -67,7 +67,7 @@ def finding(runs: Swept) -> Finding:
 
 
 def curves(runs: Swept, variable: str, metric: str) -> list[Curve]:
-    """Return a metric over the parameter; runs that have none are left out."""
+    """Return a metric over the parameter; runs without a value are omitted."""
     found = []
     for kind, metrics in runs.items():
         known = np.isfinite(metrics[metric]) & (metrics["diverged"] == 0)
@@ -101,10 +101,10 @@ def part(data: Data, fmus: Path) -> Part:
         low, high = value * FACTORS[0], value * FACTORS[-1]
         claims.append(
             statement(
-                f"All controllers hold a pendulum whose {meaning} is between a quarter and four"
-                " times the one they were tuned for",
+                f"All controllers stabilize a pendulum whose {meaning} is between a quarter and"
+                " four times the nominal one",
                 f"step, linear plant, {len(FACTORS)} values of {variable} from {low:.3g} {unit} to"
-                f" {high:.3g} {unit}; holds if no loop diverges, wholly if the integral of |e|"
+                f" {high:.3g} {unit}; holds if no loop diverges, fully if the integral of |e|"
                 " grows by less than 10 %",
                 finding(runs[variable]),
             )
@@ -121,7 +121,7 @@ def part(data: Data, fmus: Path) -> Part:
         ),
         claims,
         (
-            "Swept by the native master. A point is missing where the error does not stay within"
-            " the band.",
+            "Computed by sweeps with the native master. Points are missing where the error does not"
+            " stay within the band.",
         ),
     )

@@ -1,4 +1,4 @@
-"""A section beyond the paper, and how its statements are put."""
+"""A section beyond the paper, and its statements."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from ..page import Part
 
 
 def statement(says: str, measured: str, finding: Finding) -> Claim:
-    """Return a statement of ours that was measured already."""
+    """Return a statement with its measurement."""
     return Claim(says, measured, lambda _: finding)
 
 

@@ -1,6 +1,7 @@
-"""All sections beyond the paper, in the page's order.
+"""All sections beyond the paper, in the order of the page.
 
-A section is a module with `loops()`, what it needs of the FMPy master, and `part(data, fmus)`.
+A section is a module with `loops()`, the loops that it needs from the FMPy master, and
+`part(data, fmus)`.
 """
 
 from pathlib import Path
@@ -14,7 +15,7 @@ MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)
 
 
 def loops() -> set[Loop]:
-    """Return the loops that the sections need of the FMPy master."""
+    """Return the loops that the sections need from the FMPy master."""
     return {loop for module in MODULES for loop in module.loops()}
 
 

@@ -1,4 +1,4 @@
-"""IPID-RBF that learns its own force, as (29) prints it, against the one of Table 1."""
+"""IPID-RBF with its own force as target (29), compared with that of Table 1."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ COLUMNS = ("supervised", "own target")
 
 
 def loops() -> list[Loop]:
-    """Return no loops: those of the paper's figures are enough."""
+    """Return no loops, as those of the paper's figures are sufficient."""
     return []
 
 
@@ -48,13 +48,13 @@ def part(data: Data, fmus: Path) -> Part:
     )
     return section(
         "beyond-targets",
-        "What IPID-RBF learns",
+        "Target of IPID-RBF",
         figure,
         [
             statement(
                 "With its own force as target, as printed, IPID-RBF has a smaller static error and"
-                " settles sooner than with the supervisor’s force, with which Table 1 was made",
-                "step; wholly if the integral of |e| is smaller for all three signals too",
+                " settles faster than with the supervisor’s force, which was used for Table 1",
+                "step; fully if the integral of |e| is also smaller for all three signals",
                 Finding(
                     judge(final[1] < final[0] and times[1] < times[0], smaller),
                     Table(

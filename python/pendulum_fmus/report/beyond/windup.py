@@ -1,4 +1,4 @@
-"""What the limit of the force does to the sum of the error, and what anti-windup does to that."""
+"""Integrator windup at the force limit, and the effect of anti-windup."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ from .section import section, statement
 
 CONTROLLERS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF, own": "IpidRbf"}
 SUMMING = ("PID", "PID-RBF")
-"""The controllers whose sum does not leak."""
+"""The controllers whose integral does not leak."""
 
 LIMITS = (25.0, 35.0, 50.0, 70.0, 100.0, 140.0, 200.0)
-"""Limits of the force [N]."""
+"""Force limits [N]."""
 
 LOW, PRINTED = LIMITS[0], 100.0
-"""The lowest of them, and that of Table 1 [N]."""
+"""The lowest limit, and that of Table 1 [N]."""
 
 STEPS = 4000
 
@@ -31,22 +31,22 @@ DISTURBED = (("step", 0.0), ("step", 1.0), ("square", 0.0), ("square", 1.0))
 DISTURBED_STEPS = 8000
 
 LITTLE = 0.05
-"""Relative: an integral of |e| that changes by less changes little."""
+"""Relative change of the integral of |e| that counts as little."""
 
 BRIEF = 0.2
-"""A force that is limited for a shorter time in a run is seldom limited [s]."""
+"""A force that is limited for less time in a run counts as rarely limited [s]."""
 
 SAME = 1e-6
-"""Angles that differ by less are the same to the eye [rad]."""
+"""Angles that differ by less are visually the same [rad]."""
 
 STYLES = {False: "winding", True: "held"}
 
 Overshoots = dict[tuple[str, bool], list[float]]
-"""Those of a controller without or with anti-windup, under each of LIMITS [%]."""
+"""Overshoots of a controller without or with anti-windup, for each of LIMITS [%]."""
 
 
 def loop(kind: str, limit: float, anti_windup: bool) -> Loop:
-    """Return the step response of a controller under a limit of the force [N]."""
+    """Return the step response of a controller with a force limit [N]."""
     overrides = (("controller.u_max", limit), ("controller.anti_windup", anti_windup))
     return Loop(CONTROLLERS[kind], "step", 0.0, overrides=overrides, steps=STEPS)
 
@@ -77,24 +77,24 @@ def part(data: Data, fmus: Path) -> Part:
         figure({style: steps["PID", on][0] for on, style in STYLES.items()}, above),
         [winding(above), printed(data), nothing_to_wind(steps)],
         (
-            "The parameter anti_windup, off by default: a sample whose force is limited does not"
-            " count in the sum of the error if the error would drive the force further beyond its"
-            " limit. The paper has none.",
+            "The parameter anti_windup, off by default, omits a sample from the sum of the error"
+            " if its force is limited and the error would drive the force further beyond the"
+            " limit. The paper has no anti-windup.",
         ),
     )
 
 
 def winding(above: Overshoots) -> Claim:
-    """Return the statement on the overshoot over the limit."""
+    """Return the statement about the overshoot over the limit."""
     rows = {
         f"overshoot at {limit:g} N [%]": [values[i] for values in above.values()]
         for i, limit in enumerate(LIMITS)
     }
     return statement(
-        "The lower the limit of the force, the further PID and PID-RBF overshoot, as their sum"
-        " winds up; with anti-windup it is the other way round",
+        "The lower the force limit, the more PID and PID-RBF overshoot due to integrator windup;"
+        " with anti-windup the overshoot decreases",
         f"step, limits from {LOW:g} N to {LIMITS[-1]:g} N; holds if the overshoot with anti-windup"
-        " is smaller at every limit, wholly if it falls with the limit and rises without",
+        " is smaller at every limit, fully if it falls with a lower limit and rises without",
         Finding(
             judge(
                 all(np.less(above[kind, True], above[kind, False]).all() for kind in SUMMING),
@@ -110,7 +110,7 @@ def winding(above: Overshoots) -> Claim:
 
 
 def printed(data: Data) -> Claim:
-    """Return the statement on the loops of Table 1."""
+    """Return the statement about the loops of Table 1."""
     rows = {}
     for case in DISTURBED:
         for kind in SUMMING:
@@ -122,11 +122,11 @@ def printed(data: Data) -> Claim:
     changes = [held / free - 1 for free, held, _ in rows.values()]
     longest = max(limited for _, _, limited in rows.values())
     return statement(
-        "At the limit of Table 1 anti-windup gains little, as the force is limited for some"
-        " hundredths of a second only",
+        "At the limit of Table 1 anti-windup gains little, as the force is limited only for some"
+        " hundredths of a second",
         f"step and square wave, with and without a disturbance of 1 rad, {PRINTED:g} N, 8 s; holds"
         " if the integral of |e| changes by less than 5 % and the force is limited for less than"
-        f" {BRIEF:g} s in all, wholly if the integral falls everywhere",
+        f" {BRIEF:g} s in all, fully if the integral falls everywhere",
         Finding(
             judge(largest(np.array(changes)) < LITTLE and longest < BRIEF, max(changes) < 0),
             Table(["IAE without [rad s]", "IAE with [rad s]", "limited, without [s]"], rows),
@@ -135,7 +135,7 @@ def printed(data: Data) -> Claim:
 
 
 def nothing_to_wind(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
-    """Return the statement on IPID-RBF."""
+    """Return the statement about IPID-RBF."""
     apart = {
         kind: max(
             largest(held.theta - free.theta)
@@ -145,16 +145,16 @@ def nothing_to_wind(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
     }
     own = apart["IPID-RBF, own"]
     return statement(
-        "IPID-RBF has nothing to wind up: its sum leaks, and its network learns the force as it was"
+        "IPID-RBF does not wind up: its integral leaks, and its network learns the force as it was"
         " limited",
-        "the same steps; what the angle differs by with and without anti-windup; holds if by less"
+        "the same steps; difference of the angle with and without anti-windup; holds if it is less"
         " than 1e-6 rad at every limit",
         Finding(judge(own < SAME), Table(list(apart), {"max |Δθ| [rad]": list(apart.values())})),
     )
 
 
 def figure(low: dict[str, Trace], above: Overshoots) -> Figure:
-    """Return steps of the PID under the lowest limit, by style, and the overshoots."""
+    """Return the figure of the PID's steps at the lowest limit and of the overshoots."""
     forces = [curve(trace, "u", style) for style, trace in low.items()]
     shown = (0.0, 2.0)
     over = [
@@ -165,15 +165,15 @@ def figure(low: dict[str, Trace], above: Overshoots) -> Figure:
                 Curve(f"windup/{kind}/{on}", np.array(LIMITS), np.array(above[kind, on]), style)
                 for on, style in STYLES.items()
             ],
-            x_label="limit of the force [N]",
+            x_label="force limit [N]",
         )
         for kind in SUMMING
     ]
     return Figure(
         "windup",
         "Windup",
-        f"Above, angle and force of a PID whose force is limited to {LOW:g} N after a step, with"
-        " and without anti-windup; below, the overshoot of PID and PID-RBF over the limit.",
+        f"Top, angle and force of a PID limited to {LOW:g} N after a step, with and without"
+        " anti-windup; bottom, overshoot of PID and PID-RBF over the force limit.",
         [
             [
                 Panel(f"PID, at most {LOW:g} N", ANGLE, outputs(low), xlim=shown),

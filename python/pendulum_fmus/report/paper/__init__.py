@@ -1,4 +1,4 @@
-"""The paper's Figures 2 and 4 to 21: what they show, what the text says of them, whether it holds.
+"""The paper's Figures 2 and 4 to 21, the claims of the text about them, and whether they hold.
 
 > H. Gao, X. Li, C. Gao, J. Wu, Neural Network Supervision Control Strategy for Inverted Pendulum
 > Tracking Control, Discrete Dynamics in Nature and Society, 2021 (CC BY).

@@ -1,4 +1,4 @@
-"""Tables that compare the controllers, and comparisons between them."""
+"""Comparisons of the controllers, and tables of them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,16 +8,16 @@ from ..data import Data, Trace
 from ..scenarios import KINDS
 
 Values = Mapping[str, float]
-"""A number by the kind of controller."""
+"""A number for each kind of controller."""
 
 COLUMNS = ("PID", "PID-RBF", "IPID-RBF", "own target")
-"""Heads of the tables; the last is IPID-RBF that learns its own force, (29)."""
+"""Column headings of the tables; the last is IPID-RBF with its own force as target (29)."""
 
 
 def by_kind(
     data: Data, signal: str, amplitude: float, measure: Callable[[Trace], float]
 ) -> dict[str, float]:
-    """Measure all controllers in the same loop."""
+    """Apply a measure to all controllers in the same loop."""
     return {kind: measure(data(kind, signal, amplitude)) for kind in KINDS}
 
 
@@ -28,7 +28,7 @@ def table(quantities: Mapping[str, Values]) -> Table:
 
 
 def least(values: Values, kind: str, others: Sequence[str]) -> bool:
-    """Tell whether a kind has a smaller value than all others; NaN, never, is the largest."""
+    """Return whether a kind has the smallest value; NaN (never) counts as the largest."""
     return all(_finite(values[kind]) < _finite(values[other]) for other in others)
 
 
@@ -37,5 +37,5 @@ def _finite(value: float) -> float:
 
 
 def both_below_pid(values: Values, ipid: str) -> bool:
-    """Tell whether PID-RBF and IPID-RBF both have smaller values than PID."""
+    """Return whether PID-RBF and IPID-RBF both have smaller values than PID."""
     return all(least(values, kind, ["PID"]) for kind in ("PID-RBF", ipid))

@@ -1,4 +1,4 @@
-"""What section 5 concludes beyond what it says of a single figure."""
+"""The conclusions of section 5 that are not about a single figure."""
 
 from ..claims import Claim, Finding, judge
 from ..data import Data
@@ -7,14 +7,14 @@ from .compare import by_kind, least, table
 from .tracking import worst_overshoot
 
 ZERO = 1e-6
-"""An error whose RMS stays below has approached zero [rad]."""
+"""RMS below which an error has approached zero [rad]."""
 
 SMALL = 0.005
-"""Of the amplitude: what an error that approaches zero is below after 15 s [rad]."""
+"""Bound after 15 s on an error that approaches zero, relative to the amplitude [rad]."""
 
 
 def claims(data: Data) -> list[Claim]:
-    """Return what section 5 says, over all figures without disturbance."""
+    """Return the claims of section 5 about all figures without disturbance."""
     late = {
         signal: by_kind(data, signal, 0.0, lambda trace: rms(trace.part(19.0, 20.0).e))
         for signal in ("step", "sine", "square")
@@ -34,7 +34,7 @@ def claims(data: Data) -> list[Claim]:
             "“the error of the input and output is continuously adjusted, so that the system error"
             " eventually approaches zero”",
             "from 19 s to 20 s the RMS of e of PID-RBF and IPID-RBF is below 0.005 rad for all"
-            " three signals; wholly if below 1e-6 rad",
+            " three signals; fully if below 1e-6 rad",
             zero,
         ),
         Claim(

@@ -1,4 +1,4 @@
-"""Curves and panels that several figures share."""
+"""Curves and panels shared by several figures."""
 
 from collections.abc import Callable, Sequence
 
@@ -8,10 +8,10 @@ from ..data import Data, Trace
 from ..figure import ANGLE, ERROR, FORCE, Curve, Panel
 
 SHOWN = ("PID", "PID-RBF", "IPID-RBF")
-"""The controllers that the paper's figures compare."""
+"""The controllers compared in the paper's figures."""
 
 END = 20.0
-"""Last moment of all figures [s]."""
+"""End time of all figures [s]."""
 
 SMALLEST = 1e-7
 """Smaller errors are drawn at the bottom of a logarithmic axis [rad]."""
@@ -25,7 +25,7 @@ def curve(trace: Trace, column: str, style: str) -> Curve:
 
 
 def outputs(traces: dict[str, Trace]) -> list[Curve]:
-    """Return the reference, and the angle that each controller makes of it."""
+    """Return the reference and the angle under each controller."""
     first = next(iter(traces.values()))
     reference = Curve(f"r/{first.key}", first.t, first.r, "r")
     return [reference, *(curve(trace, "theta", kind) for kind, trace in traces.items())]
@@ -45,14 +45,14 @@ def absolute_errors(traces: dict[str, Trace]) -> list[Curve]:
 
 
 def forces(trace: Trace) -> list[Curve]:
-    """Return the parts of a controller's force, and their sum in front."""
+    """Return the parts of a controller's force, with their sum in front."""
     return [curve(trace, name, name) for name in ("u_p", "u_n", "u")]
 
 
 def with_zoom(
     curves: Sequence[Curve], title: str, y_label: str, x_zoom: Span, y_zoom: Span, ylim: Span | None
 ) -> list[Panel]:
-    """Return a panel with all of the curves, and one that magnifies a framed part."""
+    """Return a panel with all curves, and one that magnifies a framed part."""
     whole = Panel(
         title, y_label, curves, xlim=(0, END), ylim=ylim, frame=(x_zoom, y_zoom), weight=1.7
     )
@@ -62,7 +62,7 @@ def with_zoom(
 def tracking_row(
     data: Data, signal: str, amplitude: float, x_zoom: Span, y_zoom: Span, ylim: Span | None = None
 ) -> list[Panel]:
-    """Return reference and outputs of the three controllers, and a magnified part."""
+    """Return panels of the reference and the angles under the three controllers."""
     traces = {kind: data(kind, signal, amplitude) for kind in SHOWN}
     title = named(signal, amplitude)
     return with_zoom(outputs(traces), title, ANGLE, x_zoom, y_zoom, ylim)
@@ -71,7 +71,7 @@ def tracking_row(
 def error_rows(
     data: Data, signal: str, amplitude: float, x_zoom: Span, y_zoom: Span
 ) -> list[list[Panel]]:
-    """Return the errors of the three controllers, a magnified part, and their magnitudes."""
+    """Return panels of the errors of the three controllers, magnified and as absolute values."""
     traces = {kind: data(kind, signal, amplitude) for kind in SHOWN}
     title = named(signal, amplitude)
     logarithmic = Panel(
@@ -88,7 +88,7 @@ def error_rows(
 def force_rows(
     data: Data, signal: str, amplitude: float, x_zoom: Span, y_zoom: Span, ylim: Span
 ) -> list[list[Panel]]:
-    """Return the forces of PID-RBF and IPID-RBF side by side, and below magnified parts."""
+    """Return the forces of PID-RBF and IPID-RBF side by side, with magnified parts below."""
     kinds = ("PID-RBF", "IPID-RBF")
     disturbed = f", d = {amplitude:g} rad" if amplitude else ""
 
@@ -115,5 +115,5 @@ def force_rows(
 
 
 def named(signal: str, amplitude: float) -> str:
-    """Say what excites a loop."""
+    """Describe the signal and the disturbance of a loop."""
     return f"{signal}, disturbance {amplitude:g} rad" if amplitude else signal

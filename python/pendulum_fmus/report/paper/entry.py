@@ -1,4 +1,4 @@
-"""A figure of the paper, with all that the page says about it."""
+"""A figure of the paper with its texts on the page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from ..claims import Claim
 from ..figure import Figure
 
 LOST = "(This figure’s caption is missing in the text that the quotations were taken from.)"
-"""What stands for the captions of Figures 4 and 14, which the extracted text does not have."""
+"""Placeholder for the captions of Figures 4 and 14, which the extracted text lacks."""
 
 
 @dataclass(frozen=True)
@@ -17,15 +17,15 @@ class Entry:
     Parameters
     ----------
     number
-        As the paper numbers it.
+        Number in the paper.
     caption
-        As the paper prints it.
+        Caption in the paper.
     figure
-        What is drawn for it.
+        The reproduced figure.
     claims
-        What the paper says of it.
+        Claims of the paper about it.
     notes
-        What a reader should know about how it was drawn.
+        Remarks on how it was drawn.
     """
 
     number: int

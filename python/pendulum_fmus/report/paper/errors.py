@@ -12,11 +12,11 @@ from .entry import Entry
 from .tracking import slowest
 
 SINE_BAND = 0.003
-"""Of the sine's amplitude, as for the step [rad]."""
+"""Settling band relative to the sine's amplitude, as for the step [rad]."""
 
 
 def adjustment(signal: str) -> tuple[str, callable]:
-    """Return what the adjustment time of a signal is called, and how it is measured."""
+    """Return the name of a signal's adjustment time and the function that measures it."""
     if signal == "square":
         return "slowest settling ±0.3 % after a jump at 5, 10, 15 s [s]", slowest
     if signal == "sine":
@@ -31,7 +31,7 @@ def disturbed_adjustment(trace: Trace, signal: str) -> float:
 
 
 def claims(data: Data, signal: str, amplitudes: tuple[float, ...]) -> list[Claim]:
-    """Return what section 4 says of the error figures, of one signal."""
+    """Return the claims of section 4 about the error figures of one signal."""
     measured = []
     for a in amplitudes:
         note = f", d = {a:g} rad" if len(amplitudes) > 1 else ""
@@ -78,19 +78,19 @@ def claims(data: Data, signal: str, amplitudes: tuple[float, ...]) -> list[Claim
         Claim(
             "“the traditional PID control has the worst effect, long adjustment time, and greater"
             " error than the other two control algorithms”",
-            "PID has the largest integral of |e|; wholly if it also has the longest settling time"
+            "PID has the largest integral of |e|; fully if it also has the longest settling time"
             " and the largest last error",
             worst,
         ),
         Claim(
             "“The IPID-RBF control can reach a stable state in a short time no matter whether there"
             " is no interference or interference.”",
-            "IPID-RBF settles; wholly if sooner than PID and PID-RBF",
+            "IPID-RBF settles; fully if sooner than PID and PID-RBF",
             short,
         ),
         Claim(
             "Section 5: “the IPID-RBF control has the best tracking effect”",
-            "it has the smallest integral of |e|; wholly if those of e² and t |e| are the smallest"
+            "it has the smallest integral of |e|; fully if those of e² and t |e| are the smallest"
             " too",
             integral,
         ),
@@ -110,18 +110,20 @@ def _entry(
     figure = Figure(
         f"figure-{number}",
         f"{signal.capitalize()}{' with disturbance' if disturbed else ''}: errors",
-        f"Error of PID, PID-RBF and IPID-RBF over 20 s, for a {signal}{pulse}; a part is magnified,"
-        " and the magnitude is drawn on a logarithmic axis.",
+        f"Error of PID, PID-RBF and IPID-RBF over 20 s, for a {signal}{pulse}; with a magnified"
+        " part, and the absolute values on a logarithmic axis.",
         [row for a in amplitudes for row in error_rows(data, signal, a, *zoom)],
     )
-    notes = ["The logarithmic panel is ours: Table 1’s last errors span ten decades."]
+    notes = ["The logarithmic panel was added, as the final errors of Table 1 span ten decades."]
     if len(amplitudes) > 1:
-        notes.append("The amplitude of the disturbance is not said here: both are shown.")
+        notes.append(
+            "The paper does not state the amplitude of the disturbance here: both are shown."
+        )
     return Entry(number, caption, figure, claims(data, signal, amplitudes), notes)
 
 
 def entries(data: Data) -> list[Entry]:
-    """Return the figures with what the paper says of them."""
+    """Return the figures with the paper's claims about them."""
     quiet = (0.0,)
     return [
         _entry(

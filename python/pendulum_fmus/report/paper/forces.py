@@ -1,4 +1,4 @@
-"""Figures 5, 7, 9, 11, 13 and 15: the force, the PID's part of it and the network's."""
+"""Figures 5, 7, 9, 11, 13 and 15: the force, and the parts of the PID and the network."""
 
 import numpy as np
 
@@ -12,19 +12,19 @@ from .entry import Entry
 from .tracking import DIFFERING, JUMP, recovery
 
 CONSISTENT = 0.8
-"""Curves that correlate by more have the same trend."""
+"""Correlation above which curves have the same trend."""
 
 CLOSE = 0.1
-"""Relative: a difference with a smaller RMS makes no difference to the trend."""
+"""Relative RMS of a difference below which the trend is the same."""
 
 SMOOTH = 1.0
-"""A force that changes by less from sample to sample is gentle [N]."""
+"""Change between samples below which a force is gentle [N]."""
 
 Traces = dict[str, Trace]
 
 
 def networks(data: Data, signal: str, amplitude: float, ipid: str) -> Traces:
-    """Return the traces of the two controllers that have a network."""
+    """Return the traces of the two controllers with a network."""
     return {kind: data(kind, signal, amplitude) for kind in ("PID-RBF", ipid)}
 
 
@@ -34,12 +34,12 @@ def table(traces: Traces, rows: dict[str, list]) -> Table:
 
 
 def each(traces: Traces, measure) -> list[float]:
-    """Measure every trace."""
+    """Apply a measure to every trace."""
     return [measure(trace) for trace in traces.values()]
 
 
 def consistency(traces: Traces, shown) -> Finding:
-    """Compare u_n and u over `shown`, which cuts a trace: their correlation and difference."""
+    """Compare u_n and u over the part selected by `shown`: correlation and difference."""
     parts = {kind: shown(trace) for kind, trace in traces.items()}
     alike = each(parts, lambda p: correlation(p.u_n, p.u))
     apart = each(parts, lambda p: rms(p.u - p.u_n) / rms(p.u))
@@ -50,7 +50,7 @@ def consistency(traces: Traces, shown) -> Finding:
 
 
 def square(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 5."""
+    """Return the claims of the text about Figure 5."""
 
     def composed(ipid: str) -> Finding:
         traces = networks(data, "square", 0.0, ipid)
@@ -83,7 +83,7 @@ def square(data: Data) -> list[Claim]:
                     "u_p at the jump [N]": kick,
                 },
             ),
-            "u_n starts from zero, for the nodes near r = −1 have learnt nothing yet, and ends"
+            "u_n starts from zero, as the nodes near r = −1 have not learnt yet, and ends"
             " positive; but first it follows u down to the limit.",
         )
 
@@ -112,19 +112,19 @@ def square(data: Data) -> list[Claim]:
     return [
         Claim(
             "“superposed curves u are the sum of” u_n and u_p",
-            "u is u_p + u_n, limited to ±100 N, at all samples; wholly if the limit is never met",
+            "u is u_p + u_n, limited to ±100 N, at all samples; fully if the limit is not reached",
             composed,
         ),
         Claim(
             "When the square wave goes from positive to negative, u_n “is changed from zero to"
             " positive”, u_p “is negative at the jump instant”",
-            "after the jump at 5 s u_p is negative and u_n in the end positive; wholly if u_n does"
+            "after the jump at 5 s u_p is negative and u_n finally positive; fully if u_n does"
             " not fall below −1 N in between",
             jump,
         ),
         Claim(
             "“the variation of the superposition curve is relatively smooth”",
-            "the total variation of u is smaller than that of u_p; wholly if it does not exceed"
+            "the total variation of u is smaller than that of u_p; fully if it does not exceed"
             " that of u under PID",
             smooth,
         ),
@@ -132,18 +132,18 @@ def square(data: Data) -> list[Claim]:
 
 
 def step(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 7."""
+    """Return the claims of the text about Figure 7."""
     return [
         Claim(
             "The “adjustment curve u_n and superposition curve u change trend are basically"
             " consistent”",
-            "u_n and u correlate by more than 0.8; wholly if their difference is below 10 % (RMS)",
+            "u_n and u correlate by more than 0.8; fully if their difference is below 10 % (RMS)",
             lambda ipid: consistency(networks(data, "step", 0.0, ipid), lambda t: t),
         ),
         Claim(
             "Section 3.1: the weights are adjusted to “make the feedback control input u_p(k) tend"
             " to zero”",
-            "from 19 s on the RMS of u_p is below 10 % of that of u; wholly if below 0.01 N",
+            "from 19 s on the RMS of u_p is below 10 % of that of u; fully if below 0.01 N",
             lambda ipid: _vanishing(networks(data, "step", 0.0, ipid)),
         ),
     ]
@@ -157,12 +157,12 @@ def _vanishing(traces: Traces) -> Finding:
     return Finding(
         judge(small, max(rest) < 0.01),
         table(traces, {"RMS of u_p [N]": rest, "RMS of u [N]": total}),
-        "" if max(rest) < 0.01 else "What is left of IPID-RBF’s u_p is its static error times kp.",
+        "" if max(rest) < 0.01 else "The remaining u_p of IPID-RBF is its static error times kp.",
     )
 
 
 def sine(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 9."""
+    """Return the claims of the text about Figure 9."""
 
     def after_start(ipid: str) -> Traces:
         traces = networks(data, "sine", 0.0, ipid)
@@ -175,7 +175,7 @@ def sine(data: Data) -> list[Claim]:
         return Finding(
             judge(max(share) < CLOSE, max(kick) < SMOOTH),
             table(late, {"max |u_p|/max |u_n| from 1 s on [1]": share, "max |u_p| [N]": kick}),
-            "Small but for the first milliseconds.",
+            "Small except in the first milliseconds.",
         )
 
     def gentle(ipid: str) -> Finding:
@@ -188,10 +188,10 @@ def sine(data: Data) -> list[Claim]:
                 late,
                 {
                     "largest change per sample from 1 s on [N]": change,
-                    "largest change per sample at all [N]": first,
+                    "largest change per sample in total [N]": first,
                 },
             ),
-            "Gentle once the start is over.",
+            "Gentle after the start.",
         )
 
     def opposite(ipid: str) -> Finding:
@@ -212,19 +212,19 @@ def sine(data: Data) -> list[Claim]:
     return [
         Claim(
             "“the change of PID regulating curve u_p is small”",
-            "from 1 s on max |u_p| is below 10 % of max |u_n|; wholly if |u_p| stays below 1 N"
+            "from 1 s on max |u_p| is below 10 % of max |u_n|; fully if |u_p| stays below 1 N"
             " from the start",
             small,
         ),
         Claim(
             "“the change of u in RBF network supervision control is gentle”",
-            "from 1 s on u changes by less than 1 N per sample; wholly if so from the start",
+            "from 1 s on u changes by less than 1 N per sample; fully if so from the start",
             gentle,
         ),
         Claim(
             "u_n “and the input signal r show the opposite trend change under the input sine wave"
             " signal”; where r is positive, Σ h w “is negative”",
-            "from 1 s on u_n and r correlate by less than −0.9; wholly if their signs are opposite"
+            "from 1 s on u_n and r correlate by less than −0.9; fully if their signs are opposite"
             " at more than 95 % of the samples",
             opposite,
         ),
@@ -236,8 +236,8 @@ def large_adjustments(traces: Traces, expected: int, until: float) -> Finding:
     of_u = [bursts(t.part(0, until).t, t.part(0, until).u) for t in traces.values()]
     of_u_n = [bursts(t.part(0, until).t, t.part(0, until).u_n) for t in traces.values()]
     rows = {
-        "u goes beyond 50 N at [s]": [listing(found, "") for found in of_u],
-        "u_n goes beyond 50 N at [s]": [listing(found, "") for found in of_u_n],
+        "u exceeds 50 N at [s]": [listing(found, "") for found in of_u],
+        "u_n exceeds 50 N at [s]": [listing(found, "") for found in of_u_n],
     }
     return Finding(
         judge(
@@ -251,13 +251,13 @@ def large_adjustments(traces: Traces, expected: int, until: float) -> Finding:
 THREE = "“There are three large-scale adjustments in total”: start, disturbance, readjustment"
 
 THREE_CRITERION = (
-    "u goes beyond 50 N, half of its limit, three times (gaps below 0.25 s do not count); wholly"
-    " if u_n does so too"
+    "u exceeds 50 N, half of its limit, three times (gaps below 0.25 s do not count); fully"
+    " if u_n does too"
 )
 
 
 def step_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 11."""
+    """Return the claims of the text about Figure 11."""
 
     def stable(ipid: str) -> Finding:
         traces = networks(data, "step", 1.0, ipid)
@@ -272,8 +272,8 @@ def step_disturbed(data: Data) -> list[Claim]:
         return Finding(
             judge(max(rest) < SMOOTH, largest(np.array(slopes)) < 0.01),
             Table(columns, {"slope [N/s]": slopes, "RMS off the line [N]": rest}),
-            "They settle to a ramp, not to a value: to hold 1 rad the force must fall by"
-            " b g = 0.98 N/s for ever.",
+            "They settle to a ramp, not to a value: to hold 1 rad the force must keep falling"
+            " by b g = 0.98 N/s.",
         )
 
     return [
@@ -284,7 +284,7 @@ def step_disturbed(data: Data) -> list[Claim]:
         ),
         Claim(
             "“the curves” u_n and u “tend to be stable after online learning”",
-            "from 15 s on both stay within 1 N (RMS) of a line; wholly if its slope is below"
+            "from 15 s on both stay within 1 N (RMS) of a line; fully if its slope is below"
             " 0.01 N/s",
             stable,
         ),
@@ -292,7 +292,7 @@ def step_disturbed(data: Data) -> list[Claim]:
 
 
 def square_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 13, for both amplitudes."""
+    """Return the claims of the text about Figure 13, for both amplitudes."""
 
     def least_time(ipid: str) -> Finding:
         cases = [("step", 1.0, 1.0), ("square", 1.0, JUMP), ("square", 2.0, JUMP)]
@@ -322,14 +322,14 @@ def square_disturbed(data: Data) -> list[Claim]:
             "After the pulse “the IPID-RBF control had the least amount of speed to adjust”, read"
             " as: it settles soonest",
             "the settling time (±0.3 % of the jump) from 5.5 s on is the shortest in one of three"
-            " cases; wholly if in all",
+            " cases; fully if in all",
             least_time,
         ),
     ]
 
 
 def sine_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 15, for both amplitudes."""
+    """Return the claims of the text about Figure 15, for both amplitudes."""
 
     def larger(ipid: str) -> Finding:
         amplitudes = (0.0, 1.0, 2.0)
@@ -351,7 +351,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
     return [
         Claim(
             "“Compared with the unperturbed condition, the value of […] u_n […] is larger.”",
-            "max |u_n| is larger with the disturbance, of one amplitude or the other",
+            "max |u_n| is larger with a disturbance of either amplitude",
             larger,
         ),
         Claim(
@@ -361,7 +361,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
         ),
         Claim(
             "At “the other time” u_n and u “change trend are basically consistent”",
-            "from 7 s on u_n and u correlate by more than 0.8; wholly if their difference is below"
+            "from 7 s on u_n and u correlate by more than 0.8; fully if their difference is below"
             " 10 % (RMS)",
             lambda ipid: consistency(disturbed(ipid), lambda t: t.part(7.0, 21.0)),
         ),
@@ -372,7 +372,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
 
 
 OFF_SCALE = (
-    "u_p leaves the scale at the jumps, where the difference of the error over 1 ms makes it"
+    "u_p exceeds the scale at the jumps, where the error difference over 1 ms raises it to"
     " {kick:.0f} N for one sample; double-click a panel to see all of it."
 )
 
@@ -383,17 +383,17 @@ def _figure(number: int, signal: str, rows: list, disturbed: bool = False) -> Fi
     pulse = ", the measured angle disturbed from 5 s to 5.5 s" if disturbed else ""
     title = f"{signal.capitalize()}{' with disturbance' if disturbed else ''}: parameters"
     alt = (
-        f"Force u, the network’s part u_n and the PID’s part u_p under PID-RBF and IPID-RBF over"
-        f" 20 s, for a {signal}{pulse}; parts are magnified."
+        f"Force u, the network’s part u_n and the PID’s part u_p for PID-RBF and IPID-RBF over"
+        f" 20 s, for a {signal}{pulse}; with magnified parts."
     )
     return Figure(f"figure-{number}", title, alt, rows)
 
 
 def entries(data: Data) -> list[Entry]:
-    """Return the figures with what the paper says of them."""
+    """Return the figures with the paper's claims about them."""
     kick = largest(data("PID-RBF", "square").u_p)
     off_scale = OFF_SCALE.format(kick=kick)
-    whose = "Whose parameters are shown is not said: those of both controllers are."
+    whose = "The paper does not state whose parameters it shows: both controllers are shown here."
     wave = "Square wave tracking RBF control parameter."
     sines = "Sine wave tracking RBF control parameter."
     both = (1.0, 2.0)
@@ -446,6 +446,6 @@ def entries(data: Data) -> list[Entry]:
                 disturbed=True,
             ),
             sine_disturbed(data),
-            ("The text says one for this figure, two for Figure 14: both are shown.",),
+            ("The text states an amplitude of one here and of two for Figure 14: both are shown.",),
         ),
     ]

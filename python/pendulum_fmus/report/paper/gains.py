@@ -10,20 +10,20 @@ from .entry import Entry
 STYLE = {0.5: "half", 1.0: "one", 2.0: "double"}
 UNITS = {"kp": "N/rad", "ki": "N/(rad s)", "kd": "N s/rad"}
 BAND = 0.02
-"""For the speed of the response: the static error of a PID lies beyond the band of 0.3 %."""
+"""Settling band for the speed of the response: a PID's static error exceeds the band of 0.3 %."""
 
 DIFFERENT = 0.1
-"""Relative: responses that differ by more are different."""
+"""Relative difference above which responses count as different."""
 
 ELIMINATED = 1e-6
-"""A smaller error has been eliminated [rad]."""
+"""Error below which it counts as eliminated [rad]."""
 
 RAMP = 0.1 * 9.8
-"""b g: the force that holds 1 rad falls so fast, for the cart accelerates by -g theta and its
-friction b grows with its speed [N/s]."""
+"""b g: the rate at which the force that holds 1 rad falls, since the cart accelerates by -g theta
+and its friction b grows with its speed [N/s]."""
 
 LABELS = {0.5: "½ {}", 1.0: "nominal", 2.0: "2 {}"}
-"""What a table calls a gain that is multiplied."""
+"""Labels of multiplied gains in tables."""
 
 CHANGED = [LABELS[factor].format(gain) for gain in GAINS for factor in FACTORS[::2]]
 
@@ -44,14 +44,14 @@ def figure(data: Data) -> Figure:
     return Figure(
         "figure-2",
         "Gains of the PID",
-        "Angle of the pendulum after a step of 1 rad under a PID, with the proportional, the"
+        "Angle of the pendulum after a step of 1 rad with a PID, with the proportional, the"
         " integral and the derivative gain each halved, as in the paper, and doubled.",
         [[panel(gain, False) for gain in GAINS], [panel(gain, True) for gain in GAINS]],
     )
 
 
 def claims(data: Data) -> list[Claim]:
-    """Return what section 3.1 says of the gains."""
+    """Return the claims of section 3.1 about the gains."""
     runs = {
         LABELS[factor].format(gain): data.gains(gain, factor)
         for gain in GAINS
@@ -98,7 +98,7 @@ def claims(data: Data) -> list[Claim]:
             judge(low > middle > high, high < ELIMINATED),
             table({"e(20 s) [rad]": static, "−b g / (ki − b g) [rad]": closed}, columns),
             "The plant has a zero at s = 0: to hold an angle the force must ramp, and a single"
-            " integrator follows a ramp with an error that is never zero.",
+            " integrator follows a ramp with a nonzero error.",
         )
 
     def damping(_: str) -> Finding:
@@ -116,7 +116,7 @@ def claims(data: Data) -> list[Claim]:
         better = [values[c] < values["nominal"] for c in columns]
         verdict = Verdict.HOLDS if all(better) else Verdict.REMARK if any(better) else Verdict.FAILS
         helps = ", ".join(c for c, good in zip(columns, better, strict=True) if good) or "nothing"
-        remark = "" if all(better) else f"What lowers it here: {helps}."
+        remark = "" if all(better) else f"It is lowered here by {helps}."
         return Finding(verdict, table({quantity: values}, ["nominal", *columns]), remark)
 
     return [
@@ -132,12 +132,12 @@ def claims(data: Data) -> list[Claim]:
         ),
         Claim(
             "“The integral adjustment coefficient ki can eliminate the residual error.”",
-            "|e(20 s)| falls as ki rises; wholly if it ends below 1e-6 rad",
+            "|e(20 s)| falls as ki rises; fully if it ends below 1e-6 rad",
             residual,
         ),
         Claim(
             "“The dynamic performance of the system can be improved by” kd",
-            "read as more kd: the overshoot falls as kd rises; wholly if settling time too",
+            "read as more kd: the overshoot falls as kd rises; fully if the settling time does too",
             damping,
         ),
         Claim(
@@ -160,14 +160,14 @@ def _trend(first: float, last: float) -> str:
 
 
 def entry(data: Data) -> Entry:
-    """Return the figure with what the paper says of it."""
+    """Return the figure with the paper's claims about it."""
     return Entry(
         2,
         "Step response curves under different PID parameters.",
         figure(data),
         claims(data),
         (
-            "The parameters stand in the picture only, which the text does not repeat. Here each"
-            " gain is halved and doubled around the paper’s choice, all else as in Figure 6.",
+            "The paper gives the parameters only in the picture, not in the text. Here each gain is"
+            " halved and doubled around the paper’s choice, everything else as in Figure 6.",
         ),
     )

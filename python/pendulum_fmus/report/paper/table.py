@@ -1,4 +1,4 @@
-"""Table 1, the rows with fitted weights, and the settling times: printed against computed."""
+"""Table 1, the rows with fitted weights, and the settling times, printed and computed."""
 
 import math
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ class Line:
     Parameters
     ----------
     row, disturbance, signal, controller
-        Where it stands; a row with a star has fitted initial weights.
+        Position in the table; a row with a star has fitted initial weights.
     printed
-        As the paper prints it.
+        Number as printed in the paper.
     computed
-        What the FMUs give: an error [rad], or a settling time [s].
+        Result of the FMUs: an error [rad], or a settling time [s].
     every_digit
         Whether it rounds to all printed digits.
     verdict
@@ -42,7 +42,7 @@ class Line:
 
     @property
     def shown(self) -> str:
-        """The computed number, with more digits than the printed one has."""
+        """The computed number, with more digits than the printed one."""
         return f"{self.computed:.4f} s" if self.settling else f"{self.computed:.6e}"
 
 

@@ -1,4 +1,4 @@
-"""Figures 4, 6, 8, 10, 12 and 14: what the controllers make of the reference."""
+"""Figures 4, 6, 8, 10, 12 and 14: tracking of the reference."""
 
 import numpy as np
 
@@ -15,10 +15,10 @@ JUMP = 2.0
 """Height of the square wave's jumps [rad]."""
 
 PULSE = (5.0, 5.5)
-"""When the disturbance acts [s]."""
+"""Interval of the disturbance [s]."""
 
 RING = 0.01
-"""A pendulum that swings beyond the set-point by less than this does not oscillate [rad]."""
+"""Swing beyond the set-point below which a pendulum does not oscillate [rad]."""
 
 
 def worst_overshoot(trace: Trace) -> float:
@@ -32,7 +32,7 @@ def slowest(trace: Trace) -> float:
 
 
 def square(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 4."""
+    """Return the claims of the text about Figure 4."""
     over = by_kind(data, "square", 0.0, worst_overshoot)
     settled = by_kind(data, "square", 0.0, slowest)
     area = by_kind(data, "square", 0.0, iae)
@@ -60,20 +60,20 @@ def square(data: Data) -> list[Claim]:
         Claim(
             "“The IPID-RBF supervision control tends to be stable, fastest, and more gentle.”",
             "the slowest of its settling times (±0.3 % of the jump) is the shortest of the three;"
-            " wholly if its overshoot is the smallest too",
+            " fully if its overshoot is the smallest too",
             fastest,
         ),
         Claim(
             "“PID-RBF and IPID-RBF supervision control have stable speed and high accuracy compared"
             " with pure PID control”",
-            "both have a smaller integral of |e| than PID; wholly if both settle sooner too",
+            "both have a smaller integral of |e| than PID; fully if both settle sooner too",
             accurate,
         ),
     ]
 
 
 def step(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 6."""
+    """Return the claims of the text about Figure 6."""
     over = by_kind(data, "step", 0.0, overshoot)
     settled = by_kind(data, "step", 0.0, settling)
     wide = by_kind(data, "step", 0.0, lambda trace: settling(trace, band=0.02))
@@ -92,7 +92,7 @@ def step(data: Data) -> list[Claim]:
             table({"settling ±0.3 % [s]": settled, "IAE [rad s]": area, "|e(20 s)| [rad]": final}),
             ""
             if accurate
-            else "Its last error is not the smallest, in the paper’s Table 1 neither.",
+            else "Its final error is not the smallest, nor is it in the paper’s Table 1.",
         )
 
     return [
@@ -114,15 +114,15 @@ def step(data: Data) -> list[Claim]:
         ),
         Claim(
             "“Obviously, IPID-RBF supervision control is more stable and accurate.”",
-            "it has the shortest settling time and the smallest integral of |e|; wholly if its last"
-            " error is the smallest too",
+            "it has the shortest settling time and the smallest integral of |e|; fully if its final"
+            " error is also the smallest",
             best,
         ),
     ]
 
 
 def sine(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 8."""
+    """Return the claims of the text about Figure 8."""
 
     def after_start(trace: Trace) -> float:
         return largest(trace.part(1.0, 21.0).e)
@@ -142,46 +142,46 @@ def sine(data: Data) -> list[Claim]:
         others = ["PID", "PID-RBF"]
         measures = {"max |e|": peak, "RMS": late, "|e(20 s)|": final}
         worse = [name for name, values in measures.items() if not least(values, ipid, others)]
-        remark = f"By {', '.join(worse)} it is not the closest." if worse else ""
+        remark = f"It is not the closest in {', '.join(worse)}." if worse else ""
         return Finding(judge(least(area, ipid, others), not worse), table(rows), remark)
 
     return [
         Claim(
             "“the amplitude oscillation of the RBF network supervision control is smaller than that"
             " of the pure PID”",
-            "from 1 s on PID-RBF and IPID-RBF have smaller largest errors than PID",
+            "from 1 s on PID-RBF and IPID-RBF have smaller maximum errors than PID",
             lambda ipid: Finding(judge(both_below_pid(peak, ipid)), table(rows)),
         ),
         Claim(
             "“the RBF neural network supervision control has less error and better accuracy than"
             " the pure PID control” from 0 s to 20 s",
-            "both have a smaller integral of |e| than PID; wholly if the RMS from 10 s on is too",
+            "both have a smaller integral of |e| than PID; fully if the RMS from 10 s on is too",
             lambda ipid: Finding(
                 judge(both_below_pid(area, ipid), both_below_pid(late, ipid)), table(rows)
             ),
         ),
         Claim(
             "“the IPID-RBF control has the highest coincidence and the best tracking effect”",
-            "it has the smallest integral of |e|; wholly if also the smallest largest error from"
-            " 1 s on, RMS from 10 s on, and last error",
+            "it has the smallest integral of |e|; fully if also the smallest maximum error from"
+            " 1 s on, RMS from 10 s on, and final error",
             closest,
         ),
     ]
 
 
 def peak_after_pulse(trace: Trace) -> float:
-    """Return the largest deviation of theta from the reference from the pulse on [rad]."""
+    """Return the maximum deviation of theta from the reference from the pulse on [rad]."""
     after = trace.part(PULSE[0] + 0.002, 10.0)
     return largest(after.theta - after.r)
 
 
 def recovery(trace: Trace, height: float) -> float:
-    """Return the settling time from the end of the pulse on, before anything else jumps [s]."""
+    """Return the settling time after the end of the pulse, up to the next jump [s]."""
     return settling(trace.part(PULSE[1], 10.0), height)
 
 
 def step_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 10."""
+    """Return the claims of the text about Figure 10."""
     peak = by_kind(data, "step", 1.0, peak_after_pulse)
     back = by_kind(data, "step", 1.0, lambda trace: recovery(trace, 1.0))
 
@@ -191,7 +191,7 @@ def step_disturbed(data: Data) -> list[Claim]:
         return Finding(
             judge(settled, not slower),
             table({"settling ±0.3 % after the pulse [s]": back}),
-            f"Not sooner than under PID: {', '.join(slower)}." if slower else "",
+            f"Not faster than PID: {', '.join(slower)}." if slower else "",
         )
 
     return [
@@ -205,22 +205,22 @@ def step_disturbed(data: Data) -> list[Claim]:
         ),
         Claim(
             "“the system can adjust to the stable state quickly after the disturbance disappears”",
-            "PID-RBF and IPID-RBF settle (±0.3 %) before 10 s; wholly if both do sooner than PID",
+            "PID-RBF and IPID-RBF settle (±0.3 %) before 10 s; fully if both do sooner than PID",
             quickly,
         ),
     ]
 
 
 def beyond(trace: Trace) -> float:
-    """Return how far theta goes beyond the set-point -1 between 5 s and 10 s [rad]."""
+    """Return the overshoot of theta beyond the set-point -1 between 5 s and 10 s [rad]."""
     after = trace.part(PULSE[0] + 0.002, 10.0)
     return excess(after)
 
 
 def swing_back(trace: Trace) -> float:
-    """Return how far theta, once it has reached -1 again, goes beyond it to the other side [rad].
+    """Return the swing of theta to the other side after it has returned to -1 [rad].
 
-    0 if it comes back from below and stays there.
+    0 if it returns from below and stays there.
     """
     after = trace.part(PULSE[1], 10.0)
     deviation = after.theta - after.r
@@ -229,7 +229,7 @@ def swing_back(trace: Trace) -> float:
 
 
 def square_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 12, for both amplitudes."""
+    """Return the claims of the text about Figure 12, for both amplitudes."""
     far = {a: by_kind(data, "square", a, beyond) for a in (1.0, 2.0)}
     back = {a: by_kind(data, "square", a, lambda t: recovery(t, JUMP)) for a in (1.0, 2.0)}
     swing = {a: by_kind(data, "square", a, swing_back) for a in (1.0, 2.0)}
@@ -251,14 +251,14 @@ def square_disturbed(data: Data) -> list[Claim]:
         Claim(
             "“When the disturbance appears, the amplitude oscillation of RBF network supervision"
             " control is smaller than that of the pure PID.”",
-            "θ goes less far beyond r between 5 s and 10 s for both than for PID, with the text’s"
-            " amplitude of 2 rad; wholly if also with Table 1’s of 1 rad",
+            "θ overshoots r less between 5 s and 10 s for both than for PID, with the text’s"
+            " amplitude of 2 rad; fully if also with Table 1’s of 1 rad",
             smaller,
         ),
         Claim(
             "“the system quickly adjusts to the stable state without oscillation […] under the"
             " IPID-RBF control”",
-            "after the pulse IPID-RBF settles soonest, with both amplitudes; wholly if θ never"
+            "after the pulse IPID-RBF settles first, with both amplitudes; fully if θ never"
             " swings to the other side of r by 0.01 rad",
             gently,
         ),
@@ -266,7 +266,7 @@ def square_disturbed(data: Data) -> list[Claim]:
 
 
 def sine_disturbed(data: Data) -> list[Claim]:
-    """Return what the text says of Figure 14, for both amplitudes."""
+    """Return the claims of the text about Figure 14, for both amplitudes."""
 
     def deviation(trace: Trace) -> float:
         after = trace.part(PULSE[0], 21.0)
@@ -297,7 +297,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
         Claim(
             "“the deviation of y1 or y2 from r is less than that of the pure PID”",
             "the integral of |θ − r| from 5 s on is smaller for both than for PID, with both"
-            " amplitudes; wholly if the largest |θ − r| is too",
+            " amplitudes; fully if the largest |θ − r| is too",
             less,
         ),
         Claim(
@@ -313,20 +313,19 @@ def sine_disturbed(data: Data) -> list[Claim]:
 
 
 DIFFERING = (
-    "The text gives the disturbance an amplitude of two here, Table 1 comes out with one: both are"
-    " shown."
+    "The text states a disturbance amplitude of two here, one reproduces Table 1: both are shown."
 )
 
 
 def measured_row(data: Data) -> list:
-    """Return the measured angle, disturbance included, of the step."""
+    """Return the measured angle, including the disturbance, after the step."""
     curves = []
     for kind in SHOWN:
         trace = data(kind, "step", 1.0)
         curves.append(Curve(f"{trace.key}/y", trace.t, trace.theta + trace.d, kind))
     reference = data("PID", "step", 1.0)
     curves.insert(0, Curve(f"r/{reference.key}", reference.t, reference.r, "r"))
-    title = "the same as measured: θ + d"
+    title = "measured angle θ + d"
     return with_zoom(curves, title, "θ + d [rad]", (4.8, 8), (-0.1, 2.1), (-0.1, 2.1))
 
 
@@ -334,14 +333,14 @@ def _figure(number: int, signal: str, rows: list, disturbed: bool = False) -> Fi
     pulse = ", the measured angle disturbed from 5 s to 5.5 s" if disturbed else ""
     title = f"{signal.capitalize()}{' with disturbance' if disturbed else ''}: tracking"
     alt = (
-        f"Reference and angle of the pendulum under PID, PID-RBF and IPID-RBF over 20 s, for a"
-        f" {signal}{pulse}; a part is magnified."
+        f"Reference and angle of the pendulum with PID, PID-RBF and IPID-RBF over 20 s, for a"
+        f" {signal}{pulse}; with a magnified part."
     )
     return Figure(f"figure-{number}", title, alt, rows)
 
 
 def entries(data: Data) -> list[Entry]:
-    """Return the figures with what the paper says of them."""
+    """Return the figures with the paper's claims about them."""
     both = (1.0, 2.0)
     return [
         Entry(
@@ -381,8 +380,8 @@ def entries(data: Data) -> list[Entry]:
             ),
             step_disturbed(data),
             (
-                "Whether the paper’s picture shows the angle θ or the measured θ + d is not said:"
-                " both are drawn. The controllers see θ + d, and so lead θ away from r.",
+                "The paper does not state whether its picture shows the angle θ or the measured"
+                " θ + d: both are drawn. The controllers see θ + d, and so drive θ away from r.",
             ),
         ),
         Entry(
@@ -413,6 +412,6 @@ def entries(data: Data) -> list[Entry]:
                 disturbed=True,
             ),
             sine_disturbed(data),
-            (DIFFERING, "The text on Figure 15, its parameters, says one again."),
+            (DIFFERING, "The text on Figure 15, its parameters, states one again."),
         ),
     ]
