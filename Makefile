@@ -33,7 +33,7 @@ help:
 demo:
 	@echo "Building the FMUs with cargo and installing the Python dependencies ..."
 	@$(MAKE) --no-print-directory --jobs=2 fmus plot
-	@$(RUN) -m pendulum_fmus.table1 --out $(REPORT)
+	@$(RUN) -m pendulum_fmus.demo --out $(REPORT)
 
 plot: $(VENV)/.plot
 	@:
