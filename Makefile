@@ -45,7 +45,7 @@ check: lint fmus
 
 ## test: run `make check` and all Python tests
 test: check native portable
-	$(RUN) -m pytest
+	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
 ## lint: check formatting, lints, documentation, licences and workflows
 lint: $(VENV)/.test
