@@ -1,5 +1,5 @@
-# The project's main jobs. They need a Rust toolchain, Python 3.11 or newer and a C compiler; Python packages
-# are installed to target/venv, in the versions of requirements.lock. `make help` lists the jobs.
+# The project's main jobs, listed by `make help`. They need a Rust toolchain, Python 3.11 or newer and a C
+# compiler. Python packages are installed to target/venv in the versions of requirements.lock.
 
 PYTHON ?= python3
 VENV := target/venv
@@ -9,10 +9,10 @@ REPORT ?= target/report
 BUILT ?= target/built
 MERGED ?= target/merged
 
-# uv reads neither pip's configuration nor pip's variables: it is given pip's index.
+# uv does not read pip's configuration, so pip's index is passed to it.
 UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pip config list \
 	| sed -n "s/^[^ ]*[.]index-url='\(.*\)'/\1/p" | tail -1)} $(RUN) -m uv
-# The linkers of other platforms, and the Python that has zig.
+# Adds the linkers for other platforms to PATH, and the Python that has zig.
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 RUST_SOURCES := lib/rustlib/src/rust/library
 MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
@@ -29,25 +29,25 @@ apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(
 help:
 	@sed -n 's/^## //p' Makefile
 
-## demo: export the FMUs, couple them by FMPy, print Table 1, draw it in target/report
+## demo: export the FMUs, simulate them with FMPy, print Table 1, plot it to target/report
 demo:
-	@echo "Building the FMUs by cargo, and installing what Python needs to couple them ..."
+	@echo "Building the FMUs with cargo and installing the Python dependencies ..."
 	@$(MAKE) --no-print-directory --jobs=2 fmus plot
-	@$(RUN) -m pendulum_fmus.table1 --out $(REPORT)
+	@$(RUN) -m pendulum_fmus.demo --out $(REPORT)
 
 plot: $(VENV)/.plot
 	@:
 
-## check: formatting, lints, the tests in Rust, and Table 1 through FMPy
+## check: run formatting checks, lints, the Rust tests, and Table 1 with FMPy
 check: lint fmus
 	cargo test --locked --quiet
 	$(RUN) -m pendulum_fmus.table1
 
-## test: `make check`, and every test through the FMUs
+## test: run `make check` and all Python tests
 test: check native portable
-	$(RUN) -m pytest
+	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
-## lint: formatting, lints, documentation, licences and workflows
+## lint: check formatting, lints, documentation, licences and workflows
 lint: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --all-features -- -D warnings
@@ -57,43 +57,43 @@ lint: $(VENV)/.test
 	$(RUN) -m ruff format --check
 	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
 
-## msrv: check that the oldest supported Rust builds everything; rustup installs it
+## msrv: check that everything builds with the minimum supported Rust version, installed with rustup
 msrv:
 	rustup toolchain install $(MSRV) --profile minimal
 	cargo +$(MSRV) check --locked --all-targets
 
-## report: every figure of the paper and what goes beyond it, as a page in REPORT=target/report
+## report: reproduce the figures of the paper, with further results, as a page in REPORT=target/report
 report: fmus native $(VENV)/.test
 	$(RUN) -m pendulum_fmus.report --out $(REPORT)
 
-## bench: what the FMUs and the native master cost, as a table and plots in target/bench
+## bench: measure the speed of the FMUs and the native master; table and plots in target/bench
 bench: fmus native $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py
 
-## fmus: write the FMUs to target/fmu
+## fmus: export the FMUs to target/fmu
 fmus:
 	cargo build --locked --package cargo-fmu
 	cargo fmu export
 
-## native: build the command line for speed: simulations, sweeps and SSP packages
+## native: build the command line optimized for speed, for simulations and sweeps
 native:
 	cargo build --locked --profile native --package cargo-fmu
 
-## ssp: write the loops of the paper as SSP packages for other tools to target/fmu
+## ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus
 	cargo fmu ssp examples/ssp/*.toml
 
-## judge: compare with the crate `fmi`, which needs libclang: signatures, and the bits of a loop
+## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
 judge: fmus $(VENV)/.judge
 	LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
 		C_INCLUDE_PATH="$$($(CC) -print-file-name=include)" \
 		cargo test --locked --package fmi-judge
 
-## portable: write FMUs that load with glibc 2.17 and newer to target/portable
+## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable
 portable: $(VENV)/.portable
 	$(WITH_ZIG) cargo fmu export --portable --out target/portable
 
-## cross: write FMUs for Linux, Windows and macOS to target/cross, for Linux on ARM to target/cross/aarch64
+## cross: export FMUs for Linux, Windows and macOS to target/cross, and for Linux on ARM to target/cross/aarch64
 cross: $(VENV)/.portable
 	$(call apt,x86_64-w64-mingw32-gcc,gcc-mingw-w64-x86-64)
 	test -d "$$(rustc --print sysroot)/$(RUST_SOURCES)" || test -d /usr/$(RUST_SOURCES) \
@@ -104,36 +104,36 @@ cross: $(VENV)/.portable
 		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
 	$(WITH_ZIG) cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
 
-## merged: join the FMUs that several machines wrote, target/built/*/*.fmu, to target/merged, with checksums
+## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
 merged:
 	rm -rf $(MERGED) && mkdir -p $(MERGED)
 	for fmu in $(sort $(notdir $(wildcard $(BUILT)/*/*.fmu))); do \
 		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
 	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
 
-## system: install by apt-get, as root, what some tests need that are skipped without it
+## system: install the system packages for optional tests with apt-get, as root
 system:
 	$(call apt,chromium,chromium)
 	test -e /usr/lib/*/libtbb.so.12 || { apt-get update && apt-get install --yes libtbb12; }
 
-## valgrind: the hosts in C under valgrind, which must find nothing; it is installed by apt-get
+## valgrind: run the C hosts under valgrind, installed with apt-get
 valgrind: fmus $(VENV)/.test
 	$(call apt,valgrind,valgrind)
 	$(RUN) -m pytest -m valgrind tests/test_hosts.py
 
-## elsewhere: the binaries for other platforms, under Wine and qemu; they are installed by apt-get
+## elsewhere: run the binaries for other platforms under Wine and qemu, installed with apt-get
 elsewhere: fmus cross $(VENV)/.test
 	$(call apt,wine,wine wine64)
 	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
-## fuzz: damaged archives and XML, random calls, forged states, each for about SECONDS=60
+## fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each
 fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
 		cargo test --locked --package fmu-export --test c_interface -- sequences damage
 
-## lock: write the versions of all Python packages to requirements.lock; delete it before for the newest
+## lock: write the versions of all Python packages to requirements.lock; delete it first to upgrade
 lock: $(RUN)
 	$(UV) pip compile pyproject.toml --universal --all-extras $(GROUPS:%=--group %) --quiet \
 		--no-annotate --no-emit-index-url --no-header --output-file requirements.lock
@@ -144,7 +144,7 @@ $(VENV)/.portable: WHAT = --group portable
 $(VENV)/.bench: WHAT = --group bench
 $(VENV)/.judge: WHAT = --group judge
 
-# By uv, which takes a few seconds; by pip where there is no uv.
+# With uv, which takes a few seconds, or with pip if uv is not available.
 $(VENV)/.%: $(RUN) pyproject.toml requirements.lock
 	@echo "Installing to $(VENV): $(WHAT)"
 	@$(UV) pip install --constraint requirements.lock --quiet $(WHAT) \
@@ -153,7 +153,7 @@ $(VENV)/.%: $(RUN) pyproject.toml requirements.lock
 	@touch $@
 
 $(RUN):
-	@echo "Making $(VENV)"
+	@echo "Creating $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
 	@-$(RUN) -m pip install --constraint requirements.lock --quiet uv
 

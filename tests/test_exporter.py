@@ -131,7 +131,7 @@ def test_a_binary_of_another_model_or_format_is_rejected(fmus: Path, tmp_path: P
     source = library(fmus, "Source", tmp_path)
     out = ["--out", tmp_path / "out"]
     message = refusal("export", "Pid", "--binary", f"linux64={source}", *out)
-    assert "does not hold the model Pid" in message
+    assert "does not contain the model Pid" in message
     message = refusal("export", "Source", "--binary", f"win64={source}", *out)
     assert "win64" in message
     message = refusal("export", "Source", "--binary", f"linux64={tmp_path / 'nothing.so'}", *out)

@@ -1,4 +1,4 @@
-//! Prints the `modelDescription.xml` of every model of this library, for the exporter.
+//! Prints the `modelDescription.xml` of every model of this library, for `cargo fmu export`.
 #![forbid(unsafe_code)]
 
 fn main() -> std::io::Result<()> {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::pid_rbf::finite_law;
 use crate::rows::{pid_rows, rbf_rows};
 
-/// IPID-RBF, sampled: a PID whose sum leaks, and a network that does the integration.
+/// Sampled IPID-RBF: a PID with a leaky sum, and a network that does the integration.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct IpidRbf {
     r: f64,

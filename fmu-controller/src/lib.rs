@@ -1,7 +1,6 @@
-//! The controllers of the paper as FMUs: one binary for all, told apart by their GUIDs.
+//! The controllers of the paper as FMUs. They share one binary; the GUID selects the controller.
 //!
-//! A new controller is one file beside these, with a struct, a table and a step, and its name in the
-//! two lists below.
+//! To add a controller, add a module with a struct, a table and a step function, and list it below.
 #![forbid(unsafe_code)]
 
 mod ipid_rbf;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::rows::pid_rows;
 
-/// The PID controller (20), sampled.
+/// The sampled PID controller (20).
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Pid {
     r: f64,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::rows::{pid_rows, rbf_rows};
 
-/// PID-RBF, sampled: a PID and a network that learns its control.
+/// Sampled PID-RBF: a PID and a network that learns its control.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct PidRbf {
     r: f64,
@@ -42,7 +42,7 @@ impl Model for PidRbf {
     }
 }
 
-/// Checks the outputs of a controller with a network.
+/// Checks that the outputs of a controller with a network are finite.
 pub(crate) fn finite_law(law: &control::PidRbf<4>) -> Result<(), ModelError> {
     let [w1, w2, w3, w4] = law.network.weights;
     finite!(

@@ -1,8 +1,8 @@
-//! Rows of the variable tables that the controllers share. Each macro makes a table of its own rows
-//! and of those given to it; `$pid` and `$network` are the fields of the model that hold a
-//! `control::Pid` and a `control::Rbf`.
+//! Rows shared by the variable tables of the controllers. Each macro builds a table from its own rows
+//! and the given ones; `$pid` and `$law` are the fields of the model with a `control::Pid` and a
+//! `control::PidRbf`.
 
-/// Signals and parameters of a PID.
+/// The signals and parameters of a PID.
 macro_rules! pid_rows {
     ($Row:ident, [$($pid:ident).+], u = [$($u:ident).+], [$($row:expr),* $(,)?]) => {
         &[
@@ -54,7 +54,7 @@ macro_rules! pid_rows {
     };
 }
 
-/// The rows of [`pid_rows`], and those of an RBF network with four nodes.
+/// The rows of [`pid_rows`] and those of an RBF network with four nodes.
 macro_rules! rbf_rows {
     ($Row:ident, [$($law:ident).+], [$($row:expr),* $(,)?]) => {
         pid_rows!($Row, [$($law).+.pid], u = [$($law).+.u], [

@@ -1,4 +1,4 @@
-//! The pendulum in its three forms behind one interface.
+//! The three models of the pendulum behind one interface.
 
 use control::clock::MAX_SAMPLES;
 use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Pendulum {
     u: Force,
-    /// What the last step was, for the derivatives of its result.
+    /// The last step, for the derivatives of its result.
     last: Option<Step>,
     state: State,
     start: State,
@@ -31,7 +31,7 @@ struct Step {
     step: f64,
 }
 
-/// The chosen form of the plant, made at the initialization.
+/// The selected model of the plant, created at initialization.
 #[derive(Default, Clone, Serialize, Deserialize)]
 enum Dynamics {
     TransferFunction(TransferFunction),
@@ -169,7 +169,7 @@ impl Model for Pendulum {
             from: self.state,
             u: self.u,
             step: match &self.last {
-                Some(last) if last.step == step => step, // snapped, or not to be
+                Some(last) if last.step == step => step, // already snapped if needed
                 _ => snap(step, self.ts),
             },
         };
@@ -198,16 +198,16 @@ impl Pendulum {
         Ok(())
     }
 
-    /// A motion that cannot be followed, and from where.
+    /// Reports a motion that is too fast, with the values at the start of the step.
     fn too_fast(&self, failure: nonlinear::StepFailure) -> ModelError {
         let (State { theta, omega, .. }, u) = (self.state, self.u.value);
         ModelError::new(format_args!(
-            "{failure}; it began with u = {u:?} N, theta = {theta:?} rad, omega = {omega:?} rad/s"
+            "{failure}; the step started at u = {u:?} N, theta = {theta:?} rad, omega = {omega:?} rad/s"
         ))
     }
 
     /// The derivative of the state with respect to the force held over the last step, per N; zero
-    /// before the first.
+    /// before the first step.
     fn derivative_by_force(&self) -> State {
         let Some(Step { from, u, step }) = &self.last else {
             return State::default();
@@ -218,7 +218,7 @@ impl Pendulum {
                 ..State::default()
             },
             Dynamics::Linear(plant) => plant.sensitivity(*step),
-            // The step was taken, so it can be computed.
+            // The step succeeded before, so it succeeds again.
             Dynamics::Nonlinear => {
                 nonlinear::sensitivity(&self.parameters, from, *u, *step).unwrap_or_default()
             }
@@ -226,25 +226,24 @@ impl Pendulum {
     }
 }
 
-/// How many sample times `ts` a step is, up to a millionth of a sample time.
+/// The step as a number of sample times `ts`, with a tolerance of a millionth of `ts`.
 fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
     let samples = (step / ts).round();
     if (step / ts - samples).abs() > 1e-6 {
         return Err(ModelError::refuse(format_args!(
-            "with the model transfer_function the communication step must be a whole number of ts = {ts} s, but it is {step} s"
+            "with the model transfer_function, the communication step must be a multiple of ts = {ts} s, but it is {step} s"
         )));
     }
     if samples > MAX_SAMPLES {
         return Err(ModelError::discard(format_args!(
-            "the communication step of {step} s holds {samples} samples of ts = {ts} s, more than the {MAX_SAMPLES} that are computed in one step"
+            "the communication step of {step} s contains {samples} samples of ts = {ts} s, more than the maximum of {MAX_SAMPLES}"
         )));
     }
     Ok(samples as u32)
 }
 
-/// The whole number of sample times that the step is but for a host's rounding, else the step
-/// itself: without it, a host that computes its step as a difference of times would have the matrix
-/// exponential computed at every step.
+/// Rounds the step to a multiple of `ts` if it differs only by rounding in the host. Otherwise, a host
+/// that computes its step as a difference of times would cause a new matrix exponential at every step.
 fn snap(step: f64, ts: f64) -> f64 {
     let nominal = (step / ts).round() * ts;
     if (step - nominal).abs() <= 1e-9 * nominal {

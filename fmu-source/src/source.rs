@@ -1,11 +1,11 @@
-//! The source: a step, sine or square wave as set-point, and a pulse as disturbance.
+//! A step, sine or square wave as the set-point, and a pulse as the disturbance.
 
 use control::signal;
 use fmu_export::unit::{HERTZ, RADIAN, SECOND};
 use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
 use serde::{Deserialize, Serialize};
 
-/// Set-point `r` and disturbance `d`, at the current communication point.
+/// Set-point `r` and disturbance `d` at the current communication point.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Source {
     r: f64,

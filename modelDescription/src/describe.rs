@@ -1,24 +1,24 @@
-//! From a model's table to its model description.
+//! Generates the model description from a model's table.
 
 use crate::xml::Element;
 use crate::{
     Capability, Causality, Domain, Enumeration, Info, Initial, Unit, Variable, guid, unit,
 };
 
-/// What a model description says beside the variables.
+/// The parts of a model description other than the variables.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
-    /// Name of the model, also its `modelIdentifier`: a C identifier.
+    /// Name of the model and its `modelIdentifier`: a C identifier.
     pub name: &'a str,
-    /// What the model is.
+    /// Description of the model.
     pub description: &'a str,
     /// Version of the model.
     pub version: &'a str,
     /// SPDX expression.
     pub license: &'a str,
-    /// What wrote the FMU.
+    /// The tool that generated the FMU.
     pub generation_tool: &'a str,
-    /// What the FMU can do.
+    /// The capability flags that are true.
     pub capabilities: &'a [Capability],
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
@@ -26,14 +26,14 @@ pub struct Subject<'a> {
     pub log_categories: &'a [(&'a str, &'a str)],
 }
 
-/// One element of an array, from 0, or a scalar.
+/// A scalar, or an element of an array with its index from 0.
 type Scalar<'a> = (&'a Info, usize);
 
-/// The model description of the model `subject`, whose interface is the table `variables`, in the
-/// order of the standard's schema.
+/// Generates the model description of `subject` with the variables of its table, in the order of the
+/// standard's schema.
 ///
-/// No output depends on an input within a communication point: every output is latched in
-/// `fmi2DoStep`, so `dependencies` is empty, which spares importers false algebraic loops.
+/// `dependencies` of the outputs are empty: outputs change in `fmi2DoStep` only and never depend on
+/// an input at the same communication point, so importers see no false algebraic loops.
 pub fn describe<M>(subject: &Subject<'_>, variables: &[Variable<M>]) -> Element<'static> {
     let infos: Vec<&Info> = variables.iter().map(|v| &v.info).collect();
     let scalars: Vec<Scalar<'_>> = infos
@@ -80,7 +80,7 @@ pub fn describe<M>(subject: &Subject<'_>, variables: &[Variable<M>]) -> Element<
 fn co_simulation(subject: &Subject<'_>) -> Element<'static> {
     let mut element = Element::new("CoSimulation").with("modelIdentifier", subject.name);
     for capability in Capability::ALL {
-        // The place of this number among the flags.
+        // The position of this number among the flags.
         if *capability == Capability::CanRunAsynchronuously {
             element = element.with("maxOutputDerivativeOrder", 0);
         }
@@ -98,7 +98,7 @@ fn log_category((name, description): &(&str, &str)) -> Element<'static> {
         .with("description", description)
 }
 
-/// The elements made of each variable, each once.
+/// The elements generated from the variables, without duplicates.
 fn distinct(
     variables: &[&Info],
     of: impl Fn(&Domain) -> Option<Element<'static>>,
@@ -170,7 +170,7 @@ fn scalar((reference, (v, element)): (u32, &Scalar<'_>)) -> Element<'static> {
         .holding(value(&v.domain, *element))
 }
 
-/// The element of the type, with start and bounds.
+/// The element of the type, with the start value and the bounds.
 fn value(domain: &Domain, element: usize) -> Element<'static> {
     match domain {
         Domain::Real {
@@ -216,7 +216,7 @@ fn unknowns(
         .collect()
 }
 
-/// Indices of the parameters that the scalar's value after initialization depends on.
+/// Indices of the parameters that determine the scalar's value after initialization.
 fn initial_dependencies(scalars: &[Scalar<'_>], (v, element): &Scalar<'_>) -> String {
     (1..)
         .zip(scalars)
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn an_array_depends_on_an_array_element_by_element() {
+    fn arrays_depend_on_arrays_element_by_element() {
         let description = description();
         let structure = description.child("ModelStructure").unwrap();
         let dependencies: Vec<_> = structure
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn elements_stand_in_the_order_of_the_schema() {
+    fn elements_follow_the_order_of_the_schema() {
         let description = description();
         let names: Vec<_> = description
             .children

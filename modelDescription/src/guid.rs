@@ -2,12 +2,12 @@
 
 use crate::{Causality, Domain, Info, Variability, Variable};
 
-/// Length of a GUID as text, braces included.
+/// Length of a GUID as text, including the braces.
 pub const LENGTH: usize = 38;
 
-/// The GUID of a model: the 128-bit FNV-1a hash of its name and of all that its variables are
-/// (names, order, causality, variability, types, starts, bounds, units), formatted as a UUID of
-/// version 8. The same interface has the same GUID in every build; a changed one has another.
+/// The GUID of a model: the 128-bit FNV-1a hash of its name and its variables (names, order,
+/// causality, variability, types, starts, bounds, units), formatted as a version 8 UUID. It is the
+/// same in every build and changes with the interface.
 pub const fn guid<M>(model: &str, variables: &[Variable<M>]) -> [u8; LENGTH] {
     let mut hash = Hash::new().text(model);
     let mut i = 0;
@@ -18,7 +18,7 @@ pub const fn guid<M>(model: &str, variables: &[Variable<M>]) -> [u8; LENGTH] {
     format(hash.0)
 }
 
-/// The 128-bit FNV-1a hash of bytes: tells damaged bytes from sound ones.
+/// The 128-bit FNV-1a hash of bytes, to detect corruption.
 pub const fn checksum(bytes: &[u8]) -> u128 {
     Hash::new().bytes(bytes).0
 }
@@ -44,7 +44,7 @@ impl Hash {
         self
     }
 
-    /// A text and its end, so that "a", "bc" differs from "ab", "c".
+    /// A text and a terminator, so that "a", "bc" differs from "ab", "c".
     const fn text(self, text: &str) -> Self {
         self.bytes(text.as_bytes()).byte(0xff)
     }
@@ -148,7 +148,7 @@ mod tests {
         Variable::tunable("k", start, |m: &mut Model| &mut m.k).about("gain")
     }
 
-    /// Published test vectors of FNV-1a, 128 bits: "" and "a".
+    /// Published test vectors of 128-bit FNV-1a: "" and "a".
     #[test]
     fn the_hash_is_fnv_1a() {
         assert_eq!(Hash::new().0, 0x6c62272e07bb014262b821756295c58d);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_a_uuid_of_version_8() {
+    fn the_guid_is_a_version_8_uuid() {
         let guid = text("Model", &[k(1.0)]);
         assert_eq!(guid.len(), LENGTH);
         assert_eq!(&guid[15..16], "8");
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn it_changes_with_the_interface_and_with_nothing_else() {
+    fn the_guid_changes_with_the_interface_only() {
         let guid = text("Model", &[k(1.0)]);
         assert_eq!(guid, text("Model", &[k(1.0).about("another text")]));
         for other in [

@@ -1,9 +1,9 @@
 //! Model descriptions of FMI 2.0.4.
 //!
 //! A model declares its interface once, as a table of [`Variable`]s: names, units, starts, bounds,
-//! causality, and where each value lives in the model. The FMU binary reads and writes values
-//! through the table, [`guid`](guid::guid) identifies it, and [`describe`] writes
-//! `modelDescription.xml` from it. So they cannot drift.
+//! causality, and where each value is stored in the model. The FMU binary accesses values through
+//! the table, [`guid`](guid::guid) identifies it, and [`describe`] generates `modelDescription.xml`
+//! from it, so the three cannot drift apart.
 //!
 //! ```
 //! use fmu_description::{Variable, unit};
@@ -20,8 +20,8 @@
 //! # assert_eq!(VARIABLES.len(), 3);
 //! ```
 //!
-//! With the feature `xml`, the model description of an FMU from any vendor is read: `xml::parse`
-//! makes a tree of it, and `ModelDescription` a typed view of that.
+//! The feature `xml` adds reading the model descriptions of FMUs from any vendor: `xml::parse`
+//! returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![forbid(unsafe_code)]
 
 mod describe;

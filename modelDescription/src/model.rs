@@ -1,4 +1,4 @@
-//! A model description as a reader sees it: what could be read, without what could not.
+//! A typed view of a model description that tolerates invalid parts.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use crate::{Capability, Causality, Initial, Variability, VariableType};
 pub struct ModelDescription<'a> {
     /// Its root element.
     pub root: &'a Element<'a>,
-    /// The variables; `None` for one that cannot be read, so that indices stay right.
+    /// The variables; `None` for an invalid one, so that indices stay correct.
     pub variables: Vec<Option<ScalarVariable<'a>>>,
     /// `Outputs` of the model structure.
     pub outputs: Vec<Unknown<'a>>,
@@ -26,9 +26,9 @@ pub struct ModelDescription<'a> {
 pub struct ScalarVariable<'a> {
     /// Its element.
     pub element: &'a Element<'a>,
-    /// The element of its type, with start and bounds.
+    /// The element of its type, which has the start value and the bounds.
     pub value: &'a Element<'a>,
-    /// The element of its declared type, if that is defined.
+    /// The element of its declared type, if defined.
     pub declared: Option<&'a Element<'a>>,
     /// Its name.
     pub name: &'a str,
@@ -36,11 +36,11 @@ pub struct ScalarVariable<'a> {
     pub kind: VariableType,
     /// Its value reference.
     pub reference: u32,
-    /// Who gives it its value.
+    /// What determines its value.
     pub causality: Causality,
     /// When it may change.
     pub variability: Variability,
-    /// How it gets its first value: as written, or the standard's default.
+    /// How it is initialized: the attribute, or the default of the standard.
     pub initial: Option<Initial>,
 }
 
@@ -50,12 +50,12 @@ pub struct Unknown<'a> {
     pub element: &'a Element<'a>,
     /// Index of the variable, from 1.
     pub index: usize,
-    /// Indices of the variables that it depends on; all if there is no such list.
+    /// Indices of the variables that it depends on; `None` means all.
     pub dependencies: Option<Vec<u32>>,
 }
 
 impl<'a> ModelDescription<'a> {
-    /// Reads what can be read.
+    /// Reads a model description; parts that are invalid are left out.
     pub fn new(root: &'a Element<'a>) -> Self {
         let unknowns = |list: &str| {
             let structure = root.child("ModelStructure");
@@ -81,10 +81,10 @@ impl<'a> ModelDescription<'a> {
         }
     }
 
-    /// Reads a whole model description of FMI 2.0.
+    /// Reads a model description of FMI 2.0 strictly.
     ///
     /// # Errors
-    /// It is none, or a variable of it cannot be read.
+    /// The document is not a model description of FMI 2.0, or a variable is invalid.
     pub fn read(root: &'a Element<'a>) -> Result<Self> {
         let (name, version) = (root.name, root.attribute("fmiVersion").unwrap_or_default());
         ensure!(
@@ -111,24 +111,24 @@ impl<'a> ModelDescription<'a> {
         self.root.attribute("modelName").unwrap_or_default()
     }
 
-    /// The variables that could be read, with their indices from 1.
+    /// The valid variables with their indices from 1.
     pub fn variables(&self) -> impl Iterator<Item = (usize, &ScalarVariable<'a>)> {
         (1..)
             .zip(&self.variables)
             .filter_map(|(index, v)| Some((index, v.as_ref()?)))
     }
 
-    /// The variable of an index from 1.
+    /// The variable with the given index, from 1.
     pub fn variable(&self, index: usize) -> Option<&ScalarVariable<'a>> {
         self.variables.get(index.checked_sub(1)?)?.as_ref()
     }
 
-    /// The element of co-simulation, if the FMU supports it.
+    /// The `CoSimulation` element, if the FMU supports co-simulation.
     pub fn co_simulation(&self) -> Option<&'a Element<'a>> {
         self.root.child("CoSimulation")
     }
 
-    /// A number of the default experiment.
+    /// A numeric attribute of the default experiment.
     pub fn experiment(&self, name: &str) -> Option<f64> {
         real(self.root.child("DefaultExperiment")?.attribute(name)?)
     }
@@ -140,12 +140,12 @@ impl<'a> ScalarVariable<'a> {
         self.value.attribute("start")
     }
 
-    /// The unit, its own or that of its type.
+    /// Its unit or that of its declared type.
     pub fn unit(&self) -> Option<&'a str> {
         self.inherited("unit")
     }
 
-    /// An attribute of its own, or else of its declared type.
+    /// An attribute of the variable, or else of its declared type.
     pub fn inherited(&self, name: &str) -> Option<&'a str> {
         let own = self.value.attribute(name);
         own.or_else(|| self.declared?.attribute(name))
@@ -166,7 +166,7 @@ pub fn item<'a>(item: &'a Element<'a>) -> Option<(&'a str, i32)> {
 }
 
 impl Capability {
-    /// Whether it is claimed by the element of a kind of FMU, such as `CoSimulation`.
+    /// Whether an element such as `CoSimulation` declares the capability.
     pub fn is_claimed_by(self, element: &Element<'_>) -> bool {
         let flag = element.attribute(self.as_str());
         flag.and_then(boolean).unwrap_or(false)
@@ -217,16 +217,16 @@ mod tests {
     use super::*;
     use crate::xml::parse;
 
-    fn refusal(text: &str) -> String {
+    fn error(text: &str) -> String {
         let root = parse(text).unwrap();
         ModelDescription::read(&root).err().expect(text).to_string()
     }
 
     #[test]
-    fn what_is_no_model_description_is_refused() {
-        assert!(refusal("<a/>").contains("\"a\", expected fmiModelDescription"));
+    fn documents_that_are_not_valid_model_descriptions_are_rejected() {
+        assert!(error("<a/>").contains("\"a\", expected fmiModelDescription"));
         let of_fmi_3 = "<fmiModelDescription fmiVersion='3.0'/>";
-        assert!(refusal(of_fmi_3).contains("\"3.0\"; expected 2.0"));
+        assert!(error(of_fmi_3).contains("\"3.0\"; expected 2.0"));
         for bad in [
             "<ScalarVariable name='a' valueReference='0'/>",
             "<ScalarVariable name='a'><Real/></ScalarVariable>",
@@ -236,12 +236,12 @@ mod tests {
             let text = format!(
                 "<fmiModelDescription fmiVersion='2.0'><ModelVariables>{bad}</ModelVariables></fmiModelDescription>"
             );
-            assert!(refusal(&text).contains("the index 1 is invalid"));
+            assert!(error(&text).contains("the index 1 is invalid"));
         }
     }
 
     #[test]
-    fn variables_have_the_defaults_of_the_standard_and_of_their_types() {
+    fn variables_inherit_defaults_from_the_standard_and_their_types() {
         let text = "<fmiModelDescription fmiVersion='2.0'>
             <TypeDefinitions>
             <SimpleType name='Force'><Real unit='N' max='9'/></SimpleType>

@@ -1,13 +1,13 @@
 //! Units with their base units (FMI 2.0.4, section 2.2.2).
 
-/// A unit as a product of powers of SI base units and radians, without factor or offset.
+/// A unit: a product of powers of the SI base units and the radian, without factor or offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
     /// The unit's name in the XML, such as `N.s/m`.
     pub name: &'static str,
     /// Exponents of the base units, in the order of [`BASE`].
     pub exponents: [i8; 8],
-    /// A unit for people: its name, and the factor by which a value in this unit is multiplied.
+    /// Display unit: its name, and the factor that converts a value from this unit.
     pub display: Option<(&'static str, f64)>,
 }
 
@@ -33,7 +33,7 @@ impl Unit {
 
 const DEGREES: f64 = 180.0 / core::f64::consts::PI;
 
-/// 1, no unit.
+/// Dimensionless.
 pub const ONE: Unit = mechanical("1", 0, 0, 0, 0);
 /// Second.
 pub const SECOND: Unit = mechanical("s", 0, 0, 1, 0);

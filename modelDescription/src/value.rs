@@ -1,4 +1,4 @@
-//! The forms of values in a model description: the simple types of its XML schema.
+//! The simple types of the XML schema: syntax of attribute values in a model description.
 
 /// A simple type.
 #[derive(Debug, Clone, Copy)]
@@ -17,14 +17,14 @@ pub enum Form {
     DateTime,
     /// One of these words.
     Word(&'static [&'static str]),
-    /// `xs:unsignedInt` any number of times, with spaces between.
+    /// A space-separated list of `xs:unsignedInt`.
     Unsigneds,
-    /// Any number of these words, with spaces between.
+    /// A space-separated list of these words.
     Words(&'static [&'static str]),
 }
 
 impl Form {
-    /// Whether the text has the form.
+    /// Whether the text is valid.
     pub fn fits(self, text: &str) -> bool {
         match self {
             Self::Text => true,
@@ -39,7 +39,7 @@ impl Form {
         }
     }
 
-    /// What is expected, for a message.
+    /// The expected value, for error messages.
     pub fn expected(self) -> String {
         match self {
             Self::Text => "a text".into(),
@@ -49,30 +49,30 @@ impl Form {
             Self::Boolean => "true, false, 1 or 0".into(),
             Self::DateTime => "a date and time such as 2026-01-31T12:00:00Z".into(),
             Self::Word(words) => words.join(" or "),
-            Self::Unsigneds => "whole numbers with spaces between".into(),
-            Self::Words(words) => format!("{}, with spaces between", words.join(" or ")),
+            Self::Unsigneds => "whole numbers separated by spaces".into(),
+            Self::Words(words) => format!("{}, separated by spaces", words.join(" or ")),
         }
     }
 }
 
-/// Without the space around it, which the schema ignores about numbers.
+/// Trims white space, which the schema ignores around numbers.
 fn trim(text: &str) -> &str {
     text.trim_matches([' ', '\t', '\r', '\n'])
 }
 
-/// The items of a list.
+/// The items of a space-separated list.
 pub fn items(text: &str) -> impl Iterator<Item = &str> {
     text.split([' ', '\t', '\r', '\n'])
         .filter(|item| !item.is_empty())
 }
 
-/// A number, in the form of `xs:double`.
+/// Parses an `xs:double`.
 pub fn real(text: &str) -> Option<f64> {
     match trim(text) {
         "INF" => Some(f64::INFINITY),
         "-INF" => Some(f64::NEG_INFINITY),
         "NaN" => Some(f64::NAN),
-        // Rust also reads inf, infinity and nan.
+        // Rust also parses inf, infinity and nan.
         text if text.contains(|c: char| !matches!(c, '0'..='9' | '+' | '-' | '.' | 'e' | 'E')) => {
             None
         }
@@ -80,22 +80,22 @@ pub fn real(text: &str) -> Option<f64> {
     }
 }
 
-/// A number, in the form of `xs:int`.
+/// Parses an `xs:int`.
 pub fn integer(text: &str) -> Option<i32> {
     trim(text).parse().ok()
 }
 
-/// A number, in the form of `xs:unsignedInt`.
+/// Parses an `xs:unsignedInt`.
 pub fn unsigned(text: &str) -> Option<u32> {
     trim(text).parse().ok()
 }
 
-/// Numbers, with spaces between.
+/// Parses a space-separated list of `xs:unsignedInt`.
 pub fn unsigneds(text: &str) -> Option<Vec<u32>> {
     items(text).map(|item| item.parse().ok()).collect()
 }
 
-/// A truth value, in the form of `xs:boolean`.
+/// Parses an `xs:boolean`.
 pub fn boolean(text: &str) -> Option<bool> {
     match trim(text) {
         "true" | "1" => Some(true),
@@ -104,11 +104,11 @@ pub fn boolean(text: &str) -> Option<bool> {
     }
 }
 
-/// `YYYY-MM-DDThh:mm:ss`, a fraction and a time zone if there are any.
+/// `YYYY-MM-DDThh:mm:ss` with an optional fraction and time zone.
 fn is_date_time(text: &str) -> bool {
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let within = |part: &str, most: u32| {
-        part.len() == 2 && digits(part) && part.parse().is_ok_and(|number: u32| number <= most)
+    let within = |part: &str, max: u32| {
+        part.len() == 2 && digits(part) && part.parse().is_ok_and(|number: u32| number <= max)
     };
     let clock = |hour: &str, minute: &str| within(hour, 24) && within(minute, 59);
     let Some((date, time)) = text.split_once('T') else {
@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_have_the_forms_of_the_schema() {
+    fn numbers_follow_the_schema() {
         for good in [
             "0", "-1.5e-3", " 7 ", "INF", "-INF", "NaN", "1E5", ".5", "+1",
         ] {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_have_the_form_of_the_schema() {
+    fn dates_follow_the_schema() {
         for good in [
             "2026-01-31T12:00:00Z",
             "2026-01-31T12:00:00",

@@ -1,61 +1,61 @@
-//! The table of a model's variables, and the functions that build its rows at compile time.
+//! The table of a model's variables, whose rows are built at compile time.
 
 use crate::unit::ONE;
 use crate::{Causality, Unit, Variability};
 
-/// One row of a model's table: what a variable is, and where its value lives in the model `M`.
+/// One row of a model's table: a variable, and how to access its value in the model `M`.
 #[derive(Debug, Clone, Copy)]
 pub struct Variable<M: 'static> {
-    /// What it is.
+    /// The properties of the variable.
     pub info: Info,
     access: Access<M>,
     input_derivative: Option<fn(&mut M) -> &mut f64>,
     directional_derivatives: &'static [DirectionalDerivative<M>],
 }
 
-/// The name of an input, and the derivative of an output's present value with respect to the value
-/// at which that input was held over the last step.
+/// The name of an input, and the derivative of an output's current value with respect to the value
+/// of that input, which was held over the last step.
 pub type DirectionalDerivative<M> = (&'static str, fn(&M) -> f64);
 
-/// What a variable is: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
+/// The properties of a variable: a scalar, or an array of scalars `name[1]`, `name[2]`, ...
 #[derive(Debug, Clone, Copy)]
 pub struct Info {
     /// Unique name, structured (`pid.kp`).
     pub name: &'static str,
-    /// What it is, in a few words.
+    /// A short description.
     pub description: &'static str,
-    /// Who gives it its value.
+    /// What determines its value.
     pub causality: Causality,
     /// When it may change.
     pub variability: Variability,
-    /// Names of the parameters that its value after initialization depends on; the element of the
-    /// same index where both are arrays.
+    /// Names of the parameters that its value after initialization depends on; if both are arrays,
+    /// each element depends on the element with the same index.
     pub initially_from: &'static [&'static str],
-    /// Number of elements, if it is an array.
+    /// Number of elements; `None` for a scalar.
     pub array: Option<usize>,
     /// Type, start and bounds.
     pub domain: Domain,
 }
 
-/// The type of a variable, its start and its bounds.
+/// The type, start value and bounds of a variable.
 #[derive(Debug, Clone, Copy)]
 pub enum Domain {
     /// Real numbers.
     Real {
-        /// Start values: none for an output.
+        /// Start values; none for an output.
         start: Start,
-        /// Smallest value allowed; minus infinity for no bound.
+        /// Minimum; negative infinity if unbounded.
         min: f64,
-        /// Largest value allowed; infinity for no bound.
+        /// Maximum; infinity if unbounded.
         max: f64,
-        /// Unit of value, start and bounds.
+        /// Unit of the value, the start and the bounds.
         unit: Unit,
     },
     /// Whole numbers.
     Integer {
         /// Start value.
         start: i32,
-        /// Smallest and largest value allowed.
+        /// Minimum and maximum.
         range: (i32, i32),
     },
     /// True or false.
@@ -63,16 +63,16 @@ pub enum Domain {
         /// Start value.
         start: bool,
     },
-    /// One item of an enumeration, held as its index from 1.
+    /// An item of an enumeration, stored as its index from 1.
     Enumeration {
-        /// The start item's index from 1.
+        /// Index of the start item, from 1.
         start: i32,
         /// The items.
         items: &'static Enumeration,
     },
 }
 
-/// How a value is reached in the model.
+/// How a value is accessed in the model.
 #[derive(Debug, Clone, Copy)]
 enum Access<M: 'static> {
     Real(fn(&mut M) -> &mut f64),
@@ -82,7 +82,7 @@ enum Access<M: 'static> {
     Boolean(fn(&mut M) -> &mut bool),
 }
 
-/// The value of a scalar variable, in its model.
+/// Mutable access to the value of a scalar variable in its model.
 #[derive(Debug)]
 pub enum ValueMut<'a> {
     /// A Real.
@@ -98,9 +98,9 @@ pub enum ValueMut<'a> {
 pub enum Start {
     /// Calculated by the model.
     None,
-    /// Of a scalar.
+    /// The start value of a scalar.
     Scalar(f64),
-    /// Of every element of an array.
+    /// The start value of each element of an array.
     Array(&'static [f64]),
 }
 
@@ -120,14 +120,14 @@ impl Start {
 pub struct Enumeration {
     /// Name of the type in the XML.
     pub name: &'static str,
-    /// What is chosen.
+    /// A short description.
     pub description: &'static str,
     /// Name and description of each item; the first has the index 1.
     pub items: &'static [(&'static str, &'static str)],
 }
 
 impl Info {
-    /// Number of scalar variables that it stands for.
+    /// Number of scalar variables it represents.
     pub const fn count(&self) -> usize {
         match self.array {
             Some(length) => length,
@@ -144,10 +144,10 @@ impl Info {
     }
 }
 
-/// The rows of a table. Give the table's row type a short name, so that the closures know their
-/// model: `type Row = Variable<MyModel>;`.
+/// The rows of a table. Define an alias for the row type, so that the closures know their model:
+/// `type Row = Variable<MyModel>;`.
 impl<M> Variable<M> {
-    /// A real input that starts at 0.
+    /// A real input with the start value 0.
     pub const fn input(name: &'static str, access: fn(&mut M) -> &mut f64) -> Self {
         Self::new(
             name,
@@ -182,7 +182,7 @@ impl<M> Variable<M> {
         .array(length)
     }
 
-    /// A real parameter that is fixed after the initialization.
+    /// A real parameter that is fixed after initialization.
     pub const fn fixed(name: &'static str, start: f64, access: fn(&mut M) -> &mut f64) -> Self {
         Self::new(
             name,
@@ -192,7 +192,7 @@ impl<M> Variable<M> {
         )
     }
 
-    /// Real parameters `name[1]`, `name[2]`, ... that are fixed after the initialization.
+    /// Real parameters `name[1]`, `name[2]`, ... that are fixed after initialization.
     pub const fn fixed_array(
         name: &'static str,
         start: &'static [f64],
@@ -207,7 +207,7 @@ impl<M> Variable<M> {
         .array(start.len())
     }
 
-    /// A real parameter that may be changed while the simulation runs.
+    /// A real parameter that may be changed during the simulation.
     pub const fn tunable(name: &'static str, start: f64, access: fn(&mut M) -> &mut f64) -> Self {
         Self::new(
             name,
@@ -242,7 +242,7 @@ impl<M> Variable<M> {
         )
     }
 
-    /// A fixed parameter that is one of the items of an enumeration, held as the index from 1.
+    /// A fixed parameter that is an item of an enumeration, stored as its index from 1.
     pub const fn choice(
         name: &'static str,
         items: &'static Enumeration,
@@ -284,13 +284,13 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Says what the variable is.
+    /// Sets the description.
     pub const fn about(mut self, description: &'static str) -> Self {
         self.info.description = description;
         self
     }
 
-    /// Gives the unit of a real variable; without it, it has the unit 1.
+    /// Sets the unit of a real variable; the default is 1.
     pub const fn unit(mut self, new: Unit) -> Self {
         match &mut self.info.domain {
             Domain::Real { unit, .. } => *unit = new,
@@ -299,7 +299,7 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Bounds a real variable from below.
+    /// Sets the minimum of a real variable.
     pub const fn at_least(mut self, bound: f64) -> Self {
         match &mut self.info.domain {
             Domain::Real { min, .. } => *min = bound,
@@ -308,7 +308,7 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Bounds a real variable from above.
+    /// Sets the maximum of a real variable.
     pub const fn at_most(mut self, bound: f64) -> Self {
         match &mut self.info.domain {
             Domain::Real { max, .. } => *max = bound,
@@ -317,7 +317,7 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Says that an output changes at certain instants only, such as sample instants.
+    /// Declares that an output changes only at certain instants, such as sample instants.
     pub const fn discrete(mut self) -> Self {
         self.info.variability = Variability::Discrete;
         self
@@ -329,7 +329,7 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Lets the host set an input's time derivative for the next step, and says where it lives.
+    /// Lets the host set an input's time derivative for the next step, and sets where it is stored.
     pub const fn input_derivative(mut self, access: fn(&mut M) -> &mut f64) -> Self {
         assert!(
             matches!(self.info.causality, Causality::Input),
@@ -339,7 +339,7 @@ impl<M> Variable<M> {
         self
     }
 
-    /// Gives the derivatives of a scalar output with respect to inputs; those not listed are zero.
+    /// Sets the derivatives of a scalar output with respect to inputs; those not listed are zero.
     pub const fn directional_derivatives(
         mut self,
         derivatives: &'static [DirectionalDerivative<M>],
@@ -367,7 +367,7 @@ impl<M> Variable<M> {
         self.input_derivative.map(|access| access(model))
     }
 
-    /// The derivative of the variable's present value with respect to an input, as it was held over
+    /// The derivative of the variable's current value with respect to an input, which was held over
     /// the last step.
     pub fn derivative_by(&self, model: &M, input: &str) -> f64 {
         self.directional_derivatives
@@ -376,8 +376,8 @@ impl<M> Variable<M> {
             .map_or(0.0, |(_, derivative)| derivative(model))
     }
 
-    /// The value of the element `index` (from 0) in `model`; none if the model's array is shorter
-    /// than the table says.
+    /// The value of the element `index` (from 0) in `model`; `None` if the model's array is shorter
+    /// than declared in the table.
     pub fn value_mut<'a>(&self, model: &'a mut M, index: usize) -> Option<ValueMut<'a>> {
         Some(match self.access {
             Access::Real(access) => ValueMut::Real(access(model)),
@@ -387,8 +387,8 @@ impl<M> Variable<M> {
         })
     }
 
-    /// The element `index` (from 0) of a Real in `model`; none if the variable is of another type, or
-    /// the model's array is shorter than the table says.
+    /// The element `index` (from 0) of a Real in `model`; `None` if the variable has another type or
+    /// the model's array is shorter than declared in the table.
     #[inline(always)]
     pub fn real<'a>(&self, model: &'a mut M, index: usize) -> Option<&'a mut f64> {
         match self.access {
@@ -398,7 +398,7 @@ impl<M> Variable<M> {
         }
     }
 
-    /// Sets the variable, if it has start values, to them.
+    /// Sets the variable to its start values, if it has any.
     pub fn start(&self, model: &mut M) {
         for index in 0..self.info.count() {
             match (self.value_mut(model, index), &self.info.domain) {
@@ -427,15 +427,15 @@ const fn real(start: Start) -> Domain {
     }
 }
 
-/// Stops the compilation when a table is wrong: a name twice or longer than 63 bytes, an empty
-/// description, a start outside its bounds.
+/// Fails the compilation if a table is invalid: a duplicate name or one longer than 63 bytes, an empty
+/// description, or a start value outside its bounds.
 pub const fn check<M>(variables: &[Variable<M>]) {
     let mut i = 0;
     while i < variables.len() {
         let info = &variables[i].info;
         assert!(
             !info.name.is_empty() && info.name.len() <= 59,
-            "a name has 1 to 59 bytes (63 with the index of an array)"
+            "a name must have 1 to 59 bytes (63 with the index of an array)"
         );
         assert!(!info.description.is_empty(), "a variable needs `about`");
         check_start(info);
@@ -477,7 +477,7 @@ const fn check_start(info: &Info) {
         Domain::Enumeration { start, items } => {
             assert!(
                 1 <= *start && *start as usize <= items.items.len(),
-                "a start item does not exist"
+                "the start item does not exist"
             );
         }
     }
@@ -514,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_reach_the_values_of_the_model() {
+    fn rows_access_the_values_of_the_model() {
         let mut model = Model::default();
         k().start(&mut model);
         assert_eq!(model.k, 2.0);
@@ -555,19 +555,19 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "same name")]
-    fn a_name_cannot_stand_twice() {
+    fn duplicate_names_are_rejected() {
         check(&[k(), k()]);
     }
 
     #[test]
     #[should_panic(expected = "outside its bounds")]
-    fn a_start_lies_within_its_bounds() {
+    fn a_start_must_lie_within_its_bounds() {
         check(&[k().at_most(1.0)]);
     }
 
     #[test]
     #[should_panic(expected = "outside its bounds")]
-    fn every_start_of_an_array_lies_within_its_bounds() {
+    fn every_start_of_an_array_must_lie_within_its_bounds() {
         check(&[Row::fixed_array("w", &[1.0, 2.0, -3.0], |m| &mut m.w)
             .at_least(0.0)
             .about("weights")]);
@@ -575,7 +575,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "needs `about`")]
-    fn every_variable_is_described() {
+    fn every_variable_needs_a_description() {
         check(&[Row::input("u", |m| &mut m.k)]);
     }
 

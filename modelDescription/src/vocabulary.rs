@@ -1,6 +1,6 @@
-//! The words of FMI 2.0 for variables and capabilities.
+//! The keywords of FMI 2.0 for variables and capabilities.
 
-/// Enums whose variants are the words of an attribute or element.
+/// Defines enums whose variants are the keywords of an attribute or element.
 macro_rules! words {
     ($($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $variant:ident = $word:literal,)* })*) => {
         $(
@@ -11,20 +11,20 @@ macro_rules! words {
             }
 
             impl $name {
-                /// Every one, in the order of the standard.
+                /// All variants, in the order of the standard.
                 pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-                /// Their words.
+                /// Their keywords.
                 pub const WORDS: &[&str] = &[$($word),*];
 
-                /// The word of the standard.
+                /// The keyword of the standard.
                 pub const fn as_str(self) -> &'static str {
                     match self {
                         $(Self::$variant => $word,)*
                     }
                 }
 
-                /// What a word of the standard stands for.
+                /// Parses a keyword of the standard.
                 pub fn parse(word: &str) -> Option<Self> {
                     match word {
                         $($word => Some(Self::$variant),)*
@@ -37,19 +37,19 @@ macro_rules! words {
 }
 
 words! {
-    /// Who gives a variable its value (FMI 2.0.4, section 2.2.7).
+    /// What determines a variable's value (FMI 2.0.4, section 2.2.7).
     Causality {
-        /// Set by the host before the simulation, or while it runs if the variability is tunable.
+        /// Set by the host before the simulation, or also during it if the variability is tunable.
         Parameter = "parameter",
         /// Computed by the model from parameters.
         CalculatedParameter = "calculatedParameter",
-        /// Set by the host, mostly from another model's output.
+        /// Set by the host, usually from another model's output.
         Input = "input",
         /// Computed by the model, for other models.
         Output = "output",
         /// Computed by the model, for inspection only.
         Local = "local",
-        /// The time.
+        /// The independent variable, usually time.
         Independent = "independent",
     }
 
@@ -57,7 +57,7 @@ words! {
     Variability {
         /// Never.
         Constant = "constant",
-        /// Never after the initialization.
+        /// Never after initialization.
         Fixed = "fixed",
         /// When the host sets it, between steps.
         Tunable = "tunable",
@@ -67,13 +67,13 @@ words! {
         Continuous = "continuous",
     }
 
-    /// How a variable gets its first value (FMI 2.0.4, section 2.2.7).
+    /// How a variable is initialized (FMI 2.0.4, section 2.2.7).
     Initial {
-        /// It is the start value.
+        /// The initial value is the start value.
         Exact = "exact",
-        /// The start value is a guess.
+        /// The start value is an initial guess.
         Approx = "approx",
-        /// It is computed.
+        /// The initial value is computed.
         Calculated = "calculated",
     }
 
@@ -91,23 +91,23 @@ words! {
         Enumeration = "Enumeration",
     }
 
-    /// What a co-simulation slave can do, or needs (FMI 2.0.4, section 4.3.1).
+    /// Capability flags of a co-simulation slave (FMI 2.0.4, section 4.3.1).
     Capability {
-        /// It is a wrapper of a tool, which must be installed.
+        /// The FMU is a wrapper of a tool that must be installed.
         NeedsExecutionTool = "needsExecutionTool",
-        /// Communication steps may differ.
+        /// The communication step size may vary.
         CanHandleVariableCommunicationStepSize = "canHandleVariableCommunicationStepSize",
-        /// It takes derivatives of inputs.
+        /// The slave accepts input derivatives.
         CanInterpolateInputs = "canInterpolateInputs",
-        /// A step may run in the background; the standard spells it so.
+        /// A step may run in the background. The spelling is the standard's.
         CanRunAsynchronuously = "canRunAsynchronuously",
-        /// A process can have one instance only.
+        /// Only one instance per process is possible.
         CanBeInstantiatedOnlyOncePerProcess = "canBeInstantiatedOnlyOncePerProcess",
-        /// It does not use the memory callbacks of the host.
+        /// The FMU does not use the memory callbacks of the host.
         CanNotUseMemoryManagementFunctions = "canNotUseMemoryManagementFunctions",
         /// Its state can be saved and restored.
         CanGetAndSetFMUstate = "canGetAndSetFMUstate",
-        /// Its state can be turned into bytes.
+        /// Its state can be serialized.
         CanSerializeFMUstate = "canSerializeFMUstate",
         /// It computes directional derivatives.
         ProvidesDirectionalDerivative = "providesDirectionalDerivative",
@@ -115,8 +115,8 @@ words! {
 }
 
 impl Initial {
-    /// What `initial` means where it is not written (FMI 2.0.4, section 2.2.7): nothing for inputs
-    /// and the independent variable.
+    /// The default of a missing `initial` (FMI 2.0.4, section 2.2.7); `None` for inputs and the
+    /// independent variable.
     pub const fn default_for(causality: Causality, variability: Variability) -> Option<Self> {
         match (causality, variability) {
             (Causality::Input | Causality::Independent, _) => None,
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_read_as_they_are_written() {
+    fn keywords_round_trip() {
         for &causality in Causality::ALL {
             assert_eq!(Causality::parse(causality.as_str()), Some(causality));
         }

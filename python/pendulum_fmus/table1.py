@@ -296,32 +296,20 @@ def colourful() -> bool:
     return sys.stdout.isatty() and "NO_COLOR" not in os.environ
 
 
-def write(results: Results, folder: Path) -> list[Path]:
-    """Write the table and the overview, which are also part of the full report, to a folder."""
-    from .report import overview  # imports matplotlib, not needed for the table
-    from .report.data import Data
-
-    folder.mkdir(parents=True, exist_ok=True)
-    table, picture = folder / "table1.txt", folder / "closed-loop.png"
-    table.write_text(report(results)[0] + "\n", encoding="utf-8")
-    overview.write(Data(results), picture)
-    return [table, picture]
+def run(fmus: Path) -> tuple[Results, bool]:
+    """Co-simulate the loops, print the table; return the results and whether every number holds."""
+    print(f"co-simulating {len(runs())} loops of {loop.STEPS} steps with FMPy ...", flush=True)
+    results = compute(fmus)
+    text, all_hold = report(results, colour=colourful())
+    print(f"\n{text}", flush=True)
+    return results, all_hold
 
 
 def main() -> int:
     """Run the program; return its exit status."""
-    parser = loop.parser("Reproduce Table 1 of the paper from the FMUs.")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="write table1.txt and closed-loop.png to a folder"
-    )
-    options = parser.parse_args()
-    print(f"co-simulating {len(runs())} loops of {loop.STEPS} steps with FMPy ...", flush=True)
+    options = loop.parser("Reproduce Table 1 of the paper from the FMUs.").parse_args()
     try:
-        results = compute(options.fmus)
-        text, all_hold = report(results, colour=colourful())
-        print(f"\n{text}", flush=True)
-        if options.out:
-            print("\nwrote", *write(results, options.out), sep="\n  ")
+        _, all_hold = run(options.fmus)
     except (MasterError, OSError) as error:
         print(f"table1: {error}", file=sys.stderr)
         return 1

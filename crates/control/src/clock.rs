@@ -1,34 +1,34 @@
-//! Sample instants: when a sampled controller acts, whatever communication steps its host takes.
+//! Sample instants: when a sampled controller acts, independent of the host's communication steps.
 
-/// Instants closer to a communication point than this fraction of the sample time belong to it:
-/// hosts compute time in floating point, so times are never compared for equality.
+/// An instant within this fraction of the sample time of a communication point counts as lying on
+/// it: hosts compute time in floating point, so times are never compared for equality.
 const TOLERANCE: f64 = 1e-6;
 
-/// More samples than this in one communication step are refused rather than computed for minutes.
+/// Maximum number of samples in one communication step; more would take minutes to compute.
 pub const MAX_SAMPLES: f64 = 1e8;
 
-/// The clock of a sampled system: its instants are `start + k ts`, k = 0, 1, ...
+/// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
 ///
 /// ```
 /// let mut clock = control::SampleClock::new(0.0, 0.001);
-/// assert_eq!(clock.due(0.0, 0.001), Ok(1));     // the instant 0
-/// assert_eq!(clock.due(0.001, 0.0005), Ok(1));  // the instant 0.001
+/// assert_eq!(clock.due(0.0, 0.001), Ok(1));     // the instant at 0
+/// assert_eq!(clock.due(0.001, 0.0005), Ok(1));  // the instant at 0.001
 /// assert_eq!(clock.due(0.0015, 0.0005), Ok(0)); // 0.002 belongs to the next step
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SampleClock {
     start: f64,
-    /// Sample instants per second. Times are multiplied by it, as a division costs more.
+    /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
     rate: f64,
-    /// Index of the next instant, once a step was taken: a whole number, exact up to 2^53.
+    /// Index of the next instant, `None` before the first step: a whole number, exact up to 2^53.
     next: Option<f64>,
 }
 
-/// A communication step that holds more sample instants than can be computed in reasonable time.
+/// A communication step contains more than [`MAX_SAMPLES`] sample instants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TooManySamples {
-    /// How many sample instants lie in the step.
+    /// Number of sample instants in the step.
     pub samples: f64,
 }
 
@@ -36,7 +36,7 @@ impl core::fmt::Display for TooManySamples {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "the communication step holds {} sample instants, more than the {MAX_SAMPLES} that are computed in one step",
+            "the communication step contains {} sample instants, more than the maximum of {MAX_SAMPLES}",
             self.samples
         )
     }
@@ -44,7 +44,7 @@ impl core::fmt::Display for TooManySamples {
 
 impl core::error::Error for TooManySamples {}
 
-/// A clock that was not set: every step holds too many samples.
+/// An unset clock, for which every step has too many samples.
 impl Default for SampleClock {
     fn default() -> Self {
         Self::new(0.0, 0.0)
@@ -52,7 +52,7 @@ impl Default for SampleClock {
 }
 
 impl SampleClock {
-    /// A clock whose first instant is `start` (s) and whose sample time is `ts` (s), positive.
+    /// Creates a clock with the first instant `start` (s) and the positive sample time `ts` (s).
     pub fn new(start: f64, ts: f64) -> Self {
         Self {
             start,
@@ -61,16 +61,15 @@ impl SampleClock {
         }
     }
 
-    /// How many instants lie in `[time, time + step)` (up to rounding) and were not counted before.
+    /// Counts the instants in `[time, time + step)` (up to rounding) that were not counted before.
     ///
     /// # Errors
-    /// [`TooManySamples`] when there are more than can be computed in reasonable time; the clock is
-    /// then unchanged.
+    /// [`TooManySamples`] if there are more than [`MAX_SAMPLES`]; the clock is then unchanged.
     #[inline]
     pub fn due(&mut self, time: f64, step: f64) -> Result<u32, TooManySamples> {
         let end = self.samples_to(time + step);
         match self.next {
-            // The most frequent case, without the cost of rounding.
+            // The common case, without the cost of rounding.
             Some(next) if next < end && end <= next + 1.0 => {
                 self.next = Some(next + 1.0);
                 Ok(1)
@@ -79,7 +78,7 @@ impl SampleClock {
         }
     }
 
-    /// As [`due`](Self::due), of any number of instants.
+    /// The general case of [`due`](Self::due), for any number of instants.
     #[inline(never)]
     fn count(&mut self, time: f64, end: f64) -> Result<u32, TooManySamples> {
         let next = match self.next {
@@ -94,7 +93,7 @@ impl SampleClock {
         Ok(samples as u32)
     }
 
-    /// The time from the start in sample times, less the tolerance: rounded up, it is the number of
+    /// The time since the start in sample times, minus the tolerance. Rounded up, it is the number of
     /// instants before `time`.
     #[inline]
     fn samples_to(&self, time: f64) -> f64 {
@@ -115,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn one_sample_a_step_when_the_step_is_the_sample_time() {
+    fn steps_of_one_sample_time_take_one_sample_each() {
         let mut clock = SampleClock::new(0.001, 0.001);
         for k in 1..=20_000 {
             assert_eq!(clock.due(f64::from(k) * 0.001, 0.001), Ok(1), "step {k}");
@@ -123,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn any_step_takes_the_samples_of_the_time_it_covers() {
+    fn steps_of_any_size_take_the_samples_they_cover() {
         assert_eq!(count(0.0, 0.001, 0.01, 100), 1000);
         assert_eq!(count(0.0, 0.001, 0.00025, 4000), 1000);
         assert_eq!(count(0.0, 0.001, 1.0 / 1024.0, 1024), 1000);
@@ -135,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn accumulated_time_and_jitter_neither_lose_nor_double_a_sample() {
+    fn drift_and_jitter_neither_lose_nor_repeat_a_sample() {
         let mut clock = SampleClock::new(0.0, 0.001);
         let mut time = 0.0;
         for k in 0..20_000 {
@@ -146,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_micro_step_leaves_its_instant_to_the_next_step() {
+    fn a_step_within_the_tolerance_leaves_its_instant_to_the_next() {
         let mut clock = SampleClock::new(0.0, 0.001);
         assert_eq!(clock.due(0.0, 6e-14), Ok(0));
         assert_eq!(clock.due(6e-14, 0.001 - 6e-14), Ok(1));
@@ -160,12 +159,12 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_was_not_set_is_not_silent() {
+    fn an_unset_clock_reports_an_error() {
         assert!(SampleClock::default().due(0.0, 0.001).is_err());
     }
 
     #[test]
-    fn an_endless_step_is_refused_and_changes_nothing() {
+    fn an_excessive_step_is_rejected_and_changes_nothing() {
         let mut clock = SampleClock::new(0.0, 0.001);
         let before = clock;
         assert!(clock.due(0.0, 1e300).is_err());

@@ -1,4 +1,4 @@
-//! The sampled closed loop of section 4 and its settings, for a host that runs it in process.
+//! The sampled closed loop of section 4 and its settings, to run without an FMU.
 //!
 //! ```
 //! use control::closed_loop::{ClosedLoop, Order, SetPoint, pid};
@@ -41,16 +41,16 @@ impl SetPoint {
     }
 }
 
-/// When the plant feels the force of a sample.
+/// When the force of a sample reaches the plant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// At once: the controller steps before the plant (Gauss-Seidel).
+    /// Immediately: the controller steps before the plant (Gauss-Seidel).
     Sequential,
     /// One sample later: both step from the same values (Jacobi).
     Parallel,
 }
 
-/// What a sample of the loop gives.
+/// The result of one sample of the loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// The error e = r - (y + d) (rad).
@@ -59,7 +59,7 @@ pub struct Sample {
     pub u: f64,
 }
 
-/// The linear plant with the parameters of the paper, from rest, under any controller.
+/// The linear plant with the parameters of the paper, initially at rest, under any controller.
 #[derive(Debug, Clone)]
 pub struct ClosedLoop {
     plant: Linear,
@@ -84,8 +84,8 @@ impl ClosedLoop {
         self.state.theta
     }
 
-    /// Takes one sample: the controller turns the set-point `r`, the angle and its disturbance `d`
-    /// (rad) into a force (N), which the plant then holds for [`TS`].
+    /// Takes one sample: the controller computes a force (N) from the set-point `r`, the angle and its
+    /// disturbance `d` (rad), and the plant advances by [`TS`] under a constant force.
     pub fn sample(
         &mut self,
         r: f64,
@@ -94,18 +94,18 @@ impl ClosedLoop {
     ) -> Sample {
         let y = self.state.theta;
         let before = core::mem::replace(&mut self.u, controller(r, y, d));
-        let felt = match self.order {
+        let applied = match self.order {
             Order::Sequential => self.u,
             Order::Parallel => before,
         };
-        self.plant.advance(&mut self.state, felt, TS);
+        self.plant.advance(&mut self.state, applied, TS);
         Sample {
             e: r - (y + d),
             u: self.u,
         }
     }
 
-    /// The samples k = 1, 2, ... of section 4, with a `disturbance` (rad) of the measured angle
+    /// The samples k = 1, 2, ... of section 4, with a `disturbance` (rad) added to the measured angle
     /// for 5 s <= t < 5.5 s.
     pub fn run(
         &mut self,
@@ -119,7 +119,7 @@ impl ClosedLoop {
                 set_point.at(time),
                 disturbance * signal::pulse(5.0, 0.5, time),
             );
-            // As a source gives it that steps from k ts to k ts + ts, to the last bit.
+            // Bit-identical to the time of a source that steps from k ts to k ts + ts.
             time = (TS + f64::from(k) * TS) + TS;
             self.sample(r, d, &mut controller)
         })

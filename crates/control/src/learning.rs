@@ -1,9 +1,9 @@
 //! PID-RBF (23), (24) and IPID-RBF (28), (29): a network that learns the control of a PID while it
-//! runs, until it gives the whole force alone and the PID's part is (nearly) zero.
+//! runs, until it supplies the whole force and the PID's part is (nearly) zero.
 
 use crate::{Pid, Rbf, pid::Integral};
 
-/// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns this very sum.
+/// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns that sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -14,9 +14,9 @@ use crate::{Pid, Rbf, pid::Integral};
     ))
 )]
 pub struct PidRbf<const N: usize> {
-    /// The PID: gains, sample time, limit of the force; outputs `e` and `u_p`.
+    /// The PID: gains, sample time, force limit, and the outputs `e` and `u_p`.
     pub pid: Pid,
-    /// The network, its input the set-point.
+    /// The network; its input is the set-point.
     pub network: Rbf<N>,
     /// Output: the network's part of the force (N).
     pub u_n: f64,
@@ -39,7 +39,7 @@ impl<const N: usize> PidRbf<N> {
     fn act(&mut self, r: f64, y: f64, d: f64) {
         self.network.activate(r);
         self.u_n = self.network.output();
-        self.u = self.pid.sample_beside(self.u_n, r, y, d);
+        self.u = self.pid.sample_with(self.u_n, r, y, d);
     }
 }
 
@@ -47,14 +47,14 @@ impl<const N: usize> PidRbf<N> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Target {
-    /// The controller's own force, as (29) prints it: a self-contained controller.
+    /// The controller's own force, as printed in (29): a self-contained controller.
     #[default]
     Own,
-    /// The force of a PID-RBF loop that runs beside, as the paper's Table 1 was simulated.
+    /// The force of a PID-RBF loop that runs in parallel, as in the simulations for Table 1.
     Supervisor,
 }
 
-/// IPID-RBF: as [`PidRbf`], but the sum of the error leaks (26), so the network does the integration.
+/// IPID-RBF: [`PidRbf`] with a leaky sum of the error (26), so that the network does the integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sample_learns_the_force_by_the_output_that_it_gave() {
+    fn each_sample_learns_the_force_it_returned() {
         let mut law = PidRbf::<2>::default();
         law.pid.gains.kp = 300.0;
         (law.pid.ts, law.pid.u_max) = (0.001, 100.0);

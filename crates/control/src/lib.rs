@@ -4,27 +4,27 @@
 //! gives the same bits on every platform (transcendental functions come from `libm`).
 //!
 //! The plant is a cart (mass `M`, friction `b`, driven by the force `u`) with a pendulum (mass `m`,
-//! inertia `I`, distance `l` to its centre of mass) that stands on it at the angle `theta`:
+//! inertia `I`, distance `l` to its centre of mass) pivoted on it at the angle `theta`:
 //!
 //! ```text
 //! (M+m) x'' - m l theta'' cos(theta) + m l theta'^2 sin(theta) + b x' = u           (7)
 //! (I+m l^2) theta'' - m g l sin(theta) = m l x'' cos(theta)                         (8)
 //! ```
 //!
-//! A controller reads, every `ts` seconds, the set-point `r`, the measured angle `y` and its
-//! disturbance `d`, and gives the force
+//! Every `ts` seconds, a controller reads the set-point `r`, the measured angle `y` and its
+//! disturbance `d`, and computes the force
 //!
 //! ```text
 //! e = r - (y + d)
 //! u = clip(u_p + u_n),   u_p = kp e + kd (e - e_before)/ts + ki sum(e ts),   u_n = sum_j w_j h_j(r)
 //! ```
 //!
-//! where the network's weights `w` learn by gradient descent to give the whole `u` alone:
+//! where the network learns by gradient descent on its weights `w` to produce all of `u`:
 //!
-//! | module | holds | equations |
+//! | module | contents | equations |
 //! |---|---|---|
 //! | [`plant`] | linear, nonlinear and transfer-function model of the pendulum | (7) to (11), (40), (41) |
-//! | [`pid`] | the terms of the error, and the [`Pid`] | (20), (25), (26) |
+//! | [`pid`] | the terms of the error and the [`Pid`] | (20), (25), (26) |
 //! | [`rbf`] | the network and its learning rule | (12) to (14), (18), (19) |
 //! | [`learning`] | [`PidRbf`] and [`IpidRbf`] | (23), (24), (28), (29) |
 //! | [`signal`] | set-points and the disturbance | section 4 |
@@ -46,10 +46,10 @@ pub use learning::{IpidRbf, PidRbf, Target};
 pub use pid::Pid;
 pub use rbf::Rbf;
 
-/// Limits `u` (N) to `-u_max ..= u_max` (section 4: the actuator). NaN stays NaN.
+/// Limits `u` (N) to `-u_max ..= u_max` (the actuator limit of section 4). NaN stays NaN.
 #[inline(always)]
 pub(crate) fn clip(u: f64, u_max: f64) -> f64 {
-    // Not `f64::clamp`: it panics on a NaN limit, and `min`/`max` would hide a NaN of `u`.
+    // Not `f64::clamp`, which panics on a NaN limit; `min` and `max` would hide a NaN in `u`.
     if u > u_max {
         u_max
     } else if u < -u_max {

@@ -9,8 +9,8 @@ pub enum Integral {
     /// `x3 = x3 + e ts`, the rectangle rule of (20).
     #[default]
     Sum,
-    /// `x3 = (x3 + e) ts`, the sum of (25), (26): it leaks so fast that it holds little more than
-    /// the last `e ts`, and leaves integration to the network.
+    /// `x3 = (x3 + e) ts`, the sum of (25), (26): it leaks so fast that it is little more than the
+    /// last `e ts`, which leaves integration to the network.
     Leaky,
 }
 
@@ -26,7 +26,7 @@ pub struct Gains {
     pub kd: f64,
 }
 
-/// The terms of the error (21), (26): `x1 = e`, `x2 = (e - e_before)/ts`, `x3` its sum.
+/// The terms of the error (21), (26): `x1 = e`, `x2 = (e - e_before)/ts`, and the sum `x3`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Terms {
@@ -34,12 +34,12 @@ pub struct Terms {
     pub x1: f64,
     /// Its backward difference quotient (rad/s).
     pub x2: f64,
-    /// Its sum (rad s), as [`Integral`] says.
+    /// Its sum (rad s), according to [`Integral`].
     pub x3: f64,
 }
 
 impl Terms {
-    /// The terms of the next sample, whose error is `e` (rad), at the sample time `ts` (s).
+    /// The terms of the next sample, with the error `e` (rad) and the sample time `ts` (s).
     #[inline(always)]
     fn next(self, e: f64, ts: f64, integral: Integral) -> Self {
         Self {
@@ -53,10 +53,10 @@ impl Terms {
     }
 }
 
-/// The PID controller (20), its force limited to `u_max`.
+/// The PID controller (20) with its force limited to `u_max`.
 ///
 /// Inputs of a sample: set-point `r`, measured angle `y`, disturbance `d` of the measurement, all in
-/// rad. Everything public but the outputs may be changed between samples.
+/// rad. All public fields except the outputs may be changed between samples.
 ///
 /// ```
 /// use control::{pid::{Gains, Integral}, Pid};
@@ -76,12 +76,12 @@ pub struct Pid {
     pub ts: f64,
     /// Limit of `|u|` (N).
     pub u_max: f64,
-    /// Whether `u(k)` is computed from the terms of sample k-1, as the paper's simulations of PID
-    /// and PID-RBF do: one sample of delay.
+    /// Whether `u(k)` is computed from the terms of sample k-1, a delay of one sample, as in the
+    /// paper's simulations of PID and PID-RBF.
     pub previous_sample_terms: bool,
-    /// Whether the sum of the error is kept from winding up: a sample whose force is limited does
-    /// not count in it if the error would drive the force further beyond the limit (conditional
-    /// integration; not in the paper).
+    /// Whether integral windup is prevented by conditional integration (not in the paper): the sum
+    /// skips a sample whose force is limited if its error would drive the force further beyond the
+    /// limit.
     pub anti_windup: bool,
     /// Output: the control error e = r - (y + d) of the last sample (rad).
     pub e: f64,
@@ -94,7 +94,7 @@ pub struct Pid {
 }
 
 impl Pid {
-    /// A PID at rest with all parameters zero, which sums its error as `integral` says.
+    /// Creates a PID at rest with all parameters zero.
     pub fn new(integral: Integral) -> Self {
         Self {
             integral,
@@ -105,23 +105,23 @@ impl Pid {
     /// Takes one sample and returns the force u (N).
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
-        self.u = self.sample_beside(-0.0, r, y, d); // the neutral element of the sum of floats
+        self.u = self.sample_with(-0.0, r, y, d); // the neutral element of float addition
         self.u
     }
 
-    /// Takes one sample and returns the limited sum of `u_p` and of another force `u_n` (N); `u`
-    /// stays.
+    /// Takes one sample and returns the limited sum of `u_p` and another force `u_n` (N); `u` does
+    /// not change.
     #[inline(always)]
-    pub(crate) fn sample_beside(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+    pub(crate) fn sample_with(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
         if self.anti_windup {
-            return self.sample_without_windup(u_n, r, y, d);
+            return self.sample_with_anti_windup(u_n, r, y, d);
         }
         self.sample_limited(u_n, r, y, d)
     }
 
-    // Apart: in line it costs a cycle of the FMU 6 ns also where it is off.
+    // Not inlined: inlined, it costs the FMU 6 ns per sample even when it is off.
     #[inline(never)]
-    fn sample_without_windup(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+    fn sample_with_anti_windup(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
         let sum = self.terms.x3;
         let u = self.sample_limited(u_n, r, y, d);
         let excess = self.u_p + u_n - u;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_gives_the_closed_form_of_every_term() {
+    fn a_ramp_matches_the_closed_form_of_every_term() {
         // e(k) = k a: x2 = a/ts, x3 = a ts k(k+1)/2.
         let (a, ts) = (0.01, 0.001);
         let mut c = pid(Integral::Sum);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_leaky_sum_of_a_constant_error_tends_to_its_fixed_point() {
+    fn the_leaky_sum_of_a_constant_error_converges_to_its_fixed_point() {
         // x3 = (x3 + e) ts has the fixed point e ts/(1 - ts).
         let mut c = pid(Integral::Leaky);
         for _ in 0..10 {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_force_is_limited_and_nan_is_not_hidden() {
+    fn the_force_is_limited_and_nan_propagates() {
         let mut c = pid(Integral::Sum);
         c.u_max = 100.0;
         assert_eq!(c.sample(1.0, 0.0, 0.0), 100.0);
@@ -239,7 +239,7 @@ mod tests {
             let mut c = integrator(true);
             run(&mut c, sign, 1000);
             assert_eq!(c.u, sign * 100.0);
-            // The sum stopped at the limit, one sample's e ts = 0.5 N at most beyond it.
+            // The sum stopped at most one sample (ki e ts = 0.5 N) beyond the limit.
             assert!((c.u_p.abs() - 100.0).abs() <= 0.5 + 1e-9, "{}", c.u_p);
             run(&mut c, -sign, 2);
             assert!(c.u.abs() < 100.0, "{}", c.u);
@@ -248,23 +248,23 @@ mod tests {
 
     #[test]
     fn anti_windup_changes_nothing_while_the_force_is_not_limited() {
-        let mut free = pid(Integral::Sum);
-        let mut kept = Pid {
+        let mut without = pid(Integral::Sum);
+        let mut with = Pid {
             anti_windup: true,
-            ..free
+            ..without
         };
         for k in 0..1000 {
             let r = libm::sin(0.01 * f64::from(k));
             let d = 0.3 * libm::cos(0.07 * f64::from(k));
-            assert_eq!(free.sample(r, 0.0, d), kept.sample(r, 0.0, d));
+            assert_eq!(without.sample(r, 0.0, d), with.sample(r, 0.0, d));
         }
-        assert_eq!(free.terms, kept.terms);
+        assert_eq!(without.terms, with.terms);
     }
 
     #[test]
-    fn anti_windup_lets_an_error_count_that_drives_the_force_back() {
-        // The sum has filled; then a proportional part keeps the force at its limit, while the
-        // integral alone would have left it.
+    fn anti_windup_keeps_summing_errors_that_reduce_the_force() {
+        // With the sum filled, a proportional term keeps the force at its limit while the integral
+        // alone would have left it.
         let mut c = integrator(true);
         run(&mut c, 1.0, 100);
         let sum = c.terms.x3;
@@ -275,11 +275,11 @@ mod tests {
     }
 
     #[test]
-    fn anti_windup_looks_at_the_whole_force() {
+    fn anti_windup_considers_the_total_force() {
         let mut c = integrator(true);
-        assert_eq!(c.sample_beside(150.0, 1.0, 0.0, 0.0), 100.0);
+        assert_eq!(c.sample_with(150.0, 1.0, 0.0, 0.0), 100.0);
         assert_eq!(c.terms.x3, 0.0);
-        assert_eq!(c.sample_beside(-50.0, 1.0, 0.0, 0.0), -49.5);
+        assert_eq!(c.sample_with(-50.0, 1.0, 0.0, 0.0), -49.5);
         assert_eq!(c.terms.x3, 0.001);
     }
 

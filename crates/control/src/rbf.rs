@@ -10,7 +10,7 @@
 /// rbf.eta = 0.5;
 /// rbf.activate(0.0);
 /// rbf.learn(2.0);
-/// assert_eq!(rbf.output(), 1.0); // half of the way to 2
+/// assert_eq!(rbf.output(), 1.0); // halfway to 2
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
@@ -35,7 +35,7 @@ pub struct Rbf<const N: usize> {
     /// Output: the activations h_j of the nodes.
     pub activations: [f64; N],
     weights_before: [f64; N],
-    /// The input that `activations` belongs to; NaN when there is none yet.
+    /// The input of `activations`; NaN if there is none yet.
     input: f64,
 }
 
@@ -55,7 +55,7 @@ impl<const N: usize> Default for Rbf<N> {
 }
 
 impl<const N: usize> Rbf<N> {
-    /// Forgets what was learned: weights `weights`, no momentum, no activations.
+    /// Restarts learning from `weights`, without momentum and activations.
     pub fn reset(&mut self, weights: [f64; N]) {
         self.weights = weights;
         self.weights_before = weights;
@@ -66,14 +66,14 @@ impl<const N: usize> Rbf<N> {
     /// Activates the nodes: h_j = exp(-(r - c_j)^2 / (2 b_j^2)), equation (12).
     #[inline(always)]
     pub fn activate(&mut self, r: f64) {
-        // A set-point mostly stays, and exponentials are most of a sample's cost.
+        // The set-point rarely changes, and the exponentials dominate the cost of a sample.
         if r != self.input {
-            self.activate_anew(r);
+            self.compute_activations(r);
         }
     }
 
     #[inline(never)]
-    fn activate_anew(&mut self, r: f64) {
+    fn compute_activations(&mut self, r: f64) {
         for j in 0..N {
             let (distance, b) = (r - self.centres[j], self.widths[j]);
             self.activations[j] = libm::exp(-(distance * distance) / (2.0 * b * b));
@@ -84,7 +84,7 @@ impl<const N: usize> Rbf<N> {
     /// The output u_n = sum w_j h_j, equation (14).
     #[inline(always)]
     pub fn output(&self) -> f64 {
-        let mut sum = -0.0; // the neutral element of the sum of floats
+        let mut sum = -0.0; // the neutral element of float addition
         for j in 0..N {
             sum += self.weights[j] * self.activations[j];
         }
@@ -97,7 +97,7 @@ impl<const N: usize> Rbf<N> {
         self.descend(self.output() - target);
     }
 
-    /// As [`learn`](Self::learn), for `gradient` = u_n - target of a known output u_n.
+    /// As [`learn`](Self::learn), with `gradient` = u_n - target already known.
     #[inline(always)]
     pub(crate) fn descend(&mut self, gradient: f64) {
         for j in 0..N {
@@ -113,7 +113,7 @@ impl<const N: usize> Rbf<N> {
 mod tests {
     use super::*;
 
-    /// The network of section 4: (42), (43), with centres and widths the right way round.
+    /// The network of section 4: (42), (43), whose centres and widths are swapped in print.
     fn network() -> Rbf<4> {
         Rbf {
             centres: [-2.0, -1.0, 1.0, 2.0],
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_forgets_the_activations_of_old_centres() {
+    fn reset_discards_the_activations_of_old_centres() {
         let mut rbf = network();
         rbf.activate(1.0);
         rbf.centres[3] = 1.0;
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn at_one_the_squared_norm_of_the_activations_is_one_plus_the_neighbours() {
+    fn the_squared_norm_of_the_activations_at_one_matches_its_closed_form() {
         let mut rbf = network();
         rbf.activate(1.0);
         let expected = 1.0 + libm::exp(-4.0) + libm::exp(-16.0) + libm::exp(-36.0);

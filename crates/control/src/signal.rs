@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-/// Times closer than this (s) to a jump are at the jump, so that a host's rounding cannot move it.
+/// Times this close (s) to a jump count as the jump, so that rounding in the host cannot move it.
 fn tolerance(time: f64) -> f64 {
     1e-9 + 4.0 * f64::EPSILON * time.abs()
 }
@@ -14,8 +14,8 @@ pub fn sine(frequency: f64, time: f64) -> f64 {
 
 /// `sign(sin(2 pi f t))`, odd in time, with `square(f, 0) = 0`: `frequency` f in Hz, `time` t in s.
 ///
-/// At a jump the value before it (seen from t = 0) still holds. That is what the rounding of
-/// `sin` gives at the multiples of 1 ms, made independent of the last bit of `time`.
+/// At a jump, the value before it (seen from t = 0) still applies. This is also what the rounding of
+/// `sin` gives at multiples of 1 ms, but independent of the last bit of `time`.
 pub fn square(frequency: f64, time: f64) -> f64 {
     let half_periods = 2.0 * frequency * time.abs();
     let band = 2.0 * frequency * tolerance(time);
@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn square_jumps_where_the_sampled_sine_does_whatever_the_rounding_of_time() {
+    fn square_jumps_with_the_sampled_sine_despite_rounding_of_time() {
         assert_eq!(square(0.1, 0.0), 0.0);
         for (jump, before) in [(5.0, 1.0), (10.0, -1.0), (15.0, 1.0), (20.0, -1.0)] {
             let sampled = libm::sin(2.0 * PI * 0.1 * jump);
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn pulse_holds_from_its_start_to_before_its_end_whatever_the_rounding_of_time() {
+    fn pulse_includes_its_start_but_not_its_end_despite_rounding_of_time() {
         for drift in [-1e-11, 0.0, 1e-11] {
             assert_eq!(pulse(5.0, 0.5, 4.999 + drift), 0.0);
             assert_eq!(pulse(5.0, 0.5, 5.0 + drift), 1.0);
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn sine_has_its_frequency_in_hertz() {
+    fn sine_takes_its_frequency_in_hertz() {
         assert!((sine(0.2, 1.25) - 1.0).abs() < 1e-15);
         assert!(sine(0.2, 5.0).abs() < 1e-15);
     }

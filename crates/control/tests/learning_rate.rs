@@ -1,5 +1,5 @@
-//! How far the learning rate may go (section 3.2): the eigenvalues of the sampled closed loop, and
-//! what a simulation does on both sides of the limit that they give.
+//! The stability limit of the learning rate (section 3.2): eigenvalues of the sampled closed loop, and
+//! simulations on both sides of the limit they give.
 
 use control::closed_loop::{ClosedLoop, Order, TS, network, pid};
 use control::pid::Integral;
@@ -7,7 +7,7 @@ use control::plant::{Linear, Parameters, State};
 use control::{PidRbf, Rbf};
 use nalgebra::SMatrix;
 
-/// Samples of delay between measuring y and the plant feeling u.
+/// The delay, in samples, from measuring y to applying u to the plant.
 #[derive(Clone, Copy, Debug)]
 struct Delay {
     previous_sample_terms: bool,
@@ -33,14 +33,14 @@ const TWO: Delay = Delay {
     order: Order::Parallel,
 };
 
-/// The loop at the set-point 1, without clip, its network projected on one node of equal |h|: only
-/// the weights along h learn.
+/// The loop at the set-point 1 without clipping. Only the weights along h learn, so one node of equal
+/// |h| replaces the network.
 struct Loop {
     closed_loop: ClosedLoop,
     controller: PidRbf<1>,
 }
 
-/// One node at r = 1 with h = 1 learns as the four do along h when eta is scaled by |h|^2.
+/// One node with h = 1 at r = 1, which learns like the four along h if eta is scaled by |h|^2.
 fn projected(eta: f64) -> Rbf<1> {
     let mut full = network([0.0; 4]);
     full.activate(1.0);
@@ -72,12 +72,10 @@ impl Loop {
     }
 }
 
-/// Largest absolute eigenvalue of the loop, but for the one at 1 (the plant's zero at s = 0 against
+/// Largest absolute eigenvalue of the loop, except the one at 1 (the plant's zero at s = 0 cancels
 /// the integrator) and that of the cart's position.
 ///
-/// The loop is affine in its state, so a linear recurrence holds its trajectory: the signal
-/// theta(k) obeys the characteristic polynomial. The matrix itself is built here, from the
-/// equations, so that the simulation below checks it.
+/// The matrix is built here from the equations, so that the simulation below checks it.
 fn spectral_radius(leaky: bool, delay: Delay, eta: f64) -> f64 {
     // States: v, theta, omega | e(k-1), x3(k-1), x2(k-1) | w, w before | u(k-1).
     const N: usize = 9;
@@ -117,13 +115,15 @@ fn spectral_radius(leaky: bool, delay: Delay, eta: f64) -> f64 {
         e * kp + x2 * kd + x3 * ki
     };
     let u = u_p + unit(6);
-    let felt = match delay.order {
+    let applied = match delay.order {
         Order::Sequential => u,
         Order::Parallel => unit(8),
     };
     let mut a = SMatrix::<f64, N, N>::zeros();
     for i in 0..3 {
-        let row = (0..3).fold(felt * input[i], |row, j| row + unit(j) * transition[j][i]);
+        let row = (0..3).fold(applied * input[i], |row, j| {
+            row + unit(j) * transition[j][i]
+        });
         a.set_row(i, &row);
     }
     a.set_row(3, &e);
@@ -155,7 +155,7 @@ fn limit(leaky: bool, delay: Delay) -> f64 {
 
 /// The limits 0.582, 0.324 and 0.205, the same for PID-RBF and IPID-RBF.
 #[test]
-fn eigenvalues_limit_the_learning_rate_by_the_delay() {
+fn eigenvalues_give_a_learning_rate_limit_for_each_delay() {
     for leaky in [false, true] {
         for (delay, expected) in [
             (NONE, 0.582),
@@ -163,29 +163,29 @@ fn eigenvalues_limit_the_learning_rate_by_the_delay() {
             (ONE[1], 0.324),
             (TWO, 0.205),
         ] {
-            let found = limit(leaky, delay);
+            let actual = limit(leaky, delay);
             assert!(
-                (found - expected).abs() < 1e-3,
-                "leaky {leaky}, {delay:?}: {found}"
+                (actual - expected).abs() < 1e-3,
+                "leaky {leaky}, {delay:?}: {actual}"
             );
         }
     }
 }
 
 #[test]
-fn the_rate_of_the_paper_lies_beyond_the_limit_of_two_samples() {
+fn the_rate_of_the_paper_exceeds_the_limit_for_two_samples_of_delay() {
     let radius = spectral_radius(false, TWO, 0.30);
     assert!((radius - 1.0435).abs() < 5e-4, "{radius}");
 }
 
-/// How much the ringing of u grows from the tenth second to the twentieth.
+/// The factor by which the ringing of u grows over three seconds.
 fn growth(integral: Integral, delay: Delay, eta: f64) -> f64 {
     let mut l = Loop::new(integral, delay, eta);
     let mut ringing = |seconds: u32| {
         let (mut last, mut before, mut largest) = (0.0, 0.0, 0.0f64);
         for k in 0..seconds * 1000 {
             l.sample();
-            // The second difference passes ringing and stops the slow motion of the loop.
+            // The second difference is a high-pass filter: it removes the slow motion of the loop.
             if k >= 2 && k >= (seconds - 1) * 1000 {
                 largest = largest.max((l.controller.u - 2.0 * last + before).abs());
             }
@@ -203,7 +203,7 @@ fn growth(integral: Integral, delay: Delay, eta: f64) -> f64 {
 }
 
 #[test]
-fn simulation_rings_down_below_the_limit_and_up_above() {
+fn ringing_decays_below_the_limit_and_grows_above_it() {
     for integral in [Integral::Sum, Integral::Leaky] {
         for delay in [NONE, ONE[0], ONE[1], TWO] {
             let limit = limit(integral == Integral::Leaky, delay);

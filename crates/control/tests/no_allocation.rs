@@ -1,4 +1,4 @@
-//! Nothing on the way of a sample or a step allocates: it can run where there is no heap.
+//! Samples and steps do not allocate memory, so they can run without a heap.
 
 use control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
 use control::pid::Integral;
@@ -35,7 +35,7 @@ fn controllers_do_not_allocate() {
 }
 
 #[test]
-fn plants_do_not_allocate_not_even_when_the_step_changes() {
+fn plants_do_not_allocate_even_when_the_step_changes() {
     let p = Parameters::PAPER;
     let counted = allocations(|| {
         let mut state = State::default();

@@ -1,4 +1,5 @@
-//! Table 1 of the paper from the mathematics alone: the expected columns are those of `table1.csv`.
+//! Table 1 of the paper from the control library alone, compared with the expected columns of
+//! `table1.csv`.
 
 use control::Target;
 use control::closed_loop::{ClosedLoop, Order, SetPoint, ipid_rbf, pid, pid_rbf};
@@ -7,7 +8,7 @@ use control::pid::Integral;
 const SAMPLES: usize = 20_000;
 const TABLE: &str = include_str!("../../../python/pendulum_fmus/table1.csv");
 
-/// The expected column of a row (from 1); `None` for the residue that is only bounded.
+/// The expected value in a row (from 1); `None` where only a bound is known.
 fn expected(row: usize, column: &str) -> Option<f64> {
     let cells = |line: usize| TABLE.lines().nth(line).unwrap().split(',');
     let index = cells(0).position(|name| name == column).unwrap();
@@ -37,10 +38,13 @@ fn assert_error(row: usize, column: &str, e: f64) {
     match expected(row, column) {
         None => assert!(e.abs() < 1e-11, "row {row}, {column}: {e}"),
         Some(expected) => {
-            // A decayed transient is that much more sensitive to rounding.
+            // Decayed transients are more sensitive to rounding.
             let tolerance = if expected.abs() < 1e-9 { 1e-2 } else { 2e-5 };
-            let miss = (e / expected - 1.0).abs();
-            assert!(miss < tolerance, "row {row}, {column}: {e}, not {expected}");
+            let error = (e / expected - 1.0).abs();
+            assert!(
+                error < tolerance,
+                "row {row}, {column}: {e}, not {expected}"
+            );
         }
     }
 }
@@ -74,14 +78,14 @@ fn pid_rbf_and_supervised_ipid_rbf_columns() {
     }
 }
 
-/// Holding theta = 1 needs a force that ramps by `-b m g l/(m l) = -0.98` N/s per rad; the network
-/// of the own-target controller follows a ramp of `s` N a sample behind by `s/eta |h|^2` of force.
+/// Holding theta = 1 requires a force that ramps by `-b m g l/(m l) = -0.98` N/s per rad. The network
+/// of the own-target controller lags a ramp of `s` N per sample by a force of `s/(eta |h|^2)`.
 #[test]
-fn ipid_rbf_with_its_own_target_keeps_the_static_error_of_a_ramp() {
+fn ipid_rbf_with_its_own_target_has_the_static_error_of_a_ramp() {
     let mut c = ipid_rbf(Target::Own, [0.0; 4]);
     let e = last_error(SetPoint::Step, 0.0, |r, y, d| c.sample(r, y, d, 0.0));
-    // In steady state: u_p = kp e + ki e ts/(1-ts) + kd 0, and a sample adds eta |h|^2 u_p to u_n,
-    // the momentum alpha of the last addition; together they follow the ramp.
+    // In steady state, u_p = kp e + ki e ts/(1-ts), and each sample adds eta |h|^2 u_p to u_n, plus
+    // the momentum alpha times the last increment; together they follow the ramp.
     let h: f64 = c.law.network.activations.iter().map(|h| h * h).sum();
     let ramp = -0.98 * (1.0 - e) * 0.001;
     let u_p = ramp * (1.0 - 0.05) / (0.3 * h);

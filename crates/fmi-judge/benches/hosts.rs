@@ -1,4 +1,4 @@
-//! What 20 000 steps of the closed loop cost through each host. Needs the FMUs: `cargo fmu export`.
+//! Times 20 000 steps of the closed loop in each host. Requires the FMUs of `cargo fmu export`.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -11,8 +11,8 @@ use fmu_cosim::{Description, Plan};
 
 const STEPS: u32 = 20_000;
 
-/// The loop by hand, which loads and instantiates the FMUs beforehand.
-fn by_hand<S: Slave>(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, fmus: &Fmus) {
+/// The manually coupled loop; loading and instantiating the FMUs is not timed.
+fn manual<S: Slave>(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, fmus: &Fmus) {
     group.bench_function(name, |b| {
         b.iter_batched_ref(
             || ClosedLoop::<S>::new(fmus),
@@ -29,8 +29,8 @@ fn by_hand<S: Slave>(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, fmus:
 fn hosts(criterion: &mut Criterion) {
     let fmus = Fmus::open();
     let mut group = criterion.benchmark_group("20000 steps");
-    by_hand::<InstanceCS>(&mut group, "fmi", &fmus);
-    by_hand::<fmu_host::Instance>(&mut group, "fmu-host", &fmus);
+    manual::<InstanceCS>(&mut group, "fmi", &fmus);
+    manual::<fmu_host::Instance>(&mut group, "fmu-host", &fmus);
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let file = root.join("examples/closed-loop/pid-rbf.toml");

@@ -1,6 +1,7 @@
-//! The closed loop of the paper with PID-RBF, coupled by hand through the crate `fmi`, and through
-//! `fmu-host` in the same way. The crate `fmi` is the judge: its C interface is made from the official
-//! headers, it reads the model descriptions itself, and nothing of this repository is in it.
+//! The closed loop of the paper with PID-RBF, coupled manually through the crate `fmi`, and through
+//! `fmu-host` in the same way. The crate `fmi` serves as an independent judge: its C interface is
+//! generated from the official headers, it parses the model descriptions itself, and it shares no code
+//! with this repository.
 #![forbid(unsafe_code)]
 
 use std::path::Path;
@@ -18,7 +19,7 @@ pub fn time(k: u32) -> f64 {
     STEP + f64::from(k) * STEP
 }
 
-/// A co-simulation slave, by one of the hosts. A call that fails panics: this is a test.
+/// A co-simulation slave loaded by one of the hosts. For tests: a failed call panics.
 pub trait Slave: Sized {
     /// Instantiates an FMU.
     fn new(import: &Fmi2Import) -> Self;
@@ -119,7 +120,7 @@ impl Slave for Instance {
 pub struct Fmus([Fmi2Import; 3]);
 
 impl Fmus {
-    /// Opens what `cargo fmu export` writes to `target/fmu`.
+    /// Opens the FMUs that `cargo fmu export` writes to `target/fmu`.
     pub fn open() -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/fmu");
         Self(["PidRbf", "Pendulum", "Source"].map(|model| {
@@ -137,7 +138,7 @@ impl Fmus {
     }
 }
 
-/// Source, controller and plant; each with the references of what the loop sets and gets.
+/// Source, controller and plant, with the value references that the loop sets and gets.
 pub struct ClosedLoop<S> {
     controller: S,
     plant: S,
@@ -153,7 +154,7 @@ pub struct ClosedLoop<S> {
 }
 
 impl<S: Slave> ClosedLoop<S> {
-    /// Instantiates and initializes the FMUs, as `examples/closed-loop/pid-rbf.toml` says.
+    /// Instantiates and initializes the FMUs as specified in `examples/closed-loop/pid-rbf.toml`.
     pub fn new(fmus: &Fmus) -> Self {
         let [controller, plant, source] = fmus.0.each_ref().map(S::new);
         let mut new = Self {
@@ -170,7 +171,7 @@ impl<S: Slave> ClosedLoop<S> {
         new.controller.set_boolean(terms, true);
         let slaves = [&mut new.controller, &mut new.plant, &mut new.source];
         slaves.into_iter().for_each(S::enter_initialization);
-        // No chain of outputs that depend directly on inputs is longer than the number of FMUs.
+        // A chain of direct dependencies of outputs on inputs is at most as long as the number of FMUs.
         for _ in 0..3 {
             new.feed_controller();
             new.feed_plant();

@@ -1,5 +1,5 @@
-//! The crate `fmi` gets the bits out of our FMUs that `fmu-cosim` gets. Needs the FMUs: `cargo fmu
-//! export`.
+//! The crate `fmi` and `fmu-cosim` get bit-identical results from our FMUs. Requires the FMUs of
+//! `cargo fmu export`.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use fmi_judge::{ClosedLoop, Fmus, time};
 use fmu_cosim::{Description, Plan};
 
 #[test]
-fn the_crate_fmi_gets_the_bits_of_fmu_cosim() {
+fn fmi_and_fmu_cosim_give_bit_identical_results() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let file = root.join("examples/closed-loop/pid-rbf.toml");
     let mut description = Description::read(&file).unwrap();

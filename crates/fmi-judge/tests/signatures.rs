@@ -1,6 +1,6 @@
-//! Proves at compile time that the C interface of `fmu-export` and that of `fmu-host` are those of the
-//! official headers, which the crate `fmi` brings along as bindings: all 44 functions, the structures,
-//! the status values.
+//! Proves at compile time that the C interfaces of `fmu-export` and `fmu-host` match the official
+//! headers, for which the crate `fmi` provides bindings: all 44 functions, the structures, and the
+//! status values.
 #![allow(non_snake_case, reason = "names of the standard")]
 
 use std::ffi::{c_int, c_uint};
@@ -11,7 +11,7 @@ use fmu_export::fmi2 as ours;
 use fmu_source::fmi2Instantiate;
 use ours::*;
 
-/// A type of ours that is passed to and from C as the type `Official` of the headers is.
+/// One of our types that has the same C ABI as the type `Official` of the headers.
 trait Like<Official> {}
 
 impl<T> Like<T> for T {}
@@ -19,8 +19,8 @@ impl Like<headers::fmi2Status> for ours::fmi2Status {}
 impl Like<*mut headers::fmi2Status> for *mut ours::fmi2Status {}
 impl Like<*const headers::fmi2CallbackFunctions> for *const ours::fmi2CallbackFunctions {}
 impl Like<*mut headers::fmi2EventInfo> for *mut ours::fmi2EventInfo {}
-// An enum of C, for which ours takes any integer: `fmi2Type` and `fmi2StatusKind`, and for the host
-// `fmi2Status`.
+// C enums, which are declared here as integers to accept any value: `fmi2Type` and `fmi2StatusKind`,
+// and in the host `fmi2Status`.
 impl Like<c_uint> for c_int {}
 impl Like<*mut c_uint> for *mut c_int {}
 
@@ -51,7 +51,7 @@ macro_rules! proofs {
     ($($check:ident $function:ident $official:ident;)*) => {
         const FUNCTIONS: &[&str] = &[$(stringify!($function)),*];
         $(const _: () = $check($function, None as headers::$official);)*
-        // Never called; that it compiles is the proof.
+        // Never called: compiling it is the proof.
         const _: fn(&fmu_host::Functions) = |host| {
             $($check(host.$function.unwrap(), None as headers::$official);)*
         };
@@ -165,7 +165,7 @@ const _: () = {
 };
 
 #[test]
-fn all_44_functions_are_proved() {
+fn all_44_functions_are_covered() {
     let mut names = FUNCTIONS.to_vec();
     names.sort_unstable();
     names.dedup();

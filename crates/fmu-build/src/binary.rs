@@ -1,4 +1,4 @@
-//! Shared libraries of models: built, joined or given, checked, and packed.
+//! The shared libraries of models: builds or reads, checks and compresses them.
 
 use std::fs;
 use std::path::Path;
@@ -14,15 +14,15 @@ use crate::library::{Library, Model};
 use crate::macho;
 use crate::toolchain::{Recipe, Target};
 
-/// A shared library, for one platform or several.
+/// A shared library for one or more platforms.
 pub struct Binary {
     platforms: Vec<Platform>,
     bytes: Vec<u8>,
 }
 
-/// The same, compressed.
+/// A compressed shared library.
 pub struct PackedBinary {
-    /// The platforms that it is for.
+    /// Its platforms.
     pub platforms: Vec<Platform>,
     /// Its content.
     pub file: Packed,
@@ -32,7 +32,7 @@ impl Binary {
     /// Builds a library for a target.
     ///
     /// # Errors
-    /// What the compiler said.
+    /// The diagnostics of the compiler.
     pub fn build(library: &Library, target: &Target, metadata: &Metadata) -> Result<Self> {
         let mut parts = target
             .recipes
@@ -49,10 +49,10 @@ impl Binary {
         })
     }
 
-    /// Reads a binary that was built elsewhere.
+    /// Reads a prebuilt binary.
     ///
     /// # Errors
-    /// It cannot be read, or is of another platform's format.
+    /// The file cannot be read or has another platform's format.
     pub fn read(prebuilt: &Prebuilt) -> Result<Self> {
         let file = prebuilt.file.display();
         let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
@@ -66,26 +66,26 @@ impl Binary {
         })
     }
 
-    /// Checks that the binary holds the interface of a model: it keeps its GUID as text.
+    /// Checks that the binary contains a model by searching for its GUID, which is stored as text.
     ///
     /// # Errors
-    /// It does not.
+    /// The GUID is missing.
     pub fn check_guid(&self, model: &Model<'_>) -> Result<()> {
         let guid = model.guid.as_bytes();
         ensure!(
             self.bytes.windows(guid.len()).any(|window| window == guid),
-            "it does not hold the model {} with the interface {}; was it built from another version?",
+            "it does not contain the model {} with the GUID {}; was it built from another version?",
             model.name,
             model.guid
         );
         Ok(())
     }
 
-    /// Compresses the binary, unless that was done before: packed binaries are kept in the folder
-    /// `cache` under a checksum of their content.
+    /// Compresses the binary, or takes it from the folder `cache`, which stores compressed binaries
+    /// by the checksum of their content.
     ///
     /// # Errors
-    /// It is too large for an archive.
+    /// The binary is too large for an archive.
     pub fn pack(&self, compression: Compression, cache: &Path) -> Result<PackedBinary> {
         let cached = cache.join(format!("{:032x}-{compression:?}", checksum(&self.bytes)));
         let known = fs::read(&cached).ok();
@@ -94,7 +94,7 @@ impl Binary {
             Some(file) => file,
             None => {
                 let file = Packed::program(&self.bytes, compression)?;
-                // Without the cache the next export takes longer, and that is all.
+                // Without the cache, the next export only takes longer.
                 let _ = replace::write(&cached, file.as_bytes());
                 file
             }
@@ -106,14 +106,14 @@ impl Binary {
     }
 }
 
-/// Builds a library by one recipe.
+/// Builds a library with one recipe.
 fn build(
     library: &Library,
     recipe: &Recipe,
     extension: &str,
     metadata: &Metadata,
 ) -> Result<Vec<u8>> {
-    // As `cdylib` alone it is optimized across its dependencies, which is not done beside an rlib.
+    // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
     let file = recipe
         .cargo_rustc(&format!("building {}", library.package))
         .args(["--release", "--lib", "--crate-type", "cdylib"])

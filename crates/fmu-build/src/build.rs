@@ -1,28 +1,29 @@
-//! Runs cargo, with a progress bar.
+//! Runs cargo with a progress bar.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use cargo_metadata::{Artifact, CrateType, Message, Metadata};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 const ENCODED_RUSTFLAGS: &str = "CARGO_ENCODED_RUSTFLAGS";
 const SEPARATOR: &str = "\x1f";
 
-/// A run of cargo that builds something.
+/// A cargo command that builds something.
 pub struct Build {
     title: String,
     command: Command,
     rustflags: Vec<String>,
 }
 
-/// What a build made.
+/// The artifacts of a build.
 pub struct Artifacts(Vec<Artifact>);
 
 impl Build {
@@ -32,7 +33,7 @@ impl Build {
         Self::by(&cargo, title, subcommand)
     }
 
-    /// As [`Build::new`], by a program that takes cargo's place.
+    /// Like [`Build::new`], with a program that replaces cargo.
     pub fn by(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
         let mut command = Command::new(program);
         command.args([subcommand, "--message-format=json-render-diagnostics"]);
@@ -49,7 +50,7 @@ impl Build {
         self
     }
 
-    /// Sets a variable of the environment.
+    /// Sets an environment variable.
     pub fn env(&mut self, name: &str, value: impl AsRef<OsStr>) -> &mut Self {
         self.command.env(name, value);
         self
@@ -61,8 +62,8 @@ impl Build {
         self.env(ENCODED_RUSTFLAGS, self.rustflags.join(SEPARATOR))
     }
 
-    /// Keeps paths of this machine out of the binary: the folders of dependencies, of the workspace
-    /// and of the standard library's sources are cut from the places that panics name.
+    /// Keeps local paths out of the binary: removes the folders of dependencies, the workspace and the
+    /// standard library's sources from the locations of panics.
     pub fn without_local_paths(&mut self, metadata: &Metadata, std: Option<&Path>) -> &mut Self {
         let folders: BTreeSet<_> = metadata
             .packages
@@ -79,10 +80,10 @@ impl Build {
         )
     }
 
-    /// Runs cargo to its end; it has about so many packages to build.
+    /// Runs cargo to completion; `packages` is the approximate number of packages to build.
     ///
     /// # Errors
-    /// What cargo and the compiler said, when the build fails.
+    /// The diagnostics of cargo and the compiler if the build fails.
     pub fn run(&mut self, packages: usize) -> Result<Artifacts> {
         let mut child = self
             .command
@@ -95,8 +96,8 @@ impl Build {
             .stdout
             .take()
             .zip(child.stderr.take())
-            .context("cargo gives no output")?;
-        // Read beside, or a full pipe would stop cargo.
+            .context("cannot capture the output of cargo")?;
+        // Read on another thread, as a full pipe would block cargo.
         let diagnostics = thread::spawn(move || {
             let mut text = String::new();
             let _ = BufReader::new(stderr).read_to_string(&mut text);
@@ -106,7 +107,7 @@ impl Build {
         let mut artifacts = Vec::new();
         for message in Message::parse_stream(BufReader::new(stdout)) {
             if let Message::CompilerArtifact(artifact) =
-                message.context("cannot read what cargo says")?
+                message.context("cannot read the output of cargo")?
             {
                 bar.set_message(artifact.target.name.clone());
                 bar.inc(1);
@@ -123,7 +124,7 @@ impl Build {
     }
 }
 
-/// The flags that the user gives to every build.
+/// The compiler flags from the user's environment.
 fn inherited_rustflags() -> Vec<String> {
     match std::env::var(ENCODED_RUSTFLAGS) {
         Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
@@ -136,7 +137,9 @@ fn inherited_rustflags() -> Vec<String> {
 }
 
 fn progress_bar(title: &str, packages: usize) -> ProgressBar {
-    let bar = ProgressBar::new(packages as u64).with_prefix(title.to_owned());
+    // Two builds may run at the same time.
+    static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+    let bar = BARS.add(ProgressBar::new(packages as u64).with_prefix(title.to_owned()));
     if let Ok(style) = ProgressStyle::with_template("{spinner} {prefix} [{bar:24}] {msg} {elapsed}")
     {
         bar.set_style(style.progress_chars("=> "));
@@ -146,7 +149,7 @@ fn progress_bar(title: &str, packages: usize) -> ProgressBar {
 }
 
 impl Artifacts {
-    /// The program of a binary target.
+    /// The executable of a binary target.
     pub fn executable(&self, target: &str) -> Option<&Path> {
         self.0
             .iter()

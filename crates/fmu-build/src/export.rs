@@ -1,4 +1,4 @@
-//! From the models of a workspace to FMU files.
+//! Exports the models of a workspace to FMU files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,24 +18,24 @@ use crate::toolchain::{self, Target};
 /// What to export, and for which platforms.
 #[derive(Debug, Default)]
 pub struct Options {
-    /// Names of models; all if there are none.
+    /// Names of the models; all if empty.
     pub models: Vec<String>,
-    /// Folder that the FMUs are written to; `fmu` in cargo's target folder if there is none.
+    /// Output folder; by default `fmu` in cargo's target folder.
     pub out: Option<PathBuf>,
-    /// Whether to build for every Linux with glibc 2.17 or newer on this machine's processor.
+    /// Whether to build for any Linux with glibc 2.17 or newer, for this machine's processor.
     pub portable: bool,
-    /// Rust targets to build for; this machine's if there are none.
+    /// Rust targets to build for; this machine's target if empty.
     pub targets: Vec<String>,
-    /// Shared libraries that were built elsewhere.
+    /// Prebuilt shared libraries.
     pub binaries: Vec<Prebuilt>,
-    /// How binaries are compressed.
+    /// Compression of the binaries.
     pub compression: Compression,
 }
 
 /// An FMU that was written.
 #[derive(Debug)]
 pub struct Written {
-    /// The FMU.
+    /// Path of the FMU.
     pub file: PathBuf,
     /// Its size in bytes.
     pub size: u64,
@@ -46,15 +46,15 @@ pub struct Written {
 /// Builds the models and writes their FMUs.
 ///
 /// # Errors
-/// There is no model, or none of a name; a target cannot be built for; what the compiler reported; a
-/// file cannot be read or written.
+/// There is no model, or none with a given name; a target is not supported; the build fails; a file
+/// cannot be read or written.
 pub fn export(options: &Options) -> Result<Vec<Written>> {
     let metadata = library::metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
         None => metadata.target_directory.join("fmu").into(),
     };
-    // What can fail at once does so before the long build.
+    // Checks that are fast come before the long build.
     fs::create_dir_all(&out)
         .with_context(|| format!("cannot create the folder {}", out.display()))?;
     replace::check_writable(&out)?;
@@ -68,10 +68,17 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
     let libraries = library::libraries(&metadata);
     ensure!(
         !libraries.is_empty(),
-        "no package of the workspace {} has models: a cdylib that depends on fmu-export, with a program that describes it",
+        "no package of the workspace {} has models; expected a cdylib that depends on fmu-export, and a program that describes it",
         metadata.workspace_root
     );
-    let models = library::describe(&libraries, &metadata)?;
+    // Each of the two builds compiles most of its dependencies serially, so both run at once,
+    // unless the libraries to build depend on the chosen models.
+    let all = options.models.is_empty() && options.binaries.is_empty();
+    let (models, built) = thread::scope(|scope| {
+        let describing = scope.spawn(|| library::describe(&libraries, &metadata));
+        let built = all.then(|| build(libraries.iter(), &targets, &metadata));
+        anyhow::Ok((join(describing)?, built.transpose()?))
+    })?;
     let chosen = choose(&models, &options.models)?;
     check_prebuilt(&chosen, options, &prebuilt)?;
     let licenses = licenses(&metadata)?;
@@ -79,29 +86,27 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         .iter()
         .map(|model| documentation::files(model, &licenses))
         .collect::<Result<Vec<_>>>()?;
+    let has_chosen = |library: &&Library| of_library(library, &chosen).next().is_some();
+    let built = match built {
+        Some(built) => built,
+        None => build(libraries.iter().filter(has_chosen), &targets, &metadata)?,
+    };
+    for (library, binary) in &built {
+        for model in of_library(library, &chosen) {
+            binary.check_guid(model)?;
+        }
+    }
 
-    // Each binary is packed once, while the next one is built.
     let cache = metadata.target_directory.join("fmu-packed");
     fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
     let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
     let (built, prebuilt) = thread::scope(|scope| {
-        let prebuilt: Vec<_> = prebuilt
+        let packing = |binary| scope.spawn(move || pack(binary));
+        let built: Vec<_> = built
             .iter()
-            .map(|binary| scope.spawn(move || pack(binary)))
+            .map(|(library, binary)| (*library, packing(binary)))
             .collect();
-        let mut built = Vec::new();
-        for library in &libraries {
-            if of_library(library, &chosen).next().is_none() {
-                continue;
-            }
-            for target in &targets {
-                let binary = Binary::build(library, target, &metadata)?;
-                for model in of_library(library, &chosen) {
-                    binary.check_guid(model)?;
-                }
-                built.push((library, scope.spawn(move || pack(&binary))));
-            }
-        }
+        let prebuilt: Vec<_> = prebuilt.iter().map(packing).collect();
         let built = built
             .into_iter()
             .map(|(library, packing)| Ok((library, join(packing)?)))
@@ -119,7 +124,19 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
     chosen.iter().zip(&documents).map(write).collect()
 }
 
-/// The models that are in a library.
+/// Builds libraries for all targets.
+fn build<'a>(
+    libraries: impl Iterator<Item = &'a Library>,
+    targets: &[Target],
+    metadata: &Metadata,
+) -> Result<Vec<(&'a Library, Binary)>> {
+    libraries
+        .flat_map(|library| targets.iter().map(move |target| (library, target)))
+        .map(|(library, target)| Ok((library, Binary::build(library, target, metadata)?)))
+        .collect()
+}
+
+/// The models of a library.
 fn of_library<'a, 'b>(
     library: &'a Library,
     models: &'b [&'b Model<'a>],
@@ -134,7 +151,7 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
         .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// The targets to build for: those asked for, else this machine, unless its binary is given.
+/// The targets to build for: the requested ones, else this machine unless its binary is prebuilt.
 fn targets(options: &Options) -> Result<Vec<Target>> {
     let mut names = options.targets.clone();
     if options.portable {
@@ -155,7 +172,7 @@ fn targets(options: &Options) -> Result<Vec<Target>> {
     Ok(targets)
 }
 
-/// Checks that no two binaries, given or built, are for one platform.
+/// Checks that no two binaries, prebuilt or built, are for the same platform.
 fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
     let mut platforms: Vec<Platform> = options.binaries.iter().map(|b| b.platform).collect();
     for name in names {
@@ -164,15 +181,15 @@ fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
     for (index, platform) in platforms.iter().enumerate() {
         ensure!(
             !platforms[..index].contains(platform),
-            "two binaries are asked for the platform {}; export one of them to an FMU of its own, \
-             in another folder by --out",
+            "two binaries are requested for the platform {}; export one of them to a separate FMU, \
+             in another folder with --out",
             platform.folder
         );
     }
     Ok(())
 }
 
-/// The models of the given names, or all.
+/// The models with the given names, or all.
 fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b Model<'a>>> {
     for name in names {
         if !models.iter().any(|model| model.name == *name) {
@@ -186,7 +203,7 @@ fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b M
         .collect())
 }
 
-/// Checks that the given binaries hold every chosen model, in its present version.
+/// Checks that the prebuilt binaries contain the current version of every chosen model.
 fn check_prebuilt(chosen: &[&Model<'_>], options: &Options, prebuilt: &[Binary]) -> Result<()> {
     for model in chosen {
         for (option, binary) in options.binaries.iter().zip(prebuilt) {
@@ -233,7 +250,7 @@ fn write<'a>(
     })
 }
 
-/// The licence files at the top of the workspace, by their paths in the documentation.
+/// The licence files in the workspace root, with their paths in the documentation.
 fn licenses(metadata: &Metadata) -> Result<Vec<documentation::File>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(&metadata.workspace_root)? {

@@ -1,5 +1,5 @@
-//! Builds the models of a cargo workspace into FMUs: finds and describes them, builds a shared library
-//! for each platform, writes documentation, and packs it all.
+//! Builds the models of a cargo workspace into FMUs: finds the models, generates their descriptions and
+//! documentation, builds a shared library for each platform, and packs the archives.
 #![forbid(unsafe_code)]
 
 mod binary;

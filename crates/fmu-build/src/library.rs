@@ -1,4 +1,4 @@
-//! The libraries of a workspace that are made for export, and the models in them.
+//! The libraries of a workspace that contain models, and the models in them.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ use fmu_description::{ModelDescription, xml};
 
 use crate::build::Build;
 
-/// The feature, and the program behind it, by which a library describes its models.
+/// The feature that enables the program that prints a library's model descriptions.
 const DESCRIBE: &str = "describe";
 
 /// A package with a `cdylib` of models.
@@ -21,15 +21,15 @@ pub struct Library {
     pub target: String,
     /// Folder of the package.
     pub folder: PathBuf,
-    /// Name of the program that describes its models.
+    /// Name of the program that prints its model descriptions.
     pub describe: String,
 }
 
-/// A model, described.
+/// A model with its description.
 pub struct Model<'a> {
-    /// The library that it is in.
+    /// Its library.
     pub library: &'a Library,
-    /// Its name, and that of its binary.
+    /// Name of the model and of its binary.
     pub name: String,
     /// The GUID of its interface.
     pub guid: String,
@@ -37,7 +37,7 @@ pub struct Model<'a> {
     pub xml: String,
 }
 
-/// What cargo knows of the workspace around the current folder.
+/// The metadata of the workspace of the current folder.
 pub fn metadata() -> Result<Metadata> {
     MetadataCommand::new()
         .exec()
@@ -45,7 +45,7 @@ pub fn metadata() -> Result<Metadata> {
 }
 
 /// The libraries of the workspace: packages with a `cdylib` that depend on `fmu-export` and have a
-/// program that describes them.
+/// program that prints model descriptions.
 pub fn libraries(metadata: &Metadata) -> Vec<Library> {
     metadata
         .workspace_packages()
@@ -74,7 +74,7 @@ fn library(package: &Package) -> Option<Library> {
     })
 }
 
-/// Builds and runs the programs that describe the models of all libraries.
+/// Builds and runs the programs that print the model descriptions of all libraries.
 pub fn describe<'a>(libraries: &'a [Library], metadata: &Metadata) -> Result<Vec<Model<'a>>> {
     let mut build = Build::new("describing the models", "build");
     for library in libraries {
@@ -113,7 +113,7 @@ pub fn describe<'a>(libraries: &'a [Library], metadata: &Metadata) -> Result<Vec
     Ok(models)
 }
 
-/// The XML documents that stand one after the other in a text.
+/// The consecutive XML documents in a text.
 fn documents(text: &str) -> impl Iterator<Item = &str> {
     const START: &str = "<?xml";
     let starts: Vec<usize> = text.match_indices(START).map(|(i, _)| i).collect();

@@ -1,18 +1,18 @@
-//! Universal binaries of macOS: a header, then a Mach-O file for each processor.
+//! Universal binaries for macOS: a header followed by a Mach-O file for each processor.
 
 use anyhow::{Context, Result, ensure};
 
-/// The first number of a universal binary, whose header is big-endian.
+/// The magic number of a universal binary, whose header is big-endian.
 const UNIVERSAL: u32 = 0xcafe_babe;
-/// The first bytes of a Mach-O file of 64 bits, which is little-endian.
+/// The first bytes of a 64-bit Mach-O file, which is little-endian.
 const MACH_O: [u8; 4] = 0xfeed_facf_u32.to_le_bytes();
-/// Each file begins at a multiple of this power of two: the largest page of any processor.
+/// The alignment of each file as a power of two: the largest page size of any processor.
 const ALIGNMENT: u32 = 14;
 
 /// Joins Mach-O files, each for another processor.
 ///
 /// # Errors
-/// One is not a Mach-O file of 64 bits; they are larger than 4 GB together.
+/// A file is not a 64-bit Mach-O file, or the total size exceeds 4 GB.
 pub fn join(files: &[Vec<u8>]) -> Result<Vec<u8>> {
     let mut header = vec![UNIVERSAL, u32::try_from(files.len())?];
     let align = |length: usize| length.next_multiple_of(1 << ALIGNMENT);
@@ -20,11 +20,8 @@ pub fn join(files: &[Vec<u8>]) -> Result<Vec<u8>> {
     let mut joined = Vec::new();
     for file in files {
         let number = |at: usize| Some(u32::from_le_bytes(file.get(at..at + 4)?.try_into().ok()?));
-        ensure!(
-            file.starts_with(&MACH_O),
-            "it is not a Mach-O file of 64 bits"
-        );
-        let (processor, model) = number(4).zip(number(8)).context("it is cut off")?;
+        ensure!(file.starts_with(&MACH_O), "it is not a 64-bit Mach-O file");
+        let (processor, model) = number(4).zip(number(8)).context("it is truncated")?;
         // The header is far smaller than the space before the first file.
         let start = align(end.max(1));
         end = start + file.len();
@@ -43,7 +40,7 @@ pub fn join(files: &[Vec<u8>]) -> Result<Vec<u8>> {
 mod tests {
     use super::*;
 
-    /// The first bytes of a file for a processor.
+    /// A file for a processor, with only the start of its header.
     fn file(processor: u32, length: usize) -> Vec<u8> {
         let mut bytes = MACH_O.to_vec();
         bytes.extend(processor.to_le_bytes());
@@ -53,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn each_file_lies_where_the_header_says() {
+    fn each_file_is_at_its_offset_in_the_header() {
         let files = [file(0x0100_0007, 20_000), file(0x0100_000c, 99)];
         let joined = join(&files).unwrap();
         let number = |at: usize| u32::from_be_bytes(joined[at..at + 4].try_into().unwrap());
@@ -70,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mach_o_file_is_rejected() {
+    fn other_file_formats_are_rejected() {
         for bytes in [&b"\x7fELF"[..], &MACH_O, b""] {
             assert!(join(&[bytes.to_vec()]).is_err());
         }

@@ -1,9 +1,9 @@
-//! The table of a model's variables, for people.
+//! The human-readable table of a model's variables.
 
 use fmu_description::value::integer;
 use fmu_description::{ModelDescription, ScalarVariable};
 
-/// What the columns are.
+/// The column headings.
 pub const HEAD: [&str; 8] = [
     "variable",
     "causality",
@@ -46,7 +46,7 @@ fn row(v: &ScalarVariable<'_>) -> Row {
     .map(str::to_owned)
 }
 
-/// A number as powers of ten where that is easier to read.
+/// A number in scientific notation if that is shorter.
 fn short(number: &str) -> String {
     match number.parse::<f64>() {
         Ok(value) if number.len() > 5 && format!("{value:e}").len() < number.len() => {
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_rows_of_zeros_become_powers_of_ten() {
+    fn long_numbers_use_scientific_notation() {
         for (number, expected) in [
             ("1000000000", "1e9"),
             ("-1000000000", "-1e9"),

@@ -1,4 +1,4 @@
-//! How a target is built: by which toolchain, with which standard library, and by which linker.
+//! How a target is built: toolchain, standard library and linker.
 
 use std::env::{self, consts::EXE_SUFFIX};
 use std::ffi::{OsStr, OsString};
@@ -11,26 +11,26 @@ use fmu_file::platform::{Platform, UNIVERSAL};
 
 use crate::build::Build;
 
-/// Links for a given version of glibc, and for macOS on other systems.
+/// Links for a given glibc version, and for macOS from other systems.
 const ZIGBUILD: &str = "cargo-zigbuild";
-/// What a portable Linux binary asks for at most: that of CentOS 7.
+/// The glibc version that portable Linux binaries require, as in CentOS 7.
 const GLIBC: &str = "2.17";
-/// The oldest macOS that runs on ARM.
+/// The first macOS for ARM.
 const MACOS: &str = "11.0";
 
-/// What is built for one or several platforms of an FMU.
+/// A build target, for one or more platforms of an FMU.
 pub struct Target {
-    /// Where its binary goes.
+    /// The platforms of its binary.
     pub platforms: Vec<Platform>,
-    /// How its binary is built: by one recipe, or by two whose binaries are joined.
+    /// How its binary is built: one recipe, or two whose binaries are joined.
     pub recipes: Vec<Recipe>,
 }
 
 /// How a binary for one processor and system is built.
 pub struct Recipe {
-    /// As cargo or cargo-zigbuild takes it.
+    /// The target name for cargo or cargo-zigbuild.
     target: String,
-    /// Whether cargo gets it as `--target`, or builds for this machine.
+    /// Whether it is passed to cargo as `--target`; otherwise cargo builds for this machine.
     is_named: bool,
     toolchain: Toolchain,
     std_from_source: bool,
@@ -38,10 +38,10 @@ pub struct Recipe {
 }
 
 impl Target {
-    /// The target of this machine, which needs a Rust toolchain only.
+    /// The target of this machine, which only needs a Rust toolchain.
     ///
     /// # Errors
-    /// There is no toolchain, or FMI does not know this machine.
+    /// There is no toolchain, or FMI has no platform folder for this machine.
     pub fn of_this_machine() -> Result<Self> {
         let host = host()?;
         Ok(Self {
@@ -56,10 +56,10 @@ impl Target {
         })
     }
 
-    /// The target of a name: a Rust triple, perhaps with a glibc version behind it, or [`UNIVERSAL`].
+    /// The target with the given name: a Rust triple, optionally with a glibc version, or [`UNIVERSAL`].
     ///
     /// # Errors
-    /// What is missing to build for it.
+    /// A tool or standard library that the target needs is missing.
     pub fn named(name: &str) -> Result<Self> {
         let parts = match name {
             UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
@@ -73,7 +73,7 @@ impl Target {
 }
 
 impl Recipe {
-    /// The recipe for a target that this machine can build for.
+    /// The recipe for a target, if this machine can build for it.
     fn to(target: &str) -> Result<Self> {
         let (triple, glibc) = match target.split_once('.') {
             Some((triple, version)) => (triple, Some(version)),
@@ -82,7 +82,7 @@ impl Recipe {
         let by_zig = glibc.is_some() || is_apple(triple) && !cfg!(target_os = "macos");
         ensure!(
             Toolchain::active().folder_of_std(triple).is_some(),
-            "the Rust toolchain does not know the target {triple}; `rustc --print target-list` has all"
+            "the Rust toolchain does not know the target {triple}; `rustc --print target-list` lists all targets"
         );
         let (toolchain, std_from_source) = Toolchain::all()
             .find_map(|toolchain| {
@@ -92,9 +92,9 @@ impl Recipe {
             })
             .with_context(|| {
                 format!(
-                    "no toolchain has a standard library for the target {triple}; `rustup target add {triple}` \
-                     installs it, and `rustup component add rust-src`, or Debian's packages rustc-web, cargo-web \
-                     and rust-web-src, what it can be built from"
+                    "no toolchain has a standard library for the target {triple}; install it with \
+                     `rustup target add {triple}`, or its sources with `rustup component add rust-src` or the \
+                     Debian packages rustc-web, cargo-web and rust-web-src"
                 )
             })?;
         check_linker(target, triple, by_zig)?;
@@ -126,42 +126,42 @@ impl Recipe {
             build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
         }
         if self.std_from_source {
-            // Small: without the symbolizer of backtraces. Panics are caught without it.
+            // Smaller without the backtrace symbolizer, which is not needed to catch panics.
             build
                 .args(["-Zbuild-std=std,panic_unwind"])
                 .args(["-Zbuild-std-features=panic-unwind"])
                 .env("RUSTC_BOOTSTRAP", "1");
             if is_apple(&self.target) {
-                // zig's linker exports what is not hidden, whatever is asked for.
+                // zig's linker exports everything that is not hidden.
                 build.rustflags(["-Zdefault-visibility=hidden".to_owned()]);
             }
         }
         build
     }
 
-    /// Arguments of the compiler for the shared library `name`.
+    /// Compiler arguments for the shared library `name`.
     pub fn compiler_args(&self, name: &str) -> Vec<String> {
         let mut args = Vec::new();
         if self.target.ends_with("-windows-gnu") {
-            // The same bytes from every build.
+            // For reproducible builds.
             args.push("-Clink-arg=-Wl,--no-insert-timestamp".to_owned());
         }
         if self.target.ends_with("-windows-msvc") {
-            // With the C runtime in it, which is not on every Windows.
+            // Links the C runtime statically, as it is not installed on every Windows.
             args.push("-Ctarget-feature=+crt-static".to_owned());
         }
         if is_apple(&self.target) {
-            // One library serves several models, so it has its own name.
+            // One library contains several models, so it has its own name.
             args.push(format!("-Clink-arg=-Wl,-install_name,@rpath/{name}.dylib"));
         }
         if is_apple(&self.target) && self.by_zig {
-            // What strips a finished library breaks its signature, without which ARM does not run it.
+            // Stripping the linked library would break its signature, which ARM requires.
             args.extend(["-Cstrip=none", "-Clink-args=-Wl,-s -Wl,-x"].map(str::to_owned));
         }
         args
     }
 
-    /// The folder that the sources of the standard library would be in.
+    /// The folder of the standard library's sources, which may not exist.
     pub fn sources(&self) -> Option<PathBuf> {
         self.toolchain.sources()
     }
@@ -185,9 +185,9 @@ impl Display for Recipe {
     }
 }
 
-/// A compiler and its cargo, of one version.
+/// A compiler and its cargo.
 struct Toolchain {
-    /// Where they are; without one they are those that run this program.
+    /// Their folder; `None` for the toolchain that runs this program.
     folder: Option<PathBuf>,
 }
 
@@ -196,7 +196,7 @@ impl Toolchain {
         Self { folder: None }
     }
 
-    /// The active one, and those that PATH leads to, such as the system's beside rustup's.
+    /// The active toolchain and all toolchains in PATH, such as the system's in addition to rustup's.
     fn all() -> impl Iterator<Item = Self> {
         let path = env::var_os("PATH").unwrap_or_default();
         let folders: Vec<_> = env::split_paths(&path).collect();
@@ -220,7 +220,7 @@ impl Toolchain {
         }
     }
 
-    /// What the compiler prints, if it succeeds.
+    /// The output of the compiler, if it succeeds.
     fn rustc(&self, args: &[&str]) -> Option<String> {
         let output = Command::new(self.program("rustc"))
             .args(args)
@@ -230,13 +230,14 @@ impl Toolchain {
         output.status.success().then_some(text)
     }
 
-    /// Name and number of the version.
+    /// Name and version number.
     fn version(&self) -> String {
         let text = self.rustc(&["--version"]).unwrap_or_default();
         text.split(" (").next().unwrap_or_default().to_owned()
     }
 
-    /// Where the standard library for a target is or would be; none if the target is not known.
+    /// The folder of the standard library for a target, which may not exist; `None` if the target is
+    /// unknown.
     fn folder_of_std(&self, triple: &str) -> Option<PathBuf> {
         self.rustc(&["--print", "target-libdir", "--target", triple])
             .map(Into::into)
@@ -257,15 +258,15 @@ fn is_apple(target: &str) -> bool {
     target.contains("-apple-")
 }
 
-/// The name of this machine's target for old systems, too.
+/// The name of this machine's target with an old glibc version.
 ///
 /// # Errors
-/// It is not Linux with glibc.
+/// This machine is not Linux with glibc.
 pub fn portable() -> Result<String> {
     let host = host()?;
     ensure!(
         host.ends_with("-linux-gnu"),
-        "--portable builds for Linux with an old glibc, and this machine's target is {host}"
+        "--portable builds for Linux with glibc, but this machine's target is {host}"
     );
     Ok(format!("{host}.{GLIBC}"))
 }
@@ -278,15 +279,15 @@ fn host() -> Result<String> {
         .lines()
         .find_map(|line| line.strip_prefix("host: "))
         .map(str::to_owned)
-        .context("rustc -vV does not name its host")
+        .context("rustc -vV does not print its host")
 }
 
-/// Checks that the linker of a target is there, if it is none that comes with the system or with Rust.
+/// Checks that the linker of a target is installed, unless it comes with the system or with Rust.
 fn check_linker(target: &str, triple: &str, by_zig: bool) -> Result<()> {
     if by_zig {
         ensure!(
             runs(ZIGBUILD),
-            "the target {target} is linked by cargo-zigbuild, which is missing; `pip install cargo-zigbuild ziglang` installs it"
+            "the target {target} is linked by cargo-zigbuild, which is missing; install it with `pip install cargo-zigbuild ziglang`"
         );
     } else if let Some(processor) = triple.strip_suffix("-pc-windows-gnu")
         && !cfg!(windows)
@@ -294,7 +295,7 @@ fn check_linker(target: &str, triple: &str, by_zig: bool) -> Result<()> {
         let linker = format!("{processor}-w64-mingw32-gcc");
         ensure!(
             runs(&linker),
-            "the target {target} is linked by {linker}, which is missing; it is MinGW-w64, Debian's package gcc-mingw-w64"
+            "the target {target} is linked by {linker}, which is missing; install MinGW-w64 (Debian package gcc-mingw-w64)"
         );
     }
     Ok(())
@@ -320,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_library_for_macos_is_named_and_stripped_by_its_linker() {
+    fn libraries_for_macos_are_named_and_stripped_by_the_linker() {
         let args = recipe("aarch64-apple-darwin", true).compiler_args("models");
         assert!(args[0].ends_with("-install_name,@rpath/models.dylib"));
         assert!(args.contains(&"-Cstrip=none".to_owned()));
@@ -334,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_has_what_it_needs() {
+    fn this_machine_can_build_for_itself() {
         let host = host().unwrap();
         let recipe = Recipe::to(&host).unwrap();
         assert!(!recipe.std_from_source && !recipe.by_zig);
@@ -345,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_target_is_named() {
+    fn unknown_targets_are_named_in_the_error() {
         let error = Recipe::to("x86_64-nonsense-linux-gnu")
             .err()
             .unwrap()

@@ -1,4 +1,4 @@
-//! A model bound to its table: the code that is made anew for every model.
+//! A model bound to its table: the code that is generic over the model.
 
 use std::any::Any;
 use std::hint::black_box;
@@ -8,7 +8,7 @@ use fmu_description::{Causality, Domain, Info, Variability, Variable, guid};
 use crate::slave::{Guid, Scalar, Slave};
 use crate::{Model, ModelError};
 
-/// A model, and its table of `N` scalar variables.
+/// A model whose table has `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize>(M);
 
 /// Number of scalar variables of a model.
@@ -23,9 +23,9 @@ pub const fn scalars<M: Model>() -> usize {
     count
 }
 
-/// The range of values that a Real may be set to between steps. Its ends are finite, so NaN and
-/// infinities lie outside. It is empty for a variable that may not be set, and for an array, which
-/// may be shorter in the model than in the table.
+/// The range of values that a Real may be set to between steps. Its ends are finite, which excludes
+/// NaN and infinities. It is empty for variables that cannot be set, and for arrays, which may be
+/// shorter in the model than in the table.
 const fn writable(info: &Info) -> (f64, f64) {
     let at_any_time = matches!(
         (info.causality, info.variability),
@@ -52,7 +52,7 @@ const fn has_input_derivatives<M>(variables: &[Variable<M>]) -> bool {
 
 impl<M: Model, const N: usize> Bound<M, N> {
     pub(crate) const GUID: Guid = guid::guid(M::NAME, M::VARIABLES);
-    /// The row of each value reference, and the index in its array.
+    /// The row of each value reference, and the index of the element.
     const SLOTS: &'static [(u16, u16); N] = &Self::slots();
     /// Whether the host may set the time derivative of any input.
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = has_input_derivatives(M::VARIABLES);
@@ -95,7 +95,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         Self(model)
     }
 
-    /// The variable of a value reference, and the index in its array.
+    /// The variable of a value reference, and the index of the element.
     #[inline(always)]
     fn variable(reference: u32) -> Option<(&'static Variable<M>, usize)> {
         let &(row, element) = Self::SLOTS.get(reference as usize)?;
@@ -104,8 +104,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
 
     /// The Real of a value reference.
     ///
-    /// Each of the first references has an arm of its own, in which the compiler knows the variable:
-    /// the author's closure is then not called, but becomes a part of the arm.
+    /// The first references have match arms of their own, in which the variable is a compile-time
+    /// constant, so that the author's closure is inlined.
     #[inline(always)]
     fn real(model: &mut M, reference: u32) -> Option<&mut f64> {
         macro_rules! arms {
@@ -128,7 +128,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
     }
 
-    /// As [`variable`](Self::variable), at compile time.
+    /// Like [`variable`](Self::variable), at compile time.
     const fn known_variable(reference: usize) -> Option<(&'static Variable<M>, usize)> {
         if reference < N {
             let (row, element) = Self::SLOTS[reference];
@@ -144,7 +144,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         self.0.step(time, step)
     }
 
-    /// Reads Reals; false, and nothing handed out, if a reference is none of a Real.
+    /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
     #[inline(always)]
     pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
         match (references, &mut *values) {
@@ -153,10 +153,10 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
     }
 
-    // `black_box`: else the compiler computes the addresses of all variables before the loop.
+    // Without `black_box`, the compiler computes the addresses of all variables before the loop.
     #[inline(never)]
     fn get_many(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        // All are looked at before the first is handed out.
+        // All references are checked before the first value is written.
         references
             .iter()
             .all(|&reference| Self::real(&mut self.0, reference).is_some())
@@ -173,8 +173,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
         true
     }
 
-    /// Writes Reals that may be written between steps; false, and nothing written, if there is
-    /// another variable or value among them. A few, as a host mostly sets, go without a loop.
+    /// Writes Reals that may be set between steps. Returns false and writes nothing if a variable or
+    /// value is not allowed. Up to four values, the usual case, are written without a loop.
     #[inline(always)]
     pub(crate) fn set_reals(&mut self, references: &[u32], values: &[f64]) -> bool {
         if references.len() > 4 {
@@ -197,7 +197,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
             && (0..references.len()).all(|i| black_box(&mut *self).write(references, values, i))
     }
 
-    /// Whether the value `i`, if there is one, may be written.
+    /// Whether the value `i` may be written; true if there is none.
     #[inline(always)]
     fn may_set(references: &[u32], values: &[f64], i: usize) -> bool {
         match (references.get(i), values.get(i)) {

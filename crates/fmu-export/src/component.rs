@@ -1,10 +1,10 @@
-//! What FMI asks of any slave, whatever its version: the state machine, checks, the panic guard.
+//! What FMI requires of every slave: the state machine, checks and the panic guard.
 
 use std::any::Any;
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::life::Life;
+use crate::lifecycle::Lifecycle;
 use crate::log::{Category, Log};
 use crate::model::{Kind, ModelError};
 use crate::phase::{self, Call, Phase};
@@ -13,7 +13,7 @@ use crate::slave::Slave;
 use crate::snapshot::Snapshot;
 use crate::values::{self, Value};
 
-/// How a call ended, numbered as in FMI, so that it costs nothing to hand on.
+/// The outcome of a call, numbered like `fmi2Status`, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) enum Outcome {
@@ -25,11 +25,11 @@ pub(crate) enum Outcome {
 
 /// Why a call failed.
 pub(crate) enum Failure {
-    /// The call was wrong, and changed nothing.
+    /// The call was invalid and changed nothing.
     Refused(Reason),
-    /// The step was not taken, and the model is as it was.
+    /// The step was not taken, and the model is unchanged.
     Discarded(Reason),
-    /// The model cannot go on.
+    /// The model cannot continue.
     Broken(Reason),
 }
 
@@ -56,7 +56,7 @@ impl Failure {
 /// An instance of a model; `S` is its [`Slave`].
 pub(crate) struct Component<S: ?Sized = dyn Slave> {
     log: Log,
-    pub(crate) life: Life,
+    pub(crate) lifecycle: Lifecycle,
     pub(crate) slave: S,
 }
 
@@ -64,14 +64,14 @@ impl<S> Component<S> {
     pub(crate) fn new(log: Log, slave: S) -> Self {
         Self {
             log,
-            life: Life::NEW,
+            lifecycle: Lifecycle::NEW,
             slave,
         }
     }
 }
 
 impl Component {
-    /// Does the work of a call if the state allows it, and tells what went wrong.
+    /// Runs `work` if the call is allowed in the current state, and logs failures.
     pub(crate) fn call(
         &mut self,
         call: &Call,
@@ -81,24 +81,24 @@ impl Component {
         self.guard(call, &mut |c| work.take().map_or(Ok(()), |work| work(c)))
     }
 
-    /// As [`call`](Self::call): the code that all calls share.
+    /// The code of [`call`](Self::call) that all calls share.
     #[inline(never)]
     fn guard(
         &mut self,
         call: &Call,
         work: &mut dyn FnMut(&mut Self) -> Result<(), Failure>,
     ) -> Outcome {
-        if !call.is_allowed(self.life.phase) {
-            return self.refuse_in_this_phase(call);
+        if !call.is_allowed(self.lifecycle.phase) {
+            return self.refuse_in_phase(call);
         }
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
             Ok(Ok(())) => Outcome::Ok,
             Ok(Err(failure)) => self.fail(call.name, failure),
-            Err(panic) => self.die(call.name, panic),
+            Err(panic) => self.fail_by_panic(call.name, panic),
         }
     }
 
-    /// Refuses a call that no state allows, with its reason.
+    /// Logs why a call failed and returns [`Outcome::Error`].
     pub(crate) fn refuse(&self, name: &str, reason: impl Into<Reason>) -> Outcome {
         self.log.send(Category::Error, || {
             format!("{name}: {}", reason.into().text())
@@ -107,16 +107,16 @@ impl Component {
     }
 
     #[cold]
-    fn refuse_in_this_phase(&self, call: &Call) -> Outcome {
+    fn refuse_in_phase(&self, call: &Call) -> Outcome {
         self.log.send(Category::Error, || {
             format!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
                 call.name,
-                self.life.phase.name(),
+                self.lifecycle.phase.name(),
                 call.allowed_names()
             )
         });
-        match self.life.phase {
+        match self.lifecycle.phase {
             Phase::Fatal => Outcome::Fatal,
             _ => Outcome::Error,
         }
@@ -142,8 +142,8 @@ impl Component {
 
     #[cold]
     #[inline(never)]
-    pub(crate) fn die(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
-        self.life.phase = Phase::Fatal;
+    pub(crate) fn fail_by_panic(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
+        self.lifecycle.phase = Phase::Fatal;
         let text = panic
             .downcast_ref::<&str>()
             .copied()
@@ -156,7 +156,7 @@ impl Component {
     }
 
     fn enter(&mut self, phase: Phase) {
-        self.life.phase = phase;
+        self.lifecycle.phase = phase;
         self.log
             .send(Category::Events, || format!("state: {}", phase.name()));
     }
@@ -180,9 +180,9 @@ impl Component {
                 )
                 .into());
             }
-            c.life.start_time = start;
-            c.life.stop_time = stop;
-            c.life.stale = true;
+            c.lifecycle.start_time = start;
+            c.lifecycle.stop_time = stop;
+            c.lifecycle.stale = true;
             Ok(())
         })
     }
@@ -212,26 +212,26 @@ impl Component {
     pub(crate) fn reset(&mut self) -> Outcome {
         self.call(&phase::RESET, |c| {
             c.slave.reset();
-            c.life = Life::NEW;
+            c.lifecycle = Lifecycle::NEW;
             c.enter(Phase::Instantiated);
             Ok(())
         })
     }
 
-    /// Checks a step; how the call ends if there is none to be taken.
+    /// Checks a step. Returns the outcome of the call if no step is to be taken.
     #[cold]
     #[inline(never)]
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
         let mut due = false;
         let outcome = self.call(&phase::DO_STEP, |c| {
-            c.life.check_step(time, step, &c.log)?;
-            due = step != 0.0; // 0: event iterations of some hosts
+            c.lifecycle.check_step(time, step, &c.log)?;
+            due = step != 0.0; // some hosts iterate events with steps of 0
             Ok(())
         });
         (!due).then_some(outcome)
     }
 
-    /// Reads the values of the references.
+    /// Reads the values with the given references.
     pub(crate) fn get<V: Value>(
         &mut self,
         call: &Call,
@@ -239,14 +239,14 @@ impl Component {
         values: &mut [V],
     ) -> Outcome {
         self.call(call, |c| {
-            if c.life.phase == Phase::Initialization && c.life.stale {
+            if c.lifecycle.phase == Phase::Initialization && c.lifecycle.stale {
                 c.refresh()?;
             }
             Ok(values::get(&mut c.slave, references, values)?)
         })
     }
 
-    /// Writes all values, or none.
+    /// Writes all values or none.
     pub(crate) fn set<V: Value>(
         &mut self,
         call: &Call,
@@ -254,19 +254,19 @@ impl Component {
         values: &[V],
     ) -> Outcome {
         self.call(call, |c| {
-            let running = c.life.phase == Phase::StepComplete;
+            let running = c.lifecycle.phase == Phase::StepComplete;
             values::set(&mut c.slave, references, values, running)?;
-            c.life.stale |= !running;
+            c.lifecycle.stale |= !running;
             Ok(())
         })
     }
 
-    /// There are no String variables: refuses any reference to one.
+    /// Rejects every reference, as there are no String variables.
     pub(crate) fn strings(&mut self, call: &Call, references: &[u32]) -> Outcome {
         self.call(call, |c| Ok(values::no_string(&mut c.slave, references)?))
     }
 
-    /// Sets first time derivatives of inputs for the next step, all or none.
+    /// Sets the first time derivatives of inputs for the next step, all or none.
     pub(crate) fn set_input_derivatives(
         &mut self,
         references: &[u32],
@@ -276,12 +276,12 @@ impl Component {
         self.call(&phase::INPUT_DERIVATIVES, |c| {
             let slave = &mut c.slave;
             values::set_input_derivatives(slave, references, orders, values)?;
-            c.life.has_input_derivatives |= !references.is_empty();
+            c.lifecycle.has_input_derivatives |= !references.is_empty();
             Ok(())
         })
     }
 
-    /// Derivatives of outputs in a direction of the inputs.
+    /// Computes directional derivatives of outputs with respect to inputs.
     pub(crate) fn directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -297,14 +297,14 @@ impl Component {
         })
     }
 
-    /// All that the future of the instance depends on.
+    /// The complete state of the instance.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot::new(self.life, &self.slave)
+        Snapshot::new(self.lifecycle, &self.slave)
     }
 
-    /// Continues from a snapshot, of this or another instance of the model.
+    /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
-        self.life = snapshot.restore(&mut self.slave)?;
+        self.lifecycle = snapshot.restore(&mut self.slave)?;
         Ok(())
     }
 
@@ -312,17 +312,17 @@ impl Component {
         &self.slave
     }
 
-    /// The end of the last step taken (s).
+    /// The end of the last successful step (s).
     pub(crate) fn time(&self) -> f64 {
-        self.life.time.unwrap_or(self.life.start_time)
+        self.lifecycle.time.unwrap_or(self.lifecycle.start_time)
     }
 
-    /// Computes the outputs from start values and inputs.
+    /// Computes the outputs from the start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
         self.slave
-            .initialize(self.life.start_time)
+            .initialize(self.lifecycle.start_time)
             .map_err(|error: ModelError| Reason::new(move || error.reason().to_owned()))?;
-        self.life.stale = false;
+        self.lifecycle.stale = false;
         Ok(())
     }
 }

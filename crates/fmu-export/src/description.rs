@@ -1,4 +1,4 @@
-//! The model descriptions of a library, printed for the exporter.
+//! Prints the model descriptions of a library for `cargo fmu export`.
 
 use std::io::{self, Write};
 
@@ -7,12 +7,12 @@ use fmu_description::{Capability, Subject, describe as describe_table};
 
 use crate::{Entry, Model, Variable, log};
 
-/// What the C interface of this crate can do, for every model or as its table says.
+/// The capabilities of this crate's C interface, some of which depend on the model's table.
 fn capabilities<M: Model>() -> Vec<Capability> {
     let has = |feature: fn(&Variable<M>) -> bool| M::VARIABLES.iter().any(feature);
     let always = [
         Capability::CanHandleVariableCommunicationStepSize,
-        // Memory is Rust's; the host's callbacks are not used.
+        // Memory comes from Rust's allocator, not from the host's callbacks.
         Capability::CanNotUseMemoryManagementFunctions,
         Capability::CanGetAndSetFMUstate,
         Capability::CanSerializeFMUstate,
@@ -43,8 +43,8 @@ pub(crate) fn describe<M: Model>() -> Element<'static> {
     describe_table(&subject, M::VARIABLES)
 }
 
-/// Prints the `modelDescription.xml` of every model to standard output, one after the other: the
-/// whole `main` of the program by which a library describes itself to the exporter.
+/// Prints the `modelDescription.xml` of every model to standard output. This is all that `main` of a
+/// library's `describe` program does.
 ///
 /// # Errors
 /// A description cannot be written.

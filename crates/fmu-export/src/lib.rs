@@ -1,7 +1,7 @@
-//! Makes a Rust model an FMI 2.0.4 co-simulation slave.
+//! Turns a Rust model into an FMI 2.0.4 co-simulation slave.
 //!
-//! A model is a struct with a table of its variables and a step ([`Model`]); [`export!`] makes a
-//! `cdylib` of one or more models an FMU binary. The author's crate needs no `unsafe`:
+//! A model is a struct with a table of its variables and a step function ([`Model`]); [`export!`]
+//! turns a `cdylib` with one or more models into an FMU binary. The author's crate needs no `unsafe`:
 //!
 //! ```
 //! use fmu_export::{Model, ModelError, Variable, unit};
@@ -32,22 +32,22 @@
 //! # fn main() {}
 //! ```
 //!
-//! How a call goes: an entry point of [`fmi2`] turns pointers into slices, and hands them to the
-//! component, which holds what FMI asks of any slave: the state machine, the checks
-//! of arguments, the logger and the guard that stops a panic. The component reads and writes the
-//! model through its table. Only the first of these layers knows the C types of FMI 2.0 and has
-//! `unsafe` code; the others know the names of its functions, for messages.
+//! A call passes through two layers. The entry points in [`fmi2`] convert pointers to slices and
+//! forward them to the component, which implements what FMI requires of every slave: the state
+//! machine, argument checks, the logger and the panic guard. The component accesses the model through
+//! its table. Only the entry points use the C types of FMI 2.0 and `unsafe` code; the component knows
+//! the names of the functions for its messages.
 //!
-//! The three calls that a host makes at every step, to set Reals, step and get Reals, are made for
-//! each model anew. They do what is usual, with few checks that together let nothing pass that the
-//! component would refuse, and leave the rest to it.
+//! The three calls that a host makes at every step (set Reals, step, get Reals) are generic over the
+//! model. They have a fast path with a few checks, which never accepts a call that the component would
+//! reject, and leave all other cases to the component.
 
 mod bound;
 mod component;
 #[cfg(feature = "describe")]
 mod description;
 pub mod fmi2;
-mod life;
+mod lifecycle;
 mod log;
 mod model;
 mod phase;
@@ -64,8 +64,8 @@ pub use fmi2::Entry;
 pub use fmu_description::{Enumeration, Unit, Variable, unit};
 pub use model::{Model, ModelError, finite};
 
-/// Makes the library an FMU binary of one or more [`Model`]s, which `fmi2Instantiate` tells apart by
-/// their GUIDs, and lists them in `MODELS`.
+/// Turns the library into an FMU binary with one or more [`Model`]s, which `fmi2Instantiate` selects
+/// by GUID, and lists them in `MODELS`.
 #[macro_export]
 macro_rules! export {
     ($($model:ty),+ $(,)?) => {
@@ -77,7 +77,7 @@ macro_rules! export {
         /// `fmi2Instantiate` (FMI 2.0.4, section 2.1.5).
         ///
         /// # Safety
-        /// As the standard asks of the caller: every pointer is NULL or valid, texts end in zero,
+        /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated,
         /// and the callbacks live as long as the instance.
         #[unsafe(no_mangle)]
         pub unsafe extern "C" fn fmi2Instantiate(

@@ -1,4 +1,4 @@
-//! The log categories of FMI 2.0.4 (section 2.2.4), and which of them are on.
+//! The log categories of FMI 2.0.4 (section 2.2.4), and which of them are enabled.
 
 use std::ffi::{CStr, CString};
 
@@ -15,10 +15,10 @@ pub(crate) enum Category {
     Events = 1 << 4,
 }
 
-/// A category, its name and its description.
+/// A category with its name and its description.
 type Named = (Category, &'static CStr, &'static str);
 
-/// Every category that the slave logs to.
+/// All categories that the slave logs to.
 const CATEGORIES: [Named; 5] = [
     (
         Category::Error,
@@ -47,7 +47,7 @@ const CATEGORIES: [Named; 5] = [
     ),
 ];
 
-/// The category that stands for all.
+/// The category that includes all others.
 const ALL: (&str, &str) = ("logAll", "all messages");
 
 const EVERY: u8 = STATUSES | Category::Events as u8;
@@ -67,7 +67,7 @@ pub(crate) fn categories() -> Vec<(&'static str, &'static str)> {
 }
 
 impl Category {
-    /// Its name in FMI.
+    /// The name of the category in FMI.
     pub(crate) fn name(self) -> &'static CStr {
         CATEGORIES
             .iter()
@@ -76,25 +76,25 @@ impl Category {
     }
 }
 
-/// Takes a message of a category to the host.
+/// Sends a message to the host.
 pub(crate) type Sink = Box<dyn Fn(Category, &str)>;
 
-/// Where the messages of one instance go.
+/// The log of an instance.
 pub(crate) struct Log {
     sink: Option<Sink>,
-    /// Categories that are on, as a set of [`Category`] bits.
+    /// Enabled categories, as a set of [`Category`] bits.
     on: u8,
 }
 
 impl Log {
-    /// Reports the reasons of statuses until the host switches them off by `fmi2SetDebugLogging`, and
-    /// events only if `debug`.
+    /// Creates a log with the status categories enabled until the host disables them with
+    /// `fmi2SetDebugLogging`; events are enabled if `debug` is true.
     pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
         let on = if debug { EVERY } else { STATUSES };
         Self { sink, on }
     }
 
-    /// Switches on exactly the named categories, or the named ones off; without names, all.
+    /// Enables exactly the named categories, or disables them; without names, all categories.
     pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), Reason> {
         let mut set = 0;
         for name in categories {
@@ -120,7 +120,7 @@ impl Log {
             .ok_or_else(|| unknown(name.to_owned()))
     }
 
-    /// Sends a message, which is only formatted if its category is on.
+    /// Sends a message. It is formatted only if its category is enabled.
     pub(crate) fn send(&self, category: Category, message: impl FnOnce() -> String) {
         if let Some(sink) = &self.sink
             && self.on & category as u8 != 0
@@ -138,7 +138,7 @@ fn unknown(category: CString) -> Reason {
             .collect();
         let known = known.join(", ");
         format!(
-            "log category {category:?} is unknown; there are {known}, {}",
+            "log category {category:?} is unknown; expected one of {known}, {}",
             ALL.0
         )
     })

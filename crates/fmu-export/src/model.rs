@@ -1,4 +1,4 @@
-//! What an author writes: a struct, the table of its variables, and a step.
+//! What an author implements: a struct, the table of its variables, and a step function.
 
 use std::fmt::Display;
 
@@ -8,62 +8,60 @@ use serde::de::DeserializeOwned;
 
 /// A model that can be exported as an FMU.
 ///
-/// Values live in the struct; the table says which of them the host may see. Before
-/// [`initialize`](Model::initialize), and again on a reset, the struct is made by `Default` and every
-/// variable of the table that has a start value is set to it. `Clone` and `serde` are how the host
-/// saves and restores a model: whatever its future depends on is cloned and serialized.
+/// Values are stored in the struct; the table declares which of them the host can access. Before
+/// [`initialize`](Model::initialize), and again on a reset, the struct is created with `Default`, and
+/// every variable with a start value is set to it. The host saves and restores a model through `Clone`
+/// and `serde`, so both must cover the complete state.
 pub trait Model: Default + Clone + Serialize + DeserializeOwned + 'static {
     /// Name of the model, of the FMU and of its binary: a C identifier.
     const NAME: &'static str;
-    /// What the model is, in a sentence.
+    /// Description of the model in one sentence.
     const DESCRIPTION: &'static str;
     /// The variables, in the order of the XML.
     const VARIABLES: &'static [Variable<Self>];
-    /// Stop time and communication step (s) that suit the model.
+    /// Stop time and communication step (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64) = (20.0, 0.001);
 
-    /// Called when parameters and inputs have their first values: computes the outputs at
-    /// `start_time` (s). It may be called again, after the host has changed its mind about a
-    /// parameter, and then starts anew.
+    /// Computes the outputs at `start_time` (s) from the initial parameters and inputs. If the host
+    /// then changes a parameter, it is called again and must start over.
     ///
     /// # Errors
-    /// The parameters do not fit together.
+    /// The parameters are inconsistent.
     fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
         let _ = start_time;
         Ok(())
     }
 
-    /// Moves on from `time` to `time + step` (s), with the inputs held. `step` is positive.
+    /// Advances from `time` to `time + step` (s) with constant inputs. `step` is positive.
     ///
     /// # Errors
     /// The step cannot be computed. The instance can then only be restored, reset or freed, unless
-    /// the error is one that leaves the model as it was: [`ModelError::refuse`] or
-    /// [`ModelError::discard`].
+    /// the error leaves the model unchanged: [`ModelError::refuse`] or [`ModelError::discard`].
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 }
 
-/// Why a model cannot go on: a text for the user.
+/// An error of a model, with a message for the user.
 ///
-/// Any error becomes one by `?`.
+/// The operator `?` converts any error to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelError {
     reason: String,
     kind: Kind,
 }
 
-/// What is left of the model.
+/// Whether the model remains usable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// The call was wrong, and left the model as it was.
+    /// The call was invalid, and the model is unchanged.
     Refused,
-    /// The step was not taken, and left the model as it was.
+    /// The step was not taken, and the model is unchanged.
     Discarded,
-    /// The model cannot go on.
+    /// The model cannot continue.
     Broken,
 }
 
 impl ModelError {
-    /// An error after which the model cannot go on (`fmi2Error`).
+    /// An error after which the model cannot continue (`fmi2Error`).
     #[cold]
     #[inline(never)]
     pub fn new(reason: impl Display) -> Self {
@@ -73,8 +71,8 @@ impl ModelError {
         }
     }
 
-    /// A step that the model never takes, such as one of a wrong size, and that left it as it was:
-    /// the host may go on with another (`fmi2Error`).
+    /// The step is invalid, for example its size, and the model is unchanged: the host may continue
+    /// with another step (`fmi2Error`).
     #[cold]
     #[inline(never)]
     pub fn refuse(reason: impl Display) -> Self {
@@ -84,8 +82,8 @@ impl ModelError {
         }
     }
 
-    /// A step that could not be taken here, and left the model as it was: the host may restore an
-    /// earlier state, and try a smaller one (`fmi2Discard`).
+    /// The step could not be computed, and the model is unchanged: the host may restore an earlier
+    /// state and try a smaller step (`fmi2Discard`).
     #[cold]
     #[inline(never)]
     pub fn discard(reason: impl Display) -> Self {
@@ -95,7 +93,7 @@ impl ModelError {
         }
     }
 
-    /// The text for the user.
+    /// The message for the user.
     pub fn reason(&self) -> &str {
         &self.reason
     }
@@ -111,11 +109,10 @@ impl<E: std::error::Error> From<E> for ModelError {
     }
 }
 
-/// Checks that every named value is a finite number, so that a model that diverges tells it instead
-/// of handing out NaN.
+/// Checks that every named value is finite, so that divergence is reported instead of returning NaN.
 ///
 /// # Errors
-/// Names the first variable that is not, and its value.
+/// Names the first variable that is not finite, and its value.
 pub fn finite(values: &[(&str, f64)]) -> Result<(), ModelError> {
     match values.iter().find(|(_, value)| !value.is_finite()) {
         None => Ok(()),
@@ -125,10 +122,10 @@ pub fn finite(values: &[(&str, f64)]) -> Result<(), ModelError> {
     }
 }
 
-/// As the function [`finite`](fn@crate::finite), for a check at every step:
+/// Like the function [`finite`](fn@crate::finite), but fast enough for every step:
 /// `finite!("e": self.e, "u": self.u)`.
 ///
-/// A sum is finite only if all its parts are; only else they are looked at one by one.
+/// If the sum of the values is finite, all of them are. Otherwise they are checked one by one.
 #[macro_export]
 macro_rules! finite {
     ($($name:literal: $value:expr),+ $(,)?) => {

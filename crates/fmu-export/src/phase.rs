@@ -1,4 +1,4 @@
-//! The state machine of a co-simulation slave (FMI 2.0.4, section 4.2.4): which call is allowed in
+//! The state machine of a co-simulation slave (FMI 2.0.4, section 4.2.4): which calls are allowed in
 //! which state.
 
 use serde::{Deserialize, Serialize};
@@ -7,19 +7,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub(crate) enum Phase {
-    /// Made; start values and the experiment may be set.
+    /// Instantiated; start values and the experiment may be set.
     Instantiated = 1 << 0,
     /// In initialization mode.
     Initialization = 1 << 1,
     /// Ready for the next step ("slaveInitialized", "step complete").
     StepComplete = 1 << 2,
-    /// A step was discarded, and changed nothing: the host may restore a state, or end.
+    /// A step was discarded and changed nothing: the host may restore a state or terminate.
     StepFailed = 1 << 3,
-    /// The simulation is over.
+    /// The simulation is terminated.
     Terminated = 1 << 4,
-    /// A step failed: only looking, restoring a state, reset and free are left.
+    /// A step failed: values can be read, and the instance can be restored, reset or freed.
     Error = 1 << 5,
-    /// A panic was stopped: only free is left.
+    /// The model panicked: the instance can only be freed.
     Fatal = 1 << 6,
 }
 
@@ -54,7 +54,7 @@ impl Call {
         self.allowed & phase as u8 != 0
     }
 
-    /// The states in which the call is allowed, for people.
+    /// The names of the states in which the call is allowed.
     pub(crate) fn allowed_names(&self) -> String {
         let names: Vec<&str> = PHASES
             .iter()
@@ -71,7 +71,7 @@ const STEP_COMPLETE: u8 = Phase::StepComplete as u8;
 const STEP_FAILED: u8 = Phase::StepFailed as u8;
 const TERMINATED: u8 = Phase::Terminated as u8;
 const ERROR: u8 = Phase::Error as u8;
-/// Every state but fatal.
+/// Every state except fatal.
 const ALIVE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
 const SETTABLE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE;
 const READABLE: u8 = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_allowed_states_are_named() {
+    fn allowed_states_are_listed() {
         assert_eq!(DO_STEP.allowed_names(), "step complete");
         assert_eq!(
             SET_REAL.allowed_names(),

@@ -1,15 +1,15 @@
-//! Why a call failed: a text for the user, which is made only if somebody hears it.
+//! Why a call failed: a message for the user, which is formatted only if its log category is enabled.
 
-/// A text that is not made yet.
+/// A message that is formatted on demand.
 pub(crate) struct Reason(Box<dyn FnOnce() -> String>);
 
 impl Reason {
-    /// The reason that `make` tells.
+    /// Creates a reason with the message that `make` returns.
     pub(crate) fn new(make: impl FnOnce() -> String + 'static) -> Self {
         Self(Box::new(make))
     }
 
-    /// Makes the text.
+    /// Formats the message.
     pub(crate) fn text(self) -> String {
         (self.0)()
     }
@@ -21,7 +21,7 @@ impl From<&'static str> for Reason {
     }
 }
 
-/// A [`Reason`] with the arguments of `format!`, which are moved in.
+/// Creates a [`Reason`] from the arguments of `format!`, which are moved into it.
 macro_rules! reason {
     ($($format:tt)*) => {
         $crate::reason::Reason::new(move || format!($($format)*))

@@ -1,4 +1,4 @@
-//! A model behind one interface for all: its values by reference, start values, steps.
+//! The common interface of all models, with access to variables by value reference.
 
 use std::any::Any;
 use std::fmt;
@@ -15,7 +15,7 @@ pub(crate) struct Scalar<'a> {
     pub(crate) value: ValueMut<'a>,
 }
 
-/// The name of a scalar variable, which is put together when it is shown.
+/// The name of a scalar variable, formatted on demand.
 #[derive(Clone, Copy)]
 pub(crate) struct Name(&'static Info, usize);
 
@@ -31,15 +31,15 @@ impl Scalar<'_> {
     }
 }
 
-/// A model whose values are reached by value reference.
+/// A model whose variables are accessed by value reference.
 pub(crate) trait Slave {
-    /// Back to start values.
+    /// Resets all values to their start values.
     fn reset(&mut self);
     /// See [`Model::initialize`].
     fn initialize(&mut self, start_time: f64) -> Result<(), ModelError>;
-    /// Number of scalar variables; their value references are 0 to one less.
+    /// Number of scalar variables; their value references are 0 to `count() - 1`.
     fn count(&self) -> usize;
-    /// The variable of a value reference.
+    /// The variable with the given value reference.
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>>;
 
     /// The time derivative of an input, if the host may set it.
@@ -48,18 +48,18 @@ pub(crate) trait Slave {
     fn clear_input_derivatives(&mut self);
     /// Whether derivatives of outputs with respect to inputs are known.
     fn has_directional_derivatives(&self) -> bool;
-    /// The derivative of an output with respect to an input, as it was held over the last step.
+    /// The derivative of an output with respect to an input, which was held over the last step.
     fn derivative(&self, output: u32, input: u32) -> f64;
 
     /// The GUID of the model's interface.
     fn guid(&self) -> Guid;
     /// A copy of the model.
     fn save(&self) -> Box<dyn Any>;
-    /// Takes over a copy; false if it is one of another model.
+    /// Restores a copy; false if it is a copy of another model.
     fn restore(&mut self, saved: &dyn Any) -> bool;
-    /// The bytes of a copy; none if it is one of another model.
+    /// Serializes a copy; `None` if it is a copy of another model.
     fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>>;
-    /// The copy that the bytes hold, if they hold one and nothing else.
+    /// Deserializes a copy; `None` if the bytes are not exactly one copy.
     fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>>;
 }
 

@@ -1,70 +1,70 @@
-//! The state of an instance, saved (FMI 2.0.4, section 2.1.8), and its form as bytes.
+//! The saved state of an instance (FMI 2.0.4, section 2.1.8) and its serialization.
 
 use std::any::Any;
 
 use fmu_description::guid::checksum;
 
-use crate::life::Life;
+use crate::lifecycle::Lifecycle;
 use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
 
-/// What the first bytes of a serialized state, and of a state in memory, are.
+/// The first bytes of a state in memory and of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
-/// Version of the form, to be raised when it changes.
+/// Version of the serialization format; increase it when the format changes.
 const VERSION: [u8; 4] = 2u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 
-/// All that the future of an instance depends on.
+/// The complete state of an instance.
 #[repr(C)]
 pub(crate) struct Snapshot {
-    /// Tells a state of ours from a foreign pointer.
+    /// Distinguishes our states from other memory.
     magic: [u8; 8],
     guid: Guid,
-    life: Life,
+    lifecycle: Lifecycle,
     model: Box<dyn Any>,
 }
 
 impl Snapshot {
-    pub(crate) fn new(life: Life, slave: &dyn Slave) -> Self {
+    pub(crate) fn new(lifecycle: Lifecycle, slave: &dyn Slave) -> Self {
         Self {
             magic: MAGIC,
             guid: slave.guid(),
-            life,
+            lifecycle,
             model: slave.save(),
         }
     }
 
-    /// Lets a slave of the same model take over the state; what remains is the component's.
-    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Life, Reason> {
+    /// Restores the state of a slave of the same model, and returns the lifecycle for its component.
+    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Lifecycle, Reason> {
         if slave.restore(self.model.as_ref()) {
-            Ok(self.life)
+            Ok(self.lifecycle)
         } else {
             let (found, expected) = (self.guid, slave.guid());
             Err(reason!(
-                "the state is that of the model {}, not of {}",
+                "the state belongs to the model {}, not to {}",
                 text(&found),
                 text(&expected)
             ))
         }
     }
 
-    /// The state as bytes: header, payload, checksum of both.
+    /// Serializes the state: header, payload, and a checksum of both.
     pub(crate) fn to_bytes(&self, slave: &dyn Slave) -> Result<Vec<u8>, Reason> {
-        let payload = postcard::to_allocvec(&self.life)
+        let payload = postcard::to_allocvec(&self.lifecycle)
             .ok()
             .zip(slave.serialize(self.model.as_ref()));
-        let Some((life, model)) = payload else {
-            return Err("the state is that of another model".into());
+        let Some((lifecycle, model)) = payload else {
+            return Err("the state belongs to another model".into());
         };
-        let mut bytes = [&MAGIC[..], &VERSION, &self.guid, &life, &model].concat();
+        let mut bytes = [&MAGIC[..], &VERSION, &self.guid, &lifecycle, &model].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
         Ok(bytes)
     }
 
-    /// The state that the bytes hold, if they are whole and of the slave's model.
+    /// Deserializes a state of the slave's model.
     pub(crate) fn from_bytes(bytes: &[u8], slave: &dyn Slave) -> Result<Self, Reason> {
-        let damaged = || Reason::from("the bytes are damaged, or not those of an FMU state");
+        let damaged = || Reason::from("the bytes are damaged or not a serialized FMU state");
         let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
         let (content, sum) = bytes.split_at(end);
         if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
@@ -79,19 +79,20 @@ impl Snapshot {
         if version != VERSION || guid != slave.guid() {
             let (version, found, expected) = (version.to_owned(), guid.to_owned(), slave.guid());
             return Err(reason!(
-                "the bytes are those of the model {}, form {version:?}; expected {}, form {VERSION:?}",
+                "the bytes are a state of the model {}, format {version:?}; expected {}, format {VERSION:?}",
                 text(&found),
                 text(&expected)
             ));
         }
-        let (life, model): (Life, _) = postcard::take_from_bytes(payload).map_err(|_| damaged())?;
-        if !life.can_be_saved() {
+        let (lifecycle, model): (Lifecycle, _) =
+            postcard::take_from_bytes(payload).map_err(|_| damaged())?;
+        if !lifecycle.can_be_saved() {
             return Err(damaged());
         }
         Ok(Self {
             magic: MAGIC,
             guid: slave.guid(),
-            life,
+            lifecycle,
             model: slave.deserialize(model).ok_or_else(damaged)?,
         })
     }
@@ -99,9 +100,9 @@ impl Snapshot {
 
 impl Drop for Snapshot {
     fn drop(&mut self) {
-        // A pointer that the host uses after freeing it may then be seen to be none of ours.
+        // Helps to detect a pointer that the host uses after freeing it.
         self.magic = [0; 8];
-        std::hint::black_box(&self.magic); // else the compiler leaves the write out
+        std::hint::black_box(&self.magic); // keeps the compiler from removing the write
     }
 }
 

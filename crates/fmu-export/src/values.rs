@@ -1,4 +1,4 @@
-//! Reading and writing the values of a slave, and the reasons for which it is refused.
+//! Reads and writes the values of a slave, and reports why an access is rejected.
 
 use std::fmt;
 
@@ -7,15 +7,15 @@ use fmu_description::{Causality, Domain, Info, ValueMut, Variability};
 use crate::reason::{Reason, reason};
 use crate::slave::{Scalar, Slave};
 
-/// A type of FMI, as the host reads and writes it.
+/// A value type of the FMI functions.
 pub(crate) trait Value: Copy + 'static {
     /// Name of the type.
     const TYPE: &'static str;
-    /// The value of a variable, if it is of this type.
+    /// The value of a variable if it has this type.
     fn read(from: &ValueMut<'_>) -> Option<Self>;
     /// Sets a variable of this type.
     fn write(self, to: ValueMut<'_>);
-    /// The value, to be checked.
+    /// The value as [`Given`], to check it.
     fn given(self) -> Given;
 }
 
@@ -61,7 +61,7 @@ impl Value for i32 {
     }
 }
 
-/// A Boolean as C has it: 0 or 1.
+/// An `fmi2Boolean`: 0 or 1.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub(crate) struct Boolean(pub(crate) i32);
@@ -87,7 +87,7 @@ impl Value for Boolean {
     }
 }
 
-/// A value of any type that the host gives.
+/// A value of any type from the host.
 #[derive(Clone, Copy)]
 pub(crate) enum Given {
     Real(f64),
@@ -105,7 +105,7 @@ impl fmt::Display for Given {
 }
 
 impl Given {
-    /// Whether a variable is of the type.
+    /// Whether a variable has the type of the value.
     fn fits(self, value: &ValueMut<'_>) -> bool {
         matches!(
             (self, value),
@@ -123,7 +123,7 @@ impl Given {
         }
     }
 
-    /// Whether the value lies within the bounds of a variable of its type.
+    /// Whether the value is within the bounds of a variable of its type.
     fn is_allowed(self, domain: &Domain) -> bool {
         match (self, domain) {
             (Self::Real(value), Domain::Real { min, max, .. }) => {
@@ -141,7 +141,7 @@ impl Given {
     }
 }
 
-/// What values a variable may have.
+/// Describes the values that a variable may have.
 fn expected(domain: &Domain) -> String {
     match domain {
         Domain::Real { min, max, unit, .. } => {
@@ -165,13 +165,13 @@ fn expected(domain: &Domain) -> String {
     }
 }
 
-/// Reads the values of the references, all or none.
+/// Reads the values with the given references, all or none.
 pub(crate) fn get<V: Value>(
     slave: &mut dyn Slave,
     references: &[u32],
     values: &mut [V],
 ) -> Result<(), Reason> {
-    // Several are looked at before the first is handed out; a single one need not be.
+    // Several are checked before the first value is written; a single one need not be.
     if references.len() > 1 {
         for &reference in references {
             read::<V>(slave, reference)?;
@@ -190,7 +190,7 @@ fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Reason> {
     }
 }
 
-/// Writes all values, or none. `running`: the initialization is over.
+/// Writes all values or none. `running` is true after initialization.
 pub(crate) fn set<V: Value>(
     slave: &mut dyn Slave,
     references: &[u32],
@@ -208,7 +208,7 @@ pub(crate) fn set<V: Value>(
     Ok(())
 }
 
-/// Checks whether a value may be written.
+/// Checks that a value may be written.
 fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> Result<(), Reason> {
     let Some(scalar) = slave.find(reference) else {
         return Err(unknown(slave, reference));
@@ -229,7 +229,7 @@ fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> 
     Ok(())
 }
 
-/// Sets first time derivatives of inputs, all or none.
+/// Sets the first time derivatives of inputs, all or none.
 pub(crate) fn set_input_derivatives(
     slave: &mut dyn Slave,
     references: &[u32],
@@ -265,7 +265,7 @@ pub(crate) fn set_input_derivatives(
     Ok(())
 }
 
-/// Derivatives of outputs in a direction of the inputs, all or none.
+/// Computes directional derivatives of outputs with respect to inputs, all or none.
 pub(crate) fn directional_derivative(
     slave: &mut dyn Slave,
     unknowns: &[u32],
@@ -280,7 +280,7 @@ pub(crate) fn directional_derivative(
     check_causality(slave, knowns, Causality::Input, "an input")?;
     if let Some(&change) = direction.iter().find(|change| !change.is_finite()) {
         return Err(reason!(
-            "the direction holds {change}; expected finite numbers"
+            "the direction contains {change}; expected finite numbers"
         ));
     }
     for (&unknown, derivative) in unknowns.iter().zip(derivatives) {
@@ -312,7 +312,7 @@ fn check_causality(
     Ok(())
 }
 
-/// Why a reference cannot be that of a String: no variable is one.
+/// Rejects all references, as no variable is a String.
 pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(), Reason> {
     let Some(&reference) = references.first() else {
         return Ok(());
@@ -323,7 +323,7 @@ pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(),
     })
 }
 
-/// Why the host may not set the variable now, if it may not.
+/// Why the host may not set the variable now; `None` if it may.
 fn not_settable(info: &Info, running: bool) -> Option<&'static str> {
     match (info.causality, info.variability) {
         (Causality::Output, _) => Some("an output, which only the model sets"),
@@ -337,17 +337,17 @@ fn not_settable(info: &Info, running: bool) -> Option<&'static str> {
 #[cold]
 fn unknown(slave: &dyn Slave, reference: u32) -> Reason {
     let last = slave.count().saturating_sub(1);
-    reason!("value reference {reference} is unknown; the model has 0 to {last}")
+    reason!("value reference {reference} is unknown; expected 0 to {last}")
 }
 
 #[cold]
-fn wrong_type(scalar: &Scalar<'_>, asked: &'static str) -> Reason {
+fn wrong_type(scalar: &Scalar<'_>, requested: &'static str) -> Reason {
     let actual = match scalar.info.domain {
         Domain::Real { .. } => "Real",
         Domain::Integer { .. } => "Integer",
         Domain::Boolean { .. } => "Boolean",
-        Domain::Enumeration { .. } => "Enumeration, which is reached as Integer",
+        Domain::Enumeration { .. } => "Enumeration, which is accessed as Integer",
     };
     let name = scalar.name();
-    reason!("{name} is of type {actual}, not {asked}")
+    reason!("{name} is of type {actual}, not {requested}")
 }

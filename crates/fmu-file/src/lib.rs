@@ -1,11 +1,11 @@
 //! FMU files from any vendor: writes archives, and reads them as untrusted input.
 //!
-//! | module | holds |
+//! | module | contents |
 //! |---|---|
-//! | [`archive`] | the zip archive: written the same for the same content, read within bounds |
-//! | [`merge`] | FMUs of one model from several machines, as one |
+//! | [`archive`] | the zip archive: reproducible when written, size limits when read |
+//! | [`merge`] | merging FMUs of one model that were built on several machines |
 //! | [`platform`] | the platform folders of FMI 2.0 |
-//! | [`replace`] | files that are written whole or not at all |
+//! | [`replace`] | atomic writing of files |
 //! | [`text`] | untrusted text in messages |
 #![forbid(unsafe_code)]
 

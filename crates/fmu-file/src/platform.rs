@@ -1,4 +1,4 @@
-//! Platforms: the folders of FMI 2.0 (section 2.3), and the binaries that belong in them.
+//! The platform folders of FMI 2.0 (section 2.3) and the binaries in them.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -12,9 +12,9 @@ use anyhow::{Context, Result, bail, ensure};
 pub struct Platform {
     /// Name of the folder under `binaries/`.
     pub folder: &'static str,
-    /// Ending of the binary.
+    /// File extension of the binary.
     pub extension: &'static str,
-    /// First bytes of a binary of the platform, one of these.
+    /// Possible first bytes of a binary for the platform.
     magic: &'static [&'static [u8]],
 }
 
@@ -34,7 +34,7 @@ const PLATFORMS: [Platform; 8] = [
     platform("aarch64-darwin", "dylib", MACH_O),
 ];
 
-/// The name of a target that is two, x86-64 and ARM, in one file.
+/// The target name of universal binaries for macOS: x86-64 and ARM in one file.
 pub const UNIVERSAL: &str = "universal2-apple-darwin";
 
 const fn platform(
@@ -52,8 +52,8 @@ const fn platform(
 impl Platform {
     /// The platforms of a Rust target triple; a suffix with a glibc version is allowed.
     ///
-    /// For ARM there are two. Since 2.0.4 the standard leaves it the names of FMI 3.0, but importers
-    /// such as FMPy look where the system's other binaries are.
+    /// ARM has two: since 2.0.4 the standard uses the names of FMI 3.0 for it, but importers such as
+    /// FMPy look in the folder for the system's other 64-bit binaries.
     pub fn of_target(triple: &str) -> Result<Vec<Self>> {
         let processor = triple.split('-').next().unwrap_or_default();
         let bits = match processor {
@@ -80,7 +80,7 @@ impl Platform {
             .with_context(|| format!("FMI 2.0 has no platform folder for the target {triple}"))
     }
 
-    /// The platform that this program runs on, if FMI 2.0 has a folder for it.
+    /// The platform of this machine, if FMI 2.0 has a folder for it.
     pub fn of_this_machine() -> Option<Self> {
         let system = match std::env::consts::OS {
             "windows" => "win",
@@ -90,15 +90,15 @@ impl Platform {
         Self::from_str(&format!("{system}{}", usize::BITS)).ok()
     }
 
-    /// Path of the binary of a model within an FMU.
+    /// Path of a model's binary in an FMU.
     pub fn binary(&self, identifier: &str) -> String {
         format!("binaries/{}/{identifier}.{}", self.folder, self.extension)
     }
 
-    /// Length of what [`Platform::check`] and [`is_for_this_processor`] look at.
+    /// Number of bytes that [`Platform::check`] and [`is_for_this_processor`] need.
     pub const HEAD: u64 = 20;
 
-    /// Checks that the bytes are a binary of the platform's format.
+    /// Checks that the bytes are a binary in the platform's format.
     pub fn check(&self, binary: &[u8]) -> Result<()> {
         ensure!(
             self.magic.iter().any(|magic| binary.starts_with(magic)),
@@ -109,8 +109,8 @@ impl Platform {
     }
 }
 
-/// Whether a binary for this machine's platform is for its processor, too: `linux64` holds binaries for
-/// ARM as well as for x86-64. Only the header of ELF is read.
+/// Whether a binary for this machine's platform is also for its processor: the folder `linux64` is used
+/// for both ARM and x86-64. Only ELF headers are checked.
 pub fn is_for_this_processor(binary: &[u8]) -> bool {
     const MACHINE: Range<usize> = 18..20;
     let machine: u16 = match std::env::consts::ARCH {
@@ -138,7 +138,7 @@ impl FromStr for Platform {
     }
 }
 
-/// The folders that are in `binaries/`, of the standard or not, by the names of an archive's files.
+/// The folders in `binaries/`, standard or not, from the file names of an archive.
 pub fn folders<'a>(names: impl IntoIterator<Item = &'a String>) -> BTreeSet<&'a str> {
     names
         .into_iter()
@@ -147,7 +147,7 @@ pub fn folders<'a>(names: impl IntoIterator<Item = &'a String>) -> BTreeSet<&'a 
         .collect()
 }
 
-/// A binary that was built elsewhere: `PLATFORM=FILE`.
+/// A prebuilt binary, given as `PLATFORM=FILE`.
 #[derive(Debug, Clone)]
 pub struct Prebuilt {
     /// Its platform.
@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn targets_have_the_folders_of_the_standard() {
+    fn targets_map_to_the_folders_of_the_standard() {
         for (triple, expected) in [
             ("x86_64-unknown-linux-gnu", "linux64"),
             ("x86_64-unknown-linux-gnu.2.17", "linux64"),
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_binary_must_be_of_its_platform() {
+    fn a_binary_must_match_its_platform() {
         let linux: Platform = "linux64".parse().unwrap();
         assert!(linux.check(b"\x7fELF\x02 rest").is_ok());
         assert!(linux.check(b"\x7fELF\x01 rest").is_err());
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_are_named_once() {
+    fn folders_are_listed_once() {
         let names = [
             "binaries/",
             "binaries/win64/a.dll",
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn elf_tells_its_processor() {
+    fn the_processor_is_read_from_elf() {
         let elf =
             |machine: u8| [b"\x7fELF\x02\x01\x01".as_slice(), &[0; 11], &[machine, 0]].concat();
         let (intel, arm) = (cfg!(target_arch = "x86_64"), cfg!(target_arch = "aarch64"));
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn prebuilt_binaries_name_platform_and_file() {
+    fn prebuilt_binaries_have_a_platform_and_a_file() {
         let prebuilt: Prebuilt = "win64=a/b.dll".parse().unwrap();
         assert_eq!(prebuilt.platform.folder, "win64");
         assert_eq!(prebuilt.file, PathBuf::from("a/b.dll"));

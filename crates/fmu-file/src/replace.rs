@@ -1,4 +1,4 @@
-//! Files that are written whole or not at all.
+//! Atomic writing of files: completely or not at all.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use tempfile::{Builder, NamedTempFile};
 
-/// A new file beside the one whose place it takes when it is finished; dropped before, it leaves
+/// A temporary file that replaces the target file when it is finished. If dropped before, it leaves
 /// nothing behind.
 pub struct Replacement {
     path: PathBuf,
@@ -15,13 +15,13 @@ pub struct Replacement {
 }
 
 enum Target {
-    Beside(NamedTempFile),
+    Temporary(NamedTempFile),
     /// A device or a pipe, which cannot be replaced.
     Device(File),
 }
 
 impl Replacement {
-    /// Begins a file that will stand at `path`. What a link points to is replaced, not the link.
+    /// Starts a replacement of `path`. If it is a link, the linked file is replaced, not the link.
     ///
     /// # Errors
     /// The folder cannot be written to.
@@ -32,17 +32,17 @@ impl Replacement {
             let file = File::options().write(true).open(&path);
             Target::Device(file.with_context(|| format!("cannot write {}", path.display()))?)
         } else {
-            Target::Beside(temporary(folder(&path))?)
+            Target::Temporary(temporary(folder(&path))?)
         };
         Ok(Self { path, target })
     }
 
-    /// Puts the file in its place.
+    /// Replaces the target file.
     ///
     /// # Errors
-    /// The disk is full, or a folder stands there.
+    /// The disk is full, or the target is a folder.
     pub fn finish(self) -> Result<()> {
-        let Target::Beside(file) = self.target else {
+        let Target::Temporary(file) = self.target else {
             return Ok(());
         };
         let cannot = || format!("cannot write {}", self.path.display());
@@ -55,23 +55,23 @@ impl Replacement {
 impl Write for Replacement {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
-            Target::Beside(file) => file.write(bytes),
+            Target::Temporary(file) => file.write(bytes),
             Target::Device(file) => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
-            Target::Beside(file) => file.flush(),
+            Target::Temporary(file) => file.flush(),
             Target::Device(file) => file.flush(),
         }
     }
 }
 
-/// Writes a file, whole or not at all.
+/// Writes a file atomically.
 ///
 /// # Errors
-/// It cannot be written.
+/// The file cannot be written.
 pub fn write(path: &Path, content: &[u8]) -> Result<()> {
     let mut new = Replacement::of(path)?;
     new.write_all(content)
@@ -82,7 +82,7 @@ pub fn write(path: &Path, content: &[u8]) -> Result<()> {
 /// Checks that files can be written to a folder.
 ///
 /// # Errors
-/// They cannot.
+/// The folder is not writable.
 pub fn check_writable(folder: &Path) -> Result<()> {
     temporary(folder).map(drop)
 }
@@ -94,7 +94,7 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
-/// A temporary file in a folder, with the permissions of any new file.
+/// Creates a temporary file in a folder, with the permissions of an ordinary new file.
 fn temporary(folder: &Path) -> Result<NamedTempFile> {
     let mut builder = Builder::new();
     builder.prefix(".fmu-");
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_old_file_stays_until_the_new_one_is_finished() {
+    fn the_old_file_remains_until_the_new_one_is_finished() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         fs::write(&path, "old").unwrap();
@@ -125,7 +125,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_and_devices_written_to() {
+    fn links_are_followed_and_devices_are_written_directly() {
         let folder = tempfile::tempdir().unwrap();
         let (path, link) = (folder.path().join("a"), folder.path().join("link"));
         fs::write(&path, "old").unwrap();

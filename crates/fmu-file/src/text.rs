@@ -1,20 +1,20 @@
-//! Shows untrusted text safely in messages.
+//! Quotes untrusted text safely in messages.
 
 use std::path::Path;
 
 use anyhow::{Error, anyhow};
 pub use fmu_description::xml::quote;
 
-/// No reason is longer than this.
+/// Maximum length of a reason.
 const MAX_LENGTH: usize = 1000;
 
-/// The error with the file that it is about, which its reason may quote.
+/// Adds the file to an error whose reason may quote untrusted text.
 pub fn about(file: &Path, error: &Error) -> Error {
     let reason = plain(&format!("{error:#}"), MAX_LENGTH);
     anyhow!("{}: {reason}", file.display())
 }
 
-/// The text on one line, without terminal control characters, and cut to a length.
+/// The text on one line, without terminal control characters, and truncated to a length.
 pub fn plain(text: &str, max_length: usize) -> String {
     let controls = |c: char| {
         c.is_control()
@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plain_text_does_not_control_a_terminal() {
+    fn plain_text_has_no_terminal_control_characters() {
         assert_eq!(plain("a\n\u{9b}31m\u{202e}b", 9), "a  31m b");
         assert_eq!(plain(&"ä".repeat(100_000), 200).chars().count(), 203);
     }

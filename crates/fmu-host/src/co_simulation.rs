@@ -6,7 +6,7 @@ use crate::instance::call;
 use crate::{Instance, Result};
 
 impl Instance {
-    /// `fmi2DoStep`, never to be repeated from an earlier point.
+    /// `fmi2DoStep`, with `noSetFMUStatePriorToCurrentPoint` true.
     #[inline]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         call!(self.fmi2DoStep(time, step, 1))

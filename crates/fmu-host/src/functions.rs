@@ -1,4 +1,4 @@
-//! The functions of FMI 2.0: their names and types, once, and those that a library has.
+//! The functions of FMI 2.0 with their types, and looking them up in a library.
 
 use std::ffi::{c_char, c_int};
 
@@ -7,7 +7,7 @@ use fmu_types::fmi2::{
     fmi2Real, fmi2StatusKind, fmi2String, fmi2Type, fmi2ValueReference,
 };
 
-/// `fmi2Status`: an integer here, since a foreign binary may return any.
+/// `fmi2Status`, an integer because a foreign binary may return any value.
 type Status = c_int;
 type References = *const fmi2ValueReference;
 
@@ -15,7 +15,7 @@ macro_rules! functions {
     ($($(#[$about:meta])* $group:ident { $($name:ident($($type:ty),*) $(-> $result:ty)?;)* })*) => {
         $($(#[$about])* pub(crate) const $group: &[&str] = &[$(stringify!($name)),*];)*
 
-        /// The functions of a library, each by its name in the standard.
+        /// The functions of a library, under their names in the standard.
         #[derive(Default)]
         #[allow(non_snake_case, missing_docs, reason = "the names of the standard")]
         pub struct Functions {
@@ -25,8 +25,8 @@ macro_rules! functions {
         impl Functions {
             /// Looks up all functions.
             pub(crate) fn of(library: &libloading::Library) -> Self {
-                // SAFETY: the types are those of the standard; that the library keeps to it is the
-                // trust that whoever loads it puts in it.
+                // SAFETY: the types are those of the standard; whoever loads the library trusts it
+                // to follow the standard.
                 unsafe {
                     Self {
                         $($($name: library.get(stringify!($name)).ok().map(|found| *found),)*)*

@@ -1,4 +1,4 @@
-//! An instance, and the functions of both kinds of FMU.
+//! Instances, and the functions common to both kinds of FMU.
 
 use std::ffi::{CString, c_void};
 use std::ptr;
@@ -19,8 +19,8 @@ macro_rules! call {
         const NAME: &str = stringify!($name);
         let library = &*$instance.library;
         // SAFETY: the type is that of the standard, the instance is not freed, and every pointer is
-        // to as many elements as the length beside it says. The rest is up to the foreign binary, as
-        // the crate says.
+        // valid for the length passed with it. The rest depends on the foreign binary, as described
+        // in the crate documentation.
         let status = unsafe {
             let function = library.function(library.functions().$name, NAME)?;
             function($instance.component $(, $value)*)
@@ -30,20 +30,20 @@ macro_rules! call {
 }
 pub(crate) use call;
 
-/// An instance of an FMU, freed when it is dropped. It keeps its library loaded.
+/// An instance of an FMU, which is freed on drop. It keeps its library loaded.
 pub struct Instance {
     pub(crate) library: Arc<Library>,
     pub(crate) component: fmi2Component,
-    /// The FMU keeps a pointer to them. From a box, and freed with the instance.
+    /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance.
     callbacks: *mut fmi2CallbackFunctions,
     _registered: Registered,
 }
 
-// SAFETY: FMI allows the functions of an instance to be called by any thread, one after the other,
-// which `&mut self` ensures.
+// SAFETY: FMI allows any thread to call the functions of an instance, but not concurrently, which
+// `&mut self` ensures.
 unsafe impl Send for Instance {}
 
-/// A state that an FMU has saved of itself; [`Instance::free_state`] frees it.
+/// A saved FMU state, to be freed with [`Instance::free_state`].
 pub struct State(fmi2FMUstate);
 
 unsafe extern "C" {
@@ -52,10 +52,10 @@ unsafe extern "C" {
 }
 
 impl Instance {
-    /// Instantiates by a call that gets the callbacks; none if it returns NULL.
+    /// Instantiates with a closure that receives the callbacks; `None` if it returns NULL.
     ///
     /// # Safety
-    /// The call is one of the library's `fmi2Instantiate`.
+    /// The closure calls the library's `fmi2Instantiate`.
     pub(crate) unsafe fn new(
         library: &Arc<Library>,
         registered: Registered,
@@ -70,7 +70,7 @@ impl Instance {
         }));
         let component = instantiate(callbacks);
         if component.is_null() {
-            // SAFETY: it is from a box, and there is no instance that could use it.
+            // SAFETY: the pointer is from a box, and there is no instance that could use it.
             drop(unsafe { Box::from_raw(callbacks) });
             return None;
         }
@@ -85,7 +85,7 @@ impl Instance {
     /// `fmi2SetupExperiment`, without a tolerance.
     ///
     /// # Errors
-    /// As for every call: the function is missing, or returned a status that means failure.
+    /// As for every call: the function is missing or returned a failure status.
     pub fn setup_experiment(&mut self, start: f64, stop: Option<f64>) -> Result {
         call!(self.fmi2SetupExperiment(
             fmi2False,
@@ -122,7 +122,7 @@ impl Instance {
         call!(self.fmi2GetString(references.as_ptr(), references.len(), values.as_mut_ptr()))?;
         values
             .into_iter()
-            // SAFETY: the FMU's strings live until its next call, by the standard.
+            // SAFETY: by the standard, the FMU's strings are valid until its next call.
             .map(|value| unsafe { text(value) })
             .collect::<Option<_>>()
             .ok_or_else(|| {
@@ -164,7 +164,8 @@ impl Instance {
         }
     }
 
-    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; more bytes than `max` are refused.
+    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; an error if there are more than `max`
+    /// bytes.
     pub fn serialize(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
         let mut size = 0;
         call!(self.fmi2SerializedFMUstateSize(state.0, &raw mut size))?;
@@ -184,7 +185,7 @@ impl Instance {
         Ok(state)
     }
 
-    /// `fmi2GetDirectionalDerivative`: of `unknowns` with respect to `knowns` in the direction `seed`.
+    /// `fmi2GetDirectionalDerivative` of `unknowns` with respect to `knowns` in the direction `seed`.
     pub fn directional_derivative(
         &mut self,
         unknowns: &[u32],
@@ -204,8 +205,8 @@ impl Instance {
     }
 }
 
-/// Functions that read and write values of one type; of slices that differ in length, the rest of the
-/// longer is left alone.
+/// Defines functions that read and write values of one type. If the slices differ in length, the rest
+/// of the longer one is ignored.
 macro_rules! access {
     ($($type:ty: $get:ident $fmi_get:ident $set:ident $fmi_set:ident;)*) => {
         impl Instance {
@@ -231,19 +232,19 @@ macro_rules! access {
 access! {
     fmi2Real: get_real fmi2GetReal set_real fmi2SetReal;
     fmi2Integer: get_integer fmi2GetInteger set_integer fmi2SetInteger;
-    // A number, as a foreign FMU may return others than 0 and 1.
+    // An integer, as a foreign FMU may return values other than 0 and 1.
     fmi2Boolean: get_boolean fmi2GetBoolean set_boolean fmi2SetBoolean;
 }
 
 impl Drop for Instance {
     fn drop(&mut self) {
         if self.library.is_lost() {
-            // Nothing of the FMU is called, its destructors neither: it is never unloaded.
+            // No code of the FMU may run, including its destructors, so it is never unloaded.
             std::mem::forget(Arc::clone(&self.library));
             return;
         }
-        // SAFETY: the type is that of the standard, and nobody uses the instance any more; the
-        // callbacks are from a box, and the FMU had its last call.
+        // SAFETY: the type is that of the standard, and the instance is not used again; the callbacks
+        // are from a box, and the FMU does not use them after this call.
         unsafe {
             let found = self.library.functions().fmi2FreeInstance;
             if let Ok(free) = self.library.function(found, "fmi2FreeInstance") {

@@ -1,11 +1,11 @@
-//! The host's side of the C interface: loads FMU binaries of any vendor and calls them.
+//! The host's side of the C interface: loads FMU binaries from any vendor and calls them.
 //!
 //! A [`Library`] is a loaded binary, whose functions are looked up once. An [`Instance`] has a method
 //! for each function, named after it. Statuses are read as integers, a missing function is a
-//! [`Failure`] when it is called, and what an instance logs goes to a function of its own, formatted.
+//! [`Failure`] when it is called, and log messages are formatted and passed to a callback per instance.
 //!
-//! Nobody can know that a foreign binary keeps to the standard: it may crash, hang or exit. Load one
-//! that is not trusted in a process of its own, as `cargo fmu validate` does.
+//! A foreign binary may violate the standard: it may crash, hang or exit. Load untrusted binaries in a
+//! separate process, as `cargo fmu validate` does.
 
 mod co_simulation;
 mod functions;

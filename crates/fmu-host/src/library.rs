@@ -1,4 +1,4 @@
-//! A loaded library, and the functions that need no instance.
+//! Loaded libraries, and the functions that do not need an instance.
 
 use std::error::Error;
 use std::ffi::{CString, c_int, c_void};
@@ -16,25 +16,25 @@ use crate::{Cause, Failure, Instance, Logged, Result, Status, Success};
 /// The two kinds of FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// The host integrates.
+    /// The host integrates the model.
     ModelExchange,
-    /// The FMU integrates.
+    /// The FMU integrates the model.
     CoSimulation,
 }
 
-/// A loaded FMU binary. It is unloaded when neither the caller nor an instance needs it any more.
+/// A loaded FMU binary. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
     library: libloading::Library,
-    /// Empty if calls are traced: then each call goes the slow way, and the fast one has no overhead.
+    /// Empty if calls are traced, which then take the slow path, so that the fast path has no overhead.
     functions: Functions,
     trace: Option<Box<Trace>>,
     lost: AtomicBool,
 }
 
-/// Gets the name of each function before it is called.
+/// Receives the name of each function before it is called.
 type Trace = dyn Fn(&'static str) + Send + Sync;
 
-/// Why a library cannot be loaded: the dynamic loader's reason.
+/// The dynamic loader's reason why a library cannot be loaded.
 #[derive(Debug, Clone)]
 pub struct LoadError(String);
 
@@ -46,23 +46,23 @@ impl fmt::Display for LoadError {
 
 impl Error for LoadError {}
 
-/// What [`Library::instantiate`] passes to the FMU.
+/// The arguments that [`Library::instantiate`] passes to the FMU.
 #[derive(Debug, Clone, Copy)]
 pub struct Instantiation<'a> {
     /// Name of the instance.
     pub name: &'a str,
-    /// The kind that it is to be.
+    /// Kind of the instance.
     pub kind: Kind,
     /// The GUID of the model description.
     pub guid: &'a str,
-    /// URI of the folder `resources`, as [`uri`](crate::uri) makes it.
+    /// URI of the folder `resources`, from [`uri`](crate::uri).
     pub resources: &'a str,
-    /// Whether the FMU logs what is not an error, too.
+    /// Whether the FMU also logs messages other than errors.
     pub logging_on: bool,
 }
 
 impl Library {
-    /// Loads a binary, which runs its code: see the [crate](crate) for where that may be done.
+    /// Loads a binary, which runs its code; see the [crate](crate) about untrusted binaries.
     ///
     /// # Errors
     /// The dynamic loader's reason.
@@ -72,7 +72,7 @@ impl Library {
         Ok(Self::new(library, functions, None))
     }
 
-    /// As [`Library::load`]; `trace` gets the name of each function before it is called.
+    /// Like [`Library::load`]; `trace` receives the name of each function before it is called.
     ///
     /// # Errors
     /// The dynamic loader's reason.
@@ -99,37 +99,37 @@ impl Library {
         })
     }
 
-    /// The functions that an FMU of this kind must have and this one has not.
+    /// The functions required for an FMU of this kind that the library does not have.
     pub fn missing(&self, kind: Kind) -> Vec<&'static str> {
         let own = match kind {
             Kind::ModelExchange => MODEL_EXCHANGE,
             Kind::CoSimulation => CO_SIMULATION,
         };
         let is_missing = |name: &str| {
-            // SAFETY: the symbol is looked up and not used.
+            // SAFETY: the symbol is looked up but not used.
             unsafe { self.library.get::<*const c_void>(name) }.is_err()
         };
         let all = COMMON.iter().chain(own);
         all.filter(|name| is_missing(name)).copied().collect()
     }
 
-    /// The functions as they were looked up, all `None` if calls are traced.
+    /// The functions of the library; all `None` if calls are traced.
     #[inline]
     pub fn functions(&self) -> &Functions {
         &self.functions
     }
 
-    /// Whether a call has ended in a way after which nothing of the FMU may be called any more, not
-    /// even to free its instances, which are then kept in memory: fmi2Fatal, which corrupts all
-    /// instances; fmi2Pending, as the FMU is still at work; or no status of FMI at all.
+    /// Whether a call returned a status after which the FMU must not be called again, not even to free
+    /// its instances, which then leak: fmi2Fatal, which corrupts all instances; fmi2Pending, as the
+    /// FMU is still running; or a value that is not an fmi2Status.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// The function that is to be called.
+    /// Returns the function to call, looked up again if needed.
     ///
     /// # Safety
-    /// `F` is the type that the standard gives the function of this name.
+    /// `F` is the type of the function of this name in the standard.
     #[inline]
     pub(crate) unsafe fn function<F: Copy>(
         &self,
@@ -156,7 +156,7 @@ impl Library {
         Ok(*function)
     }
 
-    /// How a call ended.
+    /// The outcome of a call.
     #[inline]
     pub(crate) fn outcome(&self, function: &'static str, status: c_int) -> Result {
         match status {
@@ -181,7 +181,7 @@ impl Library {
     /// `fmi2GetVersion`
     ///
     /// # Errors
-    /// It is missing or returned NULL.
+    /// The function is missing or returned NULL.
     pub fn version(&self) -> Result<String> {
         self.text(self.functions.fmi2GetVersion, "fmi2GetVersion")
     }
@@ -189,7 +189,7 @@ impl Library {
     /// `fmi2GetTypesPlatform`
     ///
     /// # Errors
-    /// It is missing or returned NULL.
+    /// The function is missing or returned NULL.
     pub fn types_platform(&self) -> Result<String> {
         let found = self.functions.fmi2GetTypesPlatform;
         self.text(found, "fmi2GetTypesPlatform")
@@ -200,17 +200,17 @@ impl Library {
         found: Option<unsafe extern "C" fn() -> fmi2String>,
         name: &'static str,
     ) -> Result<String> {
-        // SAFETY: both functions that return a text have this type; a foreign one is trusted to end
-        // it in zero, as the crate says.
+        // SAFETY: both functions that return a string have this type; a foreign binary is trusted to
+        // terminate it, as described in the crate documentation.
         let text = unsafe { text(self.function(found, name)?()) };
         text.ok_or_else(|| Failure::new(name, Cause::Broke("returned NULL")))
     }
 
-    /// `fmi2Instantiate`: none if it returns NULL. `sink` gets what the instance logs, maybe from a
-    /// thread that the FMU has started.
+    /// `fmi2Instantiate`; `None` if it returns NULL. `sink` receives the log messages of the instance,
+    /// possibly on a thread that the FMU has started.
     ///
     /// # Errors
-    /// It is missing, or an argument contains a zero byte.
+    /// The function is missing, or an argument contains a zero byte.
     pub fn instantiate(
         self: &Arc<Self>,
         arguments: &Instantiation<'_>,
@@ -241,8 +241,8 @@ impl Library {
 }
 
 fn open(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
-    // SAFETY: what a foreign library does when it is loaded is beyond this program; the crate's
-    // documentation passes that on to the caller.
+    // SAFETY: a foreign library may run any code when it is loaded; the crate documentation leaves
+    // this to the caller.
     unsafe { libloading::Library::new(file) }.map_err(|error| {
         let reason = error.source().map(ToString::to_string);
         LoadError(reason.unwrap_or_else(|| error.to_string()))

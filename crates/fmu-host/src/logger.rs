@@ -1,8 +1,8 @@
-//! The logger that FMUs call, and who gets what they log.
+//! The logger that FMUs call, and the callbacks that receive log messages.
 //!
-//! `fmi2CallbackLogger` has a variable number of arguments, which stable Rust cannot define:
-//! [`trampoline`](crate::trampoline) turns them into a `va_list`, and `vsnprintf` of the C library
-//! formats them.
+//! `fmi2CallbackLogger` is variadic, and stable Rust cannot define variadic functions:
+//! [`trampoline`](crate::trampoline) converts the arguments to a `va_list`, which `vsnprintf` of the C
+//! library formats.
 
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -15,29 +15,29 @@ use fmu_types::fmi2::{fmi2ComponentEnvironment, fmi2String};
 
 use crate::Status;
 
-/// What an FMU logs.
+/// A log message of an FMU.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Logged {
-    /// The status that the FMU gives it.
+    /// The status of the message.
     pub status: Status,
     /// The log category.
     pub category: String,
-    /// The message, formatted, and cut if it has more than 4095 bytes.
+    /// The formatted message, truncated to 4094 bytes.
     pub text: String,
 }
 
-/// Gets what one instance logs, maybe from a thread that the FMU has started.
+/// Receives the log messages of an instance, possibly on a thread that the FMU has started.
 type Sink = dyn Fn(Logged) + Send + Sync;
 
-/// The sinks of all instances. An FMU gets its key for a component environment, and no pointer: one
-/// that hands on another, or logs after it was freed, does no harm.
+/// The sinks of all instances. The component environment of an FMU is a key, not a pointer, so that an
+/// FMU that passes another value, or logs after it was freed, does no harm.
 static SINKS: Mutex<BTreeMap<usize, Arc<Sink>>> = Mutex::new(BTreeMap::new());
 
 fn sinks() -> MutexGuard<'static, BTreeMap<usize, Arc<Sink>>> {
     SINKS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A sink that is known to the logger, until it is dropped.
+/// A sink that is registered with the logger until this value is dropped.
 pub(crate) struct Registered(usize);
 
 impl Registered {
@@ -48,7 +48,7 @@ impl Registered {
         Self(key)
     }
 
-    /// What the FMU passes to the logger.
+    /// The component environment that the FMU passes to the logger.
     pub(crate) fn environment(&self) -> fmi2ComponentEnvironment {
         ptr::without_provenance_mut(self.0)
     }
@@ -57,16 +57,16 @@ impl Registered {
 impl Drop for Registered {
     fn drop(&mut self) {
         let sink = sinks().remove(&self.0);
-        // Without the lock: what the sink owns may be dropped with it, and that may be anything.
+        // Dropped without holding the lock, as dropping a sink may run any code.
         drop(sink);
     }
 }
 
-/// Formats a message and hands it on; does not unwind. `arguments` is a `va_list` of the platform, or
-/// NULL if they cannot be read.
+/// Formats a message and passes it to its sink; does not unwind. `arguments` is a `va_list` of the
+/// platform, or NULL if the arguments cannot be read.
 ///
 /// # Safety
-/// The strings are NULL or end in zero, and the arguments are those that the format asks for.
+/// The strings are NULL or zero-terminated, and the arguments match the format.
 pub(crate) unsafe extern "C" fn log(
     environment: fmi2ComponentEnvironment,
     _instance: fmi2String,
@@ -85,18 +85,18 @@ pub(crate) unsafe extern "C" fn log(
         category: category.unwrap_or_default(),
         text,
     };
-    // C cannot be unwound. The panic was reported by the program's hook.
+    // C code must not be unwound. The panic hook of the program has reported the panic.
     let _ = catch_unwind(AssertUnwindSafe(move || sink(logged)));
 }
 
-// Where the C library of Windows has its functions of `printf`'s kind inline in its headers.
+// On Windows, the `printf` family is inline in the headers of the C library; this library has it.
 #[cfg_attr(
     all(windows, target_env = "msvc"),
     link(name = "legacy_stdio_definitions")
 )]
 unsafe extern "C" {
-    /// A `va_list` is passed as a pointer, to itself or to the arguments, by each ABI of
-    /// [`trampoline`](crate::trampoline).
+    /// Each ABI of [`trampoline`](crate::trampoline) passes a `va_list` as a pointer, to itself or to
+    /// the arguments.
     fn vsnprintf(
         buffer: *mut c_char,
         size: usize,
@@ -114,7 +114,7 @@ unsafe fn formatted(format: *const c_char, arguments: *mut c_void) -> String {
         return unsafe { text(format) }.unwrap_or_default();
     }
     let mut buffer = [0_u8; MAX_BYTES];
-    // The last byte stays zero, even where a C library leaves a text that it cuts without an end.
+    // The last byte stays zero, as some C libraries do not terminate a truncated string.
     // SAFETY: the buffer is larger than the size, and the rest is the caller's promise.
     let length = unsafe { vsnprintf(buffer.as_mut_ptr().cast(), MAX_BYTES - 1, format, arguments) };
     match CStr::from_bytes_until_nul(&buffer) {
@@ -124,10 +124,10 @@ unsafe fn formatted(format: *const c_char, arguments: *mut c_void) -> String {
     }
 }
 
-/// The text behind a pointer; none for NULL.
+/// The string behind a pointer; `None` for NULL.
 ///
 /// # Safety
-/// `pointer` is NULL or points to a text that ends in zero.
+/// `pointer` is NULL or points to a zero-terminated string.
 pub(crate) unsafe fn text(pointer: *const c_char) -> Option<String> {
     if pointer.is_null() {
         return None;
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
     use crate::trampoline::logger;
 
-    /// The logger's type, with a status that may be any integer.
+    /// The type of the logger, with an arbitrary integer as the status.
     type Logger = unsafe extern "C" fn(
         fmi2ComponentEnvironment,
         fmi2String,
@@ -152,38 +152,38 @@ mod tests {
         ...
     );
 
-    fn as_called() -> Logger {
-        // SAFETY: a status is an integer of C.
+    fn c_logger() -> Logger {
+        // SAFETY: a status is a C integer.
         unsafe { std::mem::transmute(logger()) }
     }
 
-    type Kept = Arc<Mutex<Vec<Logged>>>;
+    type Received = Arc<Mutex<Vec<Logged>>>;
 
-    fn kept() -> (Kept, Registered) {
-        let kept = Kept::default();
-        let sink = Arc::clone(&kept);
+    fn received() -> (Received, Registered) {
+        let received = Received::default();
+        let sink = Arc::clone(&received);
         let registered = Registered::new(Arc::new(move |logged| sink.lock().unwrap().push(logged)));
-        (kept, registered)
+        (received, registered)
     }
 
-    /// What a format makes of arguments.
+    /// Logs a format with arguments, and returns the received message.
     macro_rules! logged {
         ($format:expr $(, $argument:expr)*) => {{
-            let (kept, registered) = kept();
-            let (log, format): (Logger, &CStr) = (as_called(), $format);
-            // SAFETY: strings that end in zero, and arguments that the format asks for.
+            let (received, registered) = received();
+            let (log, format): (Logger, &CStr) = (c_logger(), $format);
+            // SAFETY: the strings are zero-terminated, and the arguments match the format.
             unsafe {
                 log(registered.environment(), c"a".as_ptr(), 1, c"c".as_ptr(), format.as_ptr()
                     $(, $argument)*);
             }
-            let mut kept = kept.lock().unwrap();
-            assert_eq!(kept.len(), 1);
-            kept.remove(0)
+            let mut received = received.lock().unwrap();
+            assert_eq!(received.len(), 1);
+            received.remove(0)
         }};
     }
 
     #[test]
-    fn arguments_of_every_kind_are_formatted_wherever_the_abi_passes_them() {
+    fn arguments_in_registers_and_on_the_stack_are_formatted() {
         let (a, b) = (c"text".as_ptr(), c"other".as_ptr());
         let none = logged!(c"100%% plain");
         assert_eq!(
@@ -224,17 +224,17 @@ mod tests {
     }
 
     #[test]
-    fn a_long_message_is_cut_and_one_that_is_not_utf_8_is_readable() {
+    fn long_messages_are_truncated_and_invalid_utf_8_is_replaced() {
         let long = std::ffi::CString::new("x".repeat(100_000)).unwrap();
         assert_eq!(logged!(c"%s", long.as_ptr()).text, "x".repeat(4094));
         assert_eq!(logged!(c"%s", c"caf\xe9 1".as_ptr()).text, "caf\u{fffd} 1");
     }
 
     #[test]
-    fn a_status_may_be_any_integer_and_strings_may_be_missing() {
-        let (kept, registered) = kept();
-        let log = as_called();
-        // SAFETY: the format asks for no arguments; NULL is allowed.
+    fn the_status_may_be_any_integer_and_strings_may_be_null() {
+        let (received, registered) = received();
+        let log = c_logger();
+        // SAFETY: the format needs no arguments; NULL is allowed.
         unsafe {
             log(
                 registered.environment(),
@@ -251,38 +251,38 @@ mod tests {
                 ptr::null(),
             );
         }
-        let kept = kept.lock().unwrap();
+        let received = received.lock().unwrap();
         assert_eq!(
-            (kept[0].status, kept[0].text.as_str()),
+            (received[0].status, received[0].text.as_str()),
             (Status::Unknown(42), "m")
         );
         assert_eq!(
-            (kept[1].status, kept[1].text.as_str()),
+            (received[1].status, received[1].text.as_str()),
             (Status::Unknown(-1), "")
         );
     }
 
     #[test]
-    fn a_message_from_another_thread_arrives_and_one_of_nobody_does_no_harm() {
-        let (kept, registered) = kept();
-        let (log, key) = (as_called(), registered.environment().addr());
-        let say = move || {
+    fn messages_from_other_threads_arrive_and_those_of_freed_instances_are_ignored() {
+        let (received, registered) = received();
+        let (log, key) = (c_logger(), registered.environment().addr());
+        let log_once = move || {
             let environment = ptr::without_provenance_mut(key);
-            // SAFETY: the format asks for one integer.
+            // SAFETY: the format needs one integer.
             unsafe { log(environment, ptr::null(), 0, ptr::null(), c"%d".as_ptr(), 1) }
         };
-        std::thread::spawn(say).join().unwrap();
+        std::thread::spawn(log_once).join().unwrap();
         drop(registered);
-        say();
-        assert_eq!(kept.lock().unwrap().len(), 1);
+        log_once();
+        assert_eq!(received.lock().unwrap().len(), 1);
     }
 
     #[test]
-    fn a_panic_of_the_sink_does_not_reach_the_fmu() {
+    fn a_panic_in_the_sink_does_not_reach_the_fmu() {
         let registered = Registered::new(Arc::new(|_| panic!("in the sink")));
-        // SAFETY: the format asks for no arguments.
+        // SAFETY: the format needs no arguments.
         unsafe {
-            as_called()(
+            c_logger()(
                 registered.environment(),
                 ptr::null(),
                 0,

@@ -5,7 +5,7 @@ use fmu_types::fmi2::{fmi2EventInfo, fmi2False};
 use crate::instance::call;
 use crate::{Instance, Result};
 
-/// A function that returns `n` numbers.
+/// Defines functions that return `n` numbers.
 macro_rules! numbers {
     ($($name:ident $function:ident;)*) => {
         $(
@@ -20,7 +20,7 @@ macro_rules! numbers {
 }
 
 impl Instance {
-    /// `fmi2NewDiscreteStates`: whether it wants to be called again.
+    /// `fmi2NewDiscreteStates`; returns `newDiscreteStatesNeeded`.
     pub fn new_discrete_states(&mut self) -> Result<bool> {
         let mut info = fmi2EventInfo {
             newDiscreteStatesNeeded: fmi2False,
@@ -61,7 +61,7 @@ impl Instance {
         call!(self.fmi2SetContinuousStates(states.as_ptr(), states.len()))
     }
 
-    /// `fmi2CompletedIntegratorStep`: whether event mode is to be entered.
+    /// `fmi2CompletedIntegratorStep`; returns `enterEventMode`.
     pub fn completed_integrator_step(&mut self) -> Result<bool> {
         let (mut event, mut terminate) = (fmi2False, fmi2False);
         call!(self.fmi2CompletedIntegratorStep(1, &raw mut event, &raw mut terminate))?;

@@ -1,9 +1,9 @@
-//! How calls end.
+//! The outcome of calls.
 
 use std::ffi::c_int;
 use std::fmt;
 
-/// `fmi2Status`, or another integer: a foreign binary may return any.
+/// `fmi2Status`, or another integer, as a foreign binary may return any value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names of the standard")]
 pub enum Status {
@@ -13,7 +13,7 @@ pub enum Status {
     Error,
     Fatal,
     Pending,
-    /// No status of FMI 2.0.
+    /// Not a status of FMI 2.0.
     Unknown(c_int),
 }
 
@@ -40,12 +40,12 @@ impl fmt::Display for Status {
             Self::Error => "fmi2Error",
             Self::Fatal => "fmi2Fatal",
             Self::Pending => "fmi2Pending",
-            Self::Unknown(status) => return write!(f, "{status}, which is not a fmi2Status"),
+            Self::Unknown(status) => return write!(f, "{status}, which is not an fmi2Status"),
         })
     }
 }
 
-/// A call that did what it is for.
+/// A successful call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Success {
     /// `fmi2OK`
@@ -54,7 +54,7 @@ pub enum Success {
     Warning(&'static str),
 }
 
-/// A call that did not do what it is for.
+/// A failed call.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Failure {
     /// The function of FMI.
@@ -68,11 +68,11 @@ pub struct Failure {
 pub enum Cause {
     /// The binary does not have the function.
     Missing,
-    /// It returned a status that means failure.
+    /// The function returned a failure status.
     Returned(Status),
-    /// It returned success, and broke the standard otherwise.
+    /// The function returned success but violated the standard.
     Broke(&'static str),
-    /// A string to be passed to it contains a zero byte.
+    /// A string argument contains a zero byte.
     ZeroByte,
     /// The serialized state has more bytes than the caller accepts.
     TooLarge(usize),
@@ -87,7 +87,7 @@ impl Failure {
 impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Missing => f.write_str("is missing in the binary"),
+            Self::Missing => f.write_str("is missing from the binary"),
             Self::Returned(Status::Pending) => {
                 f.write_str("returned fmi2Pending, and asynchronous steps are not supported")
             }

@@ -1,8 +1,8 @@
-//! The folder of an FMU's resources, as `fmi2Instantiate` takes it.
+//! The URI of an FMU's resources for `fmi2Instantiate`.
 
 use std::path::Path;
 
-/// The URI of a folder of this machine.
+/// The URI of a local folder.
 pub fn uri(folder: &Path) -> String {
     let mut uri = String::from("file://");
     let path = folder.as_os_str().as_encoded_bytes();
@@ -26,7 +26,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_has_a_meaning_in_a_uri_is_escaped() {
+    fn reserved_characters_are_escaped() {
         let folder = Path::new("/tmp/a b/100%#ü");
         assert_eq!(uri(folder), "file:///tmp/a%20b/100%25%23%C3%BC");
         assert_eq!(uri(Path::new("C:/fmu")), "file:///C:/fmu");

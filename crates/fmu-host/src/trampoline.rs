@@ -1,8 +1,8 @@
-//! The logger as a function with a variable number of arguments, which stable Rust can call but not
-//! define: a few instructions for each ABI that gather them in a `va_list`, the sixth argument of
-//! [`log`](crate::logger::log).
+//! The logger as a variadic function, which stable Rust can call but not define: for each ABI, a few
+//! instructions that build a `va_list` from the arguments and pass it to [`log`](crate::logger::log) as
+//! the sixth argument.
 
-#![allow(unused_imports, reason = "not every ABI needs all")]
+#![allow(unused_imports, reason = "not every ABI uses all of them")]
 
 use std::ffi::c_int;
 
@@ -10,15 +10,15 @@ use fmu_types::fmi2::{fmi2CallbackLogger, fmi2String};
 
 use crate::logger::log;
 
-/// The logger that FMUs are given.
+/// The logger passed to FMUs.
 pub(crate) fn logger() -> fmi2CallbackLogger {
-    // SAFETY: `entry` finds its arguments where the caller of such a function puts them.
+    // SAFETY: `entry` follows the calling convention of this variadic type.
     unsafe { std::mem::transmute(entry as *const ()) }
 }
 
-/// System V: the caller says in `al` whether it passes floating-point numbers in registers. A `va_list`
-/// is two offsets into a copy of the registers (5 integers are named), a pointer to the arguments on
-/// the stack, and a pointer to the copy.
+/// System V: `al` tells whether floating-point numbers are passed in registers. A `va_list` consists of
+/// two offsets into a copy of the registers (5 integers are named arguments), a pointer to the arguments
+/// on the stack, and a pointer to the copy.
 #[cfg(all(target_arch = "x86_64", not(windows)))]
 #[unsafe(naked)]
 unsafe extern "C" fn entry() {
@@ -51,9 +51,9 @@ unsafe extern "C" fn entry() {
     )
 }
 
-/// Windows: arguments after the fourth lie on the stack, one after the other; a `va_list` points to
-/// the first of them. The place of the instance's name, which is not needed, takes a pointer to the
-/// fifth argument.
+/// Windows: arguments after the fourth are consecutive on the stack; a `va_list` points to the first
+/// variadic argument. The instance name is not needed, so its register passes a pointer to the fifth
+/// argument.
 #[cfg(all(target_arch = "x86_64", windows))]
 #[unsafe(naked)]
 unsafe extern "C" fn entry() {
@@ -63,7 +63,7 @@ unsafe extern "C" fn entry() {
         status: c_int,
         category: fmi2String,
     ) {
-        // SAFETY: the message and what follows it, as put there by the caller of the logger.
+        // SAFETY: the stack has the message and the variadic arguments, as passed to the logger.
         unsafe {
             let arguments = stack.add(1).cast();
             log(
@@ -80,8 +80,8 @@ unsafe extern "C" fn entry() {
     std::arch::naked_asm!("lea rdx, [rsp + 40]", "jmp {unpack}", unpack = sym unpack)
 }
 
-/// AAPCS64: a `va_list` is pointers to the arguments on the stack and to the ends of copies of the
-/// integer and floating-point registers, and minus the number of bytes left in each.
+/// AAPCS64: a `va_list` consists of a pointer to the arguments on the stack, pointers to the ends of
+/// copies of the integer and floating-point registers, and the negated number of bytes left in each.
 #[cfg(all(target_arch = "aarch64", not(windows), not(target_vendor = "apple")))]
 #[unsafe(naked)]
 unsafe extern "C" fn entry() {
@@ -109,14 +109,14 @@ unsafe extern "C" fn entry() {
     )
 }
 
-/// Apple: arguments that are not named lie on the stack; a `va_list` points to the first of them.
+/// Apple: variadic arguments are on the stack; a `va_list` points to the first of them.
 #[cfg(all(target_arch = "aarch64", target_vendor = "apple"))]
 #[unsafe(naked)]
 unsafe extern "C" fn entry() {
     std::arch::naked_asm!("mov x5, sp", "b {log}", log = sym log)
 }
 
-/// Elsewhere the named arguments are read, and messages come as they are before they are formatted.
+/// Other ABIs: only the named arguments are read, and messages stay unformatted.
 #[cfg(not(any(target_arch = "x86_64", all(target_arch = "aarch64", not(windows)))))]
 unsafe extern "C" fn entry(
     environment: *mut std::ffi::c_void,

@@ -1,4 +1,4 @@
-//! A library and its instances.
+//! Libraries and their instances.
 
 #[path = "../../../tests/fmus.rs"]
 mod fmus;
@@ -11,7 +11,7 @@ use fmu_file::platform::Platform;
 use fmu_host::{Instance, Instantiation, Kind, Library, Success};
 use tempfile::TempDir;
 
-/// The pendulum, whose model description says which GUID it has.
+/// The pendulum FMU with the GUID of its model description.
 struct Pendulum {
     _folder: TempDir,
     binary: PathBuf,
@@ -52,7 +52,7 @@ impl Pendulum {
 }
 
 #[test]
-fn steps_do_not_allocate_and_any_thread_may_make_them() {
+fn steps_do_not_allocate_and_run_on_any_thread() {
     let pendulum = Pendulum::unpack();
     let library = Library::load(&pendulum.binary).unwrap();
     let mut instance = pendulum.instantiate(&library);
@@ -70,7 +70,7 @@ fn steps_do_not_allocate_and_any_thread_may_make_them() {
 }
 
 #[test]
-fn a_library_has_the_functions_of_its_kind_and_is_unloaded_after_its_last_instance() {
+fn a_library_has_all_functions_and_is_unloaded_after_its_last_instance() {
     let pendulum = Pendulum::unpack();
     let is_loaded = || {
         let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
@@ -86,7 +86,7 @@ fn a_library_has_the_functions_of_its_kind_and_is_unloaded_after_its_last_instan
 }
 
 #[test]
-fn a_trace_gets_each_function_before_it_is_called() {
+fn the_trace_receives_each_function_before_it_is_called() {
     let pendulum = Pendulum::unpack();
     let calls = Arc::new(Mutex::new(Vec::new()));
     let trace = Arc::clone(&calls);

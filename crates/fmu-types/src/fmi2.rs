@@ -33,16 +33,16 @@ pub enum fmi2Status {
     fmi2Pending,
 }
 
-/// `fmi2Type`: an integer here, since the host may send any value.
+/// `fmi2Type`, an integer because the host may pass any value.
 pub type fmi2Type = c_int;
 pub const fmi2CoSimulation: fmi2Type = 1;
 
-/// `fmi2StatusKind`: an integer here, since the host may send any value.
+/// `fmi2StatusKind`, an integer because the host may pass any value.
 pub type fmi2StatusKind = c_int;
 pub const fmi2LastSuccessfulTime: fmi2StatusKind = 2;
 pub const fmi2Terminated: fmi2StatusKind = 3;
 
-/// `fmi2CallbackLogger`, never NULL in this form.
+/// `fmi2CallbackLogger` when it is not NULL.
 pub type fmi2CallbackLogger = unsafe extern "C" fn(
     fmi2ComponentEnvironment,
     fmi2String,

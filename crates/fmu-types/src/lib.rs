@@ -1,5 +1,5 @@
-//! The C types of the Functional Mock-up Interface, for both sides of it: FMU binaries and the hosts
-//! that load them.
+//! The C types of the Functional Mock-up Interface (FMI), for FMU binaries and for the hosts that load
+//! them.
 #![no_std]
 #![forbid(unsafe_code)]
 

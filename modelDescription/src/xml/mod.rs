@@ -1,4 +1,4 @@
-//! XML as a tree: built and written, or read within bounds.
+//! XML as a tree of elements, to build and write, or to read within limits.
 
 #[cfg(feature = "xml")]
 mod parse;
@@ -12,15 +12,15 @@ pub use parse::parse;
 /// An element.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Element<'a> {
-    /// Its name, with the prefix of its namespace.
+    /// Its name, including a namespace prefix.
     pub name: &'a str,
-    /// Names and values, without references and with spaces for line breaks.
+    /// Names and values, with references resolved and line breaks normalized to spaces.
     pub attributes: Vec<(&'a str, Cow<'a, str>)>,
-    /// The elements in it, in their order.
+    /// Its child elements, in order.
     pub children: Vec<Element<'a>>,
-    /// Whether there is text between them, other than space. It is not kept, as FMI has none.
+    /// Whether it contains text other than white space. The text is not kept, as FMI has none.
     pub has_text: bool,
-    /// The line on which it begins, from 1; 0 if it was not read.
+    /// The line on which it starts, from 1; 0 if it was not parsed.
     pub line: u32,
 }
 
@@ -32,17 +32,17 @@ impl<'a> Element<'a> {
         Some(value)
     }
 
-    /// The first element of a name in it.
+    /// The first child with the given name.
     pub fn child(&self, name: &str) -> Option<&Element<'a>> {
         self.children(name).next()
     }
 
-    /// The elements of a name in it.
+    /// The children with the given name.
     pub fn children(&self, name: &str) -> impl Iterator<Item = &Element<'a>> {
         self.children.iter().filter(move |child| child.name == name)
     }
 
-    /// The elements of one name in its first element of another name.
+    /// The children named `item` of its first child named `list`.
     pub fn list(&self, list: &str, item: &str) -> impl Iterator<Item = &Element<'a>> {
         self.child(list)
             .into_iter()
@@ -52,7 +52,7 @@ impl<'a> Element<'a> {
 
 /// Building and writing.
 impl<'a> Element<'a> {
-    /// An empty element.
+    /// Creates an element without attributes and children.
     pub fn new(name: &'a str) -> Self {
         Self {
             name,
@@ -85,7 +85,7 @@ impl<'a> Element<'a> {
         self
     }
 
-    /// Adds a child that lists elements, unless there are none: the standards allow no empty lists.
+    /// Adds a child that lists elements, unless there are none: the standards forbid empty lists.
     pub fn listing(self, list: &'a str, items: Vec<Self>) -> Self {
         if items.is_empty() {
             return self;
@@ -96,7 +96,7 @@ impl<'a> Element<'a> {
     /// The document with this root, indented.
     ///
     /// # Errors
-    /// An attribute has a character that XML cannot hold.
+    /// An attribute has a character that is not allowed in XML.
     pub fn document(&self) -> Result<String, InvalidText> {
         let mut xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
         self.write(&mut xml, 0)?;
@@ -124,8 +124,8 @@ impl<'a> Element<'a> {
     }
 }
 
-/// Writes a text as the value of an attribute, so that a reader gets it back exactly. White space is
-/// written as references, for a reader takes it for spaces otherwise.
+/// Writes a text as the value of an attribute, so that a parser returns it unchanged. White space is
+/// written as references because parsers normalize it to spaces.
 fn write_value(xml: &mut String, text: &str) -> Result<(), InvalidText> {
     if text.contains(is_forbidden) {
         return Err(InvalidText(text.to_owned()));
@@ -145,25 +145,25 @@ fn write_value(xml: &mut String, text: &str) -> Result<(), InvalidText> {
     Ok(())
 }
 
-/// Whether XML 1.0 cannot hold a character.
+/// Whether a character is not allowed in XML 1.0.
 fn is_forbidden(c: char) -> bool {
     matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
 }
 
-/// A text with a character that XML cannot hold.
+/// A text with a character that is not allowed in XML.
 #[derive(Debug)]
 pub struct InvalidText(String);
 
 impl fmt::Display for InvalidText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = quote(&self.0);
-        write!(f, "{text} has a character that XML cannot hold")
+        write!(f, "{text} has a character that is not allowed in XML")
     }
 }
 
 impl std::error::Error for InvalidText {}
 
-/// Quotes untrusted text safely: on one line, and cut if it is long.
+/// Quotes untrusted text safely: on one line, and truncated if it is long.
 pub fn quote(text: &str) -> String {
     const MAX_LENGTH: usize = 80;
     if text.chars().nth(MAX_LENGTH).is_none() {
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn elements_are_indented_and_empty_lists_left_out() {
+    fn elements_are_indented_and_empty_lists_are_omitted() {
         let root = Element::new("a")
             .with("x", 1.5)
             .with_some("y", None::<&str>)
@@ -192,21 +192,21 @@ mod tests {
 
     #[cfg(feature = "xml")]
     #[test]
-    fn any_text_is_read_back_as_it_was() {
+    fn any_text_round_trips() {
         let text = "<&>\"' \u{e9}\u{1f600} 1\n2\t3\r";
         let xml = Element::new("a").with("x", text).document().unwrap();
         assert_eq!(parse(&xml).unwrap().attribute("x"), Some(text));
     }
 
     #[test]
-    fn a_character_that_xml_cannot_hold_is_refused() {
+    fn characters_not_allowed_in_xml_are_rejected() {
         for text in ["\u{0}", "a\u{1b}", "\u{ffff}"] {
             assert!(Element::new("a").with("x", text).document().is_err());
         }
     }
 
     #[test]
-    fn quoted_texts_are_cut_and_stay_on_one_line() {
+    fn quoted_text_is_truncated_and_on_one_line() {
         assert_eq!(quote("a\n\"b"), r#""a\n\"b""#);
         assert_eq!(quote(&"ä".repeat(80)).chars().count(), 82);
         assert!(quote(&"ä".repeat(100_000)).len() < 200);

@@ -1,5 +1,5 @@
-//! Reads untrusted XML: no document types, no entities but XML's own, and bounds on depth and number,
-//! so that a small file cannot ask for much memory.
+//! Parses untrusted XML: no document types, only the predefined entities, and limits on depth and
+//! size, so that a small file cannot exhaust memory.
 
 use std::borrow::Cow;
 
@@ -11,19 +11,19 @@ use quick_xml::reader::Reader;
 
 use super::{Element, is_forbidden, quote};
 
-/// Depth of nested elements; model descriptions have six, annotations of vendors some more.
+/// Maximum depth of nested elements; model descriptions have six, vendor annotations may have more.
 const MAX_DEPTH: usize = 64;
-/// Elements in all.
+/// Maximum number of elements.
 const MAX_ELEMENTS: usize = 1 << 20;
-/// Attributes of one element.
+/// Maximum number of attributes of an element.
 const MAX_ATTRIBUTES: usize = 64;
 
-/// Reads a document; errors name the line.
+/// Parses a document; errors name the line.
 ///
 /// # Errors
-/// It is not XML, or it exceeds the bounds of this module.
+/// The text is not well-formed XML, or it exceeds the limits of this module.
 pub fn parse(text: &str) -> Result<Element<'_>> {
-    // The reader leaves a byte order mark out of its positions.
+    // The reader does not count a byte order mark in its positions.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut parser = Parser {
         lines: Lines {
@@ -51,13 +51,13 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
     }
     ensure!(
         parser.open.is_empty(),
-        "it ends within the element {}",
+        "the document ends inside the element {}",
         quote(parser.open.last().map_or("", |e| e.name))
     );
-    parser.root.context("it has no element")
+    parser.root.context("the document has no root element")
 }
 
-/// Line numbers of growing positions.
+/// Line numbers of increasing positions.
 struct Lines<'a> {
     text: &'a str,
     at: usize,
@@ -80,7 +80,7 @@ impl Lines<'_> {
 
 struct Parser<'a> {
     lines: Lines<'a>,
-    /// The elements that have begun and not ended, the root first.
+    /// The elements that are not closed yet, the root first.
     open: Vec<Element<'a>>,
     root: Option<Element<'a>>,
     elements: usize,
@@ -105,7 +105,7 @@ impl<'a> Parser<'a> {
                 let element = self
                     .open
                     .pop()
-                    .context("an element ends that has not begun")?;
+                    .context("there is an end tag without a start tag")?;
                 self.close(element)?;
             }
             Event::Text(text) => self.text(&text)?,
@@ -113,7 +113,7 @@ impl<'a> Parser<'a> {
             Event::GeneralRef(reference) => self.reference(&reference)?,
             Event::Decl(declaration) => self.declaration(&declaration)?,
             Event::DocType(_) => bail!(
-                "a document type (DTD) is refused: FMI has none, and its entities may exhaust memory"
+                "a document type (DTD) is not allowed: FMI has none, and its entities may exhaust memory"
             ),
             Event::Comment(_) | Event::PI(_) | Event::Eof => {}
         }
@@ -141,7 +141,7 @@ impl<'a> Parser<'a> {
             );
             ensure!(
                 !attribute.value.contains('<'),
-                "the attribute {} has a <, expected &lt;",
+                "the attribute {} contains <, expected &lt;",
                 quote(name)
             );
             let value = attribute
@@ -197,7 +197,7 @@ impl<'a> Parser<'a> {
     fn declaration(&self, declaration: &BytesDecl<'_>) -> Result<()> {
         ensure!(
             self.open.is_empty() && self.root.is_none(),
-            "an XML declaration stands after the beginning"
+            "there is an XML declaration after the start of the document"
         );
         if let Some(encoding) = declaration.encoding() {
             let encoding = encoding?;
@@ -211,7 +211,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// The part of the source that is this text: the reader lends it for a shorter time than it lives.
+/// Returns `part` of `source` with the lifetime of the source, which the reader shortens.
 fn within<'a>(source: &'a str, part: &str) -> Result<&'a str> {
     let start = (part.as_ptr() as usize).wrapping_sub(source.as_ptr() as usize);
     source
@@ -230,7 +230,7 @@ fn check_characters(text: &str) -> Result<()> {
 mod tests {
     use super::*;
 
-    fn refusal(text: &str) -> String {
+    fn error(text: &str) -> String {
         format!("{:#}", parse(text).expect_err(text))
     }
 
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_well_formed_is_refused_with_its_line() {
+    fn malformed_documents_are_rejected_with_the_line() {
         for text in [
             "",
             "x",
@@ -270,20 +270,20 @@ mod tests {
             "<a/><?xml version='1.0'?>",
             "<?xml version='1.0' encoding='latin-1'?><a/>",
         ] {
-            refusal(text);
+            error(text);
         }
-        assert!(refusal("<a>\n\n<b></c></a>").starts_with("line 3"));
-        assert!(refusal("<a>\n<b c='&x;'/></a>").starts_with("line 2"));
+        assert!(error("<a>\n\n<b></c></a>").starts_with("line 3"));
+        assert!(error("<a>\n<b c='&x;'/></a>").starts_with("line 2"));
     }
 
     #[test]
-    fn bombs_are_refused() {
+    fn entity_bombs_and_oversized_documents_are_rejected() {
         let entities = "<!DOCTYPE a [<!ENTITY x \"ha\"><!ENTITY y \"&x;&x;\">]><a>&y;</a>";
-        assert!(refusal(entities).contains("DTD"));
-        assert!(refusal(&"<a>".repeat(100_000)).contains("deeper than 64"));
+        assert!(error(entities).contains("DTD"));
+        assert!(error(&"<a>".repeat(100_000)).contains("deeper than 64"));
         let wide = format!("<a>{}</a>", "<b/>".repeat(MAX_ELEMENTS));
-        assert!(refusal(&wide).contains("more than"));
+        assert!(error(&wide).contains("more than"));
         let attributes: String = (0..100).map(|i| format!(" a{i}=''")).collect();
-        assert!(refusal(&format!("<a{attributes}/>")).contains("attributes"));
+        assert!(error(&format!("<a{attributes}/>")).contains("attributes"));
     }
 }

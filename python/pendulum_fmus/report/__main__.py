@@ -9,6 +9,7 @@ from pathlib import Path
 from .. import loop, table1
 from ..master import MasterError
 from ..project import REPORT
+from . import overview
 from .beyond import noise, sections
 from .claims import judged
 from .data import Data
@@ -31,7 +32,7 @@ def run(options: argparse.Namespace) -> bool:
         drawing.append(start_writing(beyond, options.out / "figures", pool))
         page = options.out / "index.html"
         page.write_text(render(parts, end, table.lines(data), beyond), encoding="utf-8")
-        table1.write(data.results, options.out)
+        overview.write(data.results, options.out)
         paths = [path for jobs in drawing for job in jobs for path in job.get()]
     print(f"wrote {page}\nand {len(paths)} files to {options.out / 'figures'}")
     return all_hold

@@ -5,6 +5,7 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Sheet
 
+from .. import table1
 from .data import Data
 from .figure import ANGLE, Figure, Panel
 from .paper.curves import END, SHOWN, absolute_errors, outputs
@@ -31,8 +32,17 @@ def panels(data: Data) -> list[list[Panel]]:
     ]
 
 
-def write(data: Data, path: Path) -> None:
-    """Draw and write the overview."""
+def write(results: table1.Results, folder: Path) -> list[Path]:
+    """Write table1.txt and closed-loop.png to a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table, picture = folder / "table1.txt", folder / "closed-loop.png"
+    table.write_text(table1.report(results)[0] + "\n", encoding="utf-8")
+    draw(Data(results), picture)
+    return [table, picture]
+
+
+def draw(data: Data, path: Path) -> None:
+    """Draw the overview."""
     rows = panels(data)
     with rc_context(RC | {"savefig.dpi": 150, "font.size": 9, "axes.titlesize": 10}):
         sheet = Sheet(figsize=(10, 4.4), layout="constrained")

@@ -1,16 +1,17 @@
-//! The matrix exponential, less the identity.
+//! The matrix exponential minus the identity.
 //!
-//! nalgebra's own needs `std` and, through `log2` and `powf`, takes its bits from the platform; this
-//! one is arithmetic only. The tests hold it to nalgebra's.
+//! nalgebra's own needs `std`, and its bits depend on the platform through `log2` and `powf`. This one
+//! uses arithmetic only; the tests compare it with nalgebra's.
 
 use nalgebra::SMatrix;
 
-/// `exp(a) - I`: Taylor's series of a matrix halved until its norm is below 1/2, then doubled back
-/// by `exp(2 a) - I = 2 d + d^2` with `d = exp(a) - I`, which keeps every digit of a small `a`.
+/// `exp(a) - I` by scaling and squaring: the Taylor series of `a` halved until its norm is at most
+/// 1/2, then doubled by `exp(2 a) - I = 2 d + d^2` with `d = exp(a) - I`, which keeps every digit of
+/// a small `a`.
 ///
-/// What is not finite gives NaN.
+/// Returns NaN if `a` is not finite.
 pub(super) fn expm1<const N: usize>(a: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    /// 0.5^DEGREE / DEGREE! is below the rounding of an f64.
+    /// 0.5^DEGREE / DEGREE! is below the rounding error of an f64.
     const DEGREE: u32 = 14;
     let norm = a.row_iter().map(|row| row.lp_norm(1)).fold(0.0, f64::max);
     if !a.iter().all(|entry| entry.is_finite()) || !norm.is_finite() {
@@ -63,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rotation_turns() {
+    fn the_exponential_of_a_skew_symmetric_matrix_is_a_rotation() {
         let angle = 2.5;
         let d = expm1(&Matrix2::new(0.0, -angle, angle, 0.0));
         assert!((d[(0, 0)] + 1.0 - libm::cos(angle)).abs() < 1e-15);
@@ -71,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_ends_and_is_seen() {
+    fn non_finite_input_gives_a_non_finite_result() {
         for entry in [f64::NAN, f64::INFINITY, 1e308] {
             assert!(!expm1(&Matrix2::repeat(entry))[(0, 0)].is_finite());
         }

@@ -1,13 +1,13 @@
-//! The linear plant in state space, stepped exactly.
+//! The linear plant in state space, integrated exactly.
 
 use nalgebra::{Matrix4, Matrix6, Vector4};
 
 use super::{Force, Parameters, State, exponential::expm1};
 
-/// The linear plant (9) with the state (x, v, theta, omega), exact for a force that is held, or
-/// changes linearly, over a step.
+/// The linear plant (9) with the state (x, v, theta, omega), exact for a force that is constant or
+/// changes linearly over a step.
 ///
-/// The transition of a step is a matrix exponential, computed when the step changes, and kept.
+/// The transition matrices of a step are a matrix exponential, cached until the step size changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -16,12 +16,12 @@ use super::{Force, Parameters, State, exponential::expm1};
 )]
 pub struct Linear {
     parameters: Parameters,
-    /// The step (s) that `transition` belongs to.
+    /// The step size (s) of `transition`.
     step: f64,
     transition: Transition,
 }
 
-/// How a step moves the state: s + increment s + held u + ramp u'.
+/// The state after a step: s + increment s + held u + ramp u'.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Transition {
     /// exp(A step) - I.
@@ -31,7 +31,7 @@ struct Transition {
 }
 
 impl Transition {
-    /// Written out, as the compiler does not unroll the loops of a product when it builds for size.
+    /// Written out because the compiler does not unroll matrix products when it optimizes for size.
     #[inline(always)]
     fn apply(&self, state: &mut State, u: Force) {
         let State { x, v, theta, omega } = *state;
@@ -44,7 +44,7 @@ impl Transition {
                 + self.held[i] * u.value
                 + self.ramp[i] * u.slope
         };
-        // The increment is added last: at small steps the sum I + increment would lose its digits.
+        // The increment is added last: at small steps, I + increment would lose digits.
         state.x = x + change(0);
         state.v = v + change(1);
         state.theta = theta + change(2);
@@ -78,10 +78,10 @@ impl Linear {
         Self::from(*parameters)
     }
 
-    /// Moves `state` on by `step` (s) under the force `u`.
+    /// Advances `state` by `step` (s) under the force `u`.
     #[inline(always)]
     pub fn advance(&mut self, state: &mut State, u: impl Into<Force>, step: f64) {
-        // A key of the cache, not a comparison of times: any other step has another transition.
+        // The cache key, not a comparison of times: any other step has another transition.
         if step != self.step {
             self.prepare(step);
         }
@@ -94,7 +94,8 @@ impl Linear {
         self.step = step;
     }
 
-    /// The derivative of the state after a step of `step` (s) by the force held over it, per N.
+    /// The derivative of the state after a step of `step` (s) with respect to the force held over it,
+    /// per N.
     pub fn sensitivity(&self, step: f64) -> State {
         into_state(&transition(&self.parameters, step).held)
     }
@@ -144,7 +145,7 @@ mod tests {
     };
 
     #[test]
-    fn the_written_out_product_is_that_of_the_matrices() {
+    fn the_written_out_product_equals_the_matrix_product() {
         let t = transition(&Parameters::PAPER, 0.01);
         let u = Force {
             value: 3.0,
@@ -160,19 +161,19 @@ mod tests {
     #[test]
     fn one_step_equals_many_small_ones() {
         let mut plant = Linear::new(&Parameters::PAPER);
-        let mut once = START;
-        plant.advance(&mut once, 3.0, 0.5);
-        let mut often = START;
+        let mut single = START;
+        plant.advance(&mut single, 3.0, 0.5);
+        let mut repeated = START;
         for _ in 0..512 {
-            plant.advance(&mut often, 3.0, 0.5 / 512.0);
+            plant.advance(&mut repeated, 3.0, 0.5 / 512.0);
         }
-        assert!((once.theta / often.theta - 1.0).abs() < 1e-12);
-        assert!((once.x / often.x - 1.0).abs() < 1e-12);
+        assert!((single.theta / repeated.theta - 1.0).abs() < 1e-12);
+        assert!((single.x / repeated.x - 1.0).abs() < 1e-12);
     }
 
     #[test]
-    fn the_derivative_is_that_of_the_printed_equations() {
-        // A small step's difference quotient, put into (9).
+    fn the_derivative_satisfies_the_printed_equations() {
+        // The difference quotient of a small step, inserted into (9).
         let (p, u, h) = (Parameters::PAPER, 3.0, 1e-6);
         let mut after = START;
         Linear::new(&p).advance(&mut after, u, h);
@@ -186,9 +187,9 @@ mod tests {
     #[test]
     fn a_ramp_of_the_force_is_the_limit_of_many_held_steps() {
         let mut plant = Linear::new(&Parameters::PAPER);
-        let (mut once, mut often) = (START, START);
+        let (mut single, mut repeated) = (START, START);
         plant.advance(
-            &mut once,
+            &mut single,
             Force {
                 value: 1.0,
                 slope: 4.0,
@@ -199,14 +200,14 @@ mod tests {
         for k in 0..n {
             // The value in the middle of each small step: second order.
             let middle = (f64::from(k) + 0.5) * 0.5 / f64::from(n);
-            plant.advance(&mut often, 1.0 + 4.0 * middle, 0.5 / f64::from(n));
+            plant.advance(&mut repeated, 1.0 + 4.0 * middle, 0.5 / f64::from(n));
         }
-        assert!((once.theta / often.theta - 1.0).abs() < 1e-7);
-        assert!((once.x / often.x - 1.0).abs() < 1e-7);
+        assert!((single.theta / repeated.theta - 1.0).abs() < 1e-7);
+        assert!((single.x / repeated.x - 1.0).abs() < 1e-7);
     }
 
     #[test]
-    fn the_sensitivity_is_the_difference_that_one_newton_makes() {
+    fn the_sensitivity_is_the_effect_of_one_newton() {
         let mut plant = Linear::new(&Parameters::PAPER);
         let (mut with, mut without) = (START, START);
         plant.advance(&mut with, 3.0, 0.2);
@@ -217,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn without_pendulum_the_cart_follows_its_closed_form() {
+    fn a_cart_without_pendulum_follows_the_closed_form() {
         // m = 0: v = u/b (1 - exp(-b t/M)).
         let p = Parameters {
             m: 0.0,

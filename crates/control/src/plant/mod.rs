@@ -1,9 +1,9 @@
-//! The cart with the inverted pendulum in three forms.
+//! The cart with the inverted pendulum, modelled in three ways.
 //!
-//! | form | is | exact for |
+//! | model | equations | exact for |
 //! |---|---|---|
 //! | [`TransferFunction`] | the difference equation (41), `theta` only | the linear plant, held force, one `ts` |
-//! | [`Linear`] | the state space of (9) | the linear plant, held or ramped force, any step |
+//! | [`Linear`] | the state-space form of (9) | the linear plant, held or ramped force, any step |
 //! | [`nonlinear`] | (7), (8), integrated with error control | |
 
 mod exponential;
@@ -14,7 +14,7 @@ mod transfer_function;
 pub use linear::Linear;
 pub use transfer_function::TransferFunction;
 
-/// Parameters of cart and pendulum; [`Parameters::PAPER`] has the values of section 4.
+/// Parameters of the cart and the pendulum; see [`Parameters::PAPER`] for the values of section 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[allow(non_snake_case, reason = "the symbols of the paper")]
@@ -54,7 +54,8 @@ impl Parameters {
         self.I + self.m * self.l * self.l
     }
 
-    /// `q = (M+m)(I+m l^2) - (m l)^2` of (11), determinant of the mass matrix at rest.
+    /// `q = (M+m)(I+m l^2) - (m l)^2` of (11), the determinant of the mass matrix in the upright
+    /// position.
     fn q(&self) -> f64 {
         (self.M + self.m) * self.inertia() - self.ml() * self.ml()
     }
@@ -64,9 +65,9 @@ impl Parameters {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Force {
-    /// At the beginning of the step (N).
+    /// Value at the beginning of the step (N).
     pub value: f64,
-    /// Its derivative (N/s); 0 for a force that is held.
+    /// Derivative (N/s); 0 for a constant force.
     pub slope: f64,
 }
 
@@ -76,7 +77,7 @@ impl From<f64> for Force {
     }
 }
 
-/// State of cart and pendulum.
+/// State of the cart and the pendulum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {

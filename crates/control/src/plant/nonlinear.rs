@@ -1,19 +1,19 @@
 //! The nonlinear plant (7), (8), integrated by the embedded Runge-Kutta pair 5(4) of Dormand and
-//! Prince (J. Comput. Appl. Math. 6, 1980), local extrapolation, error per substep controlled.
+//! Prince (J. Comput. Appl. Math. 6, 1980) with local extrapolation and error control per substep.
 
 use super::{Force, Parameters, State};
 
-/// Accepted error of a substep, relative to the size of each state plus [`ABSOLUTE`].
+/// Relative tolerance of a substep; added to [`ABSOLUTE`] for each state.
 const RELATIVE: f64 = 1e-11;
-/// Accepted error of a substep where a state is near zero (m, m/s, rad, rad/s).
+/// Absolute tolerance of a substep (m, m/s, rad, rad/s).
 const ABSOLUTE: f64 = 1e-13;
-/// More substeps than this in one step are refused: the motion is too fast to be followed.
+/// Maximum number of substeps in one step; beyond it, the motion is too fast to integrate.
 const MAX_SUBSTEPS: u32 = 1_000_000;
 
 /// Why a step of the nonlinear plant could not be computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepFailure {
-    /// How far into the step the integration came (s).
+    /// The time into the step that the integration reached (s).
     pub reached: f64,
 }
 
@@ -21,7 +21,7 @@ impl core::fmt::Display for StepFailure {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "the motion became too fast to be integrated {} s into the step",
+            "the motion became too fast to integrate {} s into the step",
             self.reached
         )
     }
@@ -29,11 +29,10 @@ impl core::fmt::Display for StepFailure {
 
 impl core::error::Error for StepFailure {}
 
-/// Moves `state` on by `step` (s) under the force `u`.
+/// Advances `state` by `step` (s) under the force `u`.
 ///
 /// # Errors
-/// [`StepFailure`] when the state leaves the finite numbers or changes too fast; `state` is then
-/// unchanged.
+/// [`StepFailure`] if the state becomes non-finite or changes too fast; `state` is then unchanged.
 pub fn advance(
     p: &Parameters,
     state: &mut State,
@@ -49,8 +48,8 @@ pub fn advance(
     Ok(())
 }
 
-/// The derivative of the state after a step of `step` (s) from `state` by the force held over it,
-/// per N: the variational equation, integrated beside the motion.
+/// The derivative of the state after a step of `step` (s) from `state` with respect to the force held
+/// over it, per N: the variational equation, integrated together with the motion.
 ///
 /// # Errors
 /// As [`advance`].
@@ -90,7 +89,7 @@ pub fn sensitivity(
     })
 }
 
-/// The quantities of which the accelerations consist, at a state (x, v, theta, omega) and a force.
+/// Terms of the accelerations at a state (x, v, theta, omega) and a force.
 struct Balance {
     sin: f64,
     cos: f64,
@@ -116,7 +115,7 @@ impl Balance {
     }
 }
 
-/// Accelerations from (7), (8), which are linear in them: Cramer's rule.
+/// The derivative of the state. (7), (8) are linear in the accelerations: Cramer's rule.
 fn derivative(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
     let q = Balance::new(p, y, u);
     [
@@ -127,7 +126,7 @@ fn derivative(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
     ]
 }
 
-/// The derivative of [`derivative`] in the direction `dy` of the state and 1 of the force.
+/// The derivative of [`derivative`] in the direction of `dy` for the state and 1 for the force.
 fn variation(p: &Parameters, y: &[f64; 4], u: f64, dy: &[f64; 4]) -> [f64; 4] {
     let q = Balance::new(p, y, u);
     let [_, x_acceleration, omega, theta_acceleration] = derivative(p, y, u);
@@ -149,7 +148,7 @@ fn variation(p: &Parameters, y: &[f64; 4], u: f64, dy: &[f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Integrates y' = slope(tau, y) over `step`, from tau = 0.
+/// Integrates y' = slope(tau, y) from tau = 0 to `step`.
 fn integrate<const N: usize>(
     mut y: [f64; N],
     step: f64,
@@ -168,7 +167,7 @@ fn integrate<const N: usize>(
             reached = if h == remaining { step } else { reached + h };
             y = next;
         }
-        h *= change(error);
+        h *= step_factor(error);
         if reached + h == reached {
             break;
         }
@@ -176,8 +175,8 @@ fn integrate<const N: usize>(
     Err(StepFailure { reached })
 }
 
-/// By what to multiply a substep of the given error: standard step-size control.
-fn change(error: f64) -> f64 {
+/// Factor for the next substep after one of the given error: standard step-size control.
+fn step_factor(error: f64) -> f64 {
     if error.is_finite() {
         (0.9 * libm::pow(error.max(1e-10), -0.2)).clamp(0.2, 5.0)
     } else {
@@ -185,13 +184,13 @@ fn change(error: f64) -> f64 {
     }
 }
 
-/// One substep of size `h`: the state of fifth order, and its error in units of what is accepted.
+/// One substep of size `h`: the fifth-order state, and its error relative to the tolerance.
 fn substep<const N: usize>(
     y: &[f64; N],
     h: f64,
     slope: impl Fn(f64, &[f64; N]) -> [f64; N],
 ) -> ([f64; N], f64) {
-    /// When each stage is, as a fraction of the substep.
+    /// Nodes: the time of each stage as a fraction of the substep.
     const C: [f64; 7] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0];
     const A: [&[f64]; 7] = [
         &[],
@@ -220,7 +219,7 @@ fn substep<const N: usize>(
             11.0 / 84.0,
         ],
     ];
-    /// Weights of fifth order less those of fourth.
+    /// Fifth-order weights minus fourth-order weights.
     const E: [f64; 7] = [
         71.0 / 57600.0,
         0.0,
@@ -239,9 +238,9 @@ fn substep<const N: usize>(
     let error = add(&[0.0; N], h, &E, &slopes);
     let mut squares = 0.0;
     for i in 0..N {
-        let accepted = ABSOLUTE + RELATIVE * y[i].abs().max(stage[i].abs());
-        // Added, not compared: `max` would hide a NaN.
-        let r = error[i] / accepted;
+        let tolerance = ABSOLUTE + RELATIVE * y[i].abs().max(stage[i].abs());
+        // A sum, not a maximum: `max` would hide a NaN.
+        let r = error[i] / tolerance;
         squares += r * r;
     }
     (stage, libm::sqrt(squares / N as f64))
@@ -267,7 +266,7 @@ mod tests {
         omega: -1.0,
     };
 
-    /// Kinetic and potential energy, of which (7), (8) are the Lagrange equations.
+    /// Kinetic plus potential energy; (7), (8) are its Lagrange equations.
     fn energy(p: &Parameters, s: &State) -> f64 {
         let cos = libm::cos(s.theta);
         0.5 * (p.M + p.m) * s.v * s.v - p.ml() * cos * s.v * s.omega
@@ -291,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_takes_the_energy_that_its_force_works() {
+    fn the_energy_changes_by_the_work_of_force_and_friction() {
         // dE/dt = u v - b v^2, by the trapezoidal rule over small steps.
         let (p, u) = (Parameters::PAPER, 2.0);
         let (mut state, mut work) = (SWING, 0.0);
@@ -307,7 +306,7 @@ mod tests {
 
     /// The first neglected terms are cubic in the angle, so the difference falls as its cube.
     #[test]
-    fn small_angles_tend_to_the_linear_plant_with_the_third_power() {
+    fn the_difference_from_the_linear_plant_is_cubic_in_the_angle() {
         let difference = |theta: f64| {
             let start = State {
                 theta,
@@ -338,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sensitivity_is_the_central_difference_by_the_force() {
+    fn the_sensitivity_matches_the_central_difference() {
         let (p, step, delta) = (Parameters::PAPER, 0.3, 1e-3);
         let end = |value: f64| {
             let mut state = SWING;
@@ -371,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ramp_of_the_force_is_that_of_the_linear_plant_at_small_angles() {
+    fn a_force_ramp_matches_the_linear_plant_at_small_angles() {
         let force = Force {
             value: 1e-4,
             slope: 1e-3,
@@ -384,20 +383,20 @@ mod tests {
 
     #[test]
     fn a_long_step_equals_many_short_ones() {
-        let (mut once, mut often) = (SWING, SWING);
-        advance(&Parameters::PAPER, &mut once, 1.0, 2.0).unwrap();
+        let (mut single, mut repeated) = (SWING, SWING);
+        advance(&Parameters::PAPER, &mut single, 1.0, 2.0).unwrap();
         for _ in 0..2000 {
-            advance(&Parameters::PAPER, &mut often, 1.0, 0.001).unwrap();
+            advance(&Parameters::PAPER, &mut repeated, 1.0, 0.001).unwrap();
         }
         assert!(
-            (once.theta - often.theta).abs() < 1e-8,
-            "{once:?} {often:?}"
+            (single.theta - repeated.theta).abs() < 1e-8,
+            "{single:?} {repeated:?}"
         );
     }
 
-    /// A swing of ten hours: the first trial substep overflows, those after it find their size.
+    /// A step of 1e6 s: the first trial substep overflows, and later ones adapt their size.
     #[test]
-    fn a_substep_that_overflows_is_tried_again_smaller() {
+    fn a_substep_that_overflows_is_retried_with_a_smaller_size() {
         let p = Parameters {
             b: 100.0,
             ..Parameters::PAPER
@@ -411,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_told_and_changes_nothing() {
+    fn non_finite_input_is_an_error_and_changes_nothing() {
         for u in [f64::NAN, f64::INFINITY, 1e308] {
             let mut state = SWING;
             assert!(advance(&Parameters::PAPER, &mut state, u, 0.1).is_err());

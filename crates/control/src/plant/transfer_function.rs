@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::{Linear, Parameters, State, exponential::expm1};
 
-/// The plant as the difference equation (41): theta only, at a fixed sample time.
+/// The plant as the difference equation (41), for theta only and a fixed sample time.
 ///
 /// ```text
 /// theta(k) = -den[1] theta(k-1) - den[2] theta(k-2) - den[3] theta(k-3)
@@ -26,12 +26,12 @@ pub struct TransferFunction {
 pub struct Continuous {
     /// `m l / q`.
     pub gain: f64,
-    /// Denominator, from s^2 down.
+    /// Denominator coefficients from s^2 down.
     pub a: [f64; 3],
 }
 
 impl Continuous {
-    /// (11), with the pole and the zero at s = 0 cancelled.
+    /// The transfer function (11) with the pole and the zero at s = 0 cancelled.
     pub fn new(parameters: &Parameters) -> Self {
         let p = parameters;
         let (ml, q) = (p.ml(), p.q());
@@ -45,10 +45,10 @@ impl Continuous {
         }
     }
 
-    /// Numerator and denominator of (41): zero-order hold at the sample time `ts` (s).
+    /// Numerator and denominator of (41): zero-order hold with the sample time `ts` (s).
     ///
     /// The characteristic polynomial is built in delta = z - 1 (Faddeev-LeVerrier), where its
-    /// coefficients are small: in z they cancel to nine digits at 1 ms.
+    /// coefficients are small: in z, nine digits cancel at 1 ms.
     pub fn discretize(&self, ts: f64) -> ([f64; 4], [f64; 4]) {
         // Controllable canonical form; the output is gain times the second state.
         #[rustfmt::skip]
@@ -80,8 +80,7 @@ impl Continuous {
 }
 
 impl TransferFunction {
-    /// The plant with the sample time `ts` (s), which at time zero is in `start` and before was
-    /// moving freely.
+    /// Creates the plant with the sample time `ts` (s) in the state `start`, after moving without force.
     pub fn new(parameters: &Parameters, ts: f64, start: State) -> Self {
         let (num, den) = Continuous::new(parameters).discretize(ts);
         let mut plant = Linear::new(parameters);
@@ -104,8 +103,8 @@ impl TransferFunction {
         self.theta[0]
     }
 
-    /// The derivative of the angle after `samples` sample times by the force held over them
-    /// (rad/N): the step response.
+    /// The derivative of the angle after `samples` sample times with respect to the force held over
+    /// them (rad/N): the step response.
     pub fn sensitivity(&self, samples: u32) -> f64 {
         let mut rest = Self {
             theta: [0.0; 3],
@@ -115,7 +114,7 @@ impl TransferFunction {
         (0..samples).fold(0.0, |_, _| rest.advance(1.0))
     }
 
-    /// Moves on by one sample time under the held force `u` (N) and returns the new angle (rad).
+    /// Advances by one sample time under the constant force `u` (N) and returns the new angle (rad).
     pub fn advance(&mut self, u: f64) -> f64 {
         let [y1, y2, y3] = self.theta;
         let [u2, u3] = self.u;
@@ -133,9 +132,9 @@ impl TransferFunction {
 mod tests {
     use super::*;
 
-    /// (40) as printed, to the printed digits (the second s^3 is s^2, one s cancelled).
+    /// (40) to the printed digits (its second s^3 should be s^2; one s is cancelled).
     #[test]
-    fn the_transfer_function_is_that_of_the_paper() {
+    fn the_transfer_function_matches_the_paper() {
         let g = Continuous::new(&Parameters::PAPER);
         for (value, printed) in [
             (g.gain, 2.3566),
@@ -150,7 +149,7 @@ mod tests {
         }
     }
 
-    /// (41) at 1 ms. Reference: zero-order hold computed with 50 digits (mpmath).
+    /// (41) at 1 ms. Reference: zero-order hold computed to 50 digits (mpmath).
     #[test]
     fn the_difference_equation_is_the_zero_order_hold() {
         let (num, den) = Continuous::new(&Parameters::PAPER).discretize(0.001);
@@ -181,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sensitivity_is_that_of_the_linear_plant() {
+    fn the_sensitivity_matches_the_linear_plant() {
         let p = &Parameters::PAPER;
         let tf = TransferFunction::new(p, 0.001, State::default());
         for samples in [1, 5, 100] {
@@ -194,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_start_state_moves_as_in_the_linear_plant() {
+    fn the_motion_from_any_start_state_matches_the_linear_plant() {
         let start = State {
             x: 1.0,
             v: -0.4,

@@ -1,4 +1,4 @@
-//! What a package says of a model, in `documentation/<MODEL>/`.
+//! The documentation of a model in its package, `documentation/<MODEL>/`.
 
 use std::fs;
 use std::path::Path;
@@ -7,31 +7,31 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::File;
 
-/// A fragment of HTML, the middle of the page. `<!-- include FILE -->` stands for the text of a file
-/// beside it.
+/// An HTML fragment, the middle of the page. `<!-- include FILE -->` is replaced by a file of the same
+/// folder.
 const ABOUT: &str = "about.html";
 /// The model's icon.
 const ICON: &str = "icon.png";
-/// What the export itself writes beside the other files.
-const TAKEN: [&str; 2] = ["index.html", "licenses"];
+/// Names that the export itself uses.
+const RESERVED: [&str; 2] = ["index.html", "licenses"];
 
 const INCLUDE: &str = "<!-- include ";
 const INCLUDE_END: &str = " -->";
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// The files of a model; nothing without its folder.
+/// The documentation files of a model; empty if there is no folder.
 #[derive(Default)]
 pub struct Folder {
     /// The middle of the page.
     pub about: Option<String>,
     /// The icon.
     pub icon: Option<Vec<u8>>,
-    /// All other files, by their paths in the folder.
+    /// All other files with their paths in the folder.
     pub others: Vec<File>,
 }
 
 impl Folder {
-    /// Reads the folder, if it is there.
+    /// Reads the folder, if it exists.
     ///
     /// # Errors
     /// A file in it cannot be used.
@@ -51,7 +51,7 @@ impl Folder {
         if let Some(icon) = &folder.icon {
             ensure!(
                 icon.starts_with(PNG),
-                "{} is not a PNG image, expected one",
+                "{} is not a PNG image",
                 path.join(ICON).display()
             );
         }
@@ -63,7 +63,7 @@ impl Folder {
         Some(self.others.remove(index).1)
     }
 
-    /// Puts files into a text at the places that name them. They are then not files of their own.
+    /// Replaces include comments by the included files, which are then no longer separate files.
     fn include(&mut self, about: &str) -> Result<String> {
         let mut parts = about.split(INCLUDE);
         let mut whole = parts.next().unwrap_or_default().to_owned();
@@ -72,7 +72,7 @@ impl Folder {
                 format!("{ABOUT}: {INCLUDE:?} without {INCLUDE_END:?} after it")
             })?;
             let content = self.take(name).with_context(|| {
-                format!("{ABOUT}: {name:?} is included, expected this file beside it, named once")
+                format!("{ABOUT}: {name:?} is included, expected this file in the same folder, included once")
             })?;
             whole += text(name, content)?.trim_end();
             whole += rest;
@@ -88,7 +88,7 @@ fn text(name: &str, content: Vec<u8>) -> Result<String> {
     })
 }
 
-/// Reads all files below a folder but hidden ones; their names begin with `prefix`.
+/// Reads all files below a folder except hidden ones; `prefix` is added to their names.
 fn read(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
     let cannot = || format!("cannot read {}", folder.display());
     for entry in fs::read_dir(folder).with_context(cannot)? {
@@ -101,8 +101,8 @@ fn read(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
             continue;
         }
         ensure!(
-            !prefix.is_empty() || !TAKEN.contains(&name.to_lowercase().as_str()),
-            "{} has a name that the export itself writes, expected another",
+            !prefix.is_empty() || !RESERVED.contains(&name.to_lowercase().as_str()),
+            "{} has a name that is reserved for the export, expected another name",
             path.display()
         );
         let kind = entry.file_type().with_context(cannot)?;
@@ -113,7 +113,7 @@ fn read(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
                 fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
             files.push((format!("{prefix}{name}"), content));
         } else {
-            // A link could bring any file of this machine into the FMU.
+            // A link could include any file of this machine in the FMU.
             bail!(
                 "{} is a symbolic link or a device, expected a file",
                 path.display()
@@ -137,18 +137,18 @@ mod tests {
         Folder::read(folder.path())
     }
 
-    fn refusal(files: &[(&str, &[u8])]) -> String {
+    fn error(files: &[(&str, &[u8])]) -> String {
         format!("{:#}", read(files).err().unwrap())
     }
 
     #[test]
-    fn a_model_may_have_no_folder() {
+    fn the_folder_is_optional() {
         let folder = Folder::read(Path::new("nowhere")).unwrap();
         assert!(folder.about.is_none() && folder.icon.is_none() && folder.others.is_empty());
     }
 
     #[test]
-    fn files_are_sorted_by_what_they_are() {
+    fn files_are_sorted_by_role() {
         let folder = read(&[
             ("b.svg", b"b"),
             ("a/c.svg", b"c"),
@@ -178,20 +178,20 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_named() {
-        let about = |text| refusal(&[("about.html", text)]);
+    fn errors_name_the_file() {
+        let about = |text| error(&[("about.html", text)]);
         assert!(about(b"ab\xff").ends_with("about.html is not UTF-8 from byte 2 on"));
         assert!(about(b"<!-- include a.svg -->").contains("\"a.svg\""));
         assert!(about(b"<!-- include ../a -->").contains("\"../a\""));
         assert!(about(b"<!-- include a").contains("without \" -->\""));
-        assert!(refusal(&[("icon.png", b"GIF89a")]).contains("icon.png is not a PNG"));
-        assert!(refusal(&[("Index.html", b"")]).contains("Index.html has a name"));
-        assert!(refusal(&[("licenses/a", b"")]).contains("licenses has a name"));
+        assert!(error(&[("icon.png", b"GIF89a")]).contains("icon.png is not a PNG"));
+        assert!(error(&[("Index.html", b"")]).contains("Index.html has a name"));
+        assert!(error(&[("licenses/a", b"")]).contains("licenses has a name"));
     }
 
     #[cfg(unix)]
     #[test]
-    fn a_symbolic_link_is_refused() {
+    fn symbolic_links_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/etc/passwd", folder.path().join("a.svg")).unwrap();
         let error = Folder::read(folder.path()).err().unwrap().to_string();

@@ -1,5 +1,5 @@
-//! Documentation of a model in its FMU: a page, made from the model description and from what the
-//! model's package has in `documentation/<MODEL>/`, an icon, and the licences.
+//! The documentation of a model in its FMU: an HTML page generated from the model description and
+//! the package's folder `documentation/<MODEL>/`, an icon, and the licences.
 
 mod folder;
 mod page;
@@ -14,7 +14,7 @@ use folder::Folder;
 /// A file: its path in the FMU, and its content.
 pub type File = (String, Vec<u8>);
 
-/// All files of a model's documentation; `licenses` are those of its workspace, by name.
+/// All files of a model's documentation; `licenses` are the licence files of its workspace.
 ///
 /// # Errors
 /// A file of the model cannot be used.

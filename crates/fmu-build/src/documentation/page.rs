@@ -1,5 +1,4 @@
-//! The page of a model as HTML, which is also well-formed XML: it needs no network, no script and no
-//! other file.
+//! The HTML page of a model. It is also well-formed XML, and needs no network, scripts or other files.
 
 use fmu_description::model::item;
 use fmu_description::xml::Element;
@@ -10,7 +9,7 @@ use crate::table;
 
 const STYLE: &str = include_str!("style.css");
 
-/// The page; `about` is its middle, a fragment of HTML.
+/// Generates the page; `about` is an HTML fragment for its middle.
 pub fn html(
     model: &ModelDescription<'_>,
     about: Option<&str>,
@@ -19,7 +18,7 @@ pub fn html(
 ) -> String {
     let name = escape(model.name());
     let what = escaped(model.root, "description");
-    // Seen only where the whole FMU is unpacked.
+    // Visible only if the whole FMU is unpacked.
     let icon = if has_icon {
         "<img src=\"../model.png\" alt=\"\" width=\"64\" height=\"64\"/>\n"
     } else {
@@ -53,7 +52,7 @@ pub fn html(
     .concat()
 }
 
-/// How to use the FMU, as far as every FMU is used so.
+/// General instructions for using the FMU.
 fn use_of(model: &ModelDescription<'_>) -> String {
     let named = |causality| -> String {
         let names: Vec<_> = model
@@ -158,7 +157,7 @@ fn capabilities(model: &ModelDescription<'_>) -> String {
     )
 }
 
-/// Which FMU it is, and under which licence.
+/// The GUID, tool and licence of the FMU.
 fn identity(root: &Element<'_>, licenses: &[File]) -> String {
     let links: Vec<_> = licenses
         .iter()
@@ -191,12 +190,12 @@ fn cells<const N: usize>(tag: &str, texts: [impl AsRef<str>; N]) -> String {
         .collect()
 }
 
-/// An attribute for HTML; empty if it is not there.
+/// An attribute escaped for HTML; empty if missing.
 fn escaped(element: &Element<'_>, attribute: &str) -> String {
     escape(element.attribute(attribute).unwrap_or_default())
 }
 
-/// The text as it stands in HTML, between tags or in a quoted attribute.
+/// Escapes a text for HTML, between tags or in a quoted attribute.
 fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -206,7 +205,7 @@ fn escape(text: &str) -> String {
             '>' => escaped += "&gt;",
             '"' => escaped += "&quot;",
             '\'' => escaped += "&#39;",
-            // HTML has no form for it.
+            // HTML cannot represent it.
             c if c.is_control() && !c.is_whitespace() => escaped.push(char::REPLACEMENT_CHARACTER),
             c => escaped.push(c),
         }
@@ -238,7 +237,7 @@ mod tests {
         </ModelVariables><ModelStructure/></fmiModelDescription>"#;
 
     #[test]
-    fn every_model_gets_a_page_that_is_well_formed() {
+    fn pages_are_well_formed() {
         for (about, has_icon) in [(None, false), (Some("<h2>About</h2>\n"), true)] {
             let page = page(XML, about, has_icon);
             let body = page.strip_prefix("<!DOCTYPE html>\n").unwrap();
@@ -252,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_says_what_the_model_description_says() {
+    fn the_page_shows_the_model_description() {
         let page = page(XML, None, false);
         for text in [
             "<title>A: x &lt; y &amp; &quot;z&quot;</title>",

@@ -74,7 +74,7 @@ pub(super) unsafe fn set<V: Value>(
     }
 }
 
-/// No variable is a String, so the values are not looked at.
+/// Rejects access to Strings. No variable is a String, so the values are not used.
 ///
 /// # Safety
 /// `references` is NULL or holds `n` elements.

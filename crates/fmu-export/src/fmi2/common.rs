@@ -1,4 +1,4 @@
-//! Functions for every kind of FMU (FMI 2.0.4, section 2.1): identity, life cycle, logging.
+//! Functions common to both kinds of FMU (FMI 2.0.4, section 2.1): version, lifecycle, logging.
 
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,10 +27,10 @@ pub unsafe extern "C" fn fmi2FreeInstance(c: fmi2Component) {
     if c.is_null() {
         return;
     }
-    // SAFETY: not NULL, so by the caller's promise an instance that is not freed; `instantiate` made
-    // the pointer from a box.
+    // SAFETY: not NULL, so by the caller's promise an instance that is not freed; `instantiate`
+    // created the pointer from a box.
     let handle = unsafe { Box::from_raw(c.cast::<Handle>()) };
-    // A model's destructor may panic too; then its memory is lost, and the host lives on.
+    // If the model's destructor panics, its memory leaks, but the host keeps running.
     let _ = catch_unwind(AssertUnwindSafe(|| drop(handle)));
 }
 

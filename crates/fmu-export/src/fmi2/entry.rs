@@ -1,4 +1,4 @@
-//! The models of a library, as `fmi2Instantiate` finds them.
+//! The models of a library, from which `fmi2Instantiate` selects one.
 
 use fmu_description::check;
 
@@ -21,10 +21,10 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The entry of the model `M`. A wrong table stops the compilation here.
+    /// The entry of the model `M`. An invalid table fails the compilation here.
     ///
-    /// `N` is [`scalars`](crate::scalars) of `M`: a table of this length can be made only where `M` is known, which
-    /// is where [`export!`](crate::export) is used.
+    /// `N` is [`scalars`](crate::scalars) of `M`. An array of this length can be declared only where
+    /// `M` is known, which is where [`export!`](crate::export) is used.
     #[doc(hidden)]
     pub const fn of<M: Model, const N: usize>() -> Self {
         check(M::VARIABLES);

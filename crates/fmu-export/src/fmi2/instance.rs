@@ -1,9 +1,9 @@
-//! What the host's pointer leads to, and the three functions that a host calls at every step.
+//! The type behind the host's pointer, and the three functions that a host calls at every step.
 //!
-//! These are made anew for every model, so that the compiler puts an author's step and access into
-//! them: an entry point is a jump to the function of its model, with the arguments as they are. The
-//! functions do what is usual between steps, and leave everything else to the [`Component`], which
-//! checks one thing after the other and finds the reason of a refusal.
+//! These functions are generic over the model, so that the compiler inlines its step and variable
+//! access: an entry point is a jump to the function of its model with the arguments unchanged. They
+//! implement the fast path between steps, and leave everything else to the [`Component`], which
+//! checks thoroughly and reports errors.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::asm;
@@ -19,9 +19,9 @@ use crate::slave::Slave;
 
 /// An instance of any model.
 ///
-/// The functions are those of C, which never unwind: else an entry point could not end in a jump.
+/// The functions have the C ABI and never unwind, so that an entry point can end in a jump.
 pub(crate) trait Instance {
-    /// What all calls but those below go to.
+    /// The component, which handles all other calls.
     fn component(&mut self) -> &mut Component;
 
     /// `fmi2GetReal`
@@ -62,7 +62,7 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
         values: *mut fmi2Real,
     ) -> fmi2Status {
         align();
-        if self.is_usual(references, n, values) {
+        if self.is_fast(references, n, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
                 (
@@ -70,7 +70,7 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts_mut(values, n),
                 )
             };
-            let done = self.quickly(&phase::GET_REAL, |slave| {
+            let done = self.try_fast(&phase::GET_REAL, |slave| {
                 slave.get_reals(references, values)
             });
             if let Some(status) = done {
@@ -88,7 +88,7 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
         values: *const fmi2Real,
     ) -> fmi2Status {
         align();
-        if self.is_usual(references, n, values) {
+        if self.is_fast(references, n, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
                 (
@@ -96,7 +96,7 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts(values, n),
                 )
             };
-            let done = self.quickly(&phase::SET_REAL, |slave| {
+            let done = self.try_fast(&phase::SET_REAL, |slave| {
                 slave.set_reals(references, values)
             });
             if let Some(status) = done {
@@ -109,22 +109,22 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
 
     extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status {
         align();
-        if !self.life.is_next_step(time, step)
+        if !self.lifecycle.is_next_step(time, step)
             && let Some(outcome) = self.component().refuse_step(time, step)
         {
             return outcome.into();
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
             self.slave.step(time, step)?;
-            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.life.has_input_derivatives {
+            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.lifecycle.has_input_derivatives {
                 self.slave.clear_input_derivatives();
-                self.life.has_input_derivatives = false;
+                self.lifecycle.has_input_derivatives = false;
             }
             Ok(())
         }));
         match taken {
             Ok(Ok(())) => {
-                self.life.time = Some(time + step);
+                self.lifecycle.time = Some(time + step);
                 fmi2Status::fmi2OK
             }
             Ok(Err(error)) => {
@@ -133,47 +133,47 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
             }
             Err(panic) => {
                 let component = self.component();
-                component.die(phase::DO_STEP.name, panic).into()
+                component.fail_by_panic(phase::DO_STEP.name, panic).into()
             }
         }
     }
 }
 
 impl<M: Model, const N: usize> Component<Bound<M, N>> {
-    /// Whether a get or set is one between steps, with something in its arrays.
+    /// Whether a get or set may take the fast path: between steps, with arrays that are not empty.
     #[inline(always)]
-    fn is_usual<V>(
+    fn is_fast<V>(
         &self,
         references: *const fmi2ValueReference,
         n: usize,
         values: *const V,
     ) -> bool {
-        self.life.phase == Phase::StepComplete
+        self.lifecycle.phase == Phase::StepComplete
             && n != 0
             && !references.is_null()
             && !values.is_null()
     }
 
-    /// Does a part of a call that an author's code may end by a panic; none if it could not be done.
+    /// Runs the fast path of a call, in which the model may panic; `None` if it does not apply.
     #[inline(always)]
-    fn quickly(
+    fn try_fast(
         &mut self,
         call: &Call,
         work: impl FnOnce(&mut Bound<M, N>) -> bool,
     ) -> Option<fmi2Status> {
         match catch_unwind(AssertUnwindSafe(|| work(&mut self.slave))) {
             Ok(done) => done.then_some(fmi2Status::fmi2OK),
-            Err(panic) => Some(self.component().die(call.name, panic).into()),
+            Err(panic) => Some(self.component().fail_by_panic(call.name, panic).into()),
         }
     }
 }
 
-/// Lets the function begin at a multiple of 16 bytes, as it does unless it is built for size: else
-/// its speed depends on where the linker happens to put it.
+/// Aligns the function to 16 bytes, which is not the default when optimizing for size. Without it, the
+/// speed depends on where the linker happens to place the function.
 #[inline(always)]
 fn align() {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: a directive of the assembler, which fills a gap with instructions that do nothing.
+    // SAFETY: an assembler directive that only inserts padding.
     unsafe {
         asm!(".p2align 4", options(nomem, nostack, preserves_flags));
     }

@@ -1,22 +1,22 @@
-//! The way to the host's logger.
+//! Forwards messages to the host's logger.
 
 use std::ffi::{CStr, CString};
 
 use super::{fmi2CallbackFunctions, fmi2Status};
 use crate::log::{Category, Sink};
 
-/// Sends messages of an instance to the host's logger, if it has one.
+/// Creates a sink for the host's logger, if the host provides one.
 pub(super) fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Option<Sink> {
     let environment = functions?.componentEnvironment;
     let logger = functions?.logger?;
     let instance = name.map_or_else(CString::default, CStr::to_owned);
     Some(Box::new(move |category, message| {
-        // A zero inside would end the text early for the host; a message never holds one, but a
-        // name that the host gave may be quoted.
+        // A zero byte would end the text early. Our messages have none, but they may quote names
+        // from the host.
         let text = CString::new(message.replace('\0', " ")).unwrap_or_default();
-        // SAFETY: the host gave this function to be called with these C types (FMI 2.0.4, section
-        // 2.1.5); all texts end in zero and live through the call; the text is an argument of the
-        // format "%s", never the format itself.
+        // SAFETY: the host provides this function to be called with these C types (FMI 2.0.4,
+        // section 2.1.5); all strings are zero-terminated and outlive the call; the text is an
+        // argument of the format "%s", never the format itself.
         unsafe {
             logger(
                 environment,

@@ -1,12 +1,12 @@
 //! The C interface of FMI 2.0.4: all 44 functions.
 //!
-//! The functions here turn what C hands over into slices and references, and call the component.
-//! `fmi2Instantiate` is made by [`export!`](crate::export), as it alone depends on the models.
+//! The functions convert C arguments to slices and references, and call the component.
+//! `fmi2Instantiate` is defined by [`export!`](crate::export), as only it depends on the models.
 #![allow(
     non_snake_case,
     clippy::missing_safety_doc,
     clippy::too_many_arguments,
-    reason = "names, arguments and duties of the caller are those of the standard"
+    reason = "names, arguments and safety requirements are defined by the standard"
 )]
 
 mod access;
@@ -50,17 +50,17 @@ impl From<Outcome> for fmi2Status {
 /// What the host's pointer points to.
 type Handle = Box<dyn Instance>;
 
-/// The instance behind the host's pointer; none for NULL.
+/// The instance behind the host's pointer; `None` for NULL.
 ///
 /// # Safety
-/// `component` is NULL or came from [`instantiate`], is not freed, and nobody else uses it now.
+/// `component` is NULL or came from [`instantiate`], is not freed, and is not used concurrently.
 #[inline(always)]
 unsafe fn instance<'a>(component: fmi2Component) -> Option<&'a mut Handle> {
-    // SAFETY: the caller's promise; `instantiate` made the pointer from a `Box<Handle>`.
+    // SAFETY: the caller's promise; `instantiate` created the pointer from a `Box<Handle>`.
     unsafe { component.cast::<Handle>().as_mut() }
 }
 
-/// Calls the component behind the host's pointer; without one, there is nobody to tell.
+/// Calls the component behind the host's pointer. NULL has no logger, so it only returns an error.
 ///
 /// # Safety
 /// As [`instance`].
@@ -72,13 +72,13 @@ unsafe fn with(pointer: fmi2Component, call: impl FnOnce(&mut Component) -> Outc
     }
 }
 
-/// Why [`slice`] or [`slice_mut`] gave none.
+/// The reason why [`slice`] or [`slice_mut`] returned `None`.
 const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 
-/// `n` elements behind a pointer; none if it is NULL though `n` is not 0.
+/// `n` elements behind a pointer; `None` if it is NULL although `n` is not 0.
 ///
 /// # Safety
-/// `pointer` is NULL or points to `n` elements that nobody changes while the slice lives.
+/// `pointer` is NULL or points to `n` elements that do not change during the slice's lifetime.
 unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]> {
     if n == 0 {
         return Some(&[]);
@@ -87,10 +87,10 @@ unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]> {
     (!pointer.is_null()).then(|| unsafe { std::slice::from_raw_parts(pointer, n) })
 }
 
-/// As [`slice`], to be written.
+/// Like [`slice`], but mutable.
 ///
 /// # Safety
-/// As [`slice`], and nobody else uses the elements while the slice lives.
+/// As [`slice`], and the elements are not used otherwise during the slice's lifetime.
 unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
     if n == 0 {
         return Some(&mut []);
@@ -99,26 +99,26 @@ unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
     (!pointer.is_null()).then(|| unsafe { std::slice::from_raw_parts_mut(pointer, n) })
 }
 
-/// The text behind a pointer; none for NULL.
+/// The string behind a pointer; `None` for NULL.
 ///
 /// # Safety
-/// `text` is NULL or points to a text that ends in zero and lives long enough.
+/// `text` is NULL or points to a zero-terminated string that lives long enough.
 unsafe fn text<'a>(text: fmi2String) -> Option<&'a CStr> {
     // SAFETY: not NULL by the check, and a C string by the caller's promise.
     (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) })
 }
 
-/// Keeps the text of a panic off stderr: the logger gets it. The hook is that of this library's own
-/// copy of `std`, so the host's is untouched.
+/// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own
+/// copy of `std`, so the host's hook is unaffected.
 fn silence_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| std::panic::set_hook(Box::new(|_| {})));
 }
 
-/// Makes an instance of the model whose GUID is asked for; NULL, with a logged reason, if it cannot.
+/// Creates an instance of the model with the given GUID. On failure, logs the reason and returns NULL.
 ///
 /// # Safety
-/// As the standard asks of the caller of `fmi2Instantiate`.
+/// The requirements of the standard on the caller of `fmi2Instantiate`.
 pub unsafe fn instantiate(
     models: &[Entry],
     instance_name: fmi2String,

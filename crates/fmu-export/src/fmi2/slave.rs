@@ -22,10 +22,10 @@ pub unsafe extern "C" fn fmi2DoStep(
     }
 }
 
-/// Answers a question about the status, if it is one that a synchronous slave can answer.
+/// Returns a status value, if it is one that a synchronous slave has.
 ///
 /// # Safety
-/// As [`with`], and `value` is NULL or can be written.
+/// As [`with`], and `value` is NULL or writable.
 unsafe fn answer<T>(
     call: &Call,
     c: fmi2Component,
@@ -50,7 +50,7 @@ unsafe fn answer<T>(
 
 const NULL_VALUE: &str = "the pointer to the value is NULL";
 const ASYNCHRONOUS: &str =
-    "this kind of status is that of asynchronous steps, which the slave does not take";
+    "this kind of status exists for asynchronous steps only, which the slave does not support";
 
 /// `fmi2GetRealStatus`
 #[unsafe(no_mangle)]

@@ -9,32 +9,32 @@ use crate::snapshot::{MAGIC, Snapshot};
 /// The snapshot behind the host's pointer.
 ///
 /// # Safety
-/// `state` is NULL, or points to memory that can be read, and if it came from [`fmi2GetFMUstate`] or
-/// [`fmi2DeSerializeFMUstate`], is not freed and nobody else uses it now.
+/// `state` is NULL or points to readable memory; if it came from [`fmi2GetFMUstate`] or
+/// [`fmi2DeSerializeFMUstate`], it is not freed and not used concurrently.
 unsafe fn snapshot<'a>(state: fmi2FMUstate) -> Result<&'a mut Snapshot, Failure> {
     let state = state.cast::<Snapshot>();
     if state.is_null() {
         return Err(Failure::Refused("the FMU state is NULL".into()));
     }
-    // SAFETY: the caller's promise. A state of ours is aligned and begins with its mark, which is read
-    // before the memory is taken for a state.
+    // SAFETY: the caller's promise. Our states are aligned and start with a magic number, which is
+    // checked before the memory is used as a state.
     unsafe {
         if state.is_aligned() && state.cast::<[u8; 8]>().read() == MAGIC {
             return Ok(&mut *state);
         }
     }
     Err(Failure::Refused(
-        "the pointer is not one to an FMU state".into(),
+        "the pointer does not point to an FMU state".into(),
     ))
 }
 
-/// The host's variable for a pointer.
+/// The host's variable behind a pointer.
 ///
 /// # Safety
-/// `place` is NULL or can be read and written.
-unsafe fn place<'a, T>(place: *mut T) -> Result<&'a mut T, Failure> {
+/// `pointer` is NULL, or readable and writable.
+unsafe fn variable<'a, T>(pointer: *mut T) -> Result<&'a mut T, Failure> {
     // SAFETY: the caller's promise.
-    unsafe { place.as_mut() }.ok_or_else(|| Failure::Refused("a pointer is NULL".into()))
+    unsafe { pointer.as_mut() }.ok_or_else(|| Failure::Refused("a pointer is NULL".into()))
 }
 
 /// `fmi2GetFMUstate`
@@ -44,7 +44,7 @@ pub unsafe extern "C" fn fmi2GetFMUstate(c: fmi2Component, state: *mut fmi2FMUst
     unsafe {
         with(c, |component| {
             component.call(&phase::GET_FMU_STATE, |component| {
-                let state = place(state)?;
+                let state = variable(state)?;
                 if state.is_null() {
                     *state = Box::into_raw(Box::new(component.snapshot())).cast();
                 } else {
@@ -75,7 +75,7 @@ pub unsafe extern "C" fn fmi2FreeFMUstate(
     c: fmi2Component,
     state: *mut fmi2FMUstate,
 ) -> fmi2Status {
-    // SAFETY: the caller's promise. A sound snapshot came from a box.
+    // SAFETY: the caller's promise. A valid snapshot came from a box.
     unsafe {
         with(c, |component| {
             component.call(&phase::FREE_FMU_STATE, |_| {
@@ -100,7 +100,7 @@ pub unsafe extern "C" fn fmi2SerializedFMUstateSize(
     unsafe {
         with(c, |component| {
             component.call(&phase::SERIALIZED_SIZE, |component| {
-                *place(size)? = snapshot(state)?.to_bytes(component.slave())?.len();
+                *variable(size)? = snapshot(state)?.to_bytes(component.slave())?.len();
                 Ok(())
             })
         })
@@ -125,7 +125,7 @@ pub unsafe extern "C" fn fmi2SerializeFMUstate(
                 let Some(room) = room else {
                     let expected = bytes.len();
                     return Err(Failure::Refused(reason!(
-                        "the buffer is NULL, or its size {size} too small; expected {expected} bytes"
+                        "the buffer is NULL or its size {size} is too small; expected {expected} bytes"
                     )));
                 };
                 room.copy_from_slice(&bytes);
@@ -148,7 +148,7 @@ pub unsafe extern "C" fn fmi2DeSerializeFMUstate(
         let bytes = slice(bytes.cast::<u8>(), size);
         with(c, |component| {
             component.call(&phase::DESERIALIZE, |component| {
-                let state = place(state)?;
+                let state = variable(state)?;
                 let bytes = bytes.ok_or_else(|| Failure::Refused("the bytes are NULL".into()))?;
                 let restored = Snapshot::from_bytes(bytes, component.slave())?;
                 if state.is_null() {

@@ -1,5 +1,5 @@
-//! Functions that the model description says are not there: importers bind them all the same. Each
-//! returns `fmi2Error` and logs why.
+//! Functions that the model description declares as unsupported. Importers bind them anyway, so each
+//! returns `fmi2Error` and logs the reason.
 
 use super::{
     fmi2Boolean, fmi2Component, fmi2EventInfo, fmi2Integer, fmi2Real, fmi2Status, fmi2StatusKind,

@@ -1,4 +1,4 @@
-//! Every argument of every call: a wrong one is refused with a message and changes nothing.
+//! Arguments of every call: an invalid one is rejected with a message and changes nothing.
 
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
@@ -12,7 +12,7 @@ use crate::models::*;
 /// The states in which values can be set.
 const PHASES: [fn() -> Slave; 3] = [Slave::new, initializing, running];
 
-/// An instance in initialization mode, whose outputs are computed.
+/// An instance in initialization mode with computed outputs.
 fn initializing() -> Slave {
     let mut slave = Slave::new();
     assert_eq!(slave.enter_initialization_mode(), fmi2OK);
@@ -27,7 +27,7 @@ fn running() -> Slave {
     slave
 }
 
-/// The variables that can be set, in each of the phases.
+/// The variables that can be set in each of the phases.
 fn settable() -> impl Iterator<Item = (usize, Slave, &'static Fact)> {
     let phases = PHASES.iter().enumerate();
     phases.flat_map(|(phase, make)| {
@@ -62,7 +62,7 @@ fn get(slave: &mut Slave, fact: &Fact) -> f64 {
 }
 
 #[test]
-fn start_values_are_those_of_the_table() {
+fn start_values_match_the_table() {
     let (mut slave, start) = (initializing(), Probe::start());
     for fact in FACTS.iter().filter(|fact| fact.settable(false)) {
         assert_eq!(
@@ -75,7 +75,7 @@ fn start_values_are_those_of_the_table() {
 }
 
 #[test]
-fn values_come_back_as_they_were_set() {
+fn values_are_returned_as_set() {
     for (phase, mut slave, fact) in settable() {
         assert_eq!(
             set(&mut slave, fact, fact.other_value()),
@@ -91,7 +91,7 @@ fn values_come_back_as_they_were_set() {
 }
 
 #[test]
-fn bounds_are_inclusive_and_values_beyond_them_are_refused_by_name() {
+fn bounds_are_inclusive_and_rejections_name_the_variable() {
     for (_, mut slave, fact) in settable() {
         let (min, max) = fact.bounds;
         for bound in [min, max].into_iter().filter(|bound| bound.is_finite()) {
@@ -122,7 +122,7 @@ fn bounds_are_inclusive_and_values_beyond_them_are_refused_by_name() {
 }
 
 #[test]
-fn a_refusal_says_what_is_expected() {
+fn rejections_state_the_expected_value() {
     for (reference, expected) in [
         (U, "a finite number [1]"),
         (V, "a finite number from -10 to 10 [1]"),
@@ -142,7 +142,7 @@ fn a_refusal_says_what_is_expected() {
 }
 
 #[test]
-fn outputs_and_what_is_fixed_after_the_initialization_cannot_be_set() {
+fn outputs_and_fixed_parameters_cannot_be_set_while_running() {
     for (phase, make) in PHASES.iter().enumerate() {
         for fact in FACTS.iter().filter(|fact| !fact.settable(phase == 2)) {
             make().refuses(&[fact.name], |s| set(s, fact, fact.other_value()));
@@ -195,7 +195,7 @@ const ACCESS: [(&str, Option<Kind>, Access); 8] = [
 ];
 
 #[test]
-fn unknown_references_and_other_types_are_refused_by_name() {
+fn unknown_references_and_wrong_types_are_rejected() {
     let mut slave = initializing();
     for (name, kind, access) in ACCESS {
         for reference in [COUNT, 1_000_000, 1 << 31, u32::MAX] {
@@ -210,7 +210,7 @@ fn unknown_references_and_other_types_are_refused_by_name() {
 }
 
 #[test]
-fn null_arrays_are_refused_unless_nothing_is_asked_for() {
+fn null_arrays_are_rejected_unless_empty() {
     let mut slave = initializing();
     macro_rules! check {
         ($($function:ident($value:expr);)*) => {
@@ -238,7 +238,7 @@ fn null_arrays_are_refused_unless_nothing_is_asked_for() {
 }
 
 #[test]
-fn one_bad_value_keeps_all_from_being_set() {
+fn one_invalid_value_prevents_setting_any() {
     for make in PHASES {
         let mut slave = make();
         for (bad, value) in [(Y, 0.0), (LAW, 1.0), (V, f64::NAN), (V, 11.0), (COUNT, 0.0)] {
@@ -252,7 +252,7 @@ fn one_bad_value_keeps_all_from_being_set() {
 }
 
 #[test]
-fn one_bad_reference_keeps_all_from_being_read() {
+fn one_invalid_reference_prevents_reading_any() {
     let (mut reals, mut integers) = ([-7.0; 3], [-7; 2]);
     initializing().refuses(&["fmi2GetReal"], |s| {
         s.get_reals(&[U, Y, COUNT], &mut reals)
@@ -264,7 +264,7 @@ fn one_bad_reference_keeps_all_from_being_read() {
 }
 
 #[test]
-fn the_last_of_several_values_for_one_variable_counts() {
+fn the_last_of_several_values_for_one_variable_wins() {
     for make in PHASES {
         let mut slave = make();
         assert_eq!(slave.set_reals(&[U, V, U], &[1.0, 2.0, 3.0]), fmi2OK);
@@ -276,7 +276,7 @@ fn the_last_of_several_values_for_one_variable_counts() {
 }
 
 #[test]
-fn null_among_log_categories_is_refused() {
+fn a_null_log_category_is_rejected() {
     let names: [*const c_char; 2] = [c"logAll".as_ptr(), null()];
     let mut slave = Slave::new();
     for (n, names) in [(1, null()), (2, names.as_ptr())] {
@@ -290,7 +290,7 @@ fn null_among_log_categories_is_refused() {
 // --- instantiation ------------------------------------------------------------------------------
 
 #[test]
-fn an_impossible_instance_is_refused_with_a_reason() {
+fn invalid_instantiations_are_rejected_with_a_reason() {
     let right = guid(0);
     let good = || Arguments {
         guid: Some(&right),
@@ -338,7 +338,7 @@ fn an_impossible_instance_is_refused_with_a_reason() {
 }
 
 #[test]
-fn the_guid_chooses_the_model_and_the_resources_do_not_matter() {
+fn the_guid_selects_the_model_and_resources_are_ignored() {
     let long = CString::new(vec![b'x'; 100_000]).unwrap();
     for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
         for (model, last) in [(0, COUNT - 1), (1, 70)] {
@@ -355,9 +355,9 @@ fn the_guid_chooses_the_model_and_the_resources_do_not_matter() {
 }
 
 #[test]
-fn a_host_without_callbacks_is_served() {
+fn hosts_without_callbacks_are_supported() {
     let (guid, mut slave) = (guid(0), Slave::null());
-    // SAFETY: the texts live through the call, and the rest may be NULL.
+    // SAFETY: the strings outlive the call, and the rest may be NULL.
     slave.c = unsafe { fmi2Instantiate(c"x".as_ptr(), 1, guid.as_ptr(), null(), null(), 1, 1) };
     assert!(!slave.c.is_null());
     assert_eq!(slave.step(0.0, 0.1), fmi2Error);
@@ -365,8 +365,8 @@ fn a_host_without_callbacks_is_served() {
 }
 
 #[test]
-fn version_and_platform_need_no_instance() {
-    // SAFETY: the functions return texts that live forever.
+fn version_and_platform_do_not_need_an_instance() {
+    // SAFETY: the functions return static strings.
     let texts = unsafe { [fmi2GetVersion(), fmi2GetTypesPlatform()].map(|t| CStr::from_ptr(t)) };
     assert_eq!(texts, [c"2.0", c"default"]);
 }

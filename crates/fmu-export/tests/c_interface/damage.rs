@@ -1,4 +1,4 @@
-//! Serialized FMU states that are damaged or forged.
+//! Damaged and forged serialized FMU states.
 
 use std::ptr::null_mut;
 
@@ -9,7 +9,7 @@ use proptest::sample::Index;
 use crate::host::Slave;
 use crate::models::*;
 
-/// An instance of a model after a step, and the bytes of its state.
+/// An instance of a model after a step, and its serialized state.
 fn stepped(model: usize) -> (Slave, Vec<u8>) {
     let mut slave = Slave::of(model);
     assert_eq!(slave.start(0.0, Some(10.0)).step(0.0, 0.5), fmi2OK);
@@ -17,7 +17,7 @@ fn stepped(model: usize) -> (Slave, Vec<u8>) {
     (slave, bytes)
 }
 
-/// Checks that bytes are refused with a reason, and that no state is made.
+/// Checks that bytes are rejected with a reason and no state is created.
 fn assert_refused(slave: &mut Slave, bytes: &[u8]) {
     let mut state = null_mut();
     slave.forget_messages();
@@ -32,7 +32,7 @@ fn assert_refused(slave: &mut Slave, bytes: &[u8]) {
 }
 
 #[test]
-fn bytes_cut_or_lengthened_anywhere_are_refused() {
+fn truncated_and_extended_bytes_are_rejected() {
     let (mut slave, bytes) = stepped(0);
     for place in 0..bytes.len() {
         let (head, tail) = bytes.split_at(place);
@@ -49,7 +49,7 @@ fn bytes_cut_or_lengthened_anywhere_are_refused() {
 }
 
 #[test]
-fn a_single_flipped_bit_is_refused() {
+fn a_single_flipped_bit_is_rejected() {
     let (mut slave, bytes) = stepped(0);
     for bit in 0..8 * bytes.len() {
         let mut damaged = bytes.clone();
@@ -59,7 +59,7 @@ fn a_single_flipped_bit_is_refused() {
 }
 
 #[test]
-fn refused_bytes_leave_the_state_in_hand() {
+fn rejected_bytes_leave_an_existing_state_unchanged() {
     let (mut slave, bytes) = stepped(0);
     let mut state = slave.save();
     let address = state;
@@ -77,16 +77,16 @@ fn sealed(content: &[u8]) -> Vec<u8> {
     [content, &sum.to_le_bytes()].concat()
 }
 
-/// The bytes of a state without the checksum.
+/// A serialized state without its checksum.
 fn content(bytes: &[u8]) -> &[u8] {
     &bytes[..bytes.len() - 16]
 }
 
 #[test]
-fn a_valid_checksum_does_not_make_other_damage_pass() {
+fn damage_with_a_valid_checksum_is_rejected() {
     let (mut slave, bytes) = stepped(0);
     assert_eq!(sealed(content(&bytes)), bytes);
-    // Magic, version, both ends of the GUID, and a phase that is dead, or none.
+    // Magic number, version, both ends of the GUID, and a phase that is fatal or invalid.
     for (place, byte) in [(0, b'f'), (8, 1), (12, b'<'), (49, b'>'), (50, 6), (50, 7)] {
         let mut forged = content(&bytes).to_vec();
         forged[place] = byte;
@@ -98,7 +98,7 @@ fn a_valid_checksum_does_not_make_other_damage_pass() {
     }
 }
 
-/// A change of bytes at a place.
+/// An edit of the bytes at a position.
 #[derive(Debug, Clone)]
 enum Edit {
     Write(Index, Vec<u8>),
@@ -119,7 +119,7 @@ fn edit() -> impl Strategy<Value = Edit> {
     ]
 }
 
-/// Length of the header: magic, version and GUID.
+/// Length of the header: magic number, version and GUID.
 const HEADER: usize = 8 + 4 + 38;
 
 fn apply(bytes: &mut Vec<u8>, edit: &Edit) {
@@ -143,7 +143,7 @@ fn apply(bytes: &mut Vec<u8>, edit: &Edit) {
     }
 }
 
-/// Makes the usual calls; each may be refused, but none may panic unless the model was told to.
+/// Makes the usual calls; each may be rejected, but none may panic unless the model is set to.
 fn uses(slave: &mut Slave) {
     let (mut time, mut trouble) = (0.0, [PANIC]);
     let mut all = [0.0; COUNT as usize];
@@ -175,16 +175,16 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn noise_is_refused(noise in prop::collection::vec(any::<u8>(), 0..1000), keep in 0..70usize) {
+    fn noise_is_rejected(noise in prop::collection::vec(any::<u8>(), 0..1000), keep in 0..70usize) {
         let (mut slave, bytes) = stepped(0);
         assert_refused(&mut slave, &noise);
         assert_refused(&mut slave, &sealed(&noise));
         assert_refused(&mut slave, &[&bytes[..keep], &noise].concat());
     }
 
-    /// A state with a valid checksum may be accepted; using it must not crash or hang.
+    /// A forged state with a valid checksum may be accepted, but using it must not crash or hang.
     #[test]
-    fn no_forged_state_crashes_or_hangs(
+    fn forged_states_do_not_crash_or_hang(
         model in 0..2usize,
         fresh: bool,
         edits in prop::collection::vec(edit(), 1..4),

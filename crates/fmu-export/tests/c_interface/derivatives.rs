@@ -1,4 +1,4 @@
-//! Directional derivatives of outputs, and time derivatives of inputs.
+//! Directional derivatives and input derivatives.
 
 use std::ptr::{null, null_mut};
 
@@ -16,7 +16,7 @@ fn running() -> Slave {
     slave
 }
 
-/// The derivative of y by u.
+/// The derivative of y with respect to u.
 fn derivative(slave: &mut Slave) -> f64 {
     let mut derivative = [f64::NAN];
     assert_eq!(
@@ -31,13 +31,13 @@ fn ramp(slave: &mut Slave, slope: f64) -> fmi2Status {
 }
 
 #[test]
-fn the_derivative_belongs_to_the_last_step_not_to_values_set_since() {
+fn the_derivative_refers_to_the_last_step_despite_values_set_since() {
     let mut slave = running();
     assert_eq!(derivative(&mut slave), 0.0);
     assert_eq!(slave.step(0.0, 0.25), fmi2OK);
     let bytes = slave.snapshot();
     assert_eq!(derivative(&mut slave), 0.5);
-    assert_eq!(slave.snapshot(), bytes, "asking changes nothing");
+    assert_eq!(slave.snapshot(), bytes, "reading changes nothing");
     assert_eq!(slave.set(U, 7.0), fmi2OK);
     assert_eq!(slave.step(0.25, 0.0), fmi2OK);
     assert_eq!(derivative(&mut slave), 0.5);
@@ -51,7 +51,7 @@ fn the_derivative_belongs_to_the_last_step_not_to_values_set_since() {
 }
 
 #[test]
-fn seeds_scale_and_several_of_them_add_up() {
+fn seeds_scale_and_add_up() {
     let mut slave = running();
     assert_eq!(slave.step(0.0, 0.25), fmi2OK);
     let mut derivatives = [f64::NAN; 3];
@@ -60,7 +60,7 @@ fn seeds_scale_and_several_of_them_add_up() {
     assert_eq!(
         (status, derivatives),
         (fmi2OK, [-3.0, 0.0, -3.0]),
-        "what is not given is zero"
+        "an omitted input counts as zero"
     );
     let mut derivative = [f64::NAN];
     assert_eq!(
@@ -75,7 +75,7 @@ fn seeds_scale_and_several_of_them_add_up() {
 }
 
 #[test]
-fn derivatives_are_those_of_outputs_by_inputs_in_a_finite_direction() {
+fn invalid_directional_derivatives_are_rejected() {
     let (mut slave, mut result) = (running(), [7.0; 2]);
     for (unknown, known, seed, word) in [
         (U, U, 1.0, "u is not an output"),
@@ -109,7 +109,7 @@ fn derivatives_are_those_of_outputs_by_inputs_in_a_finite_direction() {
 }
 
 #[test]
-fn a_ramp_is_that_of_the_next_step_alone() {
+fn a_ramp_applies_to_the_next_step_only() {
     for phase in 0..3 {
         let mut slave = Slave::new();
         let set =
@@ -135,15 +135,15 @@ fn a_ramp_is_that_of_the_next_step_alone() {
         assert_eq!(slave.get([Y]), [8.0], "the force is constant again");
         assert_eq!(Slave::new().resume(&bytes).step(0.0, 0.5), fmi2OK);
         assert_eq!(slave.resume(&bytes).step(0.0, 0.5), fmi2OK);
-        assert_eq!(slave.get([Y]), [5.0], "a state holds the ramp");
+        assert_eq!(slave.get([Y]), [5.0], "a state includes the ramp");
         assert_eq!((ramp(&mut slave, 8.0), slave.reset()), (fmi2OK, fmi2OK));
         assert_eq!(slave.start(0.0, None).step(0.0, 1.0), fmi2OK);
-        assert_eq!(slave.get([Y]), [0.0], "a reset forgets it");
+        assert_eq!(slave.get([Y]), [0.0], "a reset clears it");
     }
 }
 
 #[test]
-fn only_first_finite_derivatives_of_inputs_that_have_them_are_taken() {
+fn invalid_input_derivatives_are_rejected() {
     let mut slave = running();
     for (reference, order, slope, word) in [
         (U, 0, 1.0, "the derivative of u is of order 0; expected 1"),
@@ -180,7 +180,7 @@ fn only_first_finite_derivatives_of_inputs_that_have_them_are_taken() {
 }
 
 #[test]
-fn a_model_without_derivatives_refuses_them_and_says_so() {
+fn models_without_derivatives_report_it() {
     let mut wide = Slave::of(1);
     wide.start(0.0, None);
     wide.refuses(

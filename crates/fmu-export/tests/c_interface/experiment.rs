@@ -1,4 +1,4 @@
-//! The experiment, and which communication steps fit into it.
+//! The experiment and the communication steps it allows.
 
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 use fmu_export::fmi2::*;
@@ -16,7 +16,7 @@ fn running(start: f64, stop: Option<f64>) -> Slave {
 }
 
 #[test]
-fn an_impossible_experiment_is_refused() {
+fn invalid_experiments_are_rejected() {
     let (nan, infinite) = (f64::NAN, f64::INFINITY);
     for (start, stop) in [
         (nan, None),
@@ -31,7 +31,7 @@ fn an_impossible_experiment_is_refused() {
 }
 
 #[test]
-fn the_last_experiment_before_the_initialization_counts() {
+fn the_last_experiment_before_initialization_applies() {
     let mut slave = Slave::new();
     assert_eq!(slave.setup(3.0, Some(3.0)), fmi2OK);
     slave.start(7.0, None);
@@ -61,7 +61,7 @@ fn a_step_of_zero_changes_nothing() {
 }
 
 #[test]
-fn a_step_that_is_negative_or_not_finite_is_refused() {
+fn negative_and_non_finite_steps_are_rejected() {
     let mut slave = running(0.0, None);
     let (nan, infinite) = (f64::NAN, f64::INFINITY);
     for step in [nan, infinite, -infinite, -H, -1e-300] {
@@ -74,7 +74,7 @@ fn a_step_that_is_negative_or_not_finite_is_refused() {
 }
 
 #[test]
-fn time_goes_on_where_the_last_step_ended_but_for_rounding() {
+fn steps_continue_at_the_end_of_the_last_one_up_to_rounding() {
     for start in [0.0, 1e6, -3.0] {
         for side in [-1.0, 1.0] {
             let mut slave = running(start, None);
@@ -88,7 +88,7 @@ fn time_goes_on_where_the_last_step_ended_but_for_rounding() {
 }
 
 #[test]
-fn the_first_step_begins_at_the_start_or_a_step_late_with_a_warning() {
+fn the_first_step_may_start_one_step_late_with_a_warning() {
     for gap in [-0.5, -0.01, 1.01, 2.0, 1000.0] {
         let mut slave = Slave::new();
         let words = ["fmi2DoStep", "expected the start time 2"];
@@ -111,7 +111,7 @@ fn the_first_step_begins_at_the_start_or_a_step_late_with_a_warning() {
 }
 
 #[test]
-fn no_step_goes_past_the_stop_time_but_for_rounding() {
+fn steps_do_not_pass_the_stop_time_up_to_rounding() {
     let mut slave = running(0.0, Some(0.26));
     slave.refuses(&["fmi2DoStep", "stop time 0.26"], |s| s.step(0.25, 0.011));
     assert_eq!(slave.step(0.25, 0.01 + 1e-10), fmi2OK);
@@ -133,7 +133,7 @@ fn the_last_successful_time_is_the_end_of_the_last_step() {
 }
 
 #[test]
-fn the_slave_never_ends_the_simulation_and_answers_no_other_question() {
+fn other_status_kinds_are_rejected_and_terminated_is_false() {
     let mut slave = running(0.0, None);
     let (mut ended, mut time) = (7, 7.0);
     assert_eq!(slave.boolean_status(fmi2Terminated, &mut ended), fmi2OK);
@@ -148,7 +148,7 @@ fn the_slave_never_ends_the_simulation_and_answers_no_other_question() {
     }
     assert_eq!((ended, time), (0, 7.0));
     let null = std::ptr::null_mut();
-    // SAFETY: the instance lives; NULL is what is tested.
+    // SAFETY: the instance lives; NULL is the case under test.
     slave.refuses(&["NULL"], |s| unsafe {
         fmi2GetRealStatus(s.c, fmi2LastSuccessfulTime, null)
     });

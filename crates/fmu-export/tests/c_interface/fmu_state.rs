@@ -1,4 +1,4 @@
-//! FMU states: what they hold, who owns them, and the buffers for their bytes.
+//! FMU states: contents, ownership, and serialization buffers.
 
 use std::ptr::null_mut;
 
@@ -10,7 +10,7 @@ use crate::models::*;
 
 const H: f64 = 0.25;
 
-/// Steps with inputs that change from step to step; returns the outputs after each.
+/// Steps with inputs that change at every step; returns the outputs after each step.
 fn drive(slave: &mut Slave, first: u32, steps: u32) -> Vec<[f64; 3]> {
     let step = |k| {
         let k = f64::from(k);
@@ -33,7 +33,7 @@ fn moving() -> Slave {
 }
 
 #[test]
-fn a_state_goes_on_bit_for_bit_in_the_same_and_in_another_instance() {
+fn restored_states_continue_bit_for_bit_in_any_instance() {
     let mut slave = moving();
     let mut state = slave.save();
     let bytes = slave.serialize(state);
@@ -42,7 +42,7 @@ fn a_state_goes_on_bit_for_bit_in_the_same_and_in_another_instance() {
     assert_eq!(slave.snapshot(), bytes);
     assert_eq!(drive(&mut slave, 5, 5), expected);
     drop(slave);
-    // A state outlives the instance that it was taken from.
+    // A state outlives the instance it was taken from.
     let mut other = Slave::new();
     assert_eq!(other.set_state(state), fmi2OK);
     assert_eq!(other.free_state(&mut state), fmi2OK);
@@ -51,7 +51,7 @@ fn a_state_goes_on_bit_for_bit_in_the_same_and_in_another_instance() {
 }
 
 #[test]
-fn states_are_copies_of_their_own() {
+fn states_are_independent_copies() {
     let mut slave = moving();
     let mut states: Vec<_> = (5..10)
         .map(|k| {
@@ -71,7 +71,7 @@ fn states_are_copies_of_their_own() {
 }
 
 #[test]
-fn a_state_can_be_overwritten_and_used_again() {
+fn states_can_be_overwritten_and_reused() {
     let (mut slave, fresh) = (moving(), Slave::new().snapshot());
     let mut state = slave.save();
     let address = state;
@@ -90,7 +90,7 @@ fn a_state_can_be_overwritten_and_used_again() {
 }
 
 #[test]
-fn a_state_holds_phase_time_and_stop_time() {
+fn states_include_phase_time_and_stop_time() {
     let mut slave = Slave::new();
     let made = slave.snapshot();
     assert_eq!(slave.start(1.0, Some(2.0)).step(1.0, H), fmi2OK);
@@ -116,16 +116,16 @@ fn a_state_holds_phase_time_and_stop_time() {
 }
 
 #[test]
-fn a_state_and_bytes_of_another_model_are_refused() {
+fn states_of_another_model_are_rejected() {
     let (mut slave, mut wide) = (moving(), Slave::of(1));
     let (mut state, bytes) = (wide.save(), wide.snapshot());
-    slave.refuses(&["fmi2SetFMUstate", "not of {"], |s| s.set_state(state));
+    slave.refuses(&["fmi2SetFMUstate", "not to {"], |s| s.set_state(state));
     slave.refuses(&["another model"], |s| s.serialized_size(state, &mut 0));
     slave.refuses(&["another model"], |s| {
         s.serialize_into(state, &mut [0; 1000])
     });
     let mut none = null_mut();
-    slave.refuses(&["are those of the model {"], |s| {
+    slave.refuses(&["are a state of the model {"], |s| {
         s.deserialize(&bytes, &mut none)
     });
     assert!(none.is_null());
@@ -133,7 +133,7 @@ fn a_state_and_bytes_of_another_model_are_refused() {
 }
 
 #[test]
-fn a_buffer_that_is_too_small_is_not_touched() {
+fn a_buffer_that_is_too_small_is_not_written() {
     let mut slave = moving();
     let mut state = slave.save();
     let size = slave.serialize(state).len();
@@ -149,7 +149,7 @@ fn a_buffer_that_is_too_small_is_not_touched() {
 }
 
 #[test]
-fn a_buffer_may_be_larger_and_the_instance_may_have_moved_on() {
+fn a_buffer_may_be_larger_and_the_instance_may_have_advanced() {
     let mut slave = moving();
     let mut state = slave.save();
     let bytes = slave.serialize(state);
@@ -161,13 +161,13 @@ fn a_buffer_may_be_larger_and_the_instance_may_have_moved_on() {
 }
 
 #[test]
-fn null_is_refused_and_a_state_that_is_not_there_can_be_freed() {
+fn null_is_rejected_except_when_freeing_a_state() {
     let mut slave = moving();
     let (mut state, bytes) = (slave.save(), slave.snapshot());
     let (mut size, mut room, n) = (5, vec![0u8; 1000], bytes.len());
     let (c, buffer) = (slave.c, room.as_mut_ptr().cast());
     let (null_place, mut none) = (null_mut(), null_mut());
-    // SAFETY: the instance lives; a pointer is NULL, or to as much as the call may use.
+    // SAFETY: the instance lives; pointers are NULL or valid for what the call uses.
     unsafe {
         slave.refuses(&["a pointer is NULL"], |_| fmi2GetFMUstate(c, null_mut()));
         slave.refuses(&["the FMU state is NULL"], |s| s.set_state(null_mut()));
@@ -201,12 +201,12 @@ fn null_is_refused_and_a_state_that_is_not_there_can_be_freed() {
 }
 
 #[test]
-fn a_pointer_to_something_else_is_refused() {
+fn a_pointer_to_something_else_is_rejected() {
     let mut slave = moving();
     let mut memory = [0u128; 64];
     for offset in [0, 1] {
         let foreign: fmi2FMUstate = memory.as_mut_ptr().cast::<u8>().wrapping_add(offset).cast();
-        let words = ["the pointer is not one to an FMU state"];
+        let words = ["the pointer does not point to an FMU state"];
         slave.refuses(&words, |s| s.set_state(foreign));
         slave.refuses(&words, |s| s.free_state(&mut foreign.clone()));
         slave.refuses(&words, |s| s.get_state(&mut foreign.clone()));

@@ -1,4 +1,4 @@
-//! A host: instances, the messages they log, and the C functions with slices for arrays.
+//! A test host: instances, their log messages, and wrappers of the C functions that take slices.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
@@ -12,7 +12,7 @@ use crate::models::{MODELS, fmi2Instantiate};
 
 pub const MODEL_EXCHANGE: fmi2Type = 0;
 
-/// What the logger was called with.
+/// The arguments of a logger call.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
     pub instance: CString,
@@ -45,7 +45,7 @@ impl Default for Arguments<'_> {
     }
 }
 
-/// An instance; its methods are the functions of the standard, and return the status.
+/// An instance, whose methods are the functions of the standard and return the status.
 pub struct Slave {
     pub c: fmi2Component,
     log: Box<Log>,
@@ -57,12 +57,12 @@ impl Slave {
         Self::of(0)
     }
 
-    /// A new instance of a model of the binary.
+    /// A new instance of the model with the given index.
     pub fn of(model: usize) -> Self {
         Self::named(c"slave", model, false)
     }
 
-    /// A new instance with a name of its own; `debug`: it logs events, too.
+    /// A new instance with the given name; with `debug`, it also logs events.
     pub fn named(name: &CStr, model: usize, debug: bool) -> Self {
         let (name, guid) = (Some(name), guid(model));
         Self::with(&Arguments {
@@ -73,7 +73,7 @@ impl Slave {
         })
     }
 
-    /// A new instance, which is NULL if it is refused.
+    /// A new instance, which is NULL if instantiation fails.
     pub fn with(arguments: &Arguments) -> Self {
         keep_messages_of_panics();
         let log = Box::<Log>::default();
@@ -82,7 +82,7 @@ impl Slave {
             ..callbacks()
         };
         let text = |text: Option<&CStr>| text.map_or(null(), CStr::as_ptr);
-        // SAFETY: texts and callbacks live through the call, and the log as long as the instance.
+        // SAFETY: strings and callbacks outlive the call, and the log outlives the instance.
         let c = unsafe {
             fmi2Instantiate(
                 text(arguments.name),
@@ -97,7 +97,7 @@ impl Slave {
         Self { c, log }
     }
 
-    /// NULL instead of an instance.
+    /// NULL in place of an instance.
     pub fn null() -> Self {
         Self {
             c: null_mut(),
@@ -113,13 +113,13 @@ impl Slave {
         self.log.borrow_mut().clear();
     }
 
-    /// The newest message.
+    /// The last message.
     pub fn last_message(&self) -> String {
         let messages = self.log.borrow();
         messages.last().expect("nothing was logged").text.clone()
     }
 
-    /// Checks that a call is refused with one message that contains the words, and changes nothing.
+    /// Checks that a call fails with one message that contains the words and changes nothing.
     #[track_caller]
     pub fn refuses(&mut self, words: &[&str], call: impl FnOnce(&mut Self) -> fmi2Status) {
         let before = self.snapshot();
@@ -143,12 +143,12 @@ impl Drop for Slave {
     }
 }
 
-/// The GUID of a model of the binary.
+/// The GUID of the model with the given index.
 pub fn guid(model: usize) -> CString {
     CString::new(MODELS[model].guid()).unwrap()
 }
 
-/// The library silences panics when it makes its first instance; a failed test is to be heard.
+/// Restores the panic hook, which the library replaces at the first instance, to see failed tests.
 fn keep_messages_of_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -167,8 +167,8 @@ fn callbacks() -> fmi2CallbackFunctions {
         fmi2String,
         fmi2String,
     );
-    // SAFETY: with one pointer as variable argument, both are called alike on the platforms of this
-    // test.
+    // SAFETY: with one pointer as the variable argument, both have the same calling convention on the
+    // platforms of this test.
     let logger = unsafe { std::mem::transmute::<Logger, fmi2CallbackLogger>(receive) };
     fmi2CallbackFunctions {
         logger: Some(logger),
@@ -187,7 +187,7 @@ unsafe extern "C" fn receive(
     format: fmi2String,
     text: fmi2String,
 ) {
-    // SAFETY: the environment is the log that `with` gave, and the others are texts of the slave.
+    // SAFETY: the environment is the log passed by `with`, and the others are strings of the slave.
     let (log, instance, [category, format, text]) = unsafe {
         (
             &*environment.cast::<Log>(),
@@ -204,13 +204,13 @@ unsafe extern "C" fn receive(
     });
 }
 
-/// Methods that pass their arguments to C.
+/// Defines methods that pass their arguments to C.
 macro_rules! calls {
     ($($method:ident($($argument:ident: $type:ty),*) = $function:ident($($passed:expr),*);)*) => {
         impl Slave {
             $(
                 pub fn $method(&mut self, $($argument: $type),*) -> fmi2Status {
-                    // SAFETY: the instance lives or is NULL, and slices are as long as they say.
+                    // SAFETY: the instance lives or is NULL, and pointers and lengths are from slices.
                     unsafe { $function(self.c, $($passed),*) }
                 }
             )*
@@ -268,7 +268,7 @@ calls! {
         = fmi2DeSerializeFMUstate(bytes.as_ptr().cast(), bytes.len(), state);
 }
 
-/// The length of two arrays.
+/// The common length of two arrays.
 fn same<T, U>(one: &[T], other: &[U]) -> usize {
     assert_eq!(one.len(), other.len());
     one.len()
@@ -308,7 +308,7 @@ impl Slave {
         values
     }
 
-    /// A new FMU state; NULL if it is refused.
+    /// A new FMU state; NULL if the call fails.
     pub fn save(&mut self) -> fmi2FMUstate {
         let mut state = null_mut();
         self.get_state(&mut state);
@@ -325,7 +325,7 @@ impl Slave {
         bytes
     }
 
-    /// All that the future of the instance depends on.
+    /// The serialized state of the instance.
     #[track_caller]
     pub fn snapshot(&mut self) -> Vec<u8> {
         let mut state = self.save();
@@ -334,7 +334,7 @@ impl Slave {
         bytes
     }
 
-    /// Goes to the state that the bytes hold.
+    /// Restores a serialized state.
     #[track_caller]
     pub fn resume(&mut self, bytes: &[u8]) -> &mut Self {
         let mut state = null_mut();

@@ -1,4 +1,4 @@
-//! Several instances, at the same time and one after another.
+//! Several instances, concurrently and in sequence.
 
 use std::ffi::CString;
 use std::sync::Barrier;
@@ -9,7 +9,7 @@ use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use crate::host::Slave;
 use crate::models::*;
 
-/// A simulation from start to end, by FMU states, too.
+/// A whole simulation, with FMU states in between.
 fn run(slave: &mut Slave, seed: u32) -> Vec<Vec<u8>> {
     let steps = 0..200;
     slave.start(0.0, None);
@@ -27,9 +27,9 @@ fn run(slave: &mut Slave, seed: u32) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn instances_in_threads_give_what_they_give_alone() {
+fn instances_in_threads_give_the_same_results_as_alone() {
     let alone: Vec<_> = (0..8).map(|seed| run(&mut Slave::new(), seed)).collect();
-    assert_ne!(alone[1], alone[2], "the inputs count");
+    assert_ne!(alone[1], alone[2], "the inputs matter");
     let gate = Barrier::new(8);
     let work = |seed| {
         gate.wait();
@@ -74,7 +74,7 @@ fn the_name_of_an_instance_is_copied() {
 }
 
 #[test]
-fn a_freed_instance_leaves_no_memory_behind() {
+fn freed_instances_do_not_leak_memory() {
     let life = || {
         let mut slave = Slave::new();
         let now = slave.start(0.0, None).snapshot();
@@ -96,7 +96,7 @@ fn a_freed_instance_leaves_no_memory_behind() {
 }
 
 #[test]
-fn a_panic_in_the_destructor_is_stopped() {
+fn a_panic_in_the_destructor_is_caught() {
     let mut wide = Slave::of(1);
     assert_eq!(wide.start(0.0, None).set(68, Wide::LAST_BUG), fmi2OK);
     drop(wide);

@@ -1,4 +1,4 @@
-//! What the logger is called with, and when.
+//! Calls of the logger.
 
 use std::collections::BTreeSet;
 use std::ffi::CStr;
@@ -8,7 +8,7 @@ use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 use crate::host::{Arguments, Slave};
 use crate::models::{PANIC, TROUBLE};
 
-/// Text that crashes a logger which takes it for a format.
+/// Text that crashes a logger that uses it as a format.
 const HOSTILE: &CStr = c"%s%n%d%*d %%";
 
 const ERRORS: &CStr = c"logStatusError";
@@ -22,8 +22,7 @@ fn named(name: &CStr, debug: bool) -> Slave {
     Slave::named(name, 0, debug)
 }
 
-/// Causes an event, a warning, an error, a discarded step and a panic; returns the categories that
-/// were logged.
+/// Causes an event, a warning, an error, a discarded step and a panic; returns the logged categories.
 fn provoke(slave: &mut Slave) -> BTreeSet<String> {
     slave.forget_messages();
     slave.start(0.0, None).step(0.001, 0.001);
@@ -47,7 +46,7 @@ fn set(categories: &[&CStr]) -> BTreeSet<String> {
 }
 
 #[test]
-fn categories_are_switched_as_they_are_named() {
+fn categories_are_switched_by_name() {
     const TROUBLES: [&CStr; 4] = [ERRORS, WARNINGS, DISCARDS, FATAL];
     const EVERY: [&CStr; 5] = [ERRORS, WARNINGS, DISCARDS, FATAL, EVENTS];
     assert_eq!(provoke(&mut named(c"x", false)), set(&TROUBLES));
@@ -84,7 +83,7 @@ fn categories_are_switched_as_they_are_named() {
 }
 
 #[test]
-fn an_unknown_category_is_refused_and_switches_nothing() {
+fn unknown_categories_are_rejected_and_change_nothing() {
     for name in [
         c"nonsense",
         c"",
@@ -97,7 +96,7 @@ fn an_unknown_category_is_refused_and_switches_nothing() {
         let mut slave = named(c"x", true);
         let words = [
             "fmi2SetDebugLogging",
-            "is unknown; there are logStatusError, ",
+            "is unknown; expected one of logStatusError, ",
         ];
         slave.refuses(&words, |s| s.switch_log(true, &[EVENTS, name]));
         slave.refuses(&words, |s| s.switch_log(false, &[EVENTS, name]));
@@ -106,7 +105,7 @@ fn an_unknown_category_is_refused_and_switches_nothing() {
 }
 
 #[test]
-fn text_of_the_host_is_handed_on_as_it_is() {
+fn text_from_the_host_is_forwarded_unchanged() {
     let mut slave = named(HOSTILE, true);
     let hostile = HOSTILE.to_str().unwrap();
     slave.refuses(&[hostile], |s| s.switch_log(true, &[HOSTILE]));
@@ -130,7 +129,7 @@ fn every_message_is_well_formed() {
             "logStatusError" => fmi2Error,
             "logStatusWarning" => fmi2Warning,
             "logEvents" => fmi2OK,
-            _ => continue, // seen where steps fail
+            _ => continue, // tested with failing steps
         };
         assert_eq!(message.status, status);
         assert_eq!(&*message.instance, c"Pendel ϑ");
@@ -140,7 +139,7 @@ fn every_message_is_well_formed() {
 }
 
 #[test]
-fn every_change_of_the_state_is_an_event() {
+fn every_state_change_is_an_event() {
     let mut slave = named(c"x", true);
     slave.start(0.0, None);
     assert_eq!((slave.terminate(), slave.reset()), (fmi2OK, fmi2OK));
@@ -159,7 +158,7 @@ fn every_change_of_the_state_is_an_event() {
 }
 
 #[test]
-fn a_state_does_not_hold_what_is_logged() {
+fn states_do_not_include_log_settings() {
     let (mut loud, mut silent) = (named(c"x", true), Slave::new());
     assert_eq!(silent.switch_log(false, &[]), fmi2OK);
     let bytes = loud.snapshot();

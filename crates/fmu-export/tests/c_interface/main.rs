@@ -1,7 +1,7 @@
-//! The C interface as a host uses it, on models with every kind of variable that fail on demand.
+//! The C interface as a host uses it, with models that have every kind of variable and fail on demand.
 //!
-//! The logger of these tests is not variadic, as Rust cannot define such a function. That works on all
-//! platforms of CI, but not on macOS on ARM, where variadic arguments are passed differently.
+//! The logger of these tests is not variadic, as Rust cannot define variadic functions. This works on
+//! all CI platforms except macOS on ARM, which passes variadic arguments differently.
 #![cfg(not(all(target_vendor = "apple", target_arch = "aarch64")))]
 
 mod arguments;

@@ -1,11 +1,11 @@
-//! The models under test, in one binary.
+//! The models under test in one binary.
 
 use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
 use serde::{Deserialize, Serialize};
 
 fmu_export::export!(Probe, Wide);
 
-/// A model with every kind of variable, whose step fails as the input `trouble` demands.
+/// A model with every kind of variable. The input `trouble` selects how the step fails.
 #[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     pub u: f64,
@@ -105,7 +105,7 @@ impl Model for Probe {
     }
 }
 
-/// The type of a variable, as it is reached from C.
+/// The type with which a variable is accessed from C.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     Real,
@@ -113,7 +113,7 @@ pub enum Kind {
     Boolean,
 }
 
-/// When a variable may be set.
+/// When a variable can be set.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Role {
     Always,
@@ -121,17 +121,17 @@ pub enum Role {
     Never,
 }
 
-/// What the tests expect of a variable of [`Probe`].
+/// The expected properties of a variable of [`Probe`].
 pub struct Fact {
     pub reference: u32,
     pub name: &'static str,
     pub kind: Kind,
     pub role: Role,
-    /// Smallest and largest value allowed.
+    /// Minimum and maximum.
     pub bounds: (f64, f64),
 }
 
-/// References of variables of [`Probe`].
+/// Value references of the variables of [`Probe`].
 pub const U: u32 = 0;
 pub const V: u32 = 1;
 pub const TROUBLE: u32 = 2;
@@ -144,7 +144,7 @@ pub const Y: u32 = 11;
 /// The number of its scalar variables.
 pub const COUNT: u32 = 14;
 
-/// The scalar variables of [`Probe`], written down independently of its table.
+/// The scalar variables of [`Probe`], defined independently of its table.
 pub const FACTS: [Fact; COUNT as usize] = {
     use {Kind::*, Role::*};
     const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -183,17 +183,17 @@ pub const FACTS: [Fact; COUNT as usize] = {
 };
 
 impl Fact {
-    /// Whether the host may set the variable; `running`: the initialization is over.
+    /// Whether the host may set the variable; `running` is true after initialization.
     pub fn settable(&self, running: bool) -> bool {
         self.role == Role::Always || self.role == Role::BeforeSteps && !running
     }
 
-    /// Whether the variable may have the value.
+    /// Whether the value is within the bounds.
     pub fn allows(&self, value: f64) -> bool {
         value.is_finite() && self.bounds.0 <= value && value <= self.bounds.1
     }
 
-    /// A value that is allowed, and is not the start value.
+    /// A valid value other than the start value.
     pub fn other_value(&self) -> f64 {
         match self.reference {
             LIMITED => 0.0,
@@ -204,7 +204,7 @@ impl Fact {
 }
 
 impl Probe {
-    /// The model at its start values.
+    /// The model with its start values.
     pub fn start() -> Self {
         Self {
             gain: 2.0,
@@ -238,7 +238,7 @@ impl Probe {
         ][reference as usize]
     }
 
-    /// Sets a variable that is no output.
+    /// Sets a variable that is not an output.
     pub fn set(&mut self, reference: u32, value: f64) {
         match reference {
             U => self.u = value,
@@ -254,7 +254,7 @@ impl Probe {
     }
 }
 
-/// More variables than the fast path has special code for, and bugs in the access to them.
+/// A model with more variables than the fast path is specialized for, and with bugs in their access.
 #[derive(Default, Clone, Serialize, Deserialize)]
 pub struct Wide {
     inputs: [f64; 6],
@@ -304,7 +304,7 @@ impl Model for Wide {
 }
 
 impl Wide {
-    /// The value of `last` with which the destructor panics.
+    /// The value of `last` that makes the destructor panic.
     pub const LAST_BUG: f64 = 1234.5;
 }
 

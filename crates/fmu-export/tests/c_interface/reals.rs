@@ -1,4 +1,4 @@
-//! Setting and getting Reals between steps: the fast path gives the same answers as the checked one.
+//! Setting and getting Reals between steps: the fast path behaves like the slow one.
 
 use fmu_export::fmi2::fmi2Status::{self, fmi2Error, fmi2Fatal, fmi2OK};
 
@@ -26,7 +26,7 @@ impl Slave {
         self.0.set_reals(references, values)
     }
 
-    /// Reads into an array that held -7 before.
+    /// Reads into an array filled with -7.
     fn get(&mut self, references: &[u32]) -> (fmi2Status, Vec<f64>) {
         let mut values = vec![-7.0; references.len()];
         (self.0.get_reals(references, &mut values), values)
@@ -34,7 +34,7 @@ impl Slave {
 }
 
 #[test]
-fn any_number_of_values_comes_back() {
+fn any_number_of_values_round_trips() {
     let mut slave = Slave::new();
     for n in 0..=6 {
         let references: Vec<u32> = (0..n).collect();
@@ -47,7 +47,7 @@ fn any_number_of_values_comes_back() {
 }
 
 #[test]
-fn a_set_that_is_refused_changes_nothing() {
+fn a_rejected_set_changes_nothing() {
     let mut slave = Slave::new();
     let bad = [
         (1, 10.5),
@@ -75,7 +75,7 @@ fn a_set_that_is_refused_changes_nothing() {
 }
 
 #[test]
-fn bounds_belong_to_the_values_allowed() {
+fn bounds_are_inclusive() {
     let mut slave = Slave::new();
     let extremes = [f64::MAX, 10.0, -1.0];
     assert_eq!(slave.set(&[0, 1, 2], &extremes), fmi2OK);
@@ -83,10 +83,10 @@ fn bounds_belong_to_the_values_allowed() {
 }
 
 #[test]
-fn a_get_that_is_refused_hands_out_nothing() {
+fn a_rejected_get_returns_nothing() {
     let mut slave = Slave::new();
     assert_eq!(slave.get(&[MANY + 3, MANY + 49]), (fmi2OK, vec![3.0, 49.0]));
-    // The model's array ends before that of the table.
+    // The array is shorter in the model than in the table.
     for reference in [FLAG, MANY + 50, 71, u32::MAX] {
         assert_eq!(slave.get(&[reference]), (fmi2Error, vec![-7.0]));
         assert_eq!(slave.get(&[0, reference, 1]), (fmi2Error, vec![-7.0; 3]));
@@ -94,7 +94,7 @@ fn a_get_that_is_refused_hands_out_nothing() {
 }
 
 #[test]
-fn a_panic_in_the_access_to_a_value_is_caught() {
+fn a_panic_in_an_accessor_is_caught() {
     for get in [true, false] {
         let mut slave = Slave::new();
         assert_eq!(slave.get(&[BOMB]), (fmi2OK, vec![0.0]));
@@ -109,7 +109,7 @@ fn a_panic_in_the_access_to_a_value_is_caught() {
 }
 
 #[test]
-fn a_cycle_allocates_nothing() {
+fn a_simulation_cycle_does_not_allocate() {
     let mut slave = Slave::new();
     let (references, values) = ([0, 1, 2], [1.0, 2.0, 0.5]);
     let mut last = [0.0];

@@ -1,4 +1,4 @@
-//! Random calls, valid and invalid, against a second, simpler slave written from the standard.
+//! Random valid and invalid calls, compared with a simple reference model of the standard.
 
 use std::ptr::null_mut;
 
@@ -51,16 +51,16 @@ impl Expected {
         self.time.unwrap_or(self.start)
     }
 
-    /// The answer to a call that is allowed in some states, if its arguments are right.
-    fn answer(&self, states: &[State], right: bool) -> fmi2Status {
+    /// The expected status of a call that is allowed in `states`, if its arguments are valid.
+    fn answer(&self, states: &[State], valid: bool) -> fmi2Status {
         match self.state {
             Fatal => fmi2Fatal,
-            state if right && states.contains(&state) => fmi2OK,
+            state if valid && states.contains(&state) => fmi2OK,
             _ => fmi2Error,
         }
     }
 
-    /// A call that leads from some states to another.
+    /// A call that changes the state.
     fn change(&mut self, from: &[State], to: State) -> fmi2Status {
         let answer = self.answer(from, true);
         if answer == fmi2OK {
@@ -69,7 +69,7 @@ impl Expected {
         answer
     }
 
-    /// The outputs are computed in initialization mode, when they are asked for or at its end.
+    /// Computes the outputs, in initialization mode when they are read or at its end.
     fn initialize(&mut self) -> fmi2Status {
         if self.model.trouble == PANIC {
             self.state = Fatal;
@@ -81,7 +81,7 @@ impl Expected {
         }
     }
 
-    /// Whether a step begins and ends where it may.
+    /// Whether the start and the end of a step are valid.
     fn fits(&self, time: f64, step: f64) -> bool {
         let near = 1e-6 * step + 1e-9 * (1.0 + time.abs());
         let late = if self.time.is_none() { step } else { 0.0 };
@@ -124,12 +124,12 @@ impl Expected {
 
     fn set(&mut self, kind: Kind, values: &[(u32, f64)]) -> fmi2Status {
         let running = self.state == Complete;
-        let right = values.iter().all(|&(reference, value)| {
+        let valid = values.iter().all(|&(reference, value)| {
             FACTS
                 .get(reference as usize)
                 .is_some_and(|f| f.kind == kind && f.settable(running) && f.allows(value))
         });
-        let answer = self.answer(&WRITABLE, right);
+        let answer = self.answer(&WRITABLE, valid);
         if answer == fmi2OK {
             for &(reference, value) in values {
                 self.model.set(reference, value);
@@ -145,8 +145,8 @@ impl Expected {
                 return answer;
             }
         }
-        let right = |&r: &u32| FACTS.get(r as usize).is_some_and(|fact| fact.kind == kind);
-        self.answer(&READABLE, references.iter().all(right))
+        let valid = |&r: &u32| FACTS.get(r as usize).is_some_and(|fact| fact.kind == kind);
+        self.answer(&READABLE, references.iter().all(valid))
     }
 }
 
@@ -202,7 +202,7 @@ fn call() -> impl Strategy<Value = Call> {
         f64::NAN,
     ]);
     let step = select(vec![0.25, 0.25, 0.25, 0.0, 1.0, 1e-9, -0.25, f64::INFINITY]);
-    // Values of a kind for variables mostly of the kind.
+    // Values of a kind, mostly for variables of that kind.
     let values = kind().prop_flat_map(move |kind| {
         let good: Vec<u32> = (0..COUNT)
             .filter(|&r| FACTS[r as usize].kind == kind)
@@ -235,10 +235,10 @@ fn call() -> impl Strategy<Value = Call> {
     ]
 }
 
-/// An FMU state, what it should hold, and its bytes.
+/// An FMU state, the expected state, and the serialized state.
 type Saved = (fmi2FMUstate, Expected, Vec<u8>);
 
-/// Makes a call, and checks the answer.
+/// Makes a call and checks the status.
 fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, call: &Call) {
     const ALIVE: [State; 6] = [
         Instantiated,
@@ -251,9 +251,9 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
     let alive = expected.answer(&ALIVE, true);
     match call {
         &Call::Setup(start, stop) => {
-            let right =
+            let valid =
                 start.is_finite() && stop.is_none_or(|stop| stop.is_finite() && stop >= start);
-            let answer = expected.answer(&[Instantiated], right);
+            let answer = expected.answer(&[Instantiated], valid);
             assert_eq!(slave.setup(start, stop), answer);
             if answer == fmi2OK {
                 (expected.start, expected.stop) = (start, stop.unwrap_or(f64::INFINITY));
@@ -315,21 +315,21 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
                     Kind::Real => reals[k],
                     _ => integers[k].into(),
                 };
-                let right = if answer == fmi2OK {
+                let expected_value = if answer == fmi2OK {
                     expected.model.value(reference)
                 } else {
                     -7.0
                 };
                 assert_eq!(
                     value.to_bits(),
-                    right.to_bits(),
-                    "{reference}: {value} {right}"
+                    expected_value.to_bits(),
+                    "{reference}: {value} {expected_value}"
                 );
             }
         }
         &Call::Slope(reference, order, value) => {
-            let right = reference == U && order == 1 && value.is_finite();
-            let answer = expected.answer(&WRITABLE, right);
+            let valid = reference == U && order == 1 && value.is_finite();
+            let answer = expected.answer(&WRITABLE, valid);
             assert_eq!(
                 slave.set_input_derivatives(&[reference], &[order], &[value]),
                 answer
@@ -339,8 +339,8 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
             }
         }
         &Call::Derivative(output, input, seed) => {
-            let right = output >= Y && seed.is_finite();
-            let answer = expected.answer(&READABLE, right);
+            let valid = output >= Y && seed.is_finite();
+            let answer = expected.answer(&READABLE, valid);
             let mut value = [-7.0];
             let given = slave.directional_derivative(&[output], &[input], &[seed], &mut value);
             assert_eq!(given, answer);
@@ -392,7 +392,7 @@ fn check(slave: &mut Slave, expected: &mut Expected, saved: &mut Vec<Saved>, cal
     }
 }
 
-/// Makes the calls in turn; returns the states they were made in.
+/// Makes the calls in sequence; returns the states in which they were made.
 fn run(calls: &[Call]) -> Vec<State> {
     let (mut slave, mut expected, mut saved) = (Slave::new(), Expected::new(), Vec::new());
     let mut states = Vec::new();
@@ -418,12 +418,12 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn random_calls_are_answered_as_the_standard_requires(calls in calls()) {
+    fn random_calls_return_the_expected_status(calls in calls()) {
         run(&calls);
     }
 }
 
-/// Otherwise the test above would prove little.
+/// Ensures that the test above covers all states.
 #[test]
 fn the_calls_reach_every_state() {
     use proptest::strategy::ValueTree;

@@ -1,5 +1,5 @@
-//! The table of allowed calls of FMI 2.0.4, section 4.2.4, cell by cell, and how an instance recovers
-//! from a failed step.
+//! The table of allowed calls of FMI 2.0.4, section 4.2.4, cell by cell, and recovery from failed
+//! steps.
 
 use std::ptr::null_mut;
 
@@ -19,7 +19,7 @@ const STATES: [&str; 7] = [
     "fatal",
 ];
 
-/// Brings an instance to a state; after a step, time is 0.5.
+/// Brings an instance to a state; after a step, the time is 0.5.
 fn bring<'a>(slave: &'a mut Slave, state: &str) -> &'a mut Slave {
     let fail_by = |slave: &mut Slave, trouble| {
         slave.start(0.0, None);
@@ -42,8 +42,8 @@ fn bring<'a>(slave: &'a mut Slave, state: &str) -> &'a mut Slave {
 /// A call with valid arguments.
 type Call = fn(&mut Slave) -> fmi2Status;
 
-/// The calls, and whether they are allowed (x) or not (.) in each state but the last, where
-/// none is.
+/// The calls, and whether they are allowed (x) or not (.) in each state except the last, which allows
+/// none.
 #[rustfmt::skip]
 const TABLE: &[(&str, &str, Call)] = &[
     ("fmi2SetDebugLogging", "xxxxxx", |s| s.switch_log(true, &[c"logAll"])),
@@ -55,7 +55,7 @@ const TABLE: &[(&str, &str, Call)] = &[
     ("fmi2GetReal", ".xxxxx", |s| s.get_reals(&[Y], &mut [0.0])),
     ("fmi2GetInteger", ".xxxxx", |s| s.get_integers(&[ORDER], &mut [0])),
     ("fmi2GetBoolean", ".xxxxx", |s| s.get_booleans(&[LIMITED], &mut [0])),
-    // SAFETY: no strings are asked for, so the arrays may be NULL.
+    // SAFETY: no strings are read, so the arrays may be NULL.
     ("fmi2GetString", ".xxxxx", |s| unsafe { fmi2GetString(s.c, NONE, 0, null_mut()) }),
     ("fmi2SetReal", "xxx...", |s| s.set(U, 1.0)),
     ("fmi2SetInteger", "xxx...", |s| s.set_integers(&[], &[])),
@@ -94,7 +94,7 @@ const UNSUPPORTED: &[(&str, Call)] = {
     use std::ptr::null;
     macro_rules! unsupported {
         ($($function:ident($($argument:expr),*);)*) => {
-            // SAFETY: these functions look at nothing but the instance.
+            // SAFETY: these functions use the instance only.
             &[$((stringify!($function), |s| unsafe { $function(s.c, $($argument),*) })),*]
         };
     }
@@ -119,7 +119,7 @@ const UNSUPPORTED: &[(&str, Call)] = {
 
 const NONE: *const fmi2ValueReference = std::ptr::null();
 
-/// Makes a call with an FMU state of the instance, or with NULL if it gives none.
+/// Makes a call with an FMU state of the instance, or with NULL if there is none.
 fn with_state(
     slave: &mut Slave,
     call: impl FnOnce(&mut Slave, fmi2FMUstate) -> fmi2Status,
@@ -136,7 +136,7 @@ fn with_state(
 }
 
 #[test]
-fn every_call_is_allowed_as_the_table_says() {
+fn calls_are_allowed_according_to_the_table() {
     for (row, &(name, allowed, call)) in TABLE.iter().enumerate() {
         for (column, state) in STATES.into_iter().enumerate() {
             println!("{name} in {state}, row {row}");
@@ -166,7 +166,7 @@ fn every_call_is_allowed_as_the_table_says() {
 }
 
 #[test]
-fn what_is_not_supported_is_refused_in_every_state() {
+fn unsupported_calls_are_rejected_in_every_state() {
     for (name, call) in UNSUPPORTED {
         for state in &STATES[..6] {
             bring(&mut Slave::new(), state).refuses(&[name], call);
@@ -176,7 +176,7 @@ fn what_is_not_supported_is_refused_in_every_state() {
 }
 
 #[test]
-fn null_instead_of_an_instance_is_an_error_and_can_be_freed() {
+fn a_null_instance_is_an_error_and_can_be_freed() {
     let calls = TABLE.iter().map(|&(_, _, call)| call);
     for call in calls.chain(UNSUPPORTED.iter().map(|&(_, call)| call)) {
         assert_eq!(call(&mut Slave::null()), fmi2Error);
@@ -198,16 +198,12 @@ fn a_reset_equals_a_fresh_instance() {
         assert_eq!(bring(&mut slave, state).reset(), fmi2OK);
         assert_eq!(slave.snapshot(), fresh, "{state}");
         slave.start(0.0, None);
-        assert_eq!(
-            slave.step(0.0, 10.0),
-            fmi2OK,
-            "the stop time is forgotten, too"
-        );
+        assert_eq!(slave.step(0.0, 10.0), fmi2OK, "the stop time is reset, too");
     }
 }
 
 #[test]
-fn a_refused_step_leaves_the_instance_as_it_was() {
+fn a_refused_step_leaves_the_instance_unchanged() {
     let mut slave = Slave::new();
     bring(&mut slave, "step complete").set(TROUBLE, REFUSE);
     let words = [
@@ -221,7 +217,7 @@ fn a_refused_step_leaves_the_instance_as_it_was() {
 }
 
 #[test]
-fn a_discarded_step_changes_no_value_and_a_restored_state_goes_on() {
+fn a_discarded_step_changes_no_value_and_a_restored_state_continues() {
     let mut slave = Slave::new();
     let before = bring(&mut slave, "step complete").snapshot();
     assert_eq!(slave.set(TROUBLE, DISCARD), fmi2OK);
@@ -249,7 +245,7 @@ fn a_discarded_step_changes_no_value_and_a_restored_state_goes_on() {
 fn a_reset_or_an_earlier_state_recovers_from_a_failed_step() {
     let mut slave = Slave::new();
     let before = bring(&mut slave, "step complete").snapshot();
-    for mend in [
+    for recover in [
         |s: &mut Slave, _: &[u8]| s.reset(),
         |s: &mut Slave, bytes: &[u8]| {
             s.resume(bytes);
@@ -267,13 +263,13 @@ fn a_reset_or_an_earlier_state_recovers_from_a_failed_step() {
             );
         }
         assert_eq!(slave.step(0.5, 0.25), fmi2Error);
-        assert_eq!(mend(&mut slave, &before), fmi2OK);
+        assert_eq!(recover(&mut slave, &before), fmi2OK);
     }
     assert_eq!(slave.resume(&before).step(0.5, 0.25), fmi2OK);
 }
 
 #[test]
-fn an_initialization_that_fails_can_be_tried_again() {
+fn a_failed_initialization_can_be_retried() {
     let mut slave = Slave::new();
     assert_eq!(slave.set(TROUBLE, BREAK), fmi2OK);
     assert_eq!(slave.enter_initialization_mode(), fmi2OK);
@@ -301,7 +297,7 @@ fn assert_dead(slave: &mut Slave, reason: &str, other: &mut Slave) {
 }
 
 #[test]
-fn a_panic_ends_its_instance_alone() {
+fn a_panic_affects_its_instance_only() {
     let mut other = Slave::new();
     bring(&mut other, "step complete");
     let (mut slave, dead) = (

@@ -1,4 +1,4 @@
-//! FMU files: zip archives, written the same for the same content, and read with care.
+//! FMU files: zip archives that are written reproducibly and read as untrusted input.
 
 mod packed;
 mod read;
@@ -28,7 +28,7 @@ pub struct Entry<'a> {
 }
 
 impl<'a> Entry<'a> {
-    /// A file at a path.
+    /// Creates an entry for a file.
     pub fn new(path: impl Into<String>, file: &'a Packed) -> Self {
         Self {
             path: path.into(),
@@ -37,17 +37,17 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Writes an archive, whole or not at all, and returns its size in bytes.
+/// Writes an archive atomically and returns its size in bytes.
 ///
 /// # Errors
-/// It cannot be written.
+/// The archive cannot be written.
 pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
     let bytes = zip(entries).with_context(|| format!("cannot pack {}", file.display()))?;
     replace::write(file, &bytes)?;
     Ok(bytes.len() as u64)
 }
 
-/// Puts the entries together in their order.
+/// Builds an archive from the entries, in order.
 fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     for Entry { path, file } in entries {
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back_in_order() {
+    fn archives_round_trip_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("A.fmu");
         let size = write(&file, &entries(&files())).unwrap();
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_are_kept_under_every_name() {
+    fn file_modes_are_kept() {
         let bytes = zip(&entries(&files())).unwrap();
         let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
         let mut mode = |index| archive.by_index(index).unwrap().unix_mode();
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_no_importer_would_take_is_refused() {
+    fn invalid_names_are_rejected() {
         let [text, _] = files();
         let error = zip(&[Entry::new("../a", &text)]).unwrap_err();
         assert!(error.to_string().contains("\"../a\""), "{error}");
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn every_damaged_archive_is_refused_or_read() {
+    fn damaged_archives_never_panic() {
         let sound = zip(&entries(&files())).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("A.fmu");
@@ -138,7 +138,7 @@ mod tests {
             let mut damaged = sound.clone();
             damaged[position] ^= 0x55;
             std::fs::write(&file, &damaged).unwrap();
-            // Any answer but a panic.
+            // Any result but a panic.
             let _ = Archive::open_sound(&file).and_then(|mut a| a.model_description());
         }
     }

@@ -1,4 +1,4 @@
-//! Compressed files, from which archives are put together.
+//! Compressed files, from which archives are built.
 
 use std::io::{Cursor, Read, Write};
 
@@ -7,19 +7,19 @@ use zip::read::ZipFile;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter};
 
-/// How hard to compress.
+/// Compression method.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Compression {
-    /// By deflate at its highest level.
+    /// Deflate at its highest level.
     #[default]
     Deflate,
-    /// By zopfli, a slow search for the shortest form: binaries get 3.5 % smaller.
+    /// Zopfli, a slow search for the smallest deflate stream: binaries are 3.5 % smaller.
     Zopfli,
 }
 
 impl Compression {
-    /// As the crate `zip` takes it: a level above 9 is zopfli with so many rounds more. Rounds after
-    /// the third take time and gain nothing.
+    /// The level for the crate `zip`: 9 plus n means zopfli with n iterations. More than three
+    /// iterations take time without gain.
     fn level(self) -> i64 {
         match self {
             Self::Deflate => 9,
@@ -28,37 +28,38 @@ impl Compression {
     }
 }
 
-/// A file, compressed once for all archives that it goes into.
+/// A file that is compressed once for all archives that contain it.
 ///
-/// It is an archive with this file alone: from there the crate `zip` copies without compressing anew.
+/// It is stored as an archive of this file alone, from which the crate `zip` copies it without
+/// compressing it again.
 pub struct Packed(Vec<u8>);
 
 impl Packed {
-    /// A file to be read.
+    /// Compresses an ordinary file.
     ///
     /// # Errors
-    /// It cannot be compressed.
+    /// The file cannot be compressed.
     pub fn text(content: &[u8]) -> Result<Self> {
         Self::new(content, 0o644, Some(Compression::Deflate))
     }
 
-    /// A file that is compressed already, as an FMU in a package of several.
+    /// Stores a file that is already compressed, such as an FMU in a package of several.
     ///
     /// # Errors
-    /// It is too large for an archive.
+    /// The file is too large for an archive.
     pub fn stored(content: &[u8]) -> Result<Self> {
         Self::new(content, 0o644, None)
     }
 
-    /// A file to be loaded or run.
+    /// Compresses an executable or a shared library.
     ///
     /// # Errors
-    /// It cannot be compressed.
+    /// The file cannot be compressed.
     pub fn program(content: &[u8], compression: Compression) -> Result<Self> {
         Self::new(content, 0o755, Some(compression))
     }
 
-    /// Its time stamp is that of an empty clock, so the same content gives the same bytes.
+    /// The time stamp is constant, so that the same content gives the same bytes.
     fn new(content: &[u8], mode: u32, compression: Option<Compression>) -> Result<Self> {
         let method = match compression {
             Some(_) => CompressionMethod::Deflated,
@@ -75,12 +76,12 @@ impl Packed {
         Ok(Self(writer.finish()?.into_inner()))
     }
 
-    /// The bytes to keep for [`Packed::from_bytes`].
+    /// The bytes for [`Packed::from_bytes`].
     pub fn as_bytes(&self) -> &[u8] {
         &self.0
     }
 
-    /// What was packed before, if it holds this content.
+    /// Restores a packed file, if it has the given content.
     pub fn from_bytes(packed: Vec<u8>, content: &[u8]) -> Option<Self> {
         let mut archive = ZipArchive::new(Cursor::new(packed.as_slice())).ok()?;
         let mut unpacked = Vec::new();
@@ -92,14 +93,14 @@ impl Packed {
         (unpacked == content).then_some(Self(packed))
     }
 
-    /// A file of another archive, as it is packed there.
+    /// Copies a compressed file from another archive.
     pub(super) fn of<R: Read>(file: ZipFile<'_, R>) -> Result<Self> {
         let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
         writer.raw_copy_file_rename(file, "file")?;
         Ok(Self(writer.finish()?.into_inner()))
     }
 
-    /// Adds it to an archive.
+    /// Adds the file to an archive.
     pub(super) fn copy(&self, path: &str, to: &mut ZipWriter<Cursor<Vec<u8>>>) -> Result<()> {
         let mut packed = ZipArchive::new(Cursor::new(self.0.as_slice()))?;
         to.raw_copy_file_rename(packed.by_index(0)?, path)?;

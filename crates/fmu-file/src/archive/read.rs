@@ -1,5 +1,5 @@
-//! Reads untrusted FMUs: no file leaves the folder that it is unpacked to, and no size exceeds the
-//! limits of memory and disk.
+//! Reads untrusted FMUs: no file is written outside the target folder, and sizes are limited to protect
+//! memory and disk.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read};
@@ -11,28 +11,28 @@ use zip::{CompressionMethod, ZipArchive, ZipReadOptions};
 use super::packed::Packed;
 use crate::text::quote;
 
-/// A model description larger than this is not read: it is damaged, or made to exhaust memory.
+/// Maximum size of a model description; a larger one is damaged or malicious.
 const MAX_XML: u64 = 64 << 20;
-/// More files than this are not looked at.
+/// Maximum number of files.
 const MAX_FILES: usize = 1 << 16;
-/// All files together may inflate to this size.
+/// Maximum total size of the inflated files.
 const MAX_INFLATED: u64 = 1 << 30;
-/// Above [`RATIO_FROM`], all files together may inflate to so many times the size of the archive.
-/// Binaries shrink to a third, tables to a twentieth.
+/// Maximum ratio of the total inflated size to the size of the archive, checked above [`RATIO_FROM`].
+/// Typical ratios are 3 for binaries and 20 for tables.
 const MAX_RATIO: u64 = 200;
 const RATIO_FROM: u64 = 16 << 20;
 
 /// The name of the model description in every FMU.
 pub const MODEL_DESCRIPTION: &str = "modelDescription.xml";
 
-/// An FMU, opened.
+/// An open FMU archive.
 pub struct Archive {
     zip: ZipArchive<BufReader<File>>,
     /// Names of all files and folders.
     pub names: Vec<String>,
     /// Size of the archive in bytes.
     pub size: u64,
-    /// What makes it unfit to be unpacked.
+    /// Reasons why it must not be unpacked.
     pub faults: Vec<String>,
 }
 
@@ -40,7 +40,7 @@ impl Archive {
     /// Reads the directory of an archive.
     ///
     /// # Errors
-    /// The file cannot be read, or is no archive.
+    /// The file cannot be read or is not an archive.
     pub fn open(file: &Path) -> Result<Self> {
         let metadata = fs::metadata(file).context("cannot open it")?;
         ensure!(
@@ -52,14 +52,14 @@ impl Archive {
             ZipArchive::new(BufReader::new(open)).context("it is damaged, or not an FMU")?;
         ensure!(
             zip.len() <= MAX_FILES,
-            "it holds {} files, expected at most {MAX_FILES}",
+            "it contains {} files, expected at most {MAX_FILES}",
             zip.len()
         );
         let names = zip
             .file_names()
             .map(|name| name.map(|name| name.into_owned()))
             .collect::<Result<Vec<_>, _>>()
-            .context("it is damaged: a file's name")?;
+            .context("it is damaged: invalid file name")?;
         let size = metadata.len();
         let faults = faults(&mut zip, &names, size);
         Ok(Self {
@@ -70,10 +70,10 @@ impl Archive {
         })
     }
 
-    /// As [`Archive::open`], and refuses what is unfit to be unpacked.
+    /// Like [`Archive::open`], but rejects archives with faults.
     ///
     /// # Errors
-    /// As [`Archive::open`]; the first fault.
+    /// As [`Archive::open`], or the first fault.
     pub fn open_sound(file: &Path) -> Result<Self> {
         let archive = Self::open(file)?;
         match archive.faults.first() {
@@ -82,10 +82,10 @@ impl Archive {
         }
     }
 
-    /// The text of the model description.
+    /// Reads the model description.
     ///
     /// # Errors
-    /// There is none, or it is damaged, too large, or not UTF-8.
+    /// It is missing, damaged, too large, or not UTF-8.
     pub fn model_description(&mut self) -> Result<String> {
         let index = self
             .zip
@@ -100,10 +100,10 @@ impl Archive {
         })
     }
 
-    /// The first bytes of a file.
+    /// Reads the first bytes of a file.
     ///
     /// # Errors
-    /// It is damaged.
+    /// The file is damaged.
     pub fn head(&mut self, name: &str, length: u64) -> Result<Vec<u8>> {
         let file = self.zip.by_name(name)?;
         let mut bytes = Vec::new();
@@ -129,10 +129,10 @@ impl Archive {
         Ok(bytes)
     }
 
-    /// A file, inflated.
+    /// Inflates a file.
     ///
     /// # Errors
-    /// It is damaged.
+    /// The file is damaged.
     pub fn content(&mut self, index: usize) -> Result<Vec<u8>> {
         let mut content = Vec::new();
         self.copy(index, &mut content)
@@ -140,16 +140,16 @@ impl Archive {
         Ok(content)
     }
 
-    /// A file as it is packed, to go into another archive.
+    /// Copies a file in compressed form, for another archive.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn packed(&mut self, index: usize) -> Result<Packed> {
         Packed::of(self.zip.by_index_raw(index)?)
             .with_context(|| format!("{} cannot be copied", quote(&self.names[index])))
     }
 
-    /// Inflates every file, and returns what is wrong with those that are damaged.
+    /// Inflates every file and describes the damaged ones.
     pub fn damages(&mut self) -> Vec<String> {
         (0..self.names.len())
             .filter_map(|index| {
@@ -162,12 +162,12 @@ impl Archive {
             .collect()
     }
 
-    /// Writes the files whose name begins so to a folder, under their names.
+    /// Unpacks the files whose names start with `prefix` to a folder.
     ///
     /// # Errors
-    /// A file cannot be read or written. Archives with faults are not unpacked at all.
+    /// The archive has faults, or a file cannot be read or written.
     pub fn unpack(&mut self, prefix: &str, folder: &Path) -> Result<()> {
-        ensure!(self.faults.is_empty(), "it is not fit to be unpacked");
+        ensure!(self.faults.is_empty(), "it is not safe to unpack");
         for index in 0..self.names.len() {
             let name = self.names[index].clone();
             if !name.starts_with(prefix) || name.ends_with('/') {
@@ -183,7 +183,7 @@ impl Archive {
         Ok(())
     }
 
-    /// Copies a file; no more bytes than it says to have.
+    /// Inflates a file; fails if its size is not as declared.
     fn copy(&mut self, index: usize, to: &mut impl io::Write) -> Result<()> {
         let file = self.zip.by_index(index)?;
         let size = file.size();
@@ -201,17 +201,17 @@ impl Archive {
     }
 }
 
-/// What makes an archive unfit to be unpacked.
+/// Reasons why an archive must not be unpacked.
 fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) -> Vec<String> {
     let mut faults: Vec<String> = names.iter().filter_map(|name| bad_name(name)).collect();
     let mut folded: Vec<String> = names.iter().map(|name| name.to_lowercase()).collect();
     folded.sort_unstable();
-    let twice = folded.windows(2).find(|pair| pair[0] == pair[1]);
+    let duplicate = folded.windows(2).find(|pair| pair[0] == pair[1]);
     if zip.has_duplicate_names() {
         faults.push("two files have the same name".into());
-    } else if let Some([name, _]) = twice {
+    } else if let Some([name, _]) = duplicate {
         faults.push(format!(
-            "two files have the name {} but for upper and lower case, which some systems take for one",
+            "two files have the name {} and differ only in upper and lower case, which some systems ignore",
             quote(name)
         ));
     } else if let Err(error) = zip.validate_header_consistency() {
@@ -239,14 +239,13 @@ fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) ->
     faults
 }
 
-/// What is wrong with the name of a file: it must stay below the folder that it is unpacked to, on
-/// every system.
+/// What is wrong with a file name: on every system, the file must stay inside the target folder.
 pub(super) fn bad_name(name: &str) -> Option<String> {
     let first = name.split('/').next().unwrap_or_default();
     let what = if name.contains('\\') {
         "has a backslash, expected forward slashes"
     } else if name.starts_with('/') || first.contains(':') {
-        "is an absolute path, expected one within the archive"
+        "is an absolute path, expected a relative path"
     } else if name.split('/').any(|part| part == ".." || part == ".") {
         "leaves its folder (path traversal), expected a path without . and .."
     } else if name.is_empty() || name.contains("//") || name.chars().any(char::is_control) {
@@ -257,7 +256,7 @@ pub(super) fn bad_name(name: &str) -> Option<String> {
     Some(format!("the file name {} {what}", quote(name)))
 }
 
-/// The inflated size of a file, or what is wrong with it.
+/// The inflated size of a file, or why it cannot be used.
 fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64, String> {
     let options = ZipReadOptions::new().ignore_encryption_flag(true);
     let file = match zip.by_index_with_options(index, options) {
@@ -265,14 +264,16 @@ fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64,
         Err(error) => return Err(format!("cannot be read: {error}")),
     };
     if file.encrypted() {
-        return Err("is encrypted, expected it open".into());
+        return Err("is encrypted, expected no encryption".into());
     }
     if file.is_symlink() {
         return Err("is a symbolic link, expected a file".into());
     }
     match file.compression() {
         CompressionMethod::Stored | CompressionMethod::Deflated => Ok(file.size()),
-        other => Err(format!("is packed by {other}, expected deflate or none")),
+        other => Err(format!(
+            "is compressed with {other}, expected deflate or none"
+        )),
     }
 }
 
@@ -281,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_leave_the_archive_are_refused() {
+    fn unsafe_names_are_rejected() {
         for bad in [
             "../a",
             "a/../../b",

@@ -1,42 +1,42 @@
-//! What two model descriptions differ in.
+//! Differences between two model descriptions.
 
 use std::collections::HashSet;
 
 use crate::text::{plain, quote};
 use fmu_description::xml::Element;
 
-/// Attributes of the root that tell of an export, not of the model.
-const OF_THE_EXPORT: [&str; 2] = ["generationTool", "generationDateAndTime"];
-/// Elements of the tool that wrote them, which have no meaning to others.
-const OF_A_TOOL: [&str; 2] = ["VendorAnnotations", "Annotations"];
+/// Attributes of the root element that describe the export, not the model.
+const EXPORT_ATTRIBUTES: [&str; 2] = ["generationTool", "generationDateAndTime"];
+/// Tool-specific elements, which have no meaning for other tools.
+const TOOL_ELEMENTS: [&str; 2] = ["VendorAnnotations", "Annotations"];
 
-/// The comparison stops after this many.
+/// Maximum number of differences.
 const MAX_DIFFERENCES: usize = 100;
-/// No text is longer than this.
+/// Maximum length of a text.
 const MAX_LENGTH: usize = 300;
 
-/// An attribute or element that is not the same in two model descriptions.
+/// An attribute or element that differs between two model descriptions.
 #[derive(Debug, PartialEq)]
 pub struct Difference {
-    /// What differs: the elements that lead to it, and its name.
+    /// Path of the attribute or element.
     pub path: String,
-    /// What each has there, if it has anything.
+    /// The value in each model description; `None` if missing.
     pub values: [Option<String>; 2],
-    /// Whether the FMUs are of one version of a model all the same.
+    /// Whether the FMUs can be the same version of the same model nevertheless.
     pub is_harmless: bool,
 }
 
 impl Difference {
     fn new(path: String, values: [Option<String>; 2]) -> Self {
         Self {
-            is_harmless: OF_THE_EXPORT.contains(&path.as_str()),
+            is_harmless: EXPORT_ATTRIBUTES.contains(&path.as_str()),
             path: plain(&path, MAX_LENGTH),
             values: values.map(|value| value.map(|value| plain(&value, MAX_LENGTH))),
         }
     }
 }
 
-/// The first differences of two model descriptions, in their order.
+/// The first differences between two model descriptions, in order.
 pub fn differences(left: &Element<'_>, right: &Element<'_>) -> Vec<Difference> {
     let mut found = Vec::new();
     compare("", left, right, &mut found);
@@ -55,7 +55,7 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
         let labels = match (next, labels) {
             ([None, None], _) => return,
             ([Some(left), Some(right)], [Some(label), Some(other)]) if label == other => {
-                compare(&below(path, &label), left, right, found);
+                compare(&child_path(path, &label), left, right, found);
                 of_left.next();
                 of_right.next();
                 continue;
@@ -68,7 +68,7 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
                 of_right.next();
                 [None, Some(right)]
             }
-            // They stand in another order: those that follow are not each other's partners.
+            // The order differs, so the elements that follow cannot be paired.
             (_, labels) => {
                 found.push(Difference::new(parent.to_owned(), labels));
                 return;
@@ -78,7 +78,7 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
     }
 }
 
-/// Adds the attributes that differ. Their order has no meaning.
+/// Compares attributes; their order is irrelevant.
 fn attributes(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
     let names = [left, right].map(|element| element.attributes.iter().map(|(name, _)| *name));
     let [of_left, of_right] = names;
@@ -87,13 +87,13 @@ fn attributes(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut V
         let values = [left, right].map(|element| element.attribute(name));
         if values[0] != values[1] {
             let values = values.map(|value| value.map(quote));
-            found.push(Difference::new(below(path, name), values));
+            found.push(Difference::new(child_path(path, name), values));
         }
     }
 }
 
-/// The path of what lies at a path; that of the root is empty.
-fn below(path: &str, name: &str) -> String {
+/// The path of a child or attribute; the path of the root is empty.
+fn child_path(path: &str, name: &str) -> String {
     if path.is_empty() {
         name.to_owned()
     } else {
@@ -102,11 +102,11 @@ fn below(path: &str, name: &str) -> String {
 }
 
 fn children<'a, 'b>(element: &'a Element<'b>) -> impl Iterator<Item = &'a Element<'b>> {
-    let of_the_model = |child: &&Element<'_>| !OF_A_TOOL.contains(&child.name);
+    let of_the_model = |child: &&Element<'_>| !TOOL_ELEMENTS.contains(&child.name);
     element.children.iter().filter(of_the_model)
 }
 
-/// The name of an element, with what it names.
+/// The name of an element, with its attribute `name`.
 fn label(element: &Element<'_>) -> String {
     match element.attribute("name") {
         Some(name) => format!("{} {}", element.name, quote(name)),
@@ -140,21 +140,21 @@ mod tests {
     }
 
     #[test]
-    fn form_and_order_of_attributes_make_no_difference() {
+    fn syntax_and_order_of_attributes_are_irrelevant() {
         let left = "<?xml version='1.0'?><r a='1' b='&lt;'><v name='x'><Real/></v></r>";
         let right = "<r b=\"<\" a='1'>\r\n<!-- c --><v name='x'><Real></Real></v></r>";
         assert_eq!(found(left, &right.replace("\"<\"", "'&#60;'")), []);
     }
 
     #[test]
-    fn what_tools_write_for_themselves_makes_no_difference() {
+    fn tool_specific_elements_are_ignored() {
         let left = "<r><VendorAnnotations><T/></VendorAnnotations><v name='x'/></r>";
         let right = "<r><v name='x'><Annotations><T/></Annotations></v></r>";
         assert_eq!(found(left, right), []);
     }
 
     #[test]
-    fn attributes_are_named_with_their_place_and_values() {
+    fn differing_attributes_have_a_path_and_values() {
         let left = "<r guid='1'><V><v name='x'><Real start='0'/></v></V></r>";
         let right = "<r guid='2'><V><v name='x' c='d'><Real/></v></V></r>";
         assert_eq!(
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn elements_without_a_partner_are_named() {
+    fn unpaired_elements_are_reported() {
         let left = "<r><T/><V><v name='x'/><v name='y'/><v name='z'/></V></r>";
         let right = "<r><V><v name='x'/><v name='z' a='1'/><v name='w'/></V></r>";
         assert_eq!(
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_compared_up_to_where_its_order_differs() {
+    fn a_list_is_compared_until_its_order_differs() {
         let left = "<r><V><v name='x'/><v name='y'/></V><O><u i='1'/></O></r>";
         let right = "<r><V><v name='y'/><v name='x'/></V><O><u i='1'/><u i='2'/></O></r>";
         assert_eq!(
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_tells_of_the_export_is_harmless() {
+    fn only_export_attributes_are_harmless() {
         let left = "<r generationTool='a' generationDateAndTime='1' version='1'><s generationTool='a'/></r>";
         let right = "<r generationTool='b' version='2'><s generationTool='b'/></r>";
         let (left, right) = (xml::parse(left).unwrap(), xml::parse(right).unwrap());
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_without_end_are_cut() {
+    fn the_number_of_differences_is_limited() {
         let long = |value: &str| {
             let variables: String = (0..1000)
                 .map(|i| format!("<v name='{i}' a='{value}'/>"))

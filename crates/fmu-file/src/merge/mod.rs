@@ -1,4 +1,4 @@
-//! Merges FMUs of one model that were built on several machines into one for all platforms.
+//! Merges FMUs of one model that were built on several machines into one FMU for all platforms.
 
 mod difference;
 
@@ -13,31 +13,31 @@ use crate::text::{about, quote};
 use difference::{Difference, differences};
 use fmu_description::xml::{self, Element};
 
-/// No more differences than this are shown.
+/// Maximum number of differences shown.
 const MAX_SHOWN: usize = 20;
 
-/// What a merge wrote.
+/// The result of a merge.
 #[derive(Debug)]
 pub struct Merged {
     /// Size of the FMU in bytes.
     pub size: u64,
     /// The platform folders that it has binaries in.
     pub platforms: Vec<String>,
-    /// Harmless differences, and which FMU was followed.
+    /// Harmless differences, and which FMU was used.
     pub notes: Vec<String>,
 }
 
-/// An FMU to be joined with others.
+/// An FMU to merge.
 struct Fmu {
     path: PathBuf,
     archive: Archive,
     description: String,
 }
 
-/// Where a file stands: the number of the FMU, and that of the file in it.
+/// The source of a file: the index of the FMU, and the index of the file in it.
 type Source = (usize, usize);
 
-/// The parts of an FMU, as `cargo fmu export` writes one after the other.
+/// The parts of an FMU, in the order in which `cargo fmu export` writes them.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     ModelDescription,
@@ -48,7 +48,7 @@ enum Part {
 /// Merges two or more FMUs and writes the result to `out`, which may be one of them.
 ///
 /// # Errors
-/// One cannot be read, or does not fit the others; `out` cannot be written.
+/// An FMU cannot be read or does not match the others, or `out` cannot be written.
 pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
     ensure!(
         files.len() > 1,
@@ -65,9 +65,9 @@ pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
     }
     let files = sources(&fmus)
         .into_values()
-        .map(|sources| one(&sources, &mut fmus, &mut notes))
+        .map(|sources| choose(&sources, &mut fmus, &mut notes))
         .collect::<Result<Vec<_>>>()?;
-    // Windows puts nothing in the place of a file that is open.
+    // Windows does not replace open files.
     drop(fmus);
     let entries: Vec<_> = files
         .iter()
@@ -117,10 +117,10 @@ fn root(description: &str) -> Result<Element<'_>> {
     xml::parse(description).with_context(|| format!("{MODEL_DESCRIPTION} cannot be read"))
 }
 
-/// Checks that two FMUs have the same interface, and notes harmless differences.
+/// Checks that two model descriptions agree, and notes harmless differences.
 fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result<()> {
     let (left, right) = (root(&first.description)?, root(&other.description)?);
-    let (harmless, grave): (Vec<_>, Vec<_>) = differences(&left, &right)
+    let (harmless, conflicts): (Vec<_>, Vec<_>) = differences(&left, &right)
         .into_iter()
         .partition(|difference| difference.is_harmless);
     let shown = |difference: &Difference| {
@@ -135,13 +135,13 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
             other.path.display()
         )
     };
-    if !grave.is_empty() {
-        let mut lines: Vec<_> = grave.iter().take(MAX_SHOWN).map(shown).collect();
-        if grave.len() > MAX_SHOWN {
+    if !conflicts.is_empty() {
+        let mut lines: Vec<_> = conflicts.iter().take(MAX_SHOWN).map(shown).collect();
+        if conflicts.len() > MAX_SHOWN {
             lines.push("and more".into());
         }
         bail!(
-            "{} and {} are not of one version of a model; {MODEL_DESCRIPTION} differs:\n  {}",
+            "{} and {} are not the same version of the same model; {MODEL_DESCRIPTION} differs:\n  {}",
             first.path.display(),
             other.path.display(),
             lines.join("\n  ")
@@ -150,17 +150,17 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
     notes.extend(
         harmless
             .iter()
-            .map(|difference| kept(&shown(difference), first)),
+            .map(|difference| note(&shown(difference), first)),
     );
     Ok(())
 }
 
-/// Where each file stands, part by part. Sorted, so that the order of the FMUs does not matter.
+/// The sources of each file, by part. Sorted, so that the order of the FMUs does not matter.
 fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
     let mut files = BTreeMap::<_, Vec<_>>::new();
     for (number, fmu) in fmus.iter().enumerate() {
         for (index, name) in fmu.archive.names.iter().enumerate() {
-            // On some systems names that differ in case are one.
+            // Some systems ignore case in names.
             let folded = name.to_lowercase();
             let part = if name == MODEL_DESCRIPTION {
                 Part::ModelDescription
@@ -178,8 +178,12 @@ fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
     files
 }
 
-/// The one file that stands for all of a name: that of the first FMU which has it.
-fn one(sources: &[Source], fmus: &mut [Fmu], notes: &mut Vec<String>) -> Result<(String, Packed)> {
+/// Chooses among the files of one name: the one from the first FMU that has it.
+fn choose(
+    sources: &[Source],
+    fmus: &mut [Fmu],
+    notes: &mut Vec<String>,
+) -> Result<(String, Packed)> {
     let (first, index) = sources[0];
     let name = fmus[first].archive.names[index].clone();
     let content = fmus[first].content(index)?;
@@ -187,14 +191,14 @@ fn one(sources: &[Source], fmus: &mut [Fmu], notes: &mut Vec<String>) -> Result<
         let other_name = &fmus[other].archive.names[index];
         ensure!(
             *other_name == name,
-            "{} has {}, and {} has {}, which some systems take for one file",
+            "{} has {}, and {} has {}; some systems treat them as the same file",
             fmus[first].path.display(),
             quote(&name),
             fmus[other].path.display(),
             quote(other_name)
         );
         let is_same = fmus[other].content(index)? == content;
-        // Model descriptions have been compared by what they mean.
+        // The content of model descriptions was compared before.
         if is_same || name == MODEL_DESCRIPTION {
             continue;
         }
@@ -204,20 +208,20 @@ fn one(sources: &[Source], fmus: &mut [Fmu], notes: &mut Vec<String>) -> Result<
             fmus[first].path.display(),
             fmus[other].path.display()
         );
-        ensure!(is_for_people(&name), "{what}, expected the same bytes");
-        notes.push(kept(&what, &fmus[first]));
+        ensure!(is_documentation(&name), "{what}, expected the same bytes");
+        notes.push(note(&what, &fmus[first]));
     }
     Ok((name, fmus[first].packed(index)?))
 }
 
-/// Whether no simulation reads the file. A page may name the day and the machine that it was made on.
-fn is_for_people(name: &str) -> bool {
+/// Whether the file is irrelevant for simulation. Pages may mention when and where they were created.
+fn is_documentation(name: &str) -> bool {
     name.starts_with("documentation/") || name == ICON
 }
 
-/// A harmless difference, and which FMU was followed.
-fn kept(what: &str, fmu: &Fmu) -> String {
-    format!("{what}; kept that of {}", fmu.path.display())
+/// A note on a harmless difference, and which FMU was used.
+fn note(what: &str, fmu: &Fmu) -> String {
+    format!("{what}; kept the one from {}", fmu.path.display())
 }
 
 #[cfg(test)]
@@ -230,7 +234,7 @@ mod tests {
 
     const XML: &str = "<fmiModelDescription guid='1'/>";
 
-    /// FMUs in a folder of their own.
+    /// A temporary folder with FMUs.
     struct Folder(TempDir);
 
     impl Folder {
@@ -242,7 +246,7 @@ mod tests {
             self.0.path().join(name)
         }
 
-        /// Writes an FMU of this model description and other files.
+        /// Writes an FMU with a model description and other files.
         fn fmu(&self, name: &str, xml: &str, files: &[(&str, &str)]) {
             let packed: Vec<_> = [(MODEL_DESCRIPTION, xml)]
                 .iter()
@@ -262,15 +266,15 @@ mod tests {
             merge(&files, &self.file("out"))
         }
 
-        /// Why FMUs are not joined; nothing may have been written.
-        fn refusal(&self, files: &[&str]) -> String {
+        /// The error of a failed merge, which must not write anything.
+        fn error(&self, files: &[&str]) -> String {
             let error = self.merge(files).unwrap_err();
             assert!(!self.file("out").exists());
             format!("{error:#}")
         }
 
         /// Names and texts of the files in `out`.
-        fn joined(&self) -> Vec<(String, String)> {
+        fn merged(&self) -> Vec<(String, String)> {
             let mut archive = Archive::open_sound(&self.file("out")).unwrap();
             let names = archive.names.clone();
             let text = |index| String::from_utf8(archive.content(index).unwrap()).unwrap();
@@ -280,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_joined_in_the_order_of_an_export() {
+    fn files_are_merged_in_the_order_of_an_export() {
         let folder = Folder::new();
         let shared = ("documentation/index.html", "page");
         let (linux, windows) = (
@@ -299,7 +303,7 @@ mod tests {
             ("resources/r", "r"),
         ];
         assert_eq!(
-            folder.joined(),
+            folder.merged(),
             expected.map(|(name, text)| (name.to_owned(), text.to_owned()))
         );
         let bytes = fs::read(folder.file("out")).unwrap();
@@ -310,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_simulation_reads_must_be_the_same() {
+    fn files_relevant_for_simulation_must_be_identical() {
         let folder = Folder::new();
         for name in [
             "binaries/linux64/A.so",
@@ -320,19 +324,19 @@ mod tests {
         ] {
             folder.fmu("a", XML, &[(name, "1")]);
             folder.fmu("b", XML, &[(name, "2")]);
-            let said = folder.refusal(&["a", "b"]);
+            let error = folder.error(&["a", "b"]);
             assert!(
-                said.contains(&format!(
+                error.contains(&format!(
                     "{name:?} differs in {}",
                     folder.file("a").display()
                 )),
-                "{said}"
+                "{error}"
             );
         }
     }
 
     #[test]
-    fn of_what_people_read_the_first_is_taken() {
+    fn documentation_is_taken_from_the_first_fmu() {
         let folder = Folder::new();
         let files = |text| [("documentation/index.html", text), ("model.png", text)];
         folder.fmu(
@@ -346,35 +350,35 @@ mod tests {
             &files("2"),
         );
         folder.merge(&["b", "a"]).unwrap();
-        for (name, text) in folder.joined() {
+        for (name, text) in folder.merged() {
             assert!(text.contains('2') && !text.contains('1'), "{name}: {text}");
         }
     }
 
     #[test]
-    fn names_that_differ_in_case_are_refused() {
+    fn names_that_differ_in_case_are_rejected() {
         let folder = Folder::new();
         folder.fmu("a", XML, &[("binaries/linux64/A.so", "")]);
         folder.fmu("b", XML, &[("Binaries/linux64/a.so", "")]);
-        let said = folder.refusal(&["a", "b"]);
-        assert!(said.contains("\"Binaries/linux64/a.so\""), "{said}");
+        let error = folder.error(&["a", "b"]);
+        assert!(error.contains("\"Binaries/linux64/a.so\""), "{error}");
     }
 
     #[test]
-    fn every_fmu_is_compared_and_named() {
+    fn every_fmu_is_compared() {
         let folder = Folder::new();
         folder.fmu("a", XML, &[]);
         folder.fmu("b", XML, &[]);
         folder.fmu("c", "<fmiModelDescription guid='2'/>", &[]);
-        let said = folder.refusal(&["a", "b", "c"]);
+        let error = folder.error(&["a", "b", "c"]);
         let (a, c) = (folder.file("a"), folder.file("c"));
         let line = format!("guid: \"1\" in {}, \"2\" in {}", a.display(), c.display());
-        assert!(said.contains(&line), "{said}");
-        assert!(!said.contains("and more"), "{said}");
+        assert!(error.contains(&line), "{error}");
+        assert!(!error.contains("and more"), "{error}");
     }
 
     #[test]
-    fn what_is_no_fmu_is_refused_and_named() {
+    fn files_that_are_not_fmus_are_rejected() {
         let folder = Folder::new();
         folder.fmu("a", XML, &[]);
         fs::write(folder.file("text"), "no archive").unwrap();
@@ -382,26 +386,26 @@ mod tests {
         folder.fmu("broken", "<a>", &[]);
         for bad in ["text", "other", "broken", "missing"] {
             for files in [["a", bad], [bad, "a"]] {
-                let said = folder.refusal(&files);
+                let error = folder.error(&files);
                 let path = folder.file(bad).display().to_string();
-                assert!(said.starts_with(&path), "{said}");
+                assert!(error.starts_with(&path), "{error}");
             }
         }
     }
 
     #[test]
-    fn one_fmu_is_too_few() {
+    fn a_single_fmu_is_rejected() {
         let folder = Folder::new();
         folder.fmu("a", XML, &[]);
-        assert!(folder.refusal(&["a"]).contains("two or more"));
+        assert!(folder.error(&["a"]).contains("two or more"));
     }
 
     #[test]
-    fn no_damage_gets_into_what_is_written() {
+    fn damage_never_reaches_the_output() {
         let folder = Folder::new();
         folder.fmu("a", XML, &[("binaries/linux64/A.so", "the program")]);
         folder.merge(&["a", "a"]).unwrap();
-        let expected = folder.joined();
+        let expected = folder.merged();
         let sound = fs::read(folder.file("a")).unwrap();
         for position in 0..sound.len() {
             let mut damaged = sound.clone();
@@ -413,7 +417,7 @@ mod tests {
                     let texts = files.iter().map(|(_, text)| text.clone());
                     texts.collect::<Vec<_>>()
                 };
-                assert_eq!(texts(&folder.joined()), texts(&expected), "at {position}");
+                assert_eq!(texts(&folder.merged()), texts(&expected), "at {position}");
             }
         }
     }

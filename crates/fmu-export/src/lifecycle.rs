@@ -1,4 +1,4 @@
-//! Where an instance stands in its life, and which steps it may take.
+//! The lifecycle of an instance, and the steps it may take.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,24 +6,24 @@ use crate::log::{Category, Log};
 use crate::phase::Phase;
 use crate::reason::{Reason, reason};
 
-/// By how much (s) communication points may differ in any case.
+/// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
 
-/// Where an instance stands in its life. With the model's values, that is all of its state.
+/// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Life {
+pub(crate) struct Lifecycle {
     pub(crate) phase: Phase,
     pub(crate) start_time: f64,
     pub(crate) stop_time: Option<f64>,
-    /// The current communication point (s), once a step was taken.
+    /// The current communication point (s); `None` before the first step.
     pub(crate) time: Option<f64>,
-    /// Whether values were set since the outputs were last initialized.
+    /// Whether values were set since the outputs were last computed.
     pub(crate) stale: bool,
     /// Whether an input has a time derivative for the next step.
     pub(crate) has_input_derivatives: bool,
 }
 
-impl Life {
+impl Lifecycle {
     pub(crate) const NEW: Self = Self {
         phase: Phase::Instantiated,
         start_time: 0.0,
@@ -33,13 +33,13 @@ impl Life {
         has_input_derivatives: false,
     };
 
-    /// Whether the state of an instance in it can be saved: a dead one answers no call.
+    /// Whether the state can be saved: after a fatal error, no call is allowed.
     pub(crate) fn can_be_saved(&self) -> bool {
         self.phase != Phase::Fatal
     }
 
-    /// Whether a step is one of those that follow each other in a simulation, told by few
-    /// comparisons. [`check_step`](Self::check_step) allows it, and maybe others.
+    /// Quickly checks for a regular step from the end of the last one. It implies that
+    /// [`check_step`](Self::check_step) allows the step, but not the reverse.
     #[inline(always)]
     pub(crate) fn is_next_step(&self, time: f64, step: f64) -> bool {
         self.phase == Phase::StepComplete
@@ -49,7 +49,7 @@ impl Life {
             && (self.stop_time).is_none_or(|stop| time + step <= stop)
     }
 
-    /// Checks a step; what is unusual about it goes to the log.
+    /// Checks a step, and logs a warning if it is unusual.
     pub(crate) fn check_step(&self, time: f64, step: f64, log: &Log) -> Result<(), Reason> {
         if !step.is_finite() || step < 0.0 {
             return Err(reason!(
@@ -61,7 +61,7 @@ impl Life {
                 "the communication point is {time:?}; expected a finite number"
             ));
         }
-        // Hosts add up or multiply times, and differ by rounding.
+        // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         match self.time {
             Some(end) if (time - end).abs() > tolerance => {
@@ -81,7 +81,7 @@ impl Life {
         }
     }
 
-    /// A sampled loop may begin at its first sample instead of at the start time.
+    /// Allows a late first step: a sampled loop may start at its first sample.
     fn check_first_step(
         &self,
         time: f64,
@@ -99,7 +99,7 @@ impl Life {
         if late > tolerance {
             log.send(Category::Warning, || {
                 format!(
-                    "fmi2DoStep: the first step begins at {time}, not at the start time {start}"
+                    "fmi2DoStep: the first step starts at {time}, not at the start time {start}"
                 )
             });
         }
@@ -111,35 +111,35 @@ impl Life {
 mod tests {
     use super::*;
 
-    /// The life of an instance whose last step ended at 1 s, and that stops at 2 s.
-    const RUNNING: Life = Life {
+    /// An instance whose last step ended at 1 s and whose stop time is 2 s.
+    const RUNNING: Lifecycle = Lifecycle {
         phase: Phase::StepComplete,
         stop_time: Some(2.0),
         time: Some(1.0),
-        ..Life::NEW
+        ..Lifecycle::NEW
     };
 
-    fn is_allowed(life: &Life, time: f64, step: f64) -> bool {
+    fn is_allowed(lifecycle: &Lifecycle, time: f64, step: f64) -> bool {
         let log = Log::new(None, false);
-        life.check_step(time, step, &log).is_ok()
+        lifecycle.check_step(time, step, &log).is_ok()
     }
 
     #[test]
-    fn the_next_step_needs_no_closer_look() {
+    fn regular_steps_take_the_fast_path() {
         for (time, step) in [(1.0, 1e-3), (1.0 + 1e-12, 0.5), (1.0, 1.0)] {
             assert!(RUNNING.is_next_step(time, step));
         }
     }
 
     #[test]
-    fn what_needs_no_closer_look_would_be_allowed() {
+    fn every_step_on_the_fast_path_is_allowed() {
         let extremes = [0.0, 1e-300, 1e-9, 1.0, 1.0 + 1e-9, 1.1, 2.0, f64::MAX];
         let others = [f64::INFINITY, f64::NAN, -1.0, f64::MIN];
         let numbers: Vec<f64> = extremes.into_iter().chain(others).collect();
         for &end in &numbers {
             for stop_time in [None, Some(2.0), Some(f64::MAX)] {
                 let time = Some(end);
-                let life = Life {
+                let lifecycle = Lifecycle {
                     stop_time,
                     time,
                     ..RUNNING
@@ -149,8 +149,8 @@ mod tests {
                     .flat_map(|t| numbers.iter().map(move |h| (t, h)))
                 {
                     assert!(
-                        !life.is_next_step(time, step) || is_allowed(&life, time, step),
-                        "{life:?} {time} {step}"
+                        !lifecycle.is_next_step(time, step) || is_allowed(&lifecycle, time, step),
+                        "{lifecycle:?} {time} {step}"
                     );
                 }
             }
@@ -158,8 +158,8 @@ mod tests {
     }
 
     #[test]
-    fn the_first_step_and_other_states_need_a_closer_look() {
-        let first = Life {
+    fn the_first_step_and_other_states_take_the_slow_path() {
+        let first = Lifecycle {
             time: None,
             ..RUNNING
         };
@@ -170,7 +170,7 @@ mod tests {
             Phase::Error,
             Phase::Fatal,
         ] {
-            assert!(!Life { phase, ..RUNNING }.is_next_step(1.0, 0.1));
+            assert!(!Lifecycle { phase, ..RUNNING }.is_next_step(1.0, 0.1));
         }
     }
 }
