@@ -26,8 +26,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 from pendulum_fmus.master import Component, System, simulate
-from pendulum_fmus.project import FMUS, PROGRAM, ROOT
+from pendulum_fmus.project import FMUS, ROOT
 
+PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
 OUT = ROOT / "target" / "bench"
 CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"

@@ -38,7 +38,7 @@ def fmus() -> Path:
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     if not PROGRAM.exists():
-        pytest.fail(f"{PROGRAM} is missing: run `make native`", pytrace=False)
+        pytest.fail(f"{PROGRAM} is missing: run `make fmus`", pytrace=False)
     return PROGRAM
 
 

@@ -25,7 +25,7 @@ SECONDS = 60
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the program, which must neither panic nor be killed, whatever its exit code."""
     if not PROGRAM.exists():
-        pytest.fail(f"{PROGRAM} is missing: `make native` builds it", pytrace=False)
+        pytest.fail(f"{PROGRAM} is missing: `make fmus` builds it", pytrace=False)
     result = subprocess.run(
         [PROGRAM, *map(str, arguments)],
         cwd=cwd,

@@ -345,7 +345,7 @@ def test_invalid_files_are_reported(program, tmp_path):
     out = tmp_path / "out.csv"
     assert "no.toml: cannot read" in complaint(distributed(tmp_path / "no.toml", out))
     assert "expected a file named .csv" in complaint(distributed(sweep, tmp_path / "out.xlsx"))
-    assert "make native" in complaint(distributed(sweep, out, "--program", tmp_path / "nothing"))
+    assert "make fmus" in complaint(distributed(sweep, out, "--program", tmp_path / "nothing"))
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
     nowhere = tmp_path / "nowhere" / "out.csv"
     result = subprocess.run(
@@ -373,7 +373,7 @@ def test_different_fmus_with_the_same_name_are_rejected(program, fmus, tmp_path)
         shutil.copy(fmus / f"{model}.fmu", tmp_path / folder / "Controller.fmu")
     (tmp_path / "system.toml").write_text(text.replace("../../target/fmu", str(fmus)))
     sweep = tmp_path / "sweep.toml"
-    sweep.write_text('system = "system.toml"\n' + LONG.replace("20.0", "0.01"))
+    sweep.write_text('system = "system.toml"\n' + LONG.replace("20.0", "0.01") + sweeps.SIGNALS)
     out = tmp_path / "out.csv"
     message = complaint(distributed(sweep, out))
     assert "b/Controller.fmu are different FMUs; give them different names" in message

@@ -13,8 +13,8 @@ import fmpy
 import pytest
 from lxml import etree
 
-ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = ROOT / "target" / "debug" / "cargo-fmu"
+from pendulum_fmus.project import PROGRAM, ROOT
+
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 
 MEMORY = 1 << 30

@@ -10,5 +10,5 @@ FMUS = ROOT / "target" / "fmu"
 REPORT = ROOT / "target" / "report"
 """Folder for Table 1 and the figures."""
 
-PROGRAM = ROOT / "target" / "native" / "cargo-fmu"
-"""The optimized command line with the native master, built by `make native`."""
+PROGRAM = ROOT / "target" / "debug" / "cargo-fmu"
+"""The command line with the native master, built by `make fmus`."""

@@ -104,7 +104,7 @@ def call(program: Path, *arguments: object) -> str:
         result = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise SweepError(
-            f"cannot run {program}: {error.strerror}; `make native` builds the program"
+            f"cannot run {program}: {error.strerror}; `make fmus` builds the program"
         ) from error
     if result.returncode:
         raise SweepError(failure_message(result.stderr, result.returncode))
@@ -413,7 +413,7 @@ def arguments(words: Sequence[str] | None = None) -> argparse.Namespace:
         type=Path,
         default=PROGRAM,
         metavar="FILE",
-        help="the native program (default: target/native/cargo-fmu of this project)",
+        help="the native program (default: target/debug/cargo-fmu of this project)",
     )
     return parser.parse_args(words)
 

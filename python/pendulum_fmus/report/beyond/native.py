@@ -51,7 +51,7 @@ def sweep(
     The metrics by name, each of shape (n,); NaN where a run has no value.
     """
     if not PROGRAM.is_file():
-        raise MasterError(f"{PROGRAM} does not exist; run `make native` first")
+        raise MasterError(f"{PROGRAM} does not exist; run `make fmus` first")
     with tempfile.TemporaryDirectory(prefix="sweep-") as name:
         folder = Path(name)
         text = (EXAMPLES / f"{SYSTEMS[kind]}.toml").read_text(encoding="utf-8")
