@@ -56,7 +56,7 @@ def assert_same_bits(computed: dict[str, np.ndarray], expected: dict[str, np.nda
 
 @pytest.mark.parametrize(
     "loop",
-    table1.runs(),
+    sorted(table1.runs(), key=repr),
     ids=lambda run: f"{run.controller}-{run.signal}-{run.disturbance}-{run.w0}",
 )
 def test_the_runs_of_table_1_equal_fmpys_bit_for_bit(loop, table_results, tmp_path):
