@@ -21,9 +21,10 @@ def run(command: str, folder: Path = ROOT) -> None:
 def project(name: str = "own-controller") -> Path:
     """Return a new copy of the sources for modification.
 
-    All copies have the same path and target folder, so that cargo rebuilds only modified files.
+    All copies of a test process have the same path and target folder, so that cargo rebuilds only
+    modified files.
     """
-    target = ROOT / "target" / name
+    target = ROOT / "target" / f"{name}-{os.environ.get('PYTEST_XDIST_WORKER', 'gw0')}"
     copy = target / "project"
     shutil.rmtree(copy, ignore_errors=True)
     ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")

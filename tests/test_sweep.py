@@ -283,7 +283,7 @@ def typed(name: str, cell: str) -> float | bool | str | None:
 def test_parquet_equals_csv(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     expected(sweep, ".parquet")
-    found = pyarrow.parquet.read_table(tmp_path / "undisturbed.parquet")
+    found = pyarrow.parquet.read_table(tmp_path / "uninterrupted.parquet")
     rows = csv.DictReader(io.StringIO(expected(sweep).decode()))
     assert found.to_pylist() == [{name: typed(name, row[name]) for name in row} for row in rows]
     types = {field.name: str(field.type) for field in found.schema}
