@@ -45,7 +45,8 @@ check: lint fmus
 
 ## test: run `make check` and all Python tests
 test: check portable
-	$(RUN) -m pytest --numprocesses auto --dist loadfile
+	$(RUN) -m pytest --numprocesses auto --dist loadfile --ignore tests/test_distributed.py
+	$(RUN) -m pytest tests/test_distributed.py # by itself: clusters share ports and have deadlines
 
 ## lint: check formatting, lints, documentation, licences and workflows
 lint: $(VENV)/.test
