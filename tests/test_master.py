@@ -160,7 +160,7 @@ def test_csv_can_be_written_to_a_device(fmus, tmp_path):
 
 def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
     monkeypatch.chdir(ROOT)
-    example = master.__doc__.split("communication step.\n\n")[1].split("\n\nThere are two orders")[0]
+    example = master.__doc__.split("communication step.\n\n")[1].split("\n\nThere are two")[0]
     namespace = dict(vars(master))
     exec(textwrap.dedent(example), namespace)
     theta = namespace["results"]["plant.theta"]
