@@ -1,17 +1,16 @@
 //! The cost of a step in process, and of opening an FMU. `bench/run.py` compares it with the C
-//! interface and prints the table of the README. Needs the FMUs: `cargo fmu export`.
+//! interface and prints the table of docs/speed.md. Needs the FMUs: `cargo fmu export`.
 
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
-use control::pid::{Gains, Integral};
+use control::closed_loop::{TS, pid};
+use control::pid::Integral;
 use control::plant::{Linear, Parameters, State};
-use control::{IpidRbf, Pid, PidRbf, Rbf};
+use control::{IpidRbf, PidRbf, Rbf};
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
 use fmu_cosim::Fmu;
-
-const TS: f64 = 0.001;
 
 /// A signal that always changes and is large enough to avoid denormal numbers.
 struct Signal {
@@ -34,18 +33,6 @@ impl Signal {
     }
 }
 
-fn pid(integral: Integral) -> Pid {
-    let mut pid = Pid::new(integral);
-    pid.gains = Gains {
-        kp: 300.0,
-        ki: 500.0,
-        kd: 100.0,
-    };
-    pid.ts = TS;
-    pid.u_max = 100.0;
-    pid
-}
-
 /// Nodes spread evenly over -2 to 2.
 fn network<const N: usize>() -> Rbf<N> {
     let mut network = Rbf::default();
@@ -59,7 +46,7 @@ fn network<const N: usize>() -> Rbf<N> {
 
 fn pid_rbf<const N: usize>() -> PidRbf<N> {
     PidRbf {
-        pid: pid(Integral::Sum),
+        pid: pid(Integral::Sum, false),
         network: network(),
         ..PidRbf::default()
     }
@@ -67,7 +54,7 @@ fn pid_rbf<const N: usize>() -> PidRbf<N> {
 
 fn fmu_file(model: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../target/fmu")
+        .join("../../target/fmu")
         .join(format!("{model}.fmu"))
 }
 
@@ -76,7 +63,7 @@ type Group<'a> = BenchmarkGroup<'a, WallTime>;
 /// Each controller and the plant, called in process.
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("Pid");
-    let (mut c, mut y) = (pid(Integral::Sum), Signal::new(0.99));
+    let (mut c, mut y) = (pid(Integral::Sum, false), Signal::new(0.99));
     group.bench_function("in process", |b| {
         b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
     });
@@ -92,7 +79,7 @@ fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("IpidRbf");
     let (mut c, mut y) = (IpidRbf::default(), Signal::new(0.99));
     c.law = PidRbf {
-        pid: pid(Integral::Leaky),
+        pid: pid(Integral::Leaky, false),
         network: network::<4>(),
         ..c.law
     };
