@@ -1,4 +1,4 @@
-/* A PID controller as an FMI 2.0 co-simulation FMU in plain C, with the law of `control::Pid`.
+/* A PID controller as an FMI 2.0 co-simulation FMU in plain C, with the law of `pendulum_control::Pid`.
  *
  *     e = r - (y + d)
  *     u_p = kp e + kd (e - e_before)/ts + ki sum(e ts),    u = u_p limited to -u_max .. u_max

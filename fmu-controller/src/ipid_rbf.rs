@@ -1,10 +1,10 @@
 //! IPID-RBF (28), (29) as an FMU.
 
-use control::{SampleClock, Target};
 use fmu_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmu_export::{Enumeration, Model, ModelError, Variable};
+use pendulum_control::{SampleClock, Target};
 use serde::{Deserialize, Serialize};
 
 use crate::pid_rbf::finite_law;
@@ -17,7 +17,7 @@ pub struct IpidRbf {
     y: f64,
     d: f64,
     u_supervisor: f64,
-    controller: control::IpidRbf<4>,
+    controller: pendulum_control::IpidRbf<4>,
     target: i32,
     w0: [f64; 4],
     clock: SampleClock,

@@ -1,10 +1,10 @@
 //! The PID controller (20) as an FMU.
 
-use control::SampleClock;
 use fmu_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmu_export::{Model, ModelError, Variable, finite};
+use pendulum_control::SampleClock;
 use serde::{Deserialize, Serialize};
 
 use crate::rows::pid_rows;
@@ -15,7 +15,7 @@ pub struct Pid {
     r: f64,
     y: f64,
     d: f64,
-    pid: control::Pid,
+    pid: pendulum_control::Pid,
     clock: SampleClock,
 }
 

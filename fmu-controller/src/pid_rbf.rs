@@ -1,10 +1,10 @@
 //! PID-RBF (23), (24) as an FMU.
 
-use control::SampleClock;
 use fmu_export::unit::{
     NEWTON, NEWTON_PER_RADIAN, NEWTON_PER_RADIAN_SECOND, NEWTON_SECOND_PER_RADIAN, RADIAN, SECOND,
 };
 use fmu_export::{Model, ModelError, Variable, finite};
+use pendulum_control::SampleClock;
 use serde::{Deserialize, Serialize};
 
 use crate::rows::{pid_rows, rbf_rows};
@@ -15,7 +15,7 @@ pub struct PidRbf {
     r: f64,
     y: f64,
     d: f64,
-    law: control::PidRbf<4>,
+    law: pendulum_control::PidRbf<4>,
     w0: [f64; 4],
     clock: SampleClock,
 }
@@ -43,7 +43,7 @@ impl Model for PidRbf {
 }
 
 /// Checks that the outputs of a controller with a network are finite.
-pub(crate) fn finite_law(law: &control::PidRbf<4>) -> Result<(), ModelError> {
+pub(crate) fn finite_law(law: &pendulum_control::PidRbf<4>) -> Result<(), ModelError> {
     let [w1, w2, w3, w4] = law.network.weights;
     finite!(
         "e": law.pid.e,

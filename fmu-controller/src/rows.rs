@@ -1,6 +1,6 @@
 //! Rows shared by the variable tables of the controllers. Each macro builds a table from its own rows
-//! and the given ones; `$pid` and `$law` are the fields of the model with a `control::Pid` and a
-//! `control::PidRbf`.
+//! and the given ones; `$pid` and `$law` are the fields of the model with a `pendulum_control::Pid` and a
+//! `pendulum_control::PidRbf`.
 
 /// The signals and parameters of a PID.
 macro_rules! pid_rows {

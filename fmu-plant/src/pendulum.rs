@@ -1,12 +1,12 @@
 //! The three models of the pendulum behind one interface.
 
-use control::clock::MAX_SAMPLES;
-use control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use fmu_export::unit::{
     KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
     NEWTON_SECOND_PER_METRE, RADIAN, RADIAN_PER_SECOND, SECOND,
 };
 use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
+use pendulum_control::clock::MAX_SAMPLES;
+use pendulum_control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use serde::{Deserialize, Serialize};
 
 /// Cart with inverted pendulum, driven by the force `u`, which is held over a communication step.

@@ -1,8 +1,8 @@
 //! A step, sine or square wave as the set-point, and a pulse as the disturbance.
 
-use control::signal;
 use fmu_export::unit::{HERTZ, RADIAN, SECOND};
 use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
+use pendulum_control::signal;
 use serde::{Deserialize, Serialize};
 
 /// Set-point `r` and disturbance `d` at the current communication point.

@@ -10,7 +10,7 @@ pub const MAX_SAMPLES: f64 = 1e8;
 /// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
 ///
 /// ```
-/// let mut clock = control::SampleClock::new(0.0, 0.001);
+/// let mut clock = pendulum_control::SampleClock::new(0.0, 0.001);
 /// assert_eq!(clock.due(0.0, 0.001), Ok(1));     // the instant at 0
 /// assert_eq!(clock.due(0.001, 0.0005), Ok(1));  // the instant at 0.001
 /// assert_eq!(clock.due(0.0015, 0.0005), Ok(0)); // 0.002 belongs to the next step

@@ -1,8 +1,8 @@
 //! The sampled closed loop of section 4 and its settings, to run without an FMU.
 //!
 //! ```
-//! use control::closed_loop::{ClosedLoop, Order, SetPoint, pid};
-//! use control::pid::Integral;
+//! use pendulum_control::closed_loop::{ClosedLoop, Order, SetPoint, pid};
+//! use pendulum_control::pid::Integral;
 //!
 //! let mut pid = pid(Integral::Sum, true);
 //! let mut closed_loop = ClosedLoop::new(Order::Sequential);

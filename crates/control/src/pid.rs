@@ -59,7 +59,7 @@ impl Terms {
 /// rad. All public fields except the outputs may be changed between samples.
 ///
 /// ```
-/// use control::{pid::{Gains, Integral}, Pid};
+/// use pendulum_control::{pid::{Gains, Integral}, Pid};
 ///
 /// let mut pid = Pid::new(Integral::Sum);
 /// pid.gains = Gains { kp: 2.0, ki: 0.0, kd: 0.0 };

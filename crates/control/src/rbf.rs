@@ -6,7 +6,7 @@
 /// [`Rbf::reset`].
 ///
 /// ```
-/// let mut rbf = control::Rbf::<1>::default();
+/// let mut rbf = pendulum_control::Rbf::<1>::default();
 /// rbf.eta = 0.5;
 /// rbf.activate(0.0);
 /// rbf.learn(2.0);

@@ -1,11 +1,11 @@
 //! The stability limit of the learning rate (section 3.2): eigenvalues of the sampled closed loop, and
 //! simulations on both sides of the limit they give.
 
-use control::closed_loop::{ClosedLoop, Order, TS, network, pid};
-use control::pid::Integral;
-use control::plant::{Linear, Parameters, State};
-use control::{PidRbf, Rbf};
 use nalgebra::SMatrix;
+use pendulum_control::closed_loop::{ClosedLoop, Order, TS, network, pid};
+use pendulum_control::pid::Integral;
+use pendulum_control::plant::{Linear, Parameters, State};
+use pendulum_control::{PidRbf, Rbf};
 
 /// The delay, in samples, from measuring y to applying u to the plant.
 #[derive(Clone, Copy, Debug)]

@@ -1,9 +1,9 @@
 //! Samples and steps do not allocate memory, so they can run without a heap.
 
-use control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
-use control::pid::Integral;
-use control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
-use control::{SampleClock, Target, signal};
+use pendulum_control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
+use pendulum_control::pid::Integral;
+use pendulum_control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
+use pendulum_control::{SampleClock, Target, signal};
 
 fn allocations(work: impl FnOnce()) -> u64 {
     allocation_counter::measure(work).count_total

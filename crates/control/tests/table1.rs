@@ -1,9 +1,9 @@
 //! Table 1 of the paper from the control library alone, compared with the expected columns of
 //! `table1.csv`.
 
-use control::Target;
-use control::closed_loop::{ClosedLoop, Order, SetPoint, ipid_rbf, pid, pid_rbf};
-use control::pid::Integral;
+use pendulum_control::Target;
+use pendulum_control::closed_loop::{ClosedLoop, Order, SetPoint, ipid_rbf, pid, pid_rbf};
+use pendulum_control::pid::Integral;
 
 const SAMPLES: usize = 20_000;
 const TABLE: &str = include_str!("../../../python/pendulum_fmus/table1.csv");

@@ -1,8 +1,8 @@
 //! The difference equation (41) and the linear state-space model describe the same plant.
 
-use control::closed_loop::{TS, pid};
-use control::pid::Integral;
-use control::plant::{Linear, Parameters, State, TransferFunction};
+use pendulum_control::closed_loop::{TS, pid};
+use pendulum_control::pid::Integral;
+use pendulum_control::plant::{Linear, Parameters, State, TransferFunction};
 
 #[test]
 fn both_give_the_same_angle_over_20000_samples_in_closed_loop() {

@@ -4,13 +4,13 @@
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
-use control::closed_loop::{TS, pid};
-use control::pid::Integral;
-use control::plant::{Linear, Parameters, State};
-use control::{IpidRbf, PidRbf, Rbf};
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
 use fmu_cosim::Fmu;
+use pendulum_control::closed_loop::{TS, pid};
+use pendulum_control::pid::Integral;
+use pendulum_control::plant::{Linear, Parameters, State};
+use pendulum_control::{IpidRbf, PidRbf, Rbf};
 
 /// A signal that always changes and is large enough to avoid denormal numbers.
 struct Signal {

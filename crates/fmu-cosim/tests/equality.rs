@@ -4,10 +4,10 @@
 #[path = "../../../tests/fmus.rs"]
 mod fmus;
 
-use control::Target;
-use control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
-use control::pid::Integral;
 use fmu_cosim::{Description, Order, Plan, Value};
+use pendulum_control::Target;
+use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
+use pendulum_control::pid::Integral;
 
 const STEPS: usize = 20_000;
 
