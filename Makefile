@@ -16,13 +16,13 @@ UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pi
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 RUST_SOURCES := lib/rustlib/src/rust/library
 MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-GROUPS := test importers lint portable bench judge setup
+GROUPS := test importers lint portable bench judge wheel setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 .PHONY: help demo plot check test lint msrv report bench fmus native ssp judge portable cross merged system \
-	valgrind elsewhere fuzz lock clean
+	valgrind elsewhere package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -128,6 +128,22 @@ elsewhere: fmus cross $(VENV)/.test
 	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
+## package: package the published crates and the command line's wheel, build and test them from the packages
+package: wheel $(VENV)/.test
+	cargo publish --workspace --dry-run --allow-dirty --locked --all-features --quiet
+	$(RUN) -m pytest -m publish tests/test_published.py tests/test_wheel.py
+
+## wheel: build the wheel of the command line for Linux with glibc 2.17 or newer to target/wheels
+wheel: $(VENV)/.wheel
+	rm -rf target/wheels
+	cd crates/cargo-fmu && $(WITH_ZIG) $(abspath $(RUN)) -m maturin build --zig --compatibility manylinux_2_17
+
+## semver: check the interfaces of the published crates against the git revision BASE=the last release
+semver:
+	rustup toolchain install $(MSRV) --profile minimal
+	cargo +$(MSRV) install --locked --quiet --root target/tools cargo-semver-checks@$(SEMVER_CHECKS)
+	PATH="$(abspath target/tools/bin):$$PATH" cargo +$(MSRV) semver-checks --workspace --baseline-rev $(BASE)
+
 ## fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each
 fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
@@ -143,6 +159,7 @@ $(VENV)/.plot: WHAT = --editable .[plot]
 $(VENV)/.test: WHAT = --editable .[report,dask] --group test --group importers --group lint
 $(VENV)/.portable: WHAT = --group portable
 $(VENV)/.bench: WHAT = --group bench
+$(VENV)/.wheel: WHAT = --group wheel
 $(VENV)/.judge: WHAT = --group judge
 
 # With uv, which takes a few seconds, or with pip if uv is not available.

@@ -1,0 +1,49 @@
+"""The wheel of the command line runs outside the repository, in an environment of its own."""
+
+import os
+import shutil
+import subprocess
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+
+from pendulum_fmus.project import ROOT
+
+pytestmark = pytest.mark.publish
+
+VERSION = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the wheel to a new virtual environment; return its folder."""
+    (wheel,) = (ROOT / "target" / "wheels").glob("cargo_fmu-*.whl")
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=True)
+    python = Path(sysconfig.get_path("scripts", "venv", {"base": str(folder)})) / "python"
+    install = [python, "-m", "pip", "install", "--quiet", "--no-index", wheel]
+    subprocess.run(install, cwd=folder, check=True)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        ("cargo-fmu --version", f"cargo-fmu {VERSION}"),
+        ("cargo fmu --version", f"cargo-fmu {VERSION}"),
+        ("cargo-fmu info Decay.fmu", "model        Decay"),
+    ],
+)
+def test_the_command_line_runs(environment: Path, command: str, line: str) -> None:
+    shutil.copy(ROOT / "fuzz" / "corpus" / "archive.fmu", environment / "Decay.fmu")
+    scripts = sysconfig.get_path("scripts", "venv", {"base": str(environment)})
+    # A cargo home of its own, because cargo prefers what is installed there.
+    env = {**os.environ, "CARGO_HOME": str(environment / "cargo")}
+    env["PATH"] = os.pathsep.join([scripts, os.environ["PATH"]])
+    program, *arguments = command.split()
+    run = [shutil.which(program, path=env["PATH"]), *arguments]
+    done = subprocess.run(run, cwd=environment, env=env, capture_output=True, text=True, check=True)
+    assert line in done.stdout.splitlines()
