@@ -16,6 +16,9 @@ UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pi
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 RUST_SOURCES := lib/rustlib/src/rust/library
 MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+# The tool reads an unstable format of the compiler; this version knows that of the minimum Rust version.
+SEMVER_CHECKS := 0.45.0
+BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0)
 GROUPS := test importers lint portable bench judge wheel setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
@@ -128,20 +131,23 @@ elsewhere: fmus cross $(VENV)/.test
 	$(call apt,qemu-aarch64,qemu-user libc6-arm64-cross)
 	$(WITH_ZIG) $(RUN) -m pytest -m elsewhere tests/test_cross.py tests/test_hosts.py
 
-## package: package the published crates and the command line's wheel, build and test them from the packages
-package: wheel $(VENV)/.test
+## package: package the crates that are published, build them from the packages, check the packages
+package: $(VENV)/.test
 	cargo publish --workspace --dry-run --allow-dirty --locked --all-features --quiet
-	$(RUN) -m pytest -m publish tests/test_published.py tests/test_wheel.py
+	$(RUN) -m pytest -m publish tests/test_published.py
 
-## wheel: build the wheel of the command line for Linux with glibc 2.17 or newer to target/wheels
-wheel: $(VENV)/.wheel
+## wheel: package the command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
+wheel: $(VENV)/.test $(VENV)/.wheel
 	rm -rf target/wheels
-	cd crates/cargo-fmu && $(WITH_ZIG) $(abspath $(RUN)) -m maturin build --zig --compatibility manylinux_2_17
+	$(WITH_ZIG) $(RUN) -m maturin build --manifest-path crates/cargo-fmu/Cargo.toml \
+		--zig --compatibility manylinux_2_17
+	$(RUN) -m pytest -m publish tests/test_wheel.py
 
-## semver: check the interfaces of the published crates against the git revision BASE=the last release
+## semver: compare the interfaces of the published crates with those of the git revision BASE, the last release
 semver:
 	rustup toolchain install $(MSRV) --profile minimal
-	cargo +$(MSRV) install --locked --quiet --root target/tools cargo-semver-checks@$(SEMVER_CHECKS)
+	cargo +$(MSRV) install --locked --quiet --root target/tools --config profile.release.lto=false \
+		cargo-semver-checks@$(SEMVER_CHECKS)
 	PATH="$(abspath target/tools/bin):$$PATH" cargo +$(MSRV) semver-checks --workspace --baseline-rev $(BASE)
 
 ## fuzz: try damaged archives and XML, random calls and forged states, for about SECONDS=60 each

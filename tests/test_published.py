@@ -1,9 +1,7 @@
-"""What `make package` packed for crates.io is complete, and asks for no more than it needs."""
+"""The packages for crates.io, which `make package` builds, are complete and meet its limits."""
 
 import json
 import subprocess
-import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -12,14 +10,33 @@ from pendulum_fmus.project import ROOT
 pytestmark = pytest.mark.publish
 
 
+@pytest.fixture(scope="module")
 def packages() -> list[dict]:
-    """Return the metadata of the packages that are published."""
+    """Return the metadata of the published packages."""
     command = ["cargo", "metadata", "--no-deps", "--format-version=1"]
     output = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout
-    return [p for p in json.loads(output)["packages"] if p["publish"] != []]
+    return [package for package in json.loads(output)["packages"] if package["publish"] != []]
 
 
-@pytest.fixture(params=packages(), ids=lambda package: package["name"])
-def folder(request: pytest.FixtureRequest) -> Path:
-    """Return the folder to which cargo unpacked a package to build it."""
-    return ROOT / "target" / "package" / "{name}-{version}".format(**request.param)
+def test_every_package_carries_its_licences_and_readme(packages: list[dict]) -> None:
+    for package in packages:
+        unpacked = ROOT / "target" / "package" / "{name}-{version}".format(**package)
+        for licence in ROOT.glob("LICENSE-*"):
+            assert (unpacked / licence.name).read_text() == licence.read_text(), unpacked
+        assert not package["readme"] or (unpacked / package["readme"]).exists(), unpacked
+
+
+def test_the_registry_accepts_the_metadata(packages: list[dict]) -> None:
+    for package in packages:
+        assert package["description"], package["name"]
+        assert package["license"] == "MIT OR Apache-2.0", package["name"]
+        assert 0 < len(package["keywords"]) <= 5, package["name"]
+        assert all(len(keyword) <= 20 for keyword in package["keywords"]), package["name"]
+
+
+def test_dependencies_accept_every_compatible_version(packages: list[dict]) -> None:
+    """A dependency of the tests alone may be unpublished; cargo leaves it out."""
+    for package in packages:
+        for dependency in package["dependencies"]:
+            if dependency["kind"] != "dev":
+                assert dependency["req"].startswith("^"), (package["name"], dependency["name"])
