@@ -47,3 +47,9 @@ def test_the_command_line_runs(environment: Path, command: str, line: str) -> No
     run = [shutil.which(program, path=env["PATH"]), *arguments]
     done = subprocess.run(run, cwd=environment, env=env, capture_output=True, text=True, check=True)
     assert line in done.stdout.splitlines()
+
+
+def test_it_carries_the_licences(environment: Path) -> None:
+    for licence in ROOT.glob("LICENSE-*"):
+        (installed,) = environment.rglob(f"cargo_fmu-*/licenses/{licence.name}")
+        assert installed.read_text() == licence.read_text()
