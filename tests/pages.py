@@ -1,4 +1,4 @@
-"""Copies of the sources, modified as described in the documentation."""
+"""The commands of the documentation, new packages, and modified copies of the sources."""
 
 import os
 import re
@@ -10,12 +10,32 @@ from pathlib import Path
 from pendulum_fmus.project import ROOT
 
 
-def run(command: str, folder: Path = ROOT) -> None:
-    """Run shell commands in a folder with its Python package and FMUs."""
+def run(command: str, folder: Path = ROOT) -> Path:
+    """Run shell commands in a folder, and return the folder in which they end."""
     command = command.replace("target/venv/bin/python", sys.executable)
-    env = {**os.environ, "PYTHONPATH": str(folder / "python"), "FMUS": "target/fmu"}
-    shell = ["bash", "-exc", command]
-    subprocess.run(shell, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
+    shell = ["bash", "-exc", f"{command}\npwd"]
+    output = subprocess.run(shell, cwd=folder, env=env, check=True, stdout=subprocess.PIPE).stdout
+    return Path(output.decode().splitlines()[-1])
+
+
+def outside(base: Path) -> Path:
+    """Return an empty folder outside the repository, the same in all tests.
+
+    The path is part of how packages are built, so that dependencies are built once.
+    """
+    folder = base / "outside"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    return folder
+
+
+def share_target(package: Path) -> None:
+    """Let a new package use the versions in Cargo.lock and the target folder of others."""
+    target = ROOT / "target" / f"guide-{os.environ.get('PYTEST_XDIST_WORKER', 'gw0')}"
+    target.mkdir(exist_ok=True)
+    shutil.copy(ROOT / "Cargo.lock", package)
+    (package / "target").symlink_to(target)
 
 
 def project(name: str = "own-controller") -> Path:

@@ -183,8 +183,8 @@ DIVERGES = [
     ("Pendulum", {"theta0": 0.1}, {}, 1e300, "(theta|omega|x|v) became (NaN|-?inf)"),
     ("Pendulum", {"model": "nonlinear"}, {"u": 1e200}, H, "u = 1e200 N"),
     ("Pid", {}, {"r": 1.7e308}, H, "(e|u_p|u) became inf"),
-    ("PidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u_n) became (NaN|-?inf)"),
-    ("IpidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u_n) became (NaN|-?inf)"),
+    ("PidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u|u_p|u_n) became (NaN|-?inf)"),
+    ("IpidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u|u_p|u_n) became (NaN|-?inf)"),
     ("Source", {"signal": "sine", "frequency": 1e6}, {}, 1e303, "r became NaN"),
 ]
 """Parameters, inputs, a step [s] that overflows, and the expected message."""

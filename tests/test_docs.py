@@ -2,7 +2,6 @@
 
 import csv
 import re
-import shutil
 from ctypes.util import find_library
 from pathlib import Path
 
@@ -42,26 +41,57 @@ def test_links_and_files_exist(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_commands_and_programs_run(page: str, fmus: Path, program: Path) -> None:
-    """Run the commands of a page in order, except `make`, in a copy if it writes files."""
-    blocks = BLOCK.findall(PAGES[page])
+def test_commands_and_programs_run(
+    page: str, program: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Run the commands of a page in order, except those that install something.
+
+    They run in the root of the repository; a section with a new package, and the numbered sections
+    after it, in a folder outside.
+    """
     folder = ROOT
-    if any(path for path, _, _ in blocks):
-        folder = pages.project()
-        shutil.copytree(fmus, folder / "target" / "fmu", dirs_exist_ok=True)
-    for path, language, block in blocks:
-        if path.endswith("lib.rs"):
-            pages.export_models(folder, block)
-        elif path:
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_text(block, encoding="utf-8")
-        elif language == "python":
-            if "ecospy" in block and not find_library("tbb"):
-                pytest.skip("`make system` installs libtbb")
-            pages.run(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
-        elif language == "sh":
-            commands = re.sub(r"^make .*$", "", block, flags=re.MULTILINE)
-            pages.run(commands.replace("cargo fmu ", f"{program} "), folder)
+    for section in re.split(r"^## ", PAGES[page], flags=re.MULTILINE):
+        if "cargo fmu new" in section:
+            folder = pages.outside(tmp_path_factory.getbasetemp())
+        elif not section[:1].isdigit():
+            folder = ROOT
+        for path, language, block in BLOCK.findall(section):
+            if path:
+                (folder / path).write_text(block, encoding="utf-8")
+            elif language == "python":
+                if "ecospy" in block and not find_library("tbb"):
+                    pytest.skip("`make system` installs libtbb")
+                pages.run(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
+            elif language == "sh":
+                commands = re.sub(r"^(make|cargo install) .*$", "", block, flags=re.MULTILINE)
+                folder = pages.run(commands.replace("cargo fmu ", f"{program} "), folder)
+                if "cargo fmu new" in block:
+                    pages.share_target(folder)
+
+
+def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> None:
+    """All programs in Rust that are no file of their own become modules of one new package."""
+    blocks = [block for page in PAGES.values() for block in BLOCK.findall(page)]
+    models = [text for path, language, text in blocks if language == "rust" and not path]
+    modules = [f"mod block_{index} {{\n{text}}}\n" for index, text in enumerate(models)]
+    package = pages.run(f"{program} new guide\ncd guide", tmp_path)
+    pages.share_target(package)
+    (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
+    with (package / "Cargo.toml").open("a") as manifest:
+        manifest.write('serde = { version = "1", features = ["derive"] }\n')
+        manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
+    pages.run("cargo test", package)
+
+
+def test_all_units_are_listed() -> None:
+    """The tables of variables.md have the symbols and prefixes of the parser."""
+    section = PAGES["docs/variables.md"].split("## Units")[1]
+    listed = set(re.findall(r"`([^`]+)`", section))
+    parser = (ROOT / "modelDescription" / "src" / "unit.rs").read_text(encoding="utf-8")
+    tables = parser.split("impl Unit")[0]
+    symbols = re.findall(r'^ +\("([^"\\]+)", ', tables, re.MULTILINE)
+    assert len(symbols) > 40
+    assert listed >= set(symbols)
 
 
 def test_what_you_should_see(program: Path, tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from pendulum_fmus.master import Component
+
 ROOT = Path(__file__).resolve().parent.parent
 MODELS = ["IpidRbf", "Pendulum", "Pid", "PidRbf", "Source"]
 
@@ -139,6 +141,65 @@ def test_a_binary_of_another_model_or_format_is_rejected(fmus: Path, tmp_path: P
     assert not list((tmp_path / "out").iterdir()), "nothing is half-written"
 
 
+# --- variants -------------------------------------------------------------------------------------
+
+
+def export_variant(folder: Path, *options: str) -> Path:
+    """Export a variant to a folder and return its FMU."""
+    result = cargo_fmu("export", *options, "--out", folder)
+    assert result.returncode == 0, result.stderr
+    (file,) = folder.iterdir()
+    return file
+
+
+def test_a_variant_has_other_start_values(fmus: Path, tmp_path: Path) -> None:
+    settings = {"pid.kp": "400", "ts": "0.0005", "anti_windup": "true"}
+    options = [f"--set={name}={value}" for name, value in settings.items()]
+    file = export_variant(tmp_path / "variant", "Pid", "--name", "FastPid", *options)
+    assert file.name == "FastPid.fmu"
+    with (
+        Component("variant", file, {"pid.kp": 1.0}) as variant,
+        Component("base", fmus / "Pid.fmu") as base,
+    ):
+        assert variant.description.guid != base.description.guid
+        starts = {name: base.variables[name].start for name in base.variables}
+        assert {name: v.start for name, v in variant.variables.items()} == starts | settings
+        variant.initialize(0.0)
+        assert variant.get("pid.kp") == 1.0
+        variant.slave.reset()
+        variant.initialize(0.0)
+        assert [variant.get(name) for name in ("pid.kp", "ts")] == [400.0, 0.0005]
+    validate = cargo_fmu("validate", file)
+    assert "no error, no warning" in validate.stdout, validate.stdout
+    # The base is unchanged.
+    again = export_variant(tmp_path / "base", "Pid")
+    assert again.read_bytes() == (fmus / "Pid.fmu").read_bytes()
+
+
+def test_a_variant_takes_the_item_of_an_enumeration_and_keeps_the_name(
+    fmus: Path, tmp_path: Path
+) -> None:
+    file = export_variant(tmp_path / "variant", "IpidRbf", "--set", "rbf.target=supervisor")
+    assert file.name == "IpidRbf.fmu"
+    outputs = []
+    for fmu, start in ((file, {}), (fmus / "IpidRbf.fmu", {"rbf.target": "supervisor"})):
+        with Component("controller", fmu, start | {"r": 0.1}) as controller:
+            controller.initialize(0.0)
+            for k in range(20):
+                controller.step(k * 0.001, 0.001)
+            outputs.append(controller.get("u"))
+    assert outputs[0] == outputs[1] != 0
+
+
+def test_settings_that_cannot_be_used_are_refused(fmus: Path) -> None:
+    for options, message in (
+        (["--set", "pid.kp=-1"], "--set pid.kp=-1 cannot be used: expected a number from 0 to"),
+        (["--name", "PidRbf"], "--name PidRbf: there is a model with this name"),
+        (["Source", "--name", "Both"], "--name and --set need one model, but 2 are exported"),
+    ):
+        assert message in refusal("export", "Pid", *options)
+
+
 # --- info -----------------------------------------------------------------------------------------
 
 
@@ -151,8 +212,8 @@ def test_info_shows_variables_capabilities_and_platforms(fmus: Path) -> None:
         r"^platforms +linux64$",
         r"^documents +documentation/index.html model.png$",
         r"^  canHandleVariableCommunicationStepSize +true$",
-        r"^  r +input +continuous +Real +rad +0 +set-point",
-        r"^  pid.kp +parameter +tunable +Real +N/rad +300 +0 to 1e9 +proportional",
+        r"^  r +input +continuous +Real +rad +0 +Set-point",
+        r"^  pid.kp +parameter +tunable +Real +N/rad +300 +0 to 1e9 +Proportional",
         r"^  rbf.target +parameter +fixed +Enumeration +own +1 to 2 ",
     ):
         assert re.search(pattern, text, re.MULTILINE), pattern

@@ -1,26 +1,79 @@
 //! The three models of the pendulum behind one interface.
 
-use fmu_export::unit::{
-    KILOGRAM, KILOGRAM_METRE_SQUARED, METRE, METRE_PER_SECOND, METRE_PER_SECOND_SQUARED, NEWTON,
-    NEWTON_SECOND_PER_METRE, RADIAN, RADIAN_PER_SECOND, SECOND,
-};
-use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
-use pendulum_control::clock::MAX_SAMPLES;
+use fmu_export::prelude::*;
 use pendulum_control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
 use serde::{Deserialize, Serialize};
 
-/// Cart with inverted pendulum, driven by the force `u`, which is held over a communication step.
-#[derive(Default, Clone, Serialize, Deserialize)]
+/// Cart with an inverted pendulum
+#[derive(Model)]
 pub struct Pendulum {
-    u: Force,
+    /// Force on the cart
+    #[input(unit = "N", derivative = self.u_slope)]
+    u: f64,
+    u_slope: f64,
+    /// Angle of the pendulum from the upright
+    #[output(
+        unit = "rad",
+        initially_from("theta0"),
+        derivative_by(u = self.derivative_by_force().theta)
+    )]
+    theta: f64,
+    /// Angular velocity of the pendulum
+    #[output(
+        unit = "rad/s",
+        initially_from("omega0", "model"),
+        derivative_by(u = self.derivative_by_force().omega)
+    )]
+    omega: f64,
+    /// Position of the cart
+    #[output(
+        unit = "m",
+        initially_from("x0", "model"),
+        derivative_by(u = self.derivative_by_force().x)
+    )]
+    x: f64,
+    /// Velocity of the cart
+    #[output(
+        unit = "m/s",
+        initially_from("v0", "model"),
+        derivative_by(u = self.derivative_by_force().v)
+    )]
+    v: f64,
+    #[nested(flatten)]
+    parameters: Parameters,
+    /// Angle at the start
+    #[parameter(min = -1e3, max = 1e3, unit = "rad")]
+    theta0: f64,
+    /// Angular velocity at the start
+    #[parameter(min = -1e3, max = 1e3, unit = "rad/s")]
+    omega0: f64,
+    /// Position of the cart at the start
+    #[parameter(min = -1e6, max = 1e6, unit = "m")]
+    x0: f64,
+    /// Velocity of the cart at the start
+    #[parameter(min = -1e6, max = 1e6, unit = "m/s")]
+    v0: f64,
+    /// Sample time of the transfer function
+    #[parameter(start = 0.001, min = 1e-6, max = 1, unit = "s")]
+    ts: f64,
+    /// Form of the plant
+    #[parameter(start = PlantModel::Linear)]
+    model: PlantModel,
+    state: State,
+    dynamics: Dynamics,
     /// The last step, for the derivatives of its result.
     last: Option<Step>,
-    state: State,
-    start: State,
-    parameters: Parameters,
-    ts: f64,
-    model: i32,
-    dynamics: Dynamics,
+}
+
+/// Form of the plant
+#[derive(Clone, Copy, Choice)]
+enum PlantModel {
+    /// Difference equation (41) at the sample time ts; theta only
+    TransferFunction,
+    /// Linear state space (9), exact for any step
+    Linear,
+    /// Equations (7), (8), integrated with error control
+    Nonlinear,
 }
 
 /// A step that was taken.
@@ -40,147 +93,63 @@ enum Dynamics {
     Nonlinear,
 }
 
-const TRANSFER_FUNCTION: i32 = 1;
-const LINEAR: i32 = 2;
-const FORM: Enumeration = Enumeration {
-    name: "PlantModel",
-    description: "Form of the plant",
-    items: &[
-        (
-            "transfer_function",
-            "difference equation (41) at the sample time ts; theta only",
-        ),
-        ("linear", "linear state space (9), exact for any step"),
-        (
-            "nonlinear",
-            "equations (7), (8), integrated with error control",
-        ),
-    ],
-};
+/// Maximum number of samples of the transfer function in one step.
+const MAX_SAMPLES: f64 = 1e8;
 
-type Row = Variable<Pendulum>;
-
-impl Model for Pendulum {
-    const NAME: &'static str = "Pendulum";
-    const DESCRIPTION: &'static str = "Cart with an inverted pendulum";
-    const VARIABLES: &'static [Row] = &[
-        Row::input("u", |m| &mut m.u.value)
-            .input_derivative(|m| &mut m.u.slope)
-            .unit(NEWTON)
-            .about("force on the cart"),
-        Row::output("theta", |m| &mut m.state.theta)
-            .directional_derivatives(&[("u", |m| m.derivative_by_force().theta)])
-            .unit(RADIAN)
-            .initially_from(&["theta0"])
-            .about("angle of the pendulum from the upright"),
-        Row::output("omega", |m| &mut m.state.omega)
-            .directional_derivatives(&[("u", |m| m.derivative_by_force().omega)])
-            .unit(RADIAN_PER_SECOND)
-            .initially_from(&["omega0", "model"])
-            .about("angular velocity of the pendulum"),
-        Row::output("x", |m| &mut m.state.x)
-            .directional_derivatives(&[("u", |m| m.derivative_by_force().x)])
-            .unit(METRE)
-            .initially_from(&["x0", "model"])
-            .about("position of the cart"),
-        Row::output("v", |m| &mut m.state.v)
-            .directional_derivatives(&[("u", |m| m.derivative_by_force().v)])
-            .unit(METRE_PER_SECOND)
-            .initially_from(&["v0", "model"])
-            .about("velocity of the cart"),
-        Row::fixed("M", Parameters::PAPER.M, |m| &mut m.parameters.M)
-            .unit(KILOGRAM)
-            .at_least(1e-6)
-            .at_most(1e6)
-            .about("mass of the cart"),
-        Row::fixed("m", Parameters::PAPER.m, |m| &mut m.parameters.m)
-            .unit(KILOGRAM)
-            .at_least(1e-6)
-            .at_most(1e6)
-            .about("mass of the pendulum"),
-        Row::fixed("l", Parameters::PAPER.l, |m| &mut m.parameters.l)
-            .unit(METRE)
-            .at_least(1e-3)
-            .at_most(1e3)
-            .about("distance from the pivot to the pendulum's centre of mass"),
-        Row::fixed("g", Parameters::PAPER.g, |m| &mut m.parameters.g)
-            .unit(METRE_PER_SECOND_SQUARED)
-            .at_least(0.0)
-            .at_most(1e3)
-            .about("gravitational acceleration"),
-        Row::fixed("I", Parameters::PAPER.I, |m| &mut m.parameters.I)
-            .unit(KILOGRAM_METRE_SQUARED)
-            .at_least(0.0)
-            .at_most(1e6)
-            .about("inertia of the pendulum about its centre of mass"),
-        Row::fixed("b", Parameters::PAPER.b, |m| &mut m.parameters.b)
-            .unit(NEWTON_SECOND_PER_METRE)
-            .at_least(0.0)
-            .at_most(1e6)
-            .about("friction of the cart"),
-        Row::fixed("theta0", 0.0, |m| &mut m.start.theta)
-            .unit(RADIAN)
-            .at_least(-1e3)
-            .at_most(1e3)
-            .about("angle at the start"),
-        Row::fixed("omega0", 0.0, |m| &mut m.start.omega)
-            .unit(RADIAN_PER_SECOND)
-            .at_least(-1e3)
-            .at_most(1e3)
-            .about("angular velocity at the start"),
-        Row::fixed("x0", 0.0, |m| &mut m.start.x)
-            .unit(METRE)
-            .at_least(-1e6)
-            .at_most(1e6)
-            .about("position of the cart at the start"),
-        Row::fixed("v0", 0.0, |m| &mut m.start.v)
-            .unit(METRE_PER_SECOND)
-            .at_least(-1e6)
-            .at_most(1e6)
-            .about("velocity of the cart at the start"),
-        Row::fixed("ts", 0.001, |m| &mut m.ts)
-            .unit(SECOND)
-            .at_least(1e-6)
-            .at_most(1.0)
-            .about("sample time of the transfer function"),
-        Row::choice("model", &FORM, LINEAR, |m| &mut m.model).about("form of the plant"),
-    ];
-
-    fn initialize(&mut self, _start_time: f64) -> Result<(), ModelError> {
-        self.last = None;
-        self.state = self.start;
+impl Simulate for Pendulum {
+    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
+        let mut state = State {
+            x: self.x0,
+            v: self.v0,
+            theta: self.theta0,
+            omega: self.omega0,
+        };
         self.dynamics = match self.model {
-            TRANSFER_FUNCTION => {
-                let plant = TransferFunction::new(&self.parameters, self.ts, self.start);
-                self.state = State {
+            PlantModel::TransferFunction => {
+                let plant = TransferFunction::new(&self.parameters, self.ts, state);
+                state = State {
                     theta: plant.theta(),
                     ..State::default()
                 };
                 Dynamics::TransferFunction(plant)
             }
-            LINEAR => Dynamics::Linear(Box::new(Linear::new(&self.parameters))),
-            _ => Dynamics::Nonlinear,
+            PlantModel::Linear => Dynamics::Linear(Box::new(Linear::new(&self.parameters))),
+            PlantModel::Nonlinear => Dynamics::Nonlinear,
         };
+        self.state = state;
+        self.set_outputs();
         Ok(())
     }
 
     fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
         let last = Step {
             from: self.state,
-            u: self.u,
+            u: Force {
+                value: self.u,
+                slope: self.u_slope,
+            },
             step: match &self.last {
                 Some(last) if last.step == step => step, // already snapped if needed
                 _ => snap(step, self.ts),
             },
         };
         self.advance(&last)?;
+        self.set_outputs();
         self.last = Some(last);
-        let State { x, v, theta, omega } = self.state;
-        finite!("theta": theta, "omega": omega, "x": x, "v": v)
+        Ok(())
     }
 }
 
 impl Pendulum {
+    fn set_outputs(&mut self) {
+        State {
+            x: self.x,
+            v: self.v,
+            theta: self.theta,
+            omega: self.omega,
+        } = self.state;
+    }
+
     fn advance(&mut self, &Step { u, step, .. }: &Step) -> Result<(), ModelError> {
         match &mut self.dynamics {
             Dynamics::TransferFunction(plant) => {
@@ -200,7 +169,7 @@ impl Pendulum {
 
     /// Reports a motion that is too fast, with the values at the start of the step.
     fn too_fast(&self, failure: nonlinear::StepFailure) -> ModelError {
-        let (State { theta, omega, .. }, u) = (self.state, self.u.value);
+        let (theta, omega, u) = (self.theta, self.omega, self.u);
         ModelError::new(format_args!(
             "{failure}; the step started at u = {u:?} N, theta = {theta:?} rad, omega = {omega:?} rad/s"
         ))

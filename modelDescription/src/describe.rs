@@ -1,290 +1,468 @@
-//! Generates the model description from a model's table.
+//! Generates the model description from the interface of a model.
 
+use anyhow::{Result, anyhow, ensure};
+
+use crate::table::index;
+use crate::unit::{self, Unit};
 use crate::xml::Element;
-use crate::{
-    Capability, Causality, Domain, Enumeration, Info, Initial, Unit, Variable, guid, unit,
-};
+use crate::{Capability, Causality, Initial, LOG_CATEGORIES, Variability};
 
-/// The parts of a model description other than the variables.
-#[derive(Debug, Clone, Copy)]
-pub struct Subject<'a> {
+/// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Description {
     /// Name of the model and its `modelIdentifier`: a C identifier.
-    pub name: &'a str,
+    pub name: String,
     /// Description of the model.
-    pub description: &'a str,
-    /// Version of the model.
-    pub version: &'a str,
-    /// SPDX expression.
-    pub license: &'a str,
-    /// The tool that generated the FMU.
-    pub generation_tool: &'a str,
-    /// The capability flags that are true.
-    pub capabilities: &'a [Capability],
+    pub description: String,
+    /// GUID of the interface.
+    pub guid: String,
+    /// Whether it has a sample time.
+    pub is_sampled: bool,
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
-    /// Name and description of each log category.
-    pub log_categories: &'a [(&'a str, &'a str)],
+    /// The variables.
+    pub variables: Vec<VariableDescription>,
 }
 
-/// A scalar, or an element of an array with its index from 0.
-type Scalar<'a> = (&'a Info, usize);
-
-/// Generates the model description of `subject` with the variables of its table, in the order of the
-/// standard's schema.
-///
-/// `dependencies` of the outputs are empty: outputs change in `fmi2DoStep` only and never depend on
-/// an input at the same communication point, so importers see no false algebraic loops.
-pub fn describe<M>(subject: &Subject<'_>, variables: &[Variable<M>]) -> Element<'static> {
-    let infos: Vec<&Info> = variables.iter().map(|v| &v.info).collect();
-    let scalars: Vec<Scalar<'_>> = infos
-        .iter()
-        .flat_map(|v| (0..v.count()).map(move |element| (*v, element)))
-        .collect();
-    let (stop, step) = subject.default_experiment;
-    Element::new("fmiModelDescription")
-        .with("fmiVersion", "2.0")
-        .with("modelName", subject.name)
-        .with(
-            "guid",
-            String::from_utf8_lossy(&guid::guid(subject.name, variables)),
-        )
-        .with("description", subject.description)
-        .with("version", subject.version)
-        .with("license", subject.license)
-        .with("generationTool", subject.generation_tool)
-        .with("variableNamingConvention", "structured")
-        .holding(co_simulation(subject))
-        .listing("UnitDefinitions", units(&infos))
-        .listing("TypeDefinitions", types(&infos))
-        .holding(
-            Element::new("LogCategories")
-                .holding_all(subject.log_categories.iter().map(log_category)),
-        )
-        .holding(
-            Element::new("DefaultExperiment")
-                .with("startTime", 0)
-                .with("stopTime", stop)
-                .with("stepSize", step),
-        )
-        .holding(Element::new("ModelVariables").holding_all((0..).zip(&scalars).map(scalar)))
-        .holding(
-            Element::new("ModelStructure")
-                .listing("Outputs", unknowns(&scalars, |_| String::new()))
-                .listing(
-                    "InitialUnknowns",
-                    unknowns(&scalars, |scalar| initial_dependencies(&scalars, scalar)),
-                ),
-        )
+/// A variable; see [`Variable`](crate::Variable).
+#[derive(Debug, Clone, PartialEq)]
+pub struct VariableDescription {
+    /// Full name, without an index.
+    pub name: String,
+    /// A short description.
+    pub description: String,
+    /// What determines its value.
+    pub causality: Causality,
+    /// When it may change.
+    pub variability: Variability,
+    /// Whether the host may set its time derivative.
+    pub has_input_derivative: bool,
+    /// Whether its derivatives with respect to inputs are known.
+    pub has_directional_derivatives: bool,
+    /// Numbers of elements of an array; empty for a scalar.
+    pub dimensions: Vec<usize>,
+    /// Value references of the variables that its value after initialization depends on; of an array,
+    /// that of the first element.
+    pub initially_from: Vec<usize>,
+    /// Type, start values and bounds.
+    pub of_type: Type,
 }
 
-fn co_simulation(subject: &Subject<'_>) -> Element<'static> {
-    let mut element = Element::new("CoSimulation").with("modelIdentifier", subject.name);
-    for capability in Capability::ALL {
-        // The position of this number among the flags.
-        if *capability == Capability::CanRunAsynchronuously {
-            element = element.with("maxOutputDerivativeOrder", 0);
-        }
-        element = element.with(
-            capability.as_str(),
-            subject.capabilities.contains(capability),
-        );
+/// The type of a variable; see [`Domain`](crate::Domain).
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "as in `Domain`")]
+pub enum Type {
+    Real {
+        min: f64,
+        max: f64,
+        unit: String,
+        start: Vec<f64>,
+    },
+    Integer {
+        min: i32,
+        max: i32,
+        start: Vec<i32>,
+    },
+    Boolean {
+        start: Vec<bool>,
+    },
+    String {
+        start: Vec<String>,
+    },
+    Enumeration {
+        name: String,
+        description: String,
+        /// Number, name and description of each item.
+        items: Vec<(i32, String, String)>,
+        start: Vec<i32>,
+    },
+}
+
+/// Where a model comes from.
+#[derive(Debug, Clone, Default)]
+pub struct Origin {
+    /// Version of the model.
+    pub version: String,
+    /// Authors, separated by commas.
+    pub author: Option<String>,
+    /// Copyright notice.
+    pub copyright: Option<String>,
+    /// SPDX expression.
+    pub license: Option<String>,
+    /// The tool that generated the FMU.
+    pub generation_tool: String,
+}
+
+impl VariableDescription {
+    /// Number of scalar variables it represents.
+    pub fn count(&self) -> usize {
+        self.dimensions.iter().product()
     }
-    element
-}
 
-fn log_category((name, description): &(&str, &str)) -> Element<'static> {
-    Element::new("Category")
-        .with("name", name)
-        .with("description", description)
-}
+    /// The name of an element.
+    pub fn element_name(&self, element: usize) -> String {
+        format!("{}{}", self.name, index(&self.dimensions, element))
+    }
 
-/// The elements generated from the variables, without duplicates.
-fn distinct(
-    variables: &[&Info],
-    of: impl Fn(&Domain) -> Option<Element<'static>>,
-) -> Vec<Element<'static>> {
-    let mut found = Vec::new();
-    for item in variables.iter().filter_map(|v| of(&v.domain)) {
-        if !found.contains(&item) {
-            found.push(item);
+    fn has_start(&self) -> bool {
+        match &self.of_type {
+            Type::Real { start, .. } => !start.is_empty(),
+            Type::Integer { start, .. } | Type::Enumeration { start, .. } => !start.is_empty(),
+            Type::Boolean { start } => !start.is_empty(),
+            Type::String { start } => !start.is_empty(),
         }
     }
-    found
+
+    /// The attribute `initial`; inputs have none.
+    fn initial(&self) -> Option<Initial> {
+        match Initial::default_for(self.causality, self.variability) {
+            Some(Initial::Calculated) if self.has_start() => Some(Initial::Exact),
+            initial => initial,
+        }
+    }
 }
 
-fn units(variables: &[&Info]) -> Vec<Element<'static>> {
-    distinct(variables, |domain| match domain {
-        Domain::Real { unit, .. } => Some(unit_definition(unit)),
-        _ => None,
-    })
+/// A scalar variable: its value reference, its variable, and the index of the element.
+type Scalar<'a> = (usize, &'a VariableDescription, usize);
+
+impl Description {
+    /// The scalar variables; their positions are their value references.
+    pub fn scalars(&self) -> impl Iterator<Item = Scalar<'_>> {
+        let elements = |v| (0..VariableDescription::count(v)).map(move |element| (v, element));
+        let scalars = self.variables.iter().flat_map(elements);
+        scalars
+            .enumerate()
+            .map(|(reference, (v, element))| (reference, v, element))
+    }
+
+    /// The variable of a value reference, and the index of the element.
+    pub(crate) fn variable_mut(
+        &mut self,
+        reference: usize,
+    ) -> Option<(&mut VariableDescription, usize)> {
+        let mut element = reference;
+        for variable in &mut self.variables {
+            let count = variable.count();
+            if element < count {
+                return Some((variable, element));
+            }
+            element -= count;
+        }
+        None
+    }
+
+    /// Generates the model description, in the order of the standard's schema.
+    ///
+    /// `dependencies` of the outputs are empty: outputs change in `fmi2DoStep` only and never depend on
+    /// an input at the same communication point, so importers see no false algebraic loops.
+    ///
+    /// # Errors
+    /// A unit is unknown, or two enumerations with different items have the same name.
+    pub fn to_xml(&self, origin: &Origin) -> Result<Element<'static>> {
+        let (stop, step) = self.default_experiment;
+        let scalars: Vec<_> = self.scalars().collect();
+        let unknowns = |of: &dyn Fn(&Scalar<'_>) -> Option<String>| {
+            scalars
+                .iter()
+                .filter(|(_, v, _)| v.causality == Causality::Output)
+                .filter_map(|scalar| Some((scalar.0, of(scalar)?)))
+                .map(unknown)
+                .collect::<Vec<_>>()
+        };
+        let initial_unknowns = unknowns(&|scalar @ (_, v, _)| {
+            (v.initial() == Some(Initial::Calculated)).then(|| self.initial_dependencies(scalar))
+        });
+        Ok(Element::new("fmiModelDescription")
+            .with("fmiVersion", "2.0")
+            .with("modelName", &self.name)
+            .with("guid", &self.guid)
+            .with("description", &self.description)
+            .with_some("author", origin.author.as_ref())
+            .with("version", &origin.version)
+            .with_some("copyright", origin.copyright.as_ref())
+            .with_some("license", origin.license.as_ref())
+            .with("generationTool", &origin.generation_tool)
+            .with("variableNamingConvention", "structured")
+            .holding(self.co_simulation())
+            .listing("UnitDefinitions", self.units()?)
+            .listing("TypeDefinitions", self.types()?)
+            .holding(Element::new("LogCategories").holding_all(LOG_CATEGORIES.map(log_category)))
+            .holding(
+                Element::new("DefaultExperiment")
+                    .with("startTime", 0)
+                    .with("stopTime", stop)
+                    .with("stepSize", step),
+            )
+            .holding(Element::new("ModelVariables").holding_all(scalars.iter().map(scalar)))
+            .holding(
+                Element::new("ModelStructure")
+                    .listing("Outputs", unknowns(&|_| Some(String::new())))
+                    .listing("InitialUnknowns", initial_unknowns),
+            ))
+    }
+
+    /// The capabilities of the C interface of `fmu-export`, some of which depend on the variables.
+    fn has(&self, capability: Capability) -> bool {
+        let any = |has: fn(&VariableDescription) -> bool| self.variables.iter().any(has);
+        match capability {
+            Capability::CanHandleVariableCommunicationStepSize
+            // Memory comes from Rust's allocator, not from the host's callbacks.
+            | Capability::CanNotUseMemoryManagementFunctions
+            | Capability::CanGetAndSetFMUstate
+            | Capability::CanSerializeFMUstate => true,
+            Capability::CanInterpolateInputs => any(|v| v.has_input_derivative),
+            Capability::ProvidesDirectionalDerivative => any(|v| v.has_directional_derivatives),
+            Capability::NeedsExecutionTool
+            | Capability::CanRunAsynchronuously
+            | Capability::CanBeInstantiatedOnlyOncePerProcess => false,
+        }
+    }
+
+    fn co_simulation(&self) -> Element<'static> {
+        let mut element = Element::new("CoSimulation").with("modelIdentifier", &self.name);
+        for &capability in Capability::ALL {
+            // The position of this number among the flags.
+            if capability == Capability::CanRunAsynchronuously {
+                element = element.with("maxOutputDerivativeOrder", 0);
+            }
+            element = element.with(capability.as_str(), self.has(capability));
+        }
+        element
+    }
+
+    fn units(&self) -> Result<Vec<Element<'static>>> {
+        let mut definitions = Vec::new();
+        for variable in &self.variables {
+            if let Type::Real { unit, .. } = &variable.of_type
+                && !unit.is_empty()
+            {
+                let definition = unit_definition(unit)?;
+                if !definitions.contains(&definition) {
+                    definitions.push(definition);
+                }
+            }
+        }
+        Ok(definitions)
+    }
+
+    fn types(&self) -> Result<Vec<Element<'static>>> {
+        let mut definitions: Vec<Element<'static>> = Vec::new();
+        for variable in &self.variables {
+            if let Type::Enumeration {
+                name,
+                description,
+                items,
+                ..
+            } = &variable.of_type
+            {
+                let definition = enumeration(name, description, items);
+                let other = definitions
+                    .iter()
+                    .find(|d| d.attribute("name") == Some(name));
+                ensure!(
+                    other.is_none_or(|other| *other == definition),
+                    "two enumerations of {} have the name {name}; expected different names",
+                    self.name
+                );
+                if other.is_none() {
+                    definitions.push(definition);
+                }
+            }
+        }
+        Ok(definitions)
+    }
+
+    /// Indices of the variables that determine the scalar's value after initialization.
+    fn initial_dependencies(&self, (_, v, element): &Scalar<'_>) -> String {
+        self.scalars()
+            .filter(|(reference, other, of_other)| {
+                v.initially_from.contains(&(reference - of_other))
+                    && (v.dimensions.is_empty()
+                        || v.dimensions != other.dimensions
+                        || element == of_other)
+            })
+            .map(|(reference, _, _)| (reference + 1).to_string())
+            .collect::<Vec<_>>()
+            .join(" ")
+    }
 }
 
-fn unit_definition(unit: &Unit) -> Element<'static> {
+fn unit_definition(name: &str) -> Result<Element<'static>> {
+    let unit = Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"))?;
     let base = unit::BASE
         .into_iter()
         .zip(unit.exponents)
         .filter(|(_, exponent)| *exponent != 0)
         .fold(Element::new("BaseUnit"), |base, (name, exponent)| {
             base.with(name, exponent)
-        });
-    let display = unit.display.map(|(name, factor)| {
+        })
+        .with_some("factor", (unit.factor != 1.0).then_some(unit.factor))
+        .with_some("offset", (unit.offset != 0.0).then_some(unit.offset));
+    let display = Unit::display(name).map(|(name, factor)| {
         Element::new("DisplayUnit")
             .with("name", name)
             .with("factor", factor)
     });
-    Element::new("Unit")
-        .with("name", unit.name)
+    Ok(Element::new("Unit")
+        .with("name", name)
         .holding(base)
-        .holding_all(display)
+        .holding_all(display))
 }
 
-fn types(variables: &[&Info]) -> Vec<Element<'static>> {
-    distinct(variables, |domain| match domain {
-        Domain::Enumeration { items, .. } => Some(enumeration(items)),
-        _ => None,
-    })
-}
-
-fn enumeration(enumeration: &Enumeration) -> Element<'static> {
-    let item = |(value, (name, description)): (i32, &(&str, &str))| {
+fn enumeration(name: &str, description: &str, items: &[(i32, String, String)]) -> Element<'static> {
+    let item = |(value, name, description): &(i32, String, String)| {
         Element::new("Item")
             .with("name", name)
             .with("value", value)
             .with("description", description)
     };
     Element::new("SimpleType")
-        .with("name", enumeration.name)
-        .with("description", enumeration.description)
-        .holding(Element::new("Enumeration").holding_all((1..).zip(enumeration.items).map(item)))
+        .with("name", name)
+        .with("description", description)
+        .holding(Element::new("Enumeration").holding_all(items.iter().map(item)))
 }
 
-fn scalar((reference, (v, element)): (u32, &Scalar<'_>)) -> Element<'static> {
-    let initial = Initial::default_for(v.causality, v.variability);
+fn log_category((name, description): (&std::ffi::CStr, &str)) -> Element<'static> {
+    Element::new("Category")
+        .with("name", name.to_string_lossy())
+        .with("description", description)
+}
+
+fn unknown((reference, dependencies): (usize, String)) -> Element<'static> {
+    Element::new("Unknown")
+        .with("index", reference + 1)
+        .with("dependencies", dependencies)
+}
+
+fn scalar((reference, v, element): &Scalar<'_>) -> Element<'static> {
     Element::new("ScalarVariable")
         .with("name", v.element_name(*element))
         .with("valueReference", reference)
-        .with("description", v.description)
+        .with("description", &v.description)
         .with("causality", v.causality.as_str())
         .with("variability", v.variability.as_str())
-        .with_some("initial", initial.map(Initial::as_str))
-        .holding(value(&v.domain, *element))
+        .with_some("initial", v.initial().map(Initial::as_str))
+        .holding(value(&v.of_type, *element))
 }
 
 /// The element of the type, with the start value and the bounds.
-fn value(domain: &Domain, element: usize) -> Element<'static> {
-    match domain {
-        Domain::Real {
-            start,
+fn value(of_type: &Type, element: usize) -> Element<'static> {
+    match of_type {
+        Type::Real {
             min,
             max,
             unit,
+            start,
+        } => Element::new("Real")
+            .with_some("unit", (!unit.is_empty()).then_some(unit))
+            .with_some("displayUnit", Unit::display(unit).map(|(name, _)| name))
+            .with_some("min", min.is_finite().then_some(*min))
+            .with_some("max", max.is_finite().then_some(*max))
+            .with_some("start", start.get(element)),
+        Type::Integer { min, max, start } => Element::new("Integer")
+            .with_some("min", (*min != i32::MIN).then_some(*min))
+            .with_some("max", (*max != i32::MAX).then_some(*max))
+            .with_some("start", start.get(element)),
+        Type::Boolean { start } => Element::new("Boolean").with_some("start", start.get(element)),
+        Type::String { start } => Element::new("String").with_some("start", start.get(element)),
+        Type::Enumeration {
+            name, items, start, ..
         } => {
-            let bound = |bound: &f64| bound.is_finite().then_some(*bound);
-            Element::new("Real")
-                .with("unit", unit.name)
-                .with_some("displayUnit", unit.display.map(|(name, _)| name))
-                .with_some("min", bound(min))
-                .with_some("max", bound(max))
-                .with_some("start", start.of(element))
+            let values = || items.iter().map(|(value, ..)| *value);
+            Element::new("Enumeration")
+                .with("declaredType", name)
+                .with_some("min", values().min())
+                .with_some("max", values().max())
+                .with_some("start", start.get(element))
         }
-        Domain::Integer { start, range } => Element::new("Integer")
-            .with("min", range.0)
-            .with("max", range.1)
-            .with("start", start),
-        Domain::Boolean { start } => Element::new("Boolean").with("start", start),
-        Domain::Enumeration { start, items } => Element::new("Enumeration")
-            .with("declaredType", items.name)
-            .with("min", 1)
-            .with("max", items.items.len())
-            .with("start", start),
     }
-}
-
-/// The outputs, with the indices of the variables that each depends on.
-fn unknowns(
-    scalars: &[Scalar<'_>],
-    dependencies: impl Fn(&Scalar<'_>) -> String,
-) -> Vec<Element<'static>> {
-    (1..)
-        .zip(scalars)
-        .filter(|(_, (v, _))| v.causality == Causality::Output)
-        .map(|(index, scalar): (u32, _)| {
-            Element::new("Unknown")
-                .with("index", index)
-                .with("dependencies", dependencies(scalar))
-        })
-        .collect()
-}
-
-/// Indices of the parameters that determine the scalar's value after initialization.
-fn initial_dependencies(scalars: &[Scalar<'_>], (v, element): &Scalar<'_>) -> String {
-    (1..)
-        .zip(scalars)
-        .filter(|(_, (parameter, other))| {
-            v.initially_from.contains(&parameter.name)
-                && (!(v.array.is_some() && parameter.array.is_some()) || element == other)
-        })
-        .map(|(index, _): (u32, _)| index.to_string())
-        .collect::<Vec<_>>()
-        .join(" ")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::unit;
 
-    #[derive(Default)]
-    struct Model {
-        x: f64,
-        w: [f64; 2],
-        n: i32,
-        b: bool,
+    fn variable(name: &str, causality: Causality, of_type: Type) -> VariableDescription {
+        VariableDescription {
+            name: name.into(),
+            description: format!("{name} & co"),
+            causality,
+            variability: match causality {
+                Causality::Parameter => Variability::Fixed,
+                _ => Variability::Discrete,
+            },
+            has_input_derivative: false,
+            has_directional_derivatives: false,
+            dimensions: Vec::new(),
+            initially_from: Vec::new(),
+            of_type,
+        }
     }
 
-    const WAYS: Enumeration = Enumeration {
-        name: "Way",
-        description: "which way & how",
-        items: &[("left", "to the left"), ("right", "to the right")],
-    };
+    fn real(unit: &str, start: &[f64]) -> Type {
+        Type::Real {
+            min: 0.0,
+            max: f64::INFINITY,
+            unit: unit.into(),
+            start: start.into(),
+        }
+    }
 
-    type Row = Variable<Model>;
+    fn way(items: &[(i32, &str)]) -> Type {
+        let item = |(value, name): &(i32, &str)| (*value, (*name).into(), String::new());
+        Type::Enumeration {
+            name: "Way".into(),
+            description: "which way".into(),
+            items: items.iter().map(item).collect(),
+            start: vec![items[0].0],
+        }
+    }
 
-    const VARIABLES: &[Row] = &[
-        Row::input("u", |m| &mut m.x).unit(unit::RADIAN).about("in"),
-        Row::output("y", |m| &mut m.x)
-            .unit(unit::NEWTON)
-            .discrete()
-            .about("out"),
-        Row::tunable("k", 1e-9, |m| &mut m.x)
-            .at_least(0.0)
-            .about("a < b"),
-        Row::fixed_array("w0", &[0.25, -2.0], |m| &mut m.w).about("initial"),
-        Row::output_array("w", 2, |m| &mut m.w)
-            .initially_from(&["w0"])
-            .about("weights"),
-        Row::integer("n", 3, (1, 5), |m| &mut m.n).about("count"),
-        Row::flag("b", true, |m| &mut m.b).about("whether"),
-        Row::choice("way", &WAYS, 2, |m| &mut m.n).about("way"),
-    ];
+    fn array(v: VariableDescription, from: &[usize]) -> VariableDescription {
+        VariableDescription {
+            dimensions: vec![1, 2],
+            initially_from: from.into(),
+            ..v
+        }
+    }
 
-    fn description() -> Element<'static> {
-        let subject = Subject {
-            name: "Model",
-            description: "a \"model\"",
-            version: "1.0",
-            license: "MIT",
-            generation_tool: "test",
-            capabilities: &[Capability::CanGetAndSetFMUstate],
-            default_experiment: (20.0, 0.001),
-            log_categories: &[("logAll", "everything")],
+    fn model() -> Description {
+        use Causality::{Input, Output, Parameter};
+        let integer = Type::Integer {
+            min: 1,
+            max: i32::MAX,
+            start: vec![3],
         };
-        describe(&subject, VARIABLES)
+        let text = Type::String {
+            start: vec!["a < b".into()],
+        };
+        Description {
+            name: "Model".into(),
+            description: "a \"model\"".into(),
+            guid: "{1}".into(),
+            is_sampled: false,
+            default_experiment: (20.0, 0.001),
+            variables: vec![
+                variable("u", Input, real("rad", &[0.0])),
+                variable("y", Output, real("mN", &[])),
+                variable("held", Output, real("1", &[1e-9])),
+                array(variable("w0", Parameter, real("degC", &[0.25, 2.0])), &[]),
+                array(variable("w", Output, real("1", &[])), &[3]),
+                variable("n", Parameter, integer),
+                variable("b", Parameter, Type::Boolean { start: vec![true] }),
+                variable("file", Parameter, text),
+                variable("way", Parameter, way(&[(4, "left"), (2, "right")])),
+            ],
+        }
+    }
+
+    fn xml(model: &Description) -> Element<'static> {
+        model.to_xml(&Origin::default()).unwrap()
     }
 
     #[test]
-    fn rows_become_scalar_variables_with_consecutive_references() {
-        let description = description();
+    fn elements_of_arrays_are_scalar_variables_with_consecutive_references() {
+        let description = xml(&model());
         let variables: Vec<_> = description
             .list("ModelVariables", "ScalarVariable")
             .collect();
@@ -295,21 +473,29 @@ mod tests {
         assert_eq!(
             names,
             [
-                "u", "y", "k", "w0[1]", "w0[2]", "w[1]", "w[2]", "n", "b", "way"
+                "u", "y", "held", "w0[1,1]", "w0[1,2]", "w[1,1]", "w[1,2]", "n", "b", "file", "way"
             ]
         );
         for (reference, v) in variables.iter().enumerate() {
             assert_eq!(v.attribute("valueReference"), Some(&*reference.to_string()));
         }
         let start = |i: usize| variables[i].children[0].attribute("start");
-        assert_eq!(start(4), Some("-2"));
-        assert_eq!(start(2), Some("0.000000001"));
-        assert_eq!(start(1), None);
+        let starts = [1, 2, 4, 9].map(start);
+        assert_eq!(
+            starts,
+            [None, Some("0.000000001"), Some("2"), Some("a < b")]
+        );
+        let initial = |i: usize| variables[i].attribute("initial");
+        let initials = [0, 1, 2, 3].map(initial);
+        assert_eq!(
+            initials,
+            [None, Some("calculated"), Some("exact"), Some("exact")]
+        );
     }
 
     #[test]
     fn arrays_depend_on_arrays_element_by_element() {
-        let description = description();
+        let description = xml(&model());
         let structure = description.child("ModelStructure").unwrap();
         let dependencies: Vec<_> = structure
             .list("InitialUnknowns", "Unknown")
@@ -325,7 +511,7 @@ mod tests {
 
     #[test]
     fn elements_follow_the_order_of_the_schema() {
-        let description = description();
+        let description = xml(&model());
         let names: Vec<_> = description
             .children
             .iter()
@@ -346,11 +532,30 @@ mod tests {
         let xml = description.document().unwrap();
         for part in [
             "displayUnit=\"deg\"",
-            "<BaseUnit kg=\"1\" m=\"1\" s=\"-2\"/>",
-            "which way &amp; how",
-            "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"false\"",
+            "<BaseUnit kg=\"1\" m=\"1\" s=\"-2\" factor=\"0.001\"/>",
+            "<BaseUnit K=\"1\" offset=\"273.15\"/>",
+            "way &amp; co",
+            "<Enumeration declaredType=\"Way\" min=\"2\" max=\"4\" start=\"4\"/>",
+            "<Integer min=\"1\" start=\"3\"/>",
+            "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\"",
         ] {
             assert!(xml.contains(part), "{part} is missing in {xml}");
         }
+    }
+
+    #[test]
+    fn enumerations_of_one_name_have_the_same_items() {
+        let mut model = model();
+        let same = way(&[(4, "left"), (2, "right")]);
+        let other = way(&[(1, "left"), (2, "right")]);
+        model
+            .variables
+            .push(variable("back", Causality::Parameter, same));
+        assert_eq!(xml(&model).list("TypeDefinitions", "SimpleType").count(), 1);
+        model
+            .variables
+            .push(variable("again", Causality::Parameter, other));
+        let error = model.to_xml(&Origin::default()).unwrap_err().to_string();
+        assert!(error.contains("Way"), "{error}");
     }
 }

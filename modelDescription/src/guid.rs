@@ -1,6 +1,6 @@
 //! The identity of an interface, computed at compile time.
 
-use crate::{Causality, Domain, Info, Variability, Variable};
+use crate::{Domain, Interface, Scalar, StartValue};
 
 /// Length of a GUID as text, including the braces.
 pub const LENGTH: usize = 38;
@@ -8,12 +8,25 @@ pub const LENGTH: usize = 38;
 /// The GUID of a model: the 128-bit FNV-1a hash of its name and its variables (names, order,
 /// causality, variability, types, starts, bounds, units), formatted as a version 8 UUID. It is the
 /// same in every build and changes with the interface.
-pub const fn guid<M>(model: &str, variables: &[Variable<M>]) -> [u8; LENGTH] {
-    let mut hash = Hash::new().text(model);
+pub const fn guid(interface: &Interface) -> [u8; LENGTH] {
+    let mut hash = Hash::new()
+        .text(interface.name)
+        .byte(interface.is_sampled as u8);
     let mut i = 0;
-    while i < variables.len() {
-        hash = hash.variable(&variables[i].info);
+    while i < interface.scalars.len() {
+        hash = hash.scalar(&interface.scalars[i]);
         i += 1;
+    }
+    let mut overrides = interface.overrides;
+    while let Some(((reference, value), rest)) = overrides.next() {
+        hash = hash.number(reference as u64);
+        hash = match value {
+            StartValue::Real(value) => hash.number(value.to_bits()),
+            StartValue::Integer(value) => hash.number(value as u64),
+            StartValue::Boolean(value) => hash.byte(value as u8),
+            StartValue::String(value) => hash.text(value),
+        };
+        overrides = rest;
     }
     format(hash.0)
 }
@@ -24,24 +37,33 @@ pub const fn checksum(bytes: &[u8]) -> u128 {
 }
 
 /// FNV-1a, 128 bits.
-struct Hash(u128);
+#[derive(Clone, Copy)]
+pub(crate) struct Hash(pub(crate) u128);
 
 impl Hash {
-    const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
     }
 
-    const fn byte(self, byte: u8) -> Self {
+    pub(crate) const fn byte(self, byte: u8) -> Self {
         Self((self.0 ^ byte as u128).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b))
     }
 
-    const fn bytes(mut self, bytes: &[u8]) -> Self {
+    pub(crate) const fn bytes(mut self, bytes: &[u8]) -> Self {
         let mut i = 0;
         while i < bytes.len() {
             self = self.byte(bytes[i]);
             i += 1;
         }
         self
+    }
+
+    /// A prefix of a name, unless it is empty.
+    pub(crate) const fn prefix(self, prefix: &str) -> Self {
+        match prefix.is_empty() {
+            true => self,
+            false => self.bytes(prefix.as_bytes()).byte(b'.'),
+        }
     }
 
     /// A text and a terminator, so that "a", "bc" differs from "ab", "c".
@@ -53,62 +75,94 @@ impl Hash {
         self.bytes(&number.to_le_bytes())
     }
 
-    const fn variable(self, variable: &Info) -> Self {
-        let hash = self
+    /// A scalar; the variable of an array is included with its first element.
+    const fn scalar(mut self, scalar: &Scalar) -> Self {
+        let variable = scalar.variable;
+        if scalar.element > 0 {
+            return self;
+        }
+        let mut i = 0;
+        while i < scalar.prefixes.len() {
+            self = self.text(scalar.prefixes[i]);
+            i += 1;
+        }
+        self = self
             .text(variable.name)
-            .byte(match variable.causality {
-                Causality::Parameter => 0,
-                Causality::Input => 1,
-                Causality::Output => 2,
-                Causality::CalculatedParameter => 3,
-                Causality::Local => 4,
-                Causality::Independent => 5,
-            })
-            .byte(match variable.variability {
-                Variability::Fixed => 0,
-                Variability::Tunable => 1,
-                Variability::Discrete => 2,
-                Variability::Continuous => 3,
-                Variability::Constant => 4,
-            })
-            .number(variable.count() as u64);
-        match &variable.domain {
+            .byte(variable.causality as u8)
+            .byte(variable.variability as u8)
+            .number(variable.dimensions.len() as u64);
+        let mut i = 0;
+        while i < variable.dimensions.len() {
+            self = self.number(variable.dimensions[i] as u64);
+            i += 1;
+        }
+        self.domain(&variable.domain)
+    }
+
+    const fn domain(self, domain: &Domain) -> Self {
+        match domain {
             Domain::Real {
                 start,
                 min,
                 max,
                 unit,
             } => {
-                let mut hash = hash
+                let mut hash = self
                     .byte(0)
-                    .text(unit.name)
+                    .text(unit)
                     .number(min.to_bits())
                     .number(max.to_bits());
                 let mut i = 0;
-                while i < variable.count() {
-                    if let Some(start) = start.of(i) {
-                        hash = hash.number(start.to_bits());
-                    }
+                while i < start.len() {
+                    hash = hash.number(start[i].to_bits());
                     i += 1;
                 }
                 hash
             }
-            Domain::Integer { start, range } => hash
+            Domain::Integer { start, min, max } => self
                 .byte(1)
-                .number(*start as u64)
-                .number(range.0 as u64)
-                .number(range.1 as u64),
-            Domain::Boolean { start } => hash.byte(2).byte(*start as u8),
+                .number(*min as u64)
+                .number(*max as u64)
+                .integers(start),
+            Domain::Boolean { start } => {
+                let mut hash = self.byte(2);
+                let mut i = 0;
+                while i < start.len() {
+                    hash = hash.byte(start[i] as u8);
+                    i += 1;
+                }
+                hash
+            }
+            Domain::String { start } => {
+                let mut hash = self.byte(4);
+                let mut i = 0;
+                while i < start.len() {
+                    hash = hash.text(start[i]);
+                    i += 1;
+                }
+                hash
+            }
             Domain::Enumeration { start, items } => {
-                let mut hash = hash.byte(3).text(items.name).number(*start as u64);
+                let mut hash = self.byte(3).text(items.name).integers(start);
                 let mut i = 0;
                 while i < items.items.len() {
-                    hash = hash.text(items.items[i].0);
+                    hash = hash
+                        .text(items.items[i].name)
+                        .number(items.items[i].value as u64);
                     i += 1;
                 }
                 hash
             }
         }
+    }
+
+    const fn integers(mut self, numbers: &[i32]) -> Self {
+        let mut i = 0;
+        while i < numbers.len() {
+            self = self.number(numbers[i] as u64);
+            i += 1;
+        }
+        self
     }
 }
 
@@ -134,18 +188,46 @@ const fn format(hash: u128) -> [u8; LENGTH] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::unit;
+    use crate::table::scalars;
+    use crate::{Causality, Overrides, Row, Variability, Variable};
 
-    struct Model {
-        k: f64,
+    fn k(start: &'static [f64]) -> Variable {
+        Variable {
+            name: "k",
+            description: "gain",
+            offset: 0,
+            causality: Causality::Parameter,
+            variability: Variability::Tunable,
+            dimensions: &[],
+            domain: Domain::Real {
+                start,
+                min: f64::NEG_INFINITY,
+                max: f64::INFINITY,
+                unit: "1",
+            },
+            initially_from: &[],
+            has_input_derivative: false,
+            has_directional_derivatives: false,
+        }
     }
 
-    fn text(model: &str, variables: &[Variable<Model>]) -> String {
-        String::from_utf8(guid(model, variables).to_vec()).unwrap()
+    fn interface(name: &'static str, variables: &[Variable]) -> Interface {
+        let rows: Vec<Row> = variables.iter().copied().map(Row::Variable).collect();
+        Interface {
+            name,
+            description: "amplifier",
+            is_sampled: false,
+            default_experiment: (1.0, 0.1),
+            scalars: match rows.len() {
+                0 => &[],
+                _ => Box::leak(Box::new(scalars::<1>(rows.leak()))),
+            },
+            overrides: Overrides::NONE,
+        }
     }
 
-    fn k(start: f64) -> Variable<Model> {
-        Variable::tunable("k", start, |m: &mut Model| &mut m.k).about("gain")
+    fn text(interface: &Interface) -> String {
+        String::from_utf8(guid(interface).to_vec()).unwrap()
     }
 
     /// Published test vectors of 128-bit FNV-1a: "" and "a".
@@ -160,7 +242,7 @@ mod tests {
 
     #[test]
     fn the_guid_is_a_version_8_uuid() {
-        let guid = text("Model", &[k(1.0)]);
+        let guid = text(&interface("Model", &[k(&[1.0])]));
         assert_eq!(guid.len(), LENGTH);
         assert_eq!(&guid[15..16], "8");
         assert!("89ab".contains(&guid[20..21]), "{guid}");
@@ -176,16 +258,39 @@ mod tests {
 
     #[test]
     fn the_guid_changes_with_the_interface_only() {
-        let guid = text("Model", &[k(1.0)]);
-        assert_eq!(guid, text("Model", &[k(1.0).about("another text")]));
+        let model = interface("Model", &[k(&[1.0])]);
+        let described = Variable {
+            description: "another text",
+            ..k(&[1.0])
+        };
+        assert_eq!(text(&model), text(&interface("Model", &[described])));
+        let bounded = Variable {
+            domain: Domain::Real {
+                start: &[1.0],
+                min: 0.0,
+                max: f64::INFINITY,
+                unit: "1",
+            },
+            ..k(&[])
+        };
+        let fixed = Variable {
+            variability: Variability::Fixed,
+            ..k(&[1.0])
+        };
+        let (_, overrides) = Overrides::of("Model", "Model=Model;0:r16:4000000000000000").unwrap();
         for other in [
-            text("Other", &[k(1.0)]),
-            text("Model", &[k(2.0)]),
-            text("Model", &[k(1.0).at_least(0.0)]),
-            text("Model", &[k(1.0).unit(unit::NEWTON)]),
-            text("Model", &[]),
+            interface("Other", &[k(&[1.0])]),
+            interface("Model", &[k(&[2.0])]),
+            interface("Model", &[bounded]),
+            interface("Model", &[fixed]),
+            interface("Model", &[]),
+            Interface {
+                is_sampled: true,
+                ..model
+            },
+            Interface { overrides, ..model },
         ] {
-            assert_ne!(guid, other);
+            assert_ne!(text(&model), text(&other));
         }
     }
 }

@@ -1,65 +1,257 @@
-//! Units with their base units (FMI 2.0.4, section 2.2.2).
-
-/// A unit: a product of powers of the SI base units and the radian, without factor or offset.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unit {
-    /// The unit's name in the XML, such as `N.s/m`.
-    pub name: &'static str,
-    /// Exponents of the base units, in the order of [`BASE`].
-    pub exponents: [i8; 8],
-    /// Display unit: its name, and the factor that converts a value from this unit.
-    pub display: Option<(&'static str, f64)>,
-}
+//! Units, parsed into the base units of FMI (FMI 2.0.4, section 2.2.2).
+//!
+//! A unit is a product of factors, optionally divided by a factor or by a product in parentheses:
+//! `N.s/m`, `kg.m2`, `m/s2`, `N/(rad.s)`. A factor is a symbol from the table below with an optional
+//! exponent; most symbols may have an SI prefix (`mm`, `kN`, `MPa`). `1` is dimensionless.
 
 /// The base units of FMI 2.0.
 pub const BASE: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
 
-const fn mechanical(name: &'static str, kg: i8, m: i8, s: i8, rad: i8) -> Unit {
-    Unit {
-        name,
-        exponents: [kg, m, s, 0, 0, 0, 0, rad],
-        display: None,
-    }
+/// A unit: `value in base units = factor * value + offset`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unit {
+    /// Exponents of the base units, in the order of [`BASE`].
+    pub exponents: [i8; 8],
+    /// Factor to the base units.
+    pub factor: f64,
+    /// Offset to the base units; not 0 for `degC` and `degF` only.
+    pub offset: f64,
 }
+
+/// A named unit: symbol, exponents of the base units, factor, and whether it may have an SI prefix.
+type Symbol = (&'static str, [i8; 8], f64, bool);
+
+const DEGREE: f64 = core::f64::consts::PI / 180.0;
+const TURN: f64 = 2.0 * core::f64::consts::PI;
+
+#[rustfmt::skip]
+const SYMBOLS: &[Symbol] = &[
+    //        kg  m  s  A  K mol cd rad
+    ("1",    [0,  0,  0,  0, 0, 0, 0, 0], 1.0, false),
+    ("%",    [0,  0,  0,  0, 0, 0, 0, 0], 0.01, false),
+    ("g",    [1,  0,  0,  0, 0, 0, 0, 0], 1e-3, true),
+    ("t",    [1,  0,  0,  0, 0, 0, 0, 0], 1e3, false),
+    ("m",    [0,  1,  0,  0, 0, 0, 0, 0], 1.0, true),
+    ("s",    [0,  0,  1,  0, 0, 0, 0, 0], 1.0, true),
+    ("min",  [0,  0,  1,  0, 0, 0, 0, 0], 60.0, false),
+    ("h",    [0,  0,  1,  0, 0, 0, 0, 0], 3600.0, false),
+    ("d",    [0,  0,  1,  0, 0, 0, 0, 0], 86400.0, false),
+    ("A",    [0,  0,  0,  1, 0, 0, 0, 0], 1.0, true),
+    ("K",    [0,  0,  0,  0, 1, 0, 0, 0], 1.0, true),
+    ("mol",  [0,  0,  0,  0, 0, 1, 0, 0], 1.0, true),
+    ("cd",   [0,  0,  0,  0, 0, 0, 1, 0], 1.0, true),
+    ("rad",  [0,  0,  0,  0, 0, 0, 0, 1], 1.0, true),
+    ("deg",  [0,  0,  0,  0, 0, 0, 0, 1], DEGREE, false),
+    ("rev",  [0,  0,  0,  0, 0, 0, 0, 1], TURN, false),
+    ("rpm",  [0,  0, -1,  0, 0, 0, 0, 1], TURN / 60.0, false),
+    ("Hz",   [0,  0, -1,  0, 0, 0, 0, 0], 1.0, true),
+    ("N",    [1,  1, -2,  0, 0, 0, 0, 0], 1.0, true),
+    ("Pa",   [1, -1, -2,  0, 0, 0, 0, 0], 1.0, true),
+    ("bar",  [1, -1, -2,  0, 0, 0, 0, 0], 1e5, true),
+    ("J",    [1,  2, -2,  0, 0, 0, 0, 0], 1.0, true),
+    ("W",    [1,  2, -3,  0, 0, 0, 0, 0], 1.0, true),
+    ("C",    [0,  0,  1,  1, 0, 0, 0, 0], 1.0, true),
+    ("V",    [1,  2, -3, -1, 0, 0, 0, 0], 1.0, true),
+    ("F",    [-1, -2, 4,  2, 0, 0, 0, 0], 1.0, true),
+    ("Ohm",  [1,  2, -3, -2, 0, 0, 0, 0], 1.0, true),
+    ("S",    [-1, -2, 3,  2, 0, 0, 0, 0], 1.0, true),
+    ("Wb",   [1,  2, -2, -1, 0, 0, 0, 0], 1.0, true),
+    ("T",    [1,  0, -2, -1, 0, 0, 0, 0], 1.0, true),
+    ("H",    [1,  2, -2, -2, 0, 0, 0, 0], 1.0, true),
+    ("lm",   [0,  0,  0,  0, 0, 0, 1, 0], 1.0, true),
+    ("lx",   [0, -2,  0,  0, 0, 0, 1, 0], 1.0, true),
+    ("l",    [0,  3,  0,  0, 0, 0, 0, 0], 1e-3, true),
+];
+
+/// Units with an offset, which cannot be factors.
+const WITH_OFFSET: [(&str, f64, f64); 2] = [
+    ("degC", 1.0, 273.15),
+    ("degF", 5.0 / 9.0, 459.67 * 5.0 / 9.0),
+];
+const KELVIN: [i8; 8] = [0, 0, 0, 0, 1, 0, 0, 0];
+
+const PREFIXES: [(&str, f64); 14] = [
+    ("da", 1e1),
+    ("T", 1e12),
+    ("G", 1e9),
+    ("M", 1e6),
+    ("k", 1e3),
+    ("h", 1e2),
+    ("d", 1e-1),
+    ("c", 1e-2),
+    ("m", 1e-3),
+    ("u", 1e-6),
+    ("\u{b5}", 1e-6),
+    ("n", 1e-9),
+    ("p", 1e-12),
+    ("f", 1e-15),
+];
 
 impl Unit {
-    const fn shown_as(self, name: &'static str, factor: f64) -> Self {
-        Self {
-            display: Some((name, factor)),
-            ..self
+    const ONE: Self = Self {
+        exponents: [0; 8],
+        factor: 1.0,
+        offset: 0.0,
+    };
+
+    /// Parses a unit.
+    ///
+    /// # Errors
+    /// The part of the text that is not a unit.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        if let Some((_, factor, offset)) = WITH_OFFSET.iter().find(|(name, ..)| *name == text) {
+            return Ok(Self {
+                exponents: KELVIN,
+                factor: *factor,
+                offset: *offset,
+            });
         }
+        let (above, below) = match text.split_once('/') {
+            Some((above, below)) => (above, Some(below)),
+            None => (text, None),
+        };
+        let mut unit = Self::ONE;
+        for factor in above.split('.') {
+            unit.multiply(factor, 1)?;
+        }
+        let Some(below) = below else {
+            return Ok(unit);
+        };
+        let product = below.strip_prefix('(').and_then(|b| b.strip_suffix(')'));
+        match product {
+            Some(product) => {
+                for factor in product.split('.') {
+                    unit.multiply(factor, -1)?;
+                }
+            }
+            None => unit.multiply(below, -1)?,
+        }
+        Ok(unit)
+    }
+
+    /// The customary unit to display values in, with the factor that converts them: degrees for
+    /// radians.
+    pub fn display(text: &str) -> Option<(String, f64)> {
+        let rest = text.strip_prefix("rad")?;
+        let is_angle = rest.is_empty() || rest == "/s" || rest == "/s2";
+        is_angle.then(|| (format!("deg{rest}"), 1.0 / DEGREE))
+    }
+
+    /// Multiplies by a symbol with an exponent, to the power of `sign`.
+    fn multiply(&mut self, factor: &str, sign: i8) -> Result<(), String> {
+        let unknown = || format!("{factor:?} is not a unit");
+        let end = factor.find(|c: char| c == '-' || c == '+' || c.is_ascii_digit());
+        let (symbol, exponent) = match end {
+            Some(at) if at > 0 => factor.split_at(at),
+            _ => (factor, "1"),
+        };
+        let power = exponent.parse::<i8>().ok().filter(|p| (-9..=9).contains(p));
+        let power = sign * power.ok_or_else(unknown)?;
+        let (exponents, scale) = find(symbol).ok_or_else(unknown)?;
+        for (sum, exponent) in self.exponents.iter_mut().zip(exponents) {
+            *sum += exponent * power;
+        }
+        for _ in 0..power.abs() {
+            if power > 0 {
+                self.factor *= scale;
+            } else {
+                self.factor /= scale;
+            }
+        }
+        Ok(())
     }
 }
 
-const DEGREES: f64 = 180.0 / core::f64::consts::PI;
+/// The exponents and the factor of a symbol with an optional prefix.
+fn find(symbol: &str) -> Option<([i8; 8], f64)> {
+    let exact = SYMBOLS.iter().find(|(name, ..)| *name == symbol);
+    if let Some((_, exponents, factor, _)) = exact {
+        return Some((*exponents, *factor));
+    }
+    PREFIXES.iter().find_map(|(prefix, scale)| {
+        let rest = symbol.strip_prefix(prefix)?;
+        SYMBOLS
+            .iter()
+            .find(|(name, _, _, takes_prefix)| *takes_prefix && *name == rest)
+            .map(|(_, exponents, factor, _)| (*exponents, scale * factor))
+    })
+}
 
-/// Dimensionless.
-pub const ONE: Unit = mechanical("1", 0, 0, 0, 0);
-/// Second.
-pub const SECOND: Unit = mechanical("s", 0, 0, 1, 0);
-/// Hertz.
-pub const HERTZ: Unit = mechanical("Hz", 0, 0, -1, 0);
-/// Kilogram.
-pub const KILOGRAM: Unit = mechanical("kg", 1, 0, 0, 0);
-/// Metre.
-pub const METRE: Unit = mechanical("m", 0, 1, 0, 0);
-/// Metre per second.
-pub const METRE_PER_SECOND: Unit = mechanical("m/s", 0, 1, -1, 0);
-/// Metre per second squared.
-pub const METRE_PER_SECOND_SQUARED: Unit = mechanical("m/s2", 0, 1, -2, 0);
-/// Kilogram metre squared.
-pub const KILOGRAM_METRE_SQUARED: Unit = mechanical("kg.m2", 1, 2, 0, 0);
-/// Radian, shown in degrees.
-pub const RADIAN: Unit = mechanical("rad", 0, 0, 0, 1).shown_as("deg", DEGREES);
-/// Radian per second, shown in degrees per second.
-pub const RADIAN_PER_SECOND: Unit = mechanical("rad/s", 0, 0, -1, 1).shown_as("deg/s", DEGREES);
-/// Newton.
-pub const NEWTON: Unit = mechanical("N", 1, 1, -2, 0);
-/// Newton second per metre.
-pub const NEWTON_SECOND_PER_METRE: Unit = mechanical("N.s/m", 1, 0, -1, 0);
-/// Newton per radian.
-pub const NEWTON_PER_RADIAN: Unit = mechanical("N/rad", 1, 1, -2, -1);
-/// Newton per radian and second.
-pub const NEWTON_PER_RADIAN_SECOND: Unit = mechanical("N/(rad.s)", 1, 1, -3, -1);
-/// Newton second per radian.
-pub const NEWTON_SECOND_PER_RADIAN: Unit = mechanical("N.s/rad", 1, 1, -1, -1);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Exponents of the base units, from the definitions of the SI.
+    #[test]
+    fn units_become_products_of_base_units() {
+        for (text, expected) in [
+            ("1", "1"),
+            ("kg", "kg"),
+            ("N", "kg.m/s2"),
+            ("N.s/m", "kg/s"),
+            ("N/(rad.s)", "kg.m.s-3.rad-1"),
+            ("V", "kg.m2/(s3.A)"),
+            ("F", "A2.s4/(kg.m2)"),
+            ("H", "V.s/A"),
+            ("Wb/m2", "T"),
+            ("S", "1/Ohm"),
+            ("W/(m.K)", "kg.m/(s3.K)"),
+            ("Hz", "1/s"),
+            ("J", "N.m"),
+            ("Pa", "N/m2"),
+            ("lx", "cd/m2"),
+        ] {
+            assert_eq!(Unit::parse(text), Unit::parse(expected), "{text}");
+        }
+        let newton = Unit::parse("N").unwrap();
+        assert_eq!(newton.exponents, [1, 1, -2, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn prefixes_and_other_units_have_factors() {
+        for (text, factor) in [
+            ("mm", 1e-3),
+            ("kN", 1e3),
+            ("MPa", 1e6),
+            ("\u{b5}s", 1e-6),
+            ("cm2", 1e-4),
+            ("km/h", 1e3 / 3600.0),
+            ("rpm", core::f64::consts::PI / 30.0),
+            ("rev/min", core::f64::consts::PI / 30.0),
+            ("%", 0.01),
+            ("kW.h", 3.6e6),
+            ("mol", 1.0),
+            ("min", 60.0),
+            ("g", 1e-3),
+        ] {
+            let unit = Unit::parse(text).unwrap();
+            assert!(
+                (unit.factor / factor - 1.0).abs() < 1e-15,
+                "{text}: {unit:?}"
+            );
+        }
+        let celsius = Unit::parse("degC").unwrap();
+        assert_eq!((celsius.factor, celsius.offset), (1.0, 273.15));
+    }
+
+    #[test]
+    fn angles_are_displayed_in_degrees() {
+        assert_eq!(
+            Unit::display("rad"),
+            Some(("deg".into(), 180.0 / core::f64::consts::PI))
+        );
+        assert_eq!(Unit::display("rad/s").unwrap().0, "deg/s");
+        assert_eq!(Unit::display("N/rad"), None);
+    }
+
+    #[test]
+    fn everything_else_is_rejected() {
+        for text in [
+            "", "Nm", "N*m", "N m", "n", "N/", "/s", "N/m/s", "N/(m", "m^2", "m2.5", "ms99", "kkg",
+            "kmin", "degC/s", "radians", "N.", "2", "2m", "m-",
+        ] {
+            assert!(Unit::parse(text).is_err(), "{text}");
+        }
+        assert_eq!(Unit::parse("N.foo/s"), Err("\"foo\" is not a unit".into()));
+    }
+}

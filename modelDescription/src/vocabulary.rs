@@ -1,5 +1,7 @@
 //! The keywords of FMI 2.0 for variables and capabilities.
 
+use std::ffi::CStr;
+
 /// Defines enums whose variants are the keywords of an attribute or element.
 macro_rules! words {
     ($($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $variant:ident = $word:literal,)* })*) => {
@@ -113,6 +115,23 @@ words! {
         ProvidesDirectionalDerivative = "providesDirectionalDerivative",
     }
 }
+
+/// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.4, section
+/// 2.2.4).
+pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
+    (c"logStatusError", "calls and steps that failed"),
+    (c"logStatusWarning", "calls that are unusual, but worked"),
+    (
+        c"logStatusDiscard",
+        "steps that were discarded, and changed nothing",
+    ),
+    (
+        c"logStatusFatal",
+        "failures after which the instance is dead",
+    ),
+    (c"logEvents", "changes of the slave's state"),
+    (c"logAll", "all messages"),
+];
 
 impl Initial {
     /// The default of a missing `initial` (FMI 2.0.4, section 2.2.7); `None` for inputs and the

@@ -14,9 +14,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use style::ERROR;
 
-use commands::{completions, export, info, merge, probe, simulate, ssp, sweep, validate};
+use commands::{completions, export, info, merge, new, probe, simulate, ssp, sweep, validate};
 
-/// Build, inspect, merge, check, simulate and sweep FMUs
+/// Write, build, inspect, merge, check, simulate and sweep FMUs
 #[derive(Parser)]
 #[command(
     name = "cargo-fmu",
@@ -31,6 +31,15 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Write a new package with a controller and a plant
+    #[command(
+        after_help = "The package contains a test, a closed loop for `cargo fmu simulate`, and a
+workflow that builds FMUs for Linux, Windows and macOS. In a workspace, it
+becomes a member.
+
+Example:\n  cargo fmu new my-controller"
+    )]
+    New(new::NewArgs),
     /// Build the models of this workspace into FMUs
     #[command(after_help = "Examples:
   cargo fmu export                     all models for this machine, to target/fmu
@@ -39,7 +48,9 @@ enum Command {
   cargo fmu export --portable --target x86_64-pc-windows-gnu \\
       --target universal2-apple-darwin for Linux, Windows and macOS
   cargo fmu export Pid --binary win64=fmu_controller.dll
-                                       with a binary built elsewhere")]
+                                       with a binary built elsewhere
+  cargo fmu export Pid --name FastPid --set pid.kp=400 --set ts=0.0005
+                                       a variant with other start values")]
     Export(export::ExportArgs),
     /// Show the variables, capabilities and platforms of an FMU
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
@@ -124,6 +135,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
     // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
     let is_ok = match command {
+        Command::New(args) => new::run(&args, out).map(|()| true),
         Command::Export(args) => export::run(args, out).map(|()| true),
         Command::Info { file } => info::print(&file, out).map(|()| true),
         Command::Merge(args) => merge::run(&args, out).map(|()| true),

@@ -122,6 +122,10 @@ fn stable(text: &str, folder: &Path) -> String {
         (r"# sweep [0-9a-f]{32}", "# sweep [DIGEST]"),
         (r"/[^ ]*/fmu-[^/]*/", "[UNPACKED]/"),
         (r#" at path "[^"]*""#, ""),
+        (
+            r#""[^"]*/crates/fmu-export""#,
+            "\"[CHECKOUT]/crates/fmu-export\"",
+        ),
         (r"(?m) +$", ""),
     ];
     hidden.iter().fold(text, |text, (pattern, shown)| {

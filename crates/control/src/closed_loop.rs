@@ -147,7 +147,8 @@ pub fn network(w0: [f64; 4]) -> Rbf<4> {
     network.widths = [0.5; 4];
     network.eta = 0.3;
     network.alpha = 0.05;
-    network.reset(w0);
+    network.initial_weights = w0;
+    network.reset();
     network
 }
 

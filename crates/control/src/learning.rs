@@ -5,23 +5,17 @@ use crate::{Pid, Rbf, pid::Integral};
 
 /// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns that sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(bound(
-        serialize = "Rbf<N>: serde::Serialize",
-        deserialize = "Rbf<N>: serde::Deserialize<'de>"
-    ))
-)]
+#[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct PidRbf<const N: usize> {
-    /// The PID: gains, sample time, force limit, and the outputs `e` and `u_p`.
+    /// The PID: gains, sample time, force limit, the force u = u_p + u_n, and the outputs `e` and `u_p`.
+    #[cfg_attr(feature = "fmi", nested(flatten))]
     pub pid: Pid,
-    /// The network; its input is the set-point.
-    pub network: Rbf<N>,
-    /// Output: the network's part of the force (N).
+    /// The network's part of the force (N).
+    #[cfg_attr(feature = "fmi", output(unit = "N"))]
     pub u_n: f64,
-    /// Output: the force u = u_p + u_n (N), limited to `pid.u_max`.
-    pub u: f64,
+    /// The network; its input is the set-point.
+    #[cfg_attr(feature = "fmi", nested(prefix = "rbf"))]
+    pub network: Rbf<N>,
 }
 
 impl<const N: usize> PidRbf<N> {
@@ -30,8 +24,8 @@ impl<const N: usize> PidRbf<N> {
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
         self.act(r, y, d);
-        self.network.descend(self.u_n - self.u);
-        self.u
+        self.network.descend(self.u_n - self.pid.u);
+        self.pid.u
     }
 
     /// The control law (15) without learning.
@@ -39,13 +33,13 @@ impl<const N: usize> PidRbf<N> {
     fn act(&mut self, r: f64, y: f64, d: f64) {
         self.network.activate(r);
         self.u_n = self.network.output();
-        self.u = self.pid.sample_with(self.u_n, r, y, d);
+        self.pid.sample_with(self.u_n, r, y, d);
     }
 }
 
 /// What the network of an [`IpidRbf`] learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "fmi", derive(fmu_derive::Choice), choice(crate = fmu_description))]
 pub enum Target {
     /// The controller's own force, as printed in (29): a self-contained controller.
     #[default]
@@ -57,17 +51,16 @@ pub enum Target {
 /// IPID-RBF: [`PidRbf`] with a leaky sum of the error (26), so that the network does the integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(bound(
-        serialize = "PidRbf<N>: serde::Serialize",
-        deserialize = "PidRbf<N>: serde::Deserialize<'de>"
-    ))
+    feature = "fmi",
+    derive(fmu_derive::Variables),
+    variables(crate = fmu_description, default)
 )]
 pub struct IpidRbf<const N: usize> {
     /// The control law: parameters and outputs.
+    #[cfg_attr(feature = "fmi", nested(flatten))]
     pub law: PidRbf<N>,
     /// What the network learns.
+    #[cfg_attr(feature = "fmi", parameter(name = "rbf.target"))]
     pub target: Target,
 }
 
@@ -90,11 +83,11 @@ impl<const N: usize> IpidRbf<N> {
     pub fn sample(&mut self, r: f64, y: f64, d: f64, u_supervisor: f64) -> f64 {
         self.law.act(r, y, d);
         let target = match self.target {
-            Target::Own => self.law.u,
+            Target::Own => self.law.pid.u,
             Target::Supervisor => u_supervisor,
         };
         self.law.network.descend(self.law.u_n - target);
-        self.law.u
+        self.law.pid.u
     }
 }
 

@@ -28,12 +28,10 @@
 //! | [`rbf`] | the network and its learning rule | (12) to (14), (18), (19) |
 //! | [`learning`] | [`PidRbf`] and [`IpidRbf`] | (23), (24), (28), (29) |
 //! | [`signal`] | set-points and the disturbance | section 4 |
-//! | [`clock`] | the sample instants of a controller | |
 //! | [`closed_loop`] | plant and controller together, with the paper's settings | section 4 |
 #![no_std]
 #![forbid(unsafe_code)]
 
-pub mod clock;
 pub mod closed_loop;
 pub mod learning;
 pub mod pid;
@@ -41,7 +39,6 @@ pub mod plant;
 pub mod rbf;
 pub mod signal;
 
-pub use clock::SampleClock;
 pub use learning::{IpidRbf, PidRbf, Target};
 pub use pid::Pid;
 pub use rbf::Rbf;

@@ -16,13 +16,25 @@ pub enum Integral {
 
 /// Gains of the PID in parallel form: `u_p = kp x1 + kd x2 + ki x3`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct Gains {
     /// Proportional gain (N/rad).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 300, min = 0, max = 1e9, unit = "N/rad")
+    )]
     pub kp: f64,
-    /// Integral gain (N/(rad s)).
+    /// Integral gain (N/(rad.s)).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 500, min = 0, max = 1e9, unit = "N/(rad.s)")
+    )]
     pub ki: f64,
-    /// Derivative gain (N s/rad).
+    /// Derivative gain (N.s/rad).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 100, min = 0, max = 1e9, unit = "N.s/rad")
+    )]
     pub kd: f64,
 }
 
@@ -68,27 +80,41 @@ impl Terms {
 /// assert_eq!(pid.sample(1.0, 0.25, 0.0), 1.5);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct Pid {
+    /// Force on the cart (N), limited to `u_max`.
+    #[cfg_attr(feature = "fmi", output(unit = "N"))]
+    pub u: f64,
+    /// The PID's part of the force (N), not limited.
+    #[cfg_attr(feature = "fmi", output(unit = "N"))]
+    pub u_p: f64,
+    /// Control error e = r - (y + d) of the last sample (rad).
+    #[cfg_attr(feature = "fmi", output(unit = "rad"))]
+    pub e: f64,
     /// Gains.
+    #[cfg_attr(feature = "fmi", nested(prefix = "pid"))]
     pub gains: Gains,
-    /// Sample time (s).
-    pub ts: f64,
-    /// Limit of `|u|` (N).
+    /// Limit of the force (N), both ways.
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 100, min = 0, max = 1e9, unit = "N")
+    )]
     pub u_max: f64,
-    /// Whether `u(k)` is computed from the terms of sample k-1, a delay of one sample, as in the
+    /// Sample time (s).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = 0.001, min = 1e-6, max = 1e3, unit = "s")
+    )]
+    pub ts: f64,
+    /// Whether u(k) is computed from the terms of sample k-1, a delay of one sample, as in the
     /// paper's simulations of PID and PID-RBF.
+    #[cfg_attr(feature = "fmi", parameter)]
     pub previous_sample_terms: bool,
     /// Whether integral windup is prevented by conditional integration (not in the paper): the sum
     /// skips a sample whose force is limited if its error would drive the force further beyond the
     /// limit.
+    #[cfg_attr(feature = "fmi", parameter)]
     pub anti_windup: bool,
-    /// Output: the control error e = r - (y + d) of the last sample (rad).
-    pub e: f64,
-    /// Output: the PID's part of the force (N), not limited.
-    pub u_p: f64,
-    /// Output: the force (N), limited to `u_max`.
-    pub u: f64,
     integral: Integral,
     terms: Terms,
 }
@@ -105,12 +131,10 @@ impl Pid {
     /// Takes one sample and returns the force u (N).
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
-        self.u = self.sample_with(-0.0, r, y, d); // the neutral element of float addition
-        self.u
+        self.sample_with(-0.0, r, y, d) // the neutral element of float addition
     }
 
-    /// Takes one sample and returns the limited sum of `u_p` and another force `u_n` (N); `u` does
-    /// not change.
+    /// Takes one sample and returns the force u (N), which includes another force `u_n` (N).
     #[inline(always)]
     pub(crate) fn sample_with(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
         if self.anti_windup {
@@ -142,7 +166,8 @@ impl Pid {
             self.terms
         };
         self.u_p = self.gains.kp * x.x1 + self.gains.kd * x.x2 + self.gains.ki * x.x3;
-        clip(self.u_p + u_n, self.u_max)
+        self.u = clip(self.u_p + u_n, self.u_max);
+        self.u
     }
 }
 

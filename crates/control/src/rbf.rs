@@ -14,29 +14,64 @@
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(bound(
-        serialize = "[f64; N]: serde::Serialize",
-        deserialize = "[f64; N]: serde::Deserialize<'de>"
-    ))
+    feature = "fmi",
+    derive(fmu_derive::Variables),
+    variables(crate = fmu_description, default)
 )]
 pub struct Rbf<const N: usize> {
-    /// Centres c_j of the nodes, in the unit of the input.
-    pub centres: [f64; N],
-    /// Widths b_j of the nodes, in the unit of the input, positive.
-    pub widths: [f64; N],
+    /// Weight w_j of the node (N).
+    #[cfg_attr(feature = "fmi", output(name = "w", unit = "N", initially_from("w0")))]
+    pub weights: [f64; N],
+    /// Activation h_j of the node.
+    #[cfg_attr(feature = "fmi", output(name = "h", unit = "1"))]
+    pub activations: [f64; N],
     /// Learning rate eta.
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 0.3, min = 0, max = 10, unit = "1")
+    )]
     pub eta: f64,
     /// Momentum factor alpha.
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(tunable, start = 0.05, min = 0, max = 1, unit = "1")
+    )]
     pub alpha: f64,
-    /// Output: the weights w_j, in the unit of the network's output.
-    pub weights: [f64; N],
-    /// Output: the activations h_j of the nodes.
-    pub activations: [f64; N],
+    /// Centre c_j of the node (rad).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(name = "c", start = centres(), min = -1e9, max = 1e9, unit = "rad")
+    )]
+    pub centres: [f64; N],
+    /// Width b_j of the node (rad), positive.
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(name = "b", start = 0.5, min = 1e-6, max = 1e9, unit = "rad")
+    )]
+    pub widths: [f64; N],
+    /// Initial weight of the node (N).
+    #[cfg_attr(feature = "fmi", parameter(name = "w0", min = -1e9, max = 1e9, unit = "N"))]
+    pub initial_weights: [f64; N],
     weights_before: [f64; N],
     /// The input of `activations`; NaN if there is none yet.
     input: f64,
+}
+
+/// Centres as in section 4: whole numbers on both sides of zero, -2, -1, 1, 2 for 4 nodes.
+pub const fn centres<const N: usize>() -> [f64; N] {
+    let mut centres = [0.0; N];
+    let mut j = 0;
+    while j < N {
+        let from_middle = j as f64 - (N / 2) as f64;
+        let skips_zero = N.is_multiple_of(2) && j >= N / 2;
+        centres[j] = if skips_zero {
+            from_middle + 1.0
+        } else {
+            from_middle
+        };
+        j += 1;
+    }
+    centres
 }
 
 impl<const N: usize> Default for Rbf<N> {
@@ -46,6 +81,7 @@ impl<const N: usize> Default for Rbf<N> {
             widths: [1.0; N],
             eta: 0.0,
             alpha: 0.0,
+            initial_weights: [0.0; N],
             weights: [0.0; N],
             activations: [0.0; N],
             weights_before: [0.0; N],
@@ -55,10 +91,10 @@ impl<const N: usize> Default for Rbf<N> {
 }
 
 impl<const N: usize> Rbf<N> {
-    /// Restarts learning from `weights`, without momentum and activations.
-    pub fn reset(&mut self, weights: [f64; N]) {
-        self.weights = weights;
-        self.weights_before = weights;
+    /// Restarts learning from the initial weights, without momentum and activations.
+    pub fn reset(&mut self) {
+        self.weights = self.initial_weights;
+        self.weights_before = self.initial_weights;
         self.activations = [0.0; N];
         self.input = f64::NAN;
     }
@@ -113,6 +149,12 @@ impl<const N: usize> Rbf<N> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn centres_are_whole_numbers_on_both_sides_of_zero() {
+        assert_eq!(centres(), [-2.0, -1.0, 1.0, 2.0]);
+        assert_eq!(centres(), [-1.0, 0.0, 1.0]);
+    }
+
     /// The network of section 4: (42), (43), whose centres and widths are swapped in print.
     fn network() -> Rbf<4> {
         Rbf {
@@ -144,7 +186,7 @@ mod tests {
         let mut rbf = network();
         rbf.activate(1.0);
         rbf.centres[3] = 1.0;
-        rbf.reset([0.0; 4]);
+        rbf.reset();
         rbf.activate(1.0);
         assert_eq!(rbf.activations[3], 1.0);
     }

@@ -187,9 +187,9 @@ fn growth(integral: Integral, delay: Delay, eta: f64) -> f64 {
             l.sample();
             // The second difference is a high-pass filter: it removes the slow motion of the loop.
             if k >= 2 && k >= (seconds - 1) * 1000 {
-                largest = largest.max((l.controller.u - 2.0 * last + before).abs());
+                largest = largest.max((l.controller.pid.u - 2.0 * last + before).abs());
             }
-            (before, last) = (last, l.controller.u);
+            (before, last) = (last, l.controller.pid.u);
         }
         largest
     };

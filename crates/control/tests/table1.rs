@@ -65,7 +65,7 @@ fn pid_rbf_and_supervised_ipid_rbf_columns() {
         let mut forces = Vec::new();
         let e = last_error(set_point, disturbance, |r, y, d| {
             forces.push(supervisor.sample(r, y, d));
-            supervisor.u
+            supervisor.pid.u
         });
         assert_error(row, "e_pid_rbf_expected", e);
 

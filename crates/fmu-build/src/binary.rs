@@ -6,11 +6,12 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use cargo_metadata::Metadata;
 use fmu_description::guid::checksum;
+use fmu_description::{Description, read_interfaces};
 use fmu_file::archive::{Compression, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::library::{Library, Model};
+use crate::library::{Library, Selection};
 use crate::macho;
 use crate::toolchain::{Recipe, Target};
 
@@ -18,6 +19,8 @@ use crate::toolchain::{Recipe, Target};
 pub struct Binary {
     platforms: Vec<Platform>,
     bytes: Vec<u8>,
+    /// The models in it.
+    models: Vec<Description>,
 }
 
 /// A compressed shared library.
@@ -29,23 +32,32 @@ pub struct PackedBinary {
 }
 
 impl Binary {
-    /// Builds a library for a target.
+    /// Builds a library for a target; `variant` is the text of a [`Variant`](crate::Variant).
     ///
     /// # Errors
-    /// The diagnostics of the compiler.
-    pub fn build(library: &Library, target: &Target, metadata: &Metadata) -> Result<Self> {
+    /// The diagnostics of the compiler, or the library has no models.
+    pub fn build(build: &LibraryBuild<'_>, target: &Target, variant: Option<&str>) -> Result<Self> {
         let mut parts = target
             .recipes
             .iter()
-            .map(|recipe| build(library, recipe, target.platforms[0].extension, metadata))
+            .map(|recipe| build.run(recipe, target.platforms[0].extension, variant))
             .collect::<Result<Vec<_>>>()?;
         let bytes = match parts.len() {
             1 => parts.remove(0),
             _ => macho::join(&parts).context("cannot join the parts of a universal binary")?,
         };
+        let models = read_interfaces(&bytes)
+            .with_context(|| format!("the library of {} cannot be used", build.library.package))?;
+        ensure!(
+            !models.is_empty(),
+            "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
+            build.library.package,
+            build.library.folder.join("src/lib.rs").display()
+        );
         Ok(Self {
             platforms: target.platforms.clone(),
             bytes,
+            models,
         })
     }
 
@@ -56,24 +68,35 @@ impl Binary {
     pub fn read(prebuilt: &Prebuilt) -> Result<Self> {
         let file = prebuilt.file.display();
         let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
-        prebuilt
+        let models = prebuilt
             .platform
             .check(&bytes)
+            .and_then(|()| read_interfaces(&bytes))
             .with_context(|| format!("{file} cannot be used"))?;
         Ok(Self {
             platforms: vec![prebuilt.platform],
             bytes,
+            models,
         })
     }
 
-    /// Checks that the binary contains a model by searching for its GUID, which is stored as text.
+    /// The models in the binary.
+    pub fn models(&self) -> &[Description] {
+        &self.models
+    }
+
+    /// Whether both are for the same platform.
+    pub fn replaces(&self, other: &Self) -> bool {
+        self.platforms.iter().any(|p| other.platforms.contains(p))
+    }
+
+    /// Checks that the binary contains a model in the same version.
     ///
     /// # Errors
-    /// The GUID is missing.
-    pub fn check_guid(&self, model: &Model<'_>) -> Result<()> {
-        let guid = model.guid.as_bytes();
+    /// It does not.
+    pub fn check_model(&self, model: &Description) -> Result<()> {
         ensure!(
-            self.bytes.windows(guid.len()).any(|window| window == guid),
+            self.models.iter().any(|known| known.guid == model.guid),
             "it does not contain the model {} with the GUID {}; was it built from another version?",
             model.name,
             model.guid
@@ -106,23 +129,49 @@ impl Binary {
     }
 }
 
-/// Builds a library with one recipe.
-fn build(
-    library: &Library,
-    recipe: &Recipe,
-    extension: &str,
-    metadata: &Metadata,
-) -> Result<Vec<u8>> {
-    // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
-    let file = recipe
-        .cargo_rustc(&format!("building {}", library.package))
-        .args(["--release", "--lib", "--crate-type", "cdylib"])
-        .args(["--package", &library.package])
-        .without_local_paths(metadata, recipe.sources().as_deref())
-        .args(["--"])
-        .args(recipe.compiler_args(&library.target))
-        .run(metadata.packages.len())?
-        .shared_library(&library.target, extension)
-        .with_context(|| format!("cargo built no shared library of {}", library.package))?;
-    fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
+/// Keeps the compiler from joining neighbouring values in vectors. A step touches each value once, and a
+/// vector cannot be loaded before the stores of its parts have left the processor's store buffer.
+const NO_SLP: &str = "-Cno-vectorize-slp";
+
+/// How the library of a package is built.
+pub struct LibraryBuild<'a> {
+    /// The library.
+    pub library: &'a Library,
+    /// Options for cargo.
+    pub selection: &'a Selection,
+    /// The workspace of the package.
+    pub metadata: &'a Metadata,
+    /// Settings of the profile that the workspace does not make itself.
+    pub profile: &'a [String],
+}
+
+impl LibraryBuild<'_> {
+    /// Builds the library with one recipe, and reads it.
+    fn run(&self, recipe: &Recipe, extension: &str, variant: Option<&str>) -> Result<Vec<u8>> {
+        let library = self.library;
+        // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
+        let mut build = recipe.cargo_rustc(&format!("building {}", library.package));
+        build
+            .args(["--lib", "--crate-type", "cdylib"])
+            .args(["--package", &library.package])
+            .args(self.selection.cargo_arguments())
+            .args(
+                self.profile
+                    .iter()
+                    .flat_map(|setting| ["--config", setting]),
+            )
+            // Whatever the profile says: an abort would end the host.
+            .rustflags(["-Cpanic=unwind".to_owned()])
+            .without_local_paths(self.metadata, recipe.sources().as_deref());
+        if let Some(variant) = variant {
+            build.env("FMU_EXPORT_VARIANT", variant);
+        }
+        let file = build
+            .args(["--", NO_SLP])
+            .args(recipe.compiler_args(&library.target))
+            .run(self.metadata.packages.len())?
+            .shared_library(&library.target, extension)
+            .with_context(|| format!("cargo built no shared library of {}", library.package))?;
+        fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
+    }
 }

@@ -27,14 +27,8 @@ pub struct Build {
 pub struct Artifacts(Vec<Artifact>);
 
 impl Build {
-    /// `cargo SUBCOMMAND`, shown to the user as `title`.
-    pub fn new(title: &str, subcommand: &str) -> Self {
-        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-        Self::by(&cargo, title, subcommand)
-    }
-
-    /// Like [`Build::new`], with a program that replaces cargo.
-    pub fn by(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
+    /// `cargo SUBCOMMAND` with cargo or a program that replaces it, shown to the user as `title`.
+    pub fn new(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
         let mut command = Command::new(program);
         command.args([subcommand, "--message-format=json-render-diagnostics"]);
         Self {
@@ -62,13 +56,12 @@ impl Build {
         self.env(ENCODED_RUSTFLAGS, self.rustflags.join(SEPARATOR))
     }
 
-    /// Keeps local paths out of the binary: removes the folders of dependencies, the workspace and the
-    /// standard library's sources from the locations of panics.
+    /// Keeps local paths out of the binary: removes the folders of packages, the workspace and the
+    /// standard library's sources from the locations of panics. The last folder that matches counts.
     pub fn without_local_paths(&mut self, metadata: &Metadata, std: Option<&Path>) -> &mut Self {
         let folders: BTreeSet<_> = metadata
             .packages
             .iter()
-            .filter(|package| package.source.is_some())
             .filter_map(|package| package.manifest_path.parent()?.parent())
             .map(|folder| (folder.as_std_path(), "crates"))
             .collect();
@@ -149,15 +142,6 @@ fn progress_bar(title: &str, packages: usize) -> ProgressBar {
 }
 
 impl Artifacts {
-    /// The executable of a binary target.
-    pub fn executable(&self, target: &str) -> Option<&Path> {
-        self.0
-            .iter()
-            .filter(|artifact| artifact.target.name == target)
-            .find_map(|artifact| artifact.executable.as_deref())
-            .map(AsRef::as_ref)
-    }
-
     /// The shared library of a library target.
     pub fn shared_library(&self, target: &str, extension: &str) -> Option<PathBuf> {
         self.0

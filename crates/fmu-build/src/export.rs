@@ -6,20 +6,27 @@ use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
+use fmu_description::Description;
 use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::binary::{Binary, PackedBinary};
-use crate::documentation;
-use crate::library::{self, Library, Model};
+use crate::binary::{Binary, LibraryBuild, PackedBinary};
+use crate::contents;
+use crate::library::{Library, Selection};
+use crate::model::{Model, Variant};
+use crate::profile;
 use crate::toolchain::{self, Target};
 
 /// What to export, and for which platforms.
 #[derive(Debug, Default)]
 pub struct Options {
+    /// Which packages to build, and how.
+    pub selection: Selection,
     /// Names of the models; all if empty.
     pub models: Vec<String>,
+    /// Other name and start values for the only model.
+    pub variant: Variant,
     /// Output folder; by default `fmu` in cargo's target folder.
     pub out: Option<PathBuf>,
     /// Whether to build for any Linux with glibc 2.17 or newer, for this machine's processor.
@@ -43,18 +50,25 @@ pub struct Written {
     pub platforms: Vec<&'static str>,
 }
 
+/// A built library: its binaries, one for each target.
+struct Built<'a> {
+    library: &'a Library,
+    binaries: Vec<Binary>,
+}
+
 /// Builds the models and writes their FMUs.
 ///
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file
 /// cannot be read or written.
 pub fn export(options: &Options) -> Result<Vec<Written>> {
-    let metadata = library::metadata()?;
+    let metadata = options.selection.metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
         None => metadata.target_directory.join("fmu").into(),
     };
     // Checks that are fast come before the long build.
+    let libraries = options.selection.libraries(&metadata)?;
     fs::create_dir_all(&out)
         .with_context(|| format!("cannot create the folder {}", out.display()))?;
     replace::check_writable(&out)?;
@@ -65,46 +79,36 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         .map(Binary::read)
         .collect::<Result<Vec<_>>>()?;
 
-    let libraries = library::libraries(&metadata);
-    ensure!(
-        !libraries.is_empty(),
-        "no package of the workspace {} has models; expected a cdylib that depends on fmu-export, and a program that describes it",
-        metadata.workspace_root
-    );
-    // Each of the two builds compiles most of its dependencies serially, so both run at once,
-    // unless the libraries to build depend on the chosen models.
-    let all = options.models.is_empty() && options.binaries.is_empty();
-    let (models, built) = thread::scope(|scope| {
-        let describing = scope.spawn(|| library::describe(&libraries, &metadata));
-        let built = all.then(|| build(libraries.iter(), &targets, &metadata));
-        anyhow::Ok((join(describing)?, built.transpose()?))
-    })?;
-    let chosen = choose(&models, &options.models)?;
-    check_prebuilt(&chosen, options, &prebuilt)?;
-    let licenses = licenses(&metadata)?;
-    let documents = chosen
-        .iter()
-        .map(|model| documentation::files(model, &licenses))
-        .collect::<Result<Vec<_>>>()?;
-    let has_chosen = |library: &&Library| of_library(library, &chosen).next().is_some();
-    let built = match built {
-        Some(built) => built,
-        None => build(libraries.iter().filter(has_chosen), &targets, &metadata)?,
+    let profile = profile::settings(&options.selection.profile, &metadata)?;
+    let builder = Builder {
+        selection: &options.selection,
+        metadata: &metadata,
+        profile: &profile,
+        targets: &targets,
     };
-    for (library, binary) in &built {
-        for model in of_library(library, &chosen) {
-            binary.check_guid(model)?;
-        }
+    let mut built = builder.build(&libraries, &options.models)?;
+    let mut models = choose(&built, &options.models)?;
+    if options.variant.is_some() {
+        (built, models) = builder.build_variant(&options.variant, &models, &built)?;
     }
+    check_binaries(&models, &built, options, &prebuilt)?;
+    let contents = models
+        .iter()
+        .map(|model| contents::files(model, &metadata))
+        .collect::<Result<Vec<_>>>()?;
 
     let cache = metadata.target_directory.join("fmu-packed");
     fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
     let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
+    // This machine's binary is built to read the models, even if it is not packed.
+    let is_packed = |binary: &Binary| !prebuilt.iter().any(|other| other.replaces(binary));
     let (built, prebuilt) = thread::scope(|scope| {
         let packing = |binary| scope.spawn(move || pack(binary));
         let built: Vec<_> = built
             .iter()
-            .map(|(library, binary)| (*library, packing(binary)))
+            .flat_map(|built| built.binaries.iter().map(|binary| (built.library, binary)))
+            .filter(|(_, binary)| is_packed(binary))
+            .map(|(library, binary)| (library, packing(binary)))
             .collect();
         let prebuilt: Vec<_> = prebuilt.iter().map(packing).collect();
         let built = built
@@ -114,35 +118,97 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
         anyhow::Ok((built, prebuilt))
     })?;
-    let write = |(model, documents): (&&Model<'_>, &Vec<_>)| {
+    let write = |(model, contents): (&Model<'_>, &Vec<_>)| {
         let of_model = built
             .iter()
             .filter(|(library, _)| std::ptr::eq(*library, model.library))
             .map(|(_, binary)| binary);
-        write(model, of_model.chain(&prebuilt), documents, &out)
+        write(model, of_model.chain(&prebuilt), contents, &out)
     };
-    chosen.iter().zip(&documents).map(write).collect()
+    models.iter().zip(&contents).map(write).collect()
 }
 
 /// Builds libraries for all targets.
-fn build<'a>(
-    libraries: impl Iterator<Item = &'a Library>,
-    targets: &[Target],
-    metadata: &Metadata,
-) -> Result<Vec<(&'a Library, Binary)>> {
-    libraries
-        .flat_map(|library| targets.iter().map(move |target| (library, target)))
-        .map(|(library, target)| Ok((library, Binary::build(library, target, metadata)?)))
-        .collect()
+struct Builder<'a> {
+    selection: &'a Selection,
+    metadata: &'a Metadata,
+    profile: &'a [String],
+    targets: &'a [Target],
 }
 
-/// The models of a library.
-fn of_library<'a, 'b>(
-    library: &'a Library,
-    models: &'b [&'b Model<'a>],
-) -> impl Iterator<Item = &'b Model<'a>> {
-    let models = models.iter().copied();
-    models.filter(move |model| std::ptr::eq(model.library, library))
+impl Builder<'_> {
+    /// Builds libraries until all models with the given names are found; all, without names.
+    fn build<'a>(&self, libraries: &'a [Library], names: &[String]) -> Result<Vec<Built<'a>>> {
+        let mut order: Vec<_> = libraries.iter().collect();
+        if !names.is_empty() {
+            order.sort_by_key(|library| !library.mentions(names));
+        }
+        let mut all: Vec<Built<'a>> = Vec::new();
+        for library in order {
+            let is_found = |name: &String| all.iter().any(|built| built.find(name).is_some());
+            if !names.is_empty() && names.iter().all(is_found) {
+                break;
+            }
+            all.push(self.build_library(library, None)?);
+        }
+        Ok(all)
+    }
+
+    fn build_library<'a>(&self, library: &'a Library, variant: Option<&str>) -> Result<Built<'a>> {
+        let build = LibraryBuild {
+            library,
+            selection: self.selection,
+            metadata: self.metadata,
+            profile: self.profile,
+        };
+        let binaries = self.targets.iter();
+        Ok(Built {
+            library,
+            binaries: binaries
+                .map(|target| Binary::build(&build, target, variant))
+                .collect::<Result<_>>()?,
+        })
+    }
+
+    /// Builds a variant of the only model.
+    fn build_variant<'a>(
+        &self,
+        variant: &Variant,
+        models: &[Model<'a>],
+        built: &[Built<'_>],
+    ) -> Result<(Vec<Built<'a>>, Vec<Model<'a>>)> {
+        let [model] = models else {
+            bail!(
+                "--name and --set need one model, but {} are exported",
+                models.len()
+            );
+        };
+        let text = variant.text(&model.description)?;
+        let name = variant.name.as_deref().unwrap_or(model.name());
+        let is_other = |built: &Built<'_>| built.find(name).is_some() && name != model.name();
+        ensure!(
+            !built.iter().any(is_other),
+            "--name {name}: there is a model with this name; expected another name"
+        );
+        let built = self.build_library(model.library, Some(&text))?;
+        let description = built
+            .find(name)
+            .with_context(|| format!("the variant {name} was not built"))?;
+        let variant = Model::new(model.library, description.clone())?;
+        let variant = Model {
+            base: model.name().to_owned(),
+            ..variant
+        };
+        Ok((vec![built], vec![variant]))
+    }
+}
+
+impl Built<'_> {
+    /// The model with the given name.
+    fn find(&self, name: &str) -> Option<&Description> {
+        let binary = self.binaries.first()?;
+        binary.models().iter().find(|model| model.name == name)
+    }
 }
 
 fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
@@ -151,7 +217,7 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
         .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// The targets to build for: the requested ones, else this machine unless its binary is prebuilt.
+/// The targets to build for: the requested ones, else this machine.
 fn targets(options: &Options) -> Result<Vec<Target>> {
     let mut names = options.targets.clone();
     if options.portable {
@@ -159,10 +225,7 @@ fn targets(options: &Options) -> Result<Vec<Target>> {
     }
     check_platforms(options, &names)?;
     if names.is_empty() {
-        let host = Target::of_this_machine()?;
-        let given = |b: &Prebuilt| host.platforms.contains(&b.platform);
-        let is_given = options.binaries.iter().any(given);
-        return Ok(if is_given { vec![] } else { vec![host] });
+        return Ok(vec![Target::of_this_machine()?]);
     }
     let targets = names.iter().map(|name| Target::named(name));
     let targets = targets.collect::<Result<Vec<_>>>()?;
@@ -190,25 +253,53 @@ fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
 }
 
 /// The models with the given names, or all.
-fn choose<'a, 'b>(models: &'b [Model<'a>], names: &[String]) -> Result<Vec<&'b Model<'a>>> {
+fn choose<'a>(built: &[Built<'a>], names: &[String]) -> Result<Vec<Model<'a>>> {
+    let mut all = Vec::new();
+    for built in built {
+        let models = built.binaries.iter().take(1).flat_map(Binary::models);
+        all.extend(models.map(|model| (built.library, model)));
+    }
+    for (index, (_, model)) in all.iter().enumerate() {
+        let name = &model.name;
+        let other = all[..index].iter().find(|(_, other)| other.name == *name);
+        if let Some((library, _)) = other {
+            let packages = (&library.package, &all[index].0.package);
+            bail!(
+                "two models have the name {name}, in the packages {} and {}; export one of them with --package",
+                packages.0,
+                packages.1
+            );
+        }
+    }
     for name in names {
-        if !models.iter().any(|model| model.name == *name) {
-            let known: Vec<_> = models.iter().map(|model| model.name.as_str()).collect();
+        if !all.iter().any(|(_, model)| model.name == *name) {
+            let known: Vec<_> = all.iter().map(|(_, model)| model.name.as_str()).collect();
             bail!("model {name:?} is unknown; there are {}", known.join(", "));
         }
     }
-    Ok(models
-        .iter()
-        .filter(|model| names.is_empty() || names.contains(&model.name))
-        .collect())
+    all.into_iter()
+        .filter(|(_, model)| names.is_empty() || names.contains(&model.name))
+        .map(|(library, model)| Model::new(library, model.clone()))
+        .collect()
 }
 
-/// Checks that the prebuilt binaries contain the current version of every chosen model.
-fn check_prebuilt(chosen: &[&Model<'_>], options: &Options, prebuilt: &[Binary]) -> Result<()> {
-    for model in chosen {
+/// Checks that all binaries contain the same version of every model.
+fn check_binaries(
+    models: &[Model<'_>],
+    built: &[Built<'_>],
+    options: &Options,
+    prebuilt: &[Binary],
+) -> Result<()> {
+    for model in models {
+        let of_model = built
+            .iter()
+            .filter(|b| std::ptr::eq(b.library, model.library));
+        for binary in of_model.flat_map(|built| &built.binaries) {
+            binary.check_model(&model.description)?;
+        }
         for (option, binary) in options.binaries.iter().zip(prebuilt) {
             binary
-                .check_guid(model)
+                .check_model(&model.description)
                 .with_context(|| format!("{} cannot be used", option.file.display()))?;
         }
     }
@@ -219,12 +310,12 @@ fn check_prebuilt(chosen: &[&Model<'_>], options: &Options, prebuilt: &[Binary])
 fn write<'a>(
     model: &Model<'_>,
     binaries: impl Iterator<Item = &'a PackedBinary>,
-    documents: &[documentation::File],
+    contents: &[contents::File],
     out: &Path,
 ) -> Result<Written> {
-    let name = model.name.as_str();
+    let name = model.name();
     let xml = Packed::text(model.xml.as_bytes())?;
-    let documents = documents
+    let contents = contents
         .iter()
         .map(|(path, content)| Ok((path, Packed::text(content)?)))
         .collect::<Result<Vec<_>>>()?;
@@ -237,7 +328,7 @@ fn write<'a>(
         }
     }
     entries.extend(
-        documents
+        contents
             .iter()
             .map(|(path, file)| Entry::new(path.as_str(), file)),
     );
@@ -248,18 +339,4 @@ fn write<'a>(
         size,
         platforms,
     })
-}
-
-/// The licence files in the workspace root, with their paths in the documentation.
-fn licenses(metadata: &Metadata) -> Result<Vec<documentation::File>> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(&metadata.workspace_root)? {
-        let entry = entry?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if name.starts_with("LICENSE") && entry.file_type()?.is_file() {
-            found.push((format!("licenses/{name}"), fs::read(entry.path())?));
-        }
-    }
-    found.sort();
-    Ok(found)
 }

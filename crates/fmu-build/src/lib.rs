@@ -1,16 +1,22 @@
-//! Builds the models of a cargo workspace into FMUs: finds the models, generates their descriptions and
-//! documentation, builds a shared library for each platform, and packs the archives.
+//! Builds the models of a cargo workspace into FMUs: builds a shared library for each platform, reads
+//! the interfaces of the models in it, generates their descriptions and documentation, and packs the
+//! archives.
 #![forbid(unsafe_code)]
 
 mod binary;
 mod build;
-mod documentation;
+mod contents;
+pub mod dependency;
 mod export;
 mod library;
 mod macho;
+mod model;
+mod profile;
 pub mod table;
 mod toolchain;
 
 pub use fmu_file::archive::Compression;
 
 pub use export::{Options, Written, export};
+pub use library::Selection;
+pub use model::Variant;

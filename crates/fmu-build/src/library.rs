@@ -1,19 +1,46 @@
-//! The libraries of a workspace that contain models, and the models in them.
+//! The packages of a workspace whose libraries contain models.
 
-use std::collections::BTreeSet;
-use std::path::PathBuf;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
 
-use anyhow::{Context, Result, ensure};
-use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package};
-use fmu_description::{ModelDescription, xml};
+use anyhow::{Context, Result, bail, ensure};
+use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
+use fmu_description::Origin;
 
-use crate::build::Build;
+use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 
-/// The feature that enables the program that prints a library's model descriptions.
-const DESCRIBE: &str = "describe";
+/// Which packages to build, and how; the meaning is that of cargo's options.
+#[derive(Debug, Clone)]
+pub struct Selection {
+    /// `--manifest-path`
+    pub manifest_path: Option<PathBuf>,
+    /// `--package`
+    pub packages: Vec<String>,
+    /// `--features`
+    pub features: Vec<String>,
+    /// `--all-features`
+    pub all_features: bool,
+    /// `--no-default-features`
+    pub no_default_features: bool,
+    /// `--profile`
+    pub profile: String,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self {
+            manifest_path: None,
+            packages: Vec::new(),
+            features: Vec::new(),
+            all_features: false,
+            no_default_features: false,
+            profile: "release".into(),
+        }
+    }
+}
 
 /// A package with a `cdylib` of models.
+#[derive(Debug)]
 pub struct Library {
     /// Name of the package.
     pub package: String,
@@ -21,136 +48,204 @@ pub struct Library {
     pub target: String,
     /// Folder of the package.
     pub folder: PathBuf,
-    /// Name of the program that prints its model descriptions.
-    pub describe: String,
+    /// Version, author and licence for the XML.
+    pub origin: Origin,
+    /// The file of `license-file`.
+    pub license_file: Option<PathBuf>,
 }
 
-/// A model with its description.
-pub struct Model<'a> {
-    /// Its library.
-    pub library: &'a Library,
-    /// Name of the model and of its binary.
-    pub name: String,
-    /// The GUID of its interface.
-    pub guid: String,
-    /// The text of its `modelDescription.xml`.
-    pub xml: String,
-}
-
-/// The metadata of the workspace of the current folder.
-pub fn metadata() -> Result<Metadata> {
-    MetadataCommand::new()
-        .exec()
-        .context("cannot read the cargo workspace of the current folder")
-}
-
-/// The libraries of the workspace: packages with a `cdylib` that depend on `fmu-export` and have a
-/// program that prints model descriptions.
-pub fn libraries(metadata: &Metadata) -> Vec<Library> {
-    metadata
-        .workspace_packages()
-        .into_iter()
-        .filter_map(library)
-        .collect()
-}
-
-fn library(package: &Package) -> Option<Library> {
-    if !package.dependencies.iter().any(|d| d.name == "fmu-export") {
-        return None;
+impl Selection {
+    /// The metadata of the workspace.
+    ///
+    /// # Errors
+    /// There is no workspace.
+    pub fn metadata(&self) -> Result<Metadata> {
+        let mut command = MetadataCommand::new();
+        if let Some(path) = &self.manifest_path {
+            command.manifest_path(path);
+        }
+        command.exec().with_context(|| match &self.manifest_path {
+            Some(path) => format!("cannot read the cargo package {}", path.display()),
+            None => "cannot read the cargo package of the current folder".into(),
+        })
     }
-    let target = package
-        .targets
-        .iter()
-        .find(|t| t.crate_types.contains(&CrateType::CDyLib))?;
-    let describe = package
-        .targets
-        .iter()
-        .find(|t| t.required_features.iter().any(|f| f == DESCRIBE))?;
-    Some(Library {
+
+    /// The options for cargo.
+    pub fn cargo_arguments(&self) -> Vec<String> {
+        let mut arguments = vec!["--profile".to_owned(), self.profile.clone()];
+        if let Some(path) = &self.manifest_path {
+            arguments.extend(["--manifest-path".to_owned(), path.display().to_string()]);
+        }
+        if !self.features.is_empty() {
+            arguments.extend(["--features".to_owned(), self.features.join(",")]);
+        }
+        if self.all_features {
+            arguments.push("--all-features".to_owned());
+        }
+        if self.no_default_features {
+            arguments.push("--no-default-features".to_owned());
+        }
+        arguments
+    }
+
+    /// The libraries with models: of the given packages, else of the package of the current folder, else
+    /// of all packages of the workspace.
+    ///
+    /// # Errors
+    /// A given package cannot have models, or no package has. The message says what to write.
+    pub fn libraries(&self, metadata: &Metadata) -> Result<Vec<Library>> {
+        let members = metadata.workspace_packages();
+        if !self.packages.is_empty() {
+            return self
+                .packages
+                .iter()
+                .map(|name| {
+                    let package = members.iter().find(|package| *package.name == *name);
+                    let package = package.with_context(|| unknown_package(name, &members))?;
+                    library(package, metadata)
+                })
+                .collect();
+        }
+        if let Some(root) = metadata.root_package()
+            && uses_fmu_export(root)
+        {
+            return Ok(vec![library(root, metadata)?]);
+        }
+        let users: Vec<_> = members.into_iter().filter(|p| uses_fmu_export(p)).collect();
+        let found: Vec<_> = users
+            .iter()
+            .filter(|package| cdylib(package).is_some())
+            .map(|package| library(package, metadata))
+            .collect::<Result<_>>()?;
+        match (found.is_empty(), users.first()) {
+            (false, _) => Ok(found),
+            (true, Some(package)) => Err(no_cdylib(package)),
+            (true, None) => bail!(
+                "no package of {} depends on {FMU_EXPORT}; run `cargo fmu new NAME` for a new package, or write in Cargo.toml:\n\n{}",
+                metadata.workspace_root,
+                dependency()
+            ),
+        }
+    }
+}
+
+fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
+    ensure!(
+        uses_fmu_export(package),
+        "the package {} does not depend on {FMU_EXPORT}; write in {}:\n\n{}",
+        package.name,
+        package.manifest_path,
+        dependency()
+    );
+    let target = cdylib(package).ok_or_else(|| no_cdylib(package))?;
+    check_version(package, metadata)?;
+    let folder = package
+        .manifest_path
+        .parent()
+        .context("a manifest has a folder")?;
+    Ok(Library {
         package: package.name.to_string(),
         target: target.name.clone(),
-        folder: package.manifest_path.parent()?.into(),
-        describe: describe.name.clone(),
+        folder: folder.into(),
+        origin: origin(package),
+        license_file: package.license_file().map(Into::into),
     })
 }
 
-/// Builds and runs the programs that print the model descriptions of all libraries.
-pub fn describe<'a>(libraries: &'a [Library], metadata: &Metadata) -> Result<Vec<Model<'a>>> {
-    let mut build = Build::new("describing the models", "build");
-    for library in libraries {
-        build
-            .args(["--package", &library.package, "--bin", &library.describe])
-            .args(["--features", &format!("{}/{DESCRIBE}", library.package)]);
-    }
-    let artifacts = build.run(metadata.packages.len())?;
-    let mut models = Vec::new();
-    for library in libraries {
-        let program = artifacts
-            .executable(&library.describe)
-            .with_context(|| format!("cargo built no program {}", library.describe))?;
-        let output = Command::new(program)
-            .output()
-            .with_context(|| format!("cannot run {}", program.display()))?;
-        ensure!(
-            output.status.success(),
-            "{} failed: {}",
-            program.display(),
-            String::from_utf8_lossy(&output.stderr)
-        );
-        let text = String::from_utf8(output.stdout)?;
-        for xml in documents(&text) {
-            let root = xml::parse(xml)?;
-            let description = ModelDescription::read(&root)?;
-            models.push(Model {
-                library,
-                name: description.name().to_owned(),
-                guid: root.attribute("guid").unwrap_or_default().to_owned(),
-                xml: xml.to_owned(),
-            });
-        }
-    }
-    check_names(&models)?;
-    Ok(models)
+fn uses_fmu_export(package: &Package) -> bool {
+    package.dependencies.iter().any(|d| d.name == FMU_EXPORT)
 }
 
-/// The consecutive XML documents in a text.
-fn documents(text: &str) -> impl Iterator<Item = &str> {
-    const START: &str = "<?xml";
-    let starts: Vec<usize> = text.match_indices(START).map(|(i, _)| i).collect();
-    let ends = starts.clone().into_iter().skip(1).chain([text.len()]);
-    starts.into_iter().zip(ends).map(|(a, b)| &text[a..b])
+fn cdylib(package: &Package) -> Option<&Target> {
+    let mut targets = package.targets.iter();
+    targets.find(|target| target.crate_types.contains(&CrateType::CDyLib))
 }
 
-fn check_names(models: &[Model<'_>]) -> Result<()> {
-    let mut names = BTreeSet::new();
-    for model in models {
-        let name = model.name.as_str();
-        ensure!(
-            name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-                && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'),
-            "the model name {name:?} of {} is not a C identifier",
-            model.library.package
-        );
-        ensure!(names.insert(name), "two models have the name {name}");
-    }
+/// The lines of a manifest with the dependency.
+fn dependency() -> String {
+    format!("[dependencies]\n{}", Dependency::default())
+}
+
+fn no_cdylib(package: &Package) -> anyhow::Error {
+    anyhow::anyhow!(
+        "the package {} has no library of the type cdylib; write in {}:\n\n[lib]\ncrate-type = [\"cdylib\", \"rlib\"]",
+        package.name,
+        package.manifest_path
+    )
+}
+
+fn unknown_package(name: &str, members: &[&Package]) -> String {
+    let known: Vec<_> = members
+        .iter()
+        .map(|package| package.name.as_str())
+        .collect();
+    format!(
+        "the workspace has no package {name:?}; there are {}",
+        known.join(", ")
+    )
+}
+
+/// Checks that a package uses the version of `fmu-export` that this program knows.
+fn check_version(package: &Package, metadata: &Metadata) -> Result<()> {
+    let nodes = metadata.resolve.iter().flat_map(|resolve| &resolve.nodes);
+    let node = nodes.into_iter().find(|node| node.id == package.id);
+    let dependencies = node.iter().flat_map(|node| &node.dependencies);
+    let used = dependencies
+        .map(|id| &metadata[id])
+        .find(|dependency| *dependency.name == FMU_EXPORT);
+    let Some(used) = used else {
+        return Ok(());
+    };
+    let version = &used.version;
+    ensure!(
+        format!("{}.{}", version.major, version.minor) == VERSION,
+        "the package {} uses {FMU_EXPORT} {version}, but this is cargo-fmu {VERSION}; write in {}:\n\n{}\n\nor install the other version with `cargo install cargo-fmu@{version}`",
+        package.name,
+        package.manifest_path,
+        dependency()
+    );
     Ok(())
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn documents_are_split_at_their_declarations() {
-        let text = "<?xml version=\"1.0\"?><a/>\n<?xml version=\"1.0\"?><b/>\n";
-        let all: Vec<_> = documents(text).collect();
-        assert_eq!(
-            all,
-            [
-                "<?xml version=\"1.0\"?><a/>\n",
-                "<?xml version=\"1.0\"?><b/>\n"
-            ]
-        );
-        assert_eq!(documents("").count(), 0);
+/// Version, author and licence of a package. Cargo has no field for a copyright notice, which is
+/// `copyright` in `[package.metadata.fmu]`.
+fn origin(package: &Package) -> Origin {
+    let copyright = &package.metadata["fmu"]["copyright"];
+    let license_file = package.license_file.as_ref();
+    Origin {
+        version: package.version.to_string(),
+        author: (!package.authors.is_empty()).then(|| package.authors.join(", ")),
+        copyright: copyright.as_str().map(str::to_owned),
+        license: package
+            .license
+            .clone()
+            .or_else(|| Some(license_file?.file_name()?.to_owned())),
+        generation_tool: concat!("cargo-fmu ", env!("CARGO_PKG_VERSION")).into(),
     }
+}
+
+impl Library {
+    /// Whether a source file mentions one of the names as a word: a library that does is likely to have
+    /// the model.
+    pub fn mentions(&self, names: &[String]) -> bool {
+        mentions(&self.folder.join("src"), names).unwrap_or(true)
+    }
+}
+
+fn mentions(folder: &Path, names: &[String]) -> io::Result<bool> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            if mentions(&path, names)? {
+                return Ok(true);
+            }
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let text = fs::read_to_string(&path)?;
+            let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
+            if words.any(|word| names.iter().any(|name| name == word)) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
 }

@@ -110,9 +110,9 @@ impl Recipe {
     /// `cargo rustc` for the target.
     pub fn cargo_rustc(&self, title: &str) -> Build {
         let mut build = if self.by_zig {
-            Build::by(ZIGBUILD, title, "rustc")
+            Build::new(ZIGBUILD, title, "rustc")
         } else {
-            Build::by(self.toolchain.program("cargo"), title, "rustc")
+            Build::new(self.toolchain.program("cargo"), title, "rustc")
         };
         if self.toolchain.folder.is_some() {
             for (variable, program) in [("CARGO", "cargo"), ("RUSTC", "rustc")] {

@@ -40,7 +40,7 @@ fn network<const N: usize>() -> Rbf<N> {
     network.widths = [0.5; N];
     network.eta = 0.3 / N as f64; // the bound of section 3.2 shrinks with the number of nodes
     network.alpha = 0.05;
-    network.reset([0.0; N]);
+    network.reset();
     network
 }
 

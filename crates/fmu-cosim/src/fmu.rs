@@ -119,10 +119,15 @@ impl Fmu {
         if let Some(&index) = self.index.get(name) {
             return Ok(index);
         }
-        let similar = similar(name, self.variables.iter().map(|v| v.name.as_str()));
-        let hint = match similar.as_slice() {
-            [] => String::new(),
-            names => format!("; did you mean {}?", names.join(" or ")),
+        let names = || self.variables.iter().map(|v| v.name.as_str());
+        let is_element =
+            |other: &&str| other.strip_prefix(name).is_some_and(|i| i.starts_with('['));
+        let elements: Vec<_> = names().filter(is_element).collect();
+        let similar = similar(name, names());
+        let hint = match (elements.as_slice(), similar.as_slice()) {
+            ([first, .., last], _) => format!("; its elements are {first} to {last}"),
+            (_, []) => String::new(),
+            (_, names) => format!("; did you mean {}?", names.join(" or ")),
         };
         bail!("{} has no variable {name}{hint}", self.file_name())
     }

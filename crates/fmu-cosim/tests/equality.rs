@@ -109,7 +109,7 @@ fn supervised_ipid_rbf_loops() {
         let mut supervising = Vec::new();
         in_process(signal, disturbance, |r, y, d| {
             supervising.push(supervisor.sample(r, y, d));
-            supervisor.u
+            supervisor.pid.u
         });
         let mut supervising = supervising.into_iter();
         let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);

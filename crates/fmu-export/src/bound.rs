@@ -1,233 +1,255 @@
 //! A model bound to its table: the code that is generic over the model.
 
 use std::any::Any;
-use std::hint::black_box;
 
-use fmu_description::{Causality, Domain, Info, Variability, Variable, guid};
+use fmu_description::{
+    Causality, Domain, Loader, Saver, Scalar as Row, ValueMut, Variability, table,
+};
 
+use crate::ModelError;
+use crate::clock::SampleClock;
+use crate::fmi2::Entry;
+use crate::model::{Simulate, Start};
 use crate::slave::{Guid, Scalar, Slave};
-use crate::{Model, ModelError};
 
-/// A model whose table has `N` scalar variables.
-pub(crate) struct Bound<M, const N: usize>(M);
-
-/// Number of scalar variables of a model.
-#[doc(hidden)]
-pub const fn scalars<M: Model>() -> usize {
-    let mut count = 0;
-    let mut row = 0;
-    while row < M::VARIABLES.len() {
-        count += M::VARIABLES[row].info.count();
-        row += 1;
-    }
-    count
+/// A model with `N` scalar variables.
+pub(crate) struct Bound<M, const N: usize> {
+    state: State<M>,
+    entry: &'static Entry,
 }
 
-/// The range of values that a Real may be set to between steps. Its ends are finite, which excludes
-/// NaN and infinities. It is empty for variables that cannot be set, and for arrays, which may be
-/// shorter in the model than in the table.
-const fn writable(info: &Info) -> (f64, f64) {
-    let at_any_time = matches!(
-        (info.causality, info.variability),
-        (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
-    );
-    match info.domain {
-        Domain::Real { min, max, .. } if at_any_time && info.array.is_none() => {
-            (min.max(f64::MIN), max.min(f64::MAX))
-        }
-        _ => (f64::INFINITY, f64::NEG_INFINITY),
+/// What changes while a model is simulated.
+struct State<M> {
+    model: M,
+    /// Its sample instants, if it has a sample time.
+    clock: SampleClock,
+}
+
+/// Where a Real is stored, and the values that it may be set to between steps.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Its offset in the model; [`Place::NONE`] if the variable is not a Real.
+    offset: usize,
+    /// The smallest and the largest value. They are finite, which excludes NaN and infinities. The range
+    /// is empty for variables that cannot be set.
+    min: f64,
+    max: f64,
+}
+
+impl Place {
+    const NONE: usize = usize::MAX;
+
+    const fn of(row: &Row) -> Self {
+        let at_any_time = matches!(
+            (row.variable.causality, row.variable.variability),
+            (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
+        );
+        let (min, max) = match row.variable.domain {
+            Domain::Real { min, max, .. } if at_any_time => (min.max(f64::MIN), max.min(f64::MAX)),
+            _ => (f64::INFINITY, f64::NEG_INFINITY),
+        };
+        let offset = match row.offset_of_real() {
+            Some(offset) => offset,
+            None => Self::NONE,
+        };
+        Self { offset, min, max }
     }
 }
 
-const fn has_input_derivatives<M>(variables: &[Variable<M>]) -> bool {
-    let mut row = 0;
-    while row < variables.len() {
-        if variables[row].has_input_derivative() {
-            return true;
-        }
-        row += 1;
-    }
-    false
-}
-
-impl<M: Model, const N: usize> Bound<M, N> {
-    pub(crate) const GUID: Guid = guid::guid(M::NAME, M::VARIABLES);
-    /// The row of each value reference, and the index of the element.
-    const SLOTS: &'static [(u16, u16); N] = &Self::slots();
+impl<M: Simulate, const N: usize> Bound<M, N> {
+    const PLACES: &'static [Place; N] = &Self::places();
     /// Whether the host may set the time derivative of any input.
-    pub(crate) const HAS_INPUT_DERIVATIVES: bool = has_input_derivatives(M::VARIABLES);
-    /// See [`writable`].
-    const BOUNDS: &'static [(f64, f64); N] = &Self::bounds();
+    pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::has_input_derivatives();
 
-    const fn slots() -> [(u16, u16); N] {
-        let mut slots = [(0, 0); N];
-        let mut reference = 0;
-        let mut row = 0;
-        while row < M::VARIABLES.len() {
-            let mut element = 0;
-            while element < M::VARIABLES[row].info.count() {
-                slots[reference] = (row as u16, element as u16);
-                reference += 1;
-                element += 1;
-            }
-            row += 1;
-        }
-        assert!(reference == N, "N is the number of scalar variables");
-        slots
-    }
-
-    const fn bounds() -> [(f64, f64); N] {
-        let mut bounds = [(0.0, 0.0); N];
+    const fn places() -> [Place; N] {
+        let rows: [Row; N] = table::scalars(M::ROWS);
+        let mut places = [Place {
+            offset: Place::NONE,
+            min: 0.0,
+            max: 0.0,
+        }; N];
         let mut reference = 0;
         while reference < N {
-            let (row, _) = Self::SLOTS[reference];
-            bounds[reference] = writable(&M::VARIABLES[row as usize].info);
+            places[reference] = Place::of(&rows[reference]);
             reference += 1;
         }
-        bounds
+        places
     }
 
-    pub(crate) fn new() -> Self {
-        let mut model = M::default();
-        for variable in M::VARIABLES {
-            variable.start(&mut model);
+    const fn has_input_derivatives() -> bool {
+        let rows: [Row; N] = table::scalars(M::ROWS);
+        let mut reference = 0;
+        while reference < N {
+            if rows[reference].variable.has_input_derivative {
+                return true;
+            }
+            reference += 1;
         }
-        Self(model)
+        false
     }
 
-    /// The variable of a value reference, and the index of the element.
-    #[inline(always)]
-    fn variable(reference: u32) -> Option<(&'static Variable<M>, usize)> {
-        let &(row, element) = Self::SLOTS.get(reference as usize)?;
-        Some((M::VARIABLES.get(usize::from(row))?, usize::from(element)))
-    }
-
-    /// The Real of a value reference.
-    ///
-    /// The first references have match arms of their own, in which the variable is a compile-time
-    /// constant, so that the author's closure is inlined.
-    #[inline(always)]
-    fn real(model: &mut M, reference: u32) -> Option<&mut f64> {
-        macro_rules! arms {
-            ($($reference:literal)*) => {
-                match reference {
-                    $($reference => {
-                        let (variable, element) = const { Self::known_variable($reference) }?;
-                        variable.real(model, element)
-                    })*
-                    _ => {
-                        let (variable, element) = Self::variable(reference)?;
-                        variable.real(model, element)
-                    }
-                }
-            };
-        }
-        arms! {
-            0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31
-            32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47
+    pub(crate) fn new(entry: &'static Entry) -> Self {
+        Self {
+            state: State {
+                model: Self::start(entry),
+                clock: SampleClock::default(),
+            },
+            entry,
         }
     }
 
-    /// Like [`variable`](Self::variable), at compile time.
-    const fn known_variable(reference: usize) -> Option<(&'static Variable<M>, usize)> {
-        if reference < N {
-            let (row, element) = Self::SLOTS[reference];
-            Some((&M::VARIABLES[row as usize], element as usize))
-        } else {
-            None
+    /// The model with its start values, those of a variant included.
+    fn start(entry: &Entry) -> M {
+        let mut model = M::new();
+        let mut overrides = entry.overrides();
+        while let Some(((reference, value), rest)) = overrides.next() {
+            if let Some(variable) = model.value(reference) {
+                variable.set(value.into());
+            }
+            overrides = rest;
         }
+        model
     }
 
-    /// See [`Model::step`].
+    /// See [`Simulate::step`].
     #[inline(always)]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        self.0.step(time, step)
+        if M::IS_SAMPLED {
+            self.state.sample(time, step)?;
+        } else {
+            self.state.model.step(time, step)?;
+        }
+        Self::check_outputs(&mut self.state.model)
+    }
+
+    /// Checks that all Real outputs are finite.
+    #[inline(always)]
+    fn check_outputs(model: &mut M) -> Result<(), ModelError> {
+        match model.add_outputs(0.0).is_finite() {
+            true => Ok(()),
+            false => Self::find_not_finite(model),
+        }
+    }
+
+    /// The error that names the first output that is not finite. There may be none, since a sum of
+    /// finite numbers may overflow.
+    #[cold]
+    #[inline(never)]
+    fn find_not_finite(model: &mut M) -> Result<(), ModelError> {
+        let mut result = Ok(());
+        table::for_each_scalar(M::ROWS, |reference, row| {
+            if result.is_ok()
+                && row.variable.causality == Causality::Output
+                && let Some(ValueMut::Real(value)) = model.value(reference)
+                && !value.is_finite()
+            {
+                result = Err(ModelError::new(format_args!(
+                    "{} became {value}: the simulation diverges",
+                    row.name()
+                )));
+            }
+        });
+        result
     }
 
     /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
     #[inline(always)]
     pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        match (references, &mut *values) {
-            ([reference], [value]) => self.read(*reference, value),
-            _ => self.get_many(references, values),
-        }
-    }
-
-    // Without `black_box`, the compiler computes the addresses of all variables before the loop.
-    #[inline(never)]
-    fn get_many(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        let is_real = |&reference: &u32| Self::place(reference).is_some();
         // All references are checked before the first value is written.
-        references
-            .iter()
-            .all(|&reference| Self::real(&mut self.0, reference).is_some())
-            && (references.iter().zip(values))
-                .all(|(&reference, value)| black_box(&mut *self).read(reference, value))
-    }
-
-    #[inline(always)]
-    fn read(&mut self, reference: u32, value: &mut f64) -> bool {
-        match Self::real(&mut self.0, reference) {
-            Some(real) => *value = *real,
-            None => return false,
-        }
-        true
+        let all_are_real = references.len() == 1 || references.iter().all(is_real);
+        all_are_real
+            && (references.iter().zip(values)).all(|(&reference, value)| {
+                let real = self.real(reference).map(|real| *value = *real);
+                real.is_some()
+            })
     }
 
     /// Writes Reals that may be set between steps. Returns false and writes nothing if a variable or
-    /// value is not allowed. Up to four values, the usual case, are written without a loop.
+    /// value is not allowed.
     #[inline(always)]
     pub(crate) fn set_reals(&mut self, references: &[u32], values: &[f64]) -> bool {
-        if references.len() > 4 {
-            return self.set_many(references, values);
-        }
-        let may = |i| Self::may_set(references, values, i);
-        may(0)
-            && may(1)
-            && may(2)
-            && may(3)
-            && self.write(references, values, 0)
-            && self.write(references, values, 1)
-            && self.write(references, values, 2)
-            && self.write(references, values, 3)
+        let mut all = references.iter().zip(values);
+        all.clone().all(|(&reference, value)| {
+            let place = Self::place(reference);
+            place.is_some_and(|place| place.min <= *value && *value <= place.max)
+        }) && all.all(|(&reference, &value)| {
+            let real = self.real(reference).map(|real| *real = value);
+            real.is_some()
+        })
     }
 
-    #[inline(never)]
-    fn set_many(&mut self, references: &[u32], values: &[f64]) -> bool {
-        (0..references.len()).all(|i| Self::may_set(references, values, i))
-            && (0..references.len()).all(|i| black_box(&mut *self).write(references, values, i))
-    }
-
-    /// Whether the value `i` may be written; true if there is none.
+    /// The place of a Real.
     #[inline(always)]
-    fn may_set(references: &[u32], values: &[f64], i: usize) -> bool {
-        match (references.get(i), values.get(i)) {
-            (Some(&reference), Some(value)) => Self::BOUNDS
-                .get(reference as usize)
-                .is_some_and(|(min, max)| min <= value && value <= max),
-            _ => true,
-        }
+    fn place(reference: u32) -> Option<&'static Place> {
+        let place = Self::PLACES.get(reference as usize)?;
+        (place.offset != Place::NONE).then_some(place)
     }
 
-    /// Writes the value `i`, if there is one.
+    /// The Real with the given reference.
     #[inline(always)]
-    fn write(&mut self, references: &[u32], values: &[f64], i: usize) -> bool {
-        if let (Some(&reference), Some(&value)) = (references.get(i), values.get(i)) {
-            match Self::real(&mut self.0, reference) {
-                Some(real) => *real = value,
-                None => return false,
-            }
-        }
-        true
+    fn real(&mut self, reference: u32) -> Option<&mut f64> {
+        let place = Self::place(reference)?;
+        let model = &raw mut self.state.model;
+        // SAFETY: `Variables` promises an `f64` at this offset of the model, which is borrowed mutably.
+        Some(unsafe { &mut *model.byte_add(place.offset).cast::<f64>() })
     }
 }
 
-impl<M: Model, const N: usize> Slave for Bound<M, N> {
-    fn reset(&mut self) {
-        *self = Self::new();
+impl<M: Simulate> State<M> {
+    /// Takes the samples that are due.
+    #[inline(always)]
+    fn sample(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        let before = self.clock;
+        let due = self.clock.due(time, step)?;
+        let sample_time = self.model.sample_time();
+        for (taken, instant) in self.clock.last_instants(due, sample_time).enumerate() {
+            if let Err(error) = self.model.step(instant, sample_time) {
+                if taken > 0 {
+                    return Err(error.broken()); // earlier samples have changed the model
+                }
+                self.clock = before;
+                return Err(error);
+            }
+        }
+        Ok(())
     }
 
-    fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
-        self.0.initialize(start_time)
+    fn copy(&self) -> Self {
+        Self {
+            model: self.model.copy(),
+            clock: self.clock,
+        }
+    }
+}
+
+impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
+    fn reset(&mut self) {
+        *self = Self::new(self.entry);
+    }
+
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        let mut model = M::new();
+        model.copy_settable(&self.state.model);
+        if Self::HAS_INPUT_DERIVATIVES {
+            for reference in 0..N {
+                if let Some(derivative) = model.input_derivative(reference) {
+                    let set = self.state.model.input_derivative(reference);
+                    *derivative = set.map_or(0.0, |value| *value);
+                }
+            }
+        }
+        model.initialize(start)?;
+        Self::check_outputs(&mut model).map_err(|error| {
+            let reason = error.reason();
+            ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
+        })?;
+        let clock = match M::IS_SAMPLED {
+            true => SampleClock::new(start.time, model.sample_time())?,
+            false => SampleClock::default(),
+        };
+        self.state = State { model, clock };
+        Ok(())
     }
 
     fn count(&self) -> usize {
@@ -235,52 +257,49 @@ impl<M: Model, const N: usize> Slave for Bound<M, N> {
     }
 
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
-        let (variable, element) = Self::variable(reference)?;
         Some(Scalar {
-            info: &variable.info,
-            element,
-            value: variable.value_mut(&mut self.0, element)?,
+            row: table::find_scalar(M::ROWS, reference as usize)?,
+            value: self.state.model.value(reference as usize)?,
         })
     }
 
     fn input_derivative(&mut self, reference: u32) -> Option<&mut f64> {
-        let (variable, _) = Self::variable(reference)?;
-        variable.input_derivative_mut(&mut self.0)
+        self.state.model.input_derivative(reference as usize)
     }
 
     fn clear_input_derivatives(&mut self) {
-        for variable in M::VARIABLES {
-            if let Some(derivative) = variable.input_derivative_mut(&mut self.0) {
+        for reference in 0..N {
+            if let Some(derivative) = self.state.model.input_derivative(reference) {
                 *derivative = 0.0;
             }
         }
     }
 
     fn has_directional_derivatives(&self) -> bool {
-        M::VARIABLES
-            .iter()
-            .any(Variable::has_directional_derivatives)
+        let mut has = false;
+        table::for_each_scalar(M::ROWS, |_, row| {
+            has |= row.variable.has_directional_derivatives
+        });
+        has
     }
 
     fn derivative(&self, output: u32, input: u32) -> f64 {
-        match (Self::variable(output), Self::variable(input)) {
-            (Some((output, _)), Some((input, _))) => output.derivative_by(&self.0, input.info.name),
-            _ => 0.0,
-        }
+        let model = &self.state.model;
+        model.directional_derivative(output as usize, input as usize)
     }
 
     fn guid(&self) -> Guid {
-        Self::GUID
+        self.entry.guid
     }
 
     fn save(&self) -> Box<dyn Any> {
-        Box::new(self.0.clone())
+        Box::new(self.state.copy())
     }
 
     fn restore(&mut self, saved: &dyn Any) -> bool {
-        match saved.downcast_ref::<M>() {
-            Some(model) => {
-                self.0 = model.clone();
+        match saved.downcast_ref::<State<M>>() {
+            Some(state) => {
+                self.state = state.copy();
                 true
             }
             None => false,
@@ -288,13 +307,19 @@ impl<M: Model, const N: usize> Slave for Bound<M, N> {
     }
 
     fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>> {
-        postcard::to_allocvec(saved.downcast_ref::<M>()?).ok()
+        let state = saved.downcast_ref::<State<M>>()?;
+        let mut saver = Saver::default();
+        saver.put(&state.clock).ok()?;
+        state.model.save(&mut saver).ok()?;
+        Some(saver.into_bytes())
     }
 
     fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>> {
-        match postcard::take_from_bytes::<M>(bytes) {
-            Ok((model, [])) => Some(Box::new(model)),
-            _ => None,
-        }
+        let mut loader = Loader::new(bytes);
+        let clock = loader.take().ok()?;
+        let model = M::load(&mut loader).ok()?;
+        loader
+            .is_empty()
+            .then(|| Box::new(State { model, clock }) as Box<dyn Any>)
     }
 }

@@ -1,17 +1,19 @@
 //! What FMI requires of every slave: the state machine, checks and the panic guard.
 
 use std::any::Any;
-use std::ffi::CStr;
+use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use crate::lifecycle::Lifecycle;
 use crate::log::{Category, Log};
-use crate::model::{Kind, ModelError};
+use crate::model::{Kind, ModelError, Start};
+use crate::panics;
 use crate::phase::{self, Call, Phase};
 use crate::reason::{Reason, reason};
+use crate::resources::Folder;
 use crate::slave::Slave;
 use crate::snapshot::Snapshot;
-use crate::values::{self, Value};
+use crate::values::{self, FmiType, Given};
 
 /// The outcome of a call, numbered like `fmi2Status`, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,31 +41,22 @@ impl From<Reason> for Failure {
     }
 }
 
-impl Failure {
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn of_step(error: ModelError, time: f64, step: f64) -> Self {
-        let kind = error.kind();
-        let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
-        match kind {
-            Kind::Refused => Self::Refused(reason),
-            Kind::Discarded => Self::Discarded(reason),
-            Kind::Broken => Self::Broken(reason),
-        }
-    }
-}
-
 /// An instance of a model; `S` is its [`Slave`].
 pub(crate) struct Component<S: ?Sized = dyn Slave> {
     log: Log,
+    resources: Folder,
+    /// The texts that the last call returned, which live until the next one.
+    pub(crate) texts: Vec<CString>,
     pub(crate) lifecycle: Lifecycle,
     pub(crate) slave: S,
 }
 
 impl<S> Component<S> {
-    pub(crate) fn new(log: Log, slave: S) -> Self {
+    pub(crate) fn new(log: Log, resources: Folder, slave: S) -> Self {
         Self {
             log,
+            resources,
+            texts: Vec::new(),
             lifecycle: Lifecycle::NEW,
             slave,
         }
@@ -122,9 +115,23 @@ impl Component {
         }
     }
 
+    /// Logs why a step failed, and enters the state that follows.
     #[cold]
     #[inline(never)]
-    pub(crate) fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
+    pub(crate) fn fail_step(&mut self, error: ModelError, time: f64, step: f64) -> Outcome {
+        let kind = error.kind();
+        let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
+        let failure = match kind {
+            Kind::Refused => Failure::Refused(reason),
+            Kind::Discarded => Failure::Discarded(reason),
+            Kind::Broken => Failure::Broken(reason),
+        };
+        self.fail(phase::DO_STEP.name, failure)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
         match failure {
             Failure::Refused(reason) => self.refuse(name, reason),
             Failure::Discarded(reason) => {
@@ -149,8 +156,9 @@ impl Component {
             .copied()
             .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
             .unwrap_or("no message");
+        let place = panics::take_place();
         self.log.send(Category::Fatal, || {
-            format!("{name}: the model panicked and is dead: {text}")
+            format!("{name}: {place}the model panicked and is dead: {text}")
         });
         Outcome::Fatal
     }
@@ -232,11 +240,11 @@ impl Component {
     }
 
     /// Reads the values with the given references.
-    pub(crate) fn get<V: Value>(
+    pub(crate) fn get<T: FmiType>(
         &mut self,
         call: &Call,
         references: &[u32],
-        values: &mut [V],
+        values: &mut [T],
     ) -> Outcome {
         self.call(call, |c| {
             if c.lifecycle.phase == Phase::Initialization && c.lifecycle.stale {
@@ -246,12 +254,22 @@ impl Component {
         })
     }
 
+    /// Reads Strings to [`texts`](Self::texts).
+    pub(crate) fn get_texts(&mut self, call: &Call, references: &[u32]) -> Outcome {
+        let mut values = vec![String::new(); references.len()];
+        let outcome = self.get(call, references, &mut values);
+        // C strings end at a zero byte.
+        let texts = values.into_iter().map(|text| text.replace('\0', " "));
+        self.texts = texts.filter_map(|text| CString::new(text).ok()).collect();
+        outcome
+    }
+
     /// Writes all values or none.
-    pub(crate) fn set<V: Value>(
+    pub(crate) fn set<'a, T: Into<Given<'a>> + Copy>(
         &mut self,
         call: &Call,
         references: &[u32],
-        values: &[V],
+        values: &[T],
     ) -> Outcome {
         self.call(call, |c| {
             let running = c.lifecycle.phase == Phase::StepComplete;
@@ -259,11 +277,6 @@ impl Component {
             c.lifecycle.stale |= !running;
             Ok(())
         })
-    }
-
-    /// Rejects every reference, as there are no String variables.
-    pub(crate) fn strings(&mut self, call: &Call, references: &[u32]) -> Outcome {
-        self.call(call, |c| Ok(values::no_string(&mut c.slave, references)?))
     }
 
     /// Sets the first time derivatives of inputs for the next step, all or none.
@@ -319,8 +332,12 @@ impl Component {
 
     /// Computes the outputs from the start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
+        let start = Start {
+            time: self.lifecycle.start_time,
+            resources: self.resources.clone(),
+        };
         self.slave
-            .initialize(self.lifecycle.start_time)
+            .initialize(&start)
             .map_err(|error: ModelError| Reason::new(move || error.reason().to_owned()))?;
         self.lifecycle.stale = false;
         Ok(())

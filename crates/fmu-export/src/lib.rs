@@ -1,41 +1,48 @@
-//! Turns a Rust model into an FMI 2.0.4 co-simulation slave.
+//! Turns a Rust struct into an FMI 2.0.4 co-simulation FMU.
 //!
-//! A model is a struct with a table of its variables and a step function ([`Model`]); [`export!`]
-//! turns a `cdylib` with one or more models into an FMU binary. The author's crate needs no `unsafe`:
+//! The fields of a struct are the variables of the model ([`derive@Model`]), and a function steps it
+//! ([`Simulate`]). [`export!`] turns a `cdylib` with one or more models into an FMU binary:
 //!
 //! ```
-//! use fmu_export::{Model, ModelError, Variable, unit};
-//! use serde::{Deserialize, Serialize};
+//! use fmu_export::prelude::*;
 //!
-//! /// y = k u
-//! #[derive(Default, Clone, Serialize, Deserialize)]
-//! pub struct Gain { u: f64, y: f64, k: f64 }
+//! /// Proportional controller
+//! #[derive(Model)]
+//! pub struct P {
+//!     /// set-point
+//!     #[input(unit = "rad")]
+//!     r: f64,
+//!     /// measured angle
+//!     #[input(unit = "rad")]
+//!     y: f64,
+//!     /// force
+//!     #[output(unit = "N")]
+//!     u: f64,
+//!     /// gain
+//!     #[parameter(tunable, start = 300.0, min = 0.0, unit = "N/rad")]
+//!     kp: f64,
+//! }
 //!
-//! type Row = Variable<Gain>;
-//!
-//! impl Model for Gain {
-//!     const NAME: &'static str = "Gain";
-//!     const DESCRIPTION: &'static str = "An amplifier";
-//!     const VARIABLES: &'static [Row] = &[
-//!         Row::input("u", |m| &mut m.u).unit(unit::NEWTON).about("force"),
-//!         Row::output("y", |m| &mut m.y).unit(unit::NEWTON).about("amplified force"),
-//!         Row::tunable("k", 2.0, |m| &mut m.k).about("gain"),
-//!     ];
-//!
+//! impl Simulate for P {
 //!     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-//!         self.y = self.k * self.u;
+//!         self.u = self.kp * (self.r - self.y);
 //!         Ok(())
 //!     }
 //! }
 //!
-//! fmu_export::export!(Gain);
+//! export!(P);
 //! # fn main() {}
 //! ```
+//!
+//! `cargo fmu export` builds it and writes the FMU. The author's crate needs no `unsafe` and no other
+//! dependency.
+//!
+//! # How it works
 //!
 //! A call passes through two layers. The entry points in [`fmi2`] convert pointers to slices and
 //! forward them to the component, which implements what FMI requires of every slave: the state
 //! machine, argument checks, the logger and the panic guard. The component accesses the model through
-//! its table. Only the entry points use the C types of FMI 2.0 and `unsafe` code; the component knows
+//! the derived access functions. Only the entry points use the C types of FMI 2.0; the component knows
 //! the names of the functions for its messages.
 //!
 //! The three calls that a host makes at every step (set Reals, step, get Reals) are generic over the
@@ -43,26 +50,32 @@
 //! reject, and leave all other cases to the component.
 
 mod bound;
+mod clock;
 mod component;
-#[cfg(feature = "describe")]
-mod description;
 pub mod fmi2;
 mod lifecycle;
 mod log;
 mod model;
+mod panics;
 mod phase;
 mod reason;
+mod resources;
 mod slave;
 mod snapshot;
 mod values;
 
+pub use clock::SampleClock;
+#[doc(inline)]
+pub use fmu_derive::{Choice, Model, Variables};
+pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
-pub use bound::scalars;
-#[cfg(feature = "describe")]
-pub use description::print_descriptions;
-pub use fmi2::Entry;
-pub use fmu_description::{Enumeration, Unit, Variable, unit};
-pub use model::{Model, ModelError, finite};
+pub use fmu_description::{derive, embedded};
+pub use model::{Model, ModelError, Simulate, Start};
+
+/// What a model needs: `use fmu_export::prelude::*;`.
+pub mod prelude {
+    pub use crate::{Choice, Model, ModelError, Simulate, Start, Variables, export};
+}
 
 /// Turns the library into an FMU binary with one or more [`Model`]s, which `fmi2Instantiate` selects
 /// by GUID, and lists them in `MODELS`.
@@ -70,9 +83,16 @@ pub use model::{Model, ModelError, finite};
 macro_rules! export {
     ($($model:ty),+ $(,)?) => {
         /// The models of this library.
-        pub const MODELS: &[$crate::Entry] = &[
-            $($crate::Entry::of::<$model, { $crate::scalars::<$model>() }>()),+
-        ];
+        #[allow(long_running_const_eval, reason = "a table may be large")]
+        pub static MODELS: &[$crate::fmi2::Entry] = &[$({
+            const COUNT: usize = <$model as $crate::Variables>::COUNT;
+            const INTERFACE: $crate::derive::Interface =
+                $crate::fmi2::interface::<$model, COUNT>(option_env!("FMU_EXPORT_VARIANT"));
+            #[used]
+            static EMBEDDED: [u8; $crate::embedded::size(&INTERFACE)] =
+                $crate::embedded::write(&INTERFACE);
+            $crate::fmi2::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
+        }),+];
 
         /// `fmi2Instantiate` (FMI 2.0.4, section 2.1.5).
         ///

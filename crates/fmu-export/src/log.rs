@@ -2,6 +2,8 @@
 
 use std::ffi::{CStr, CString};
 
+use fmu_description::LOG_CATEGORIES;
+
 use crate::reason::Reason;
 
 /// A log category.
@@ -15,40 +17,15 @@ pub(crate) enum Category {
     Events = 1 << 4,
 }
 
-/// A category with its name and its description.
-type Named = (Category, &'static CStr, &'static str);
-
-/// All categories that the slave logs to.
-const CATEGORIES: [Named; 5] = [
-    (
-        Category::Error,
-        c"logStatusError",
-        "calls and steps that failed",
-    ),
-    (
-        Category::Warning,
-        c"logStatusWarning",
-        "calls that are unusual, but worked",
-    ),
-    (
-        Category::Discard,
-        c"logStatusDiscard",
-        "steps that were discarded, and changed nothing",
-    ),
-    (
-        Category::Fatal,
-        c"logStatusFatal",
-        "failures after which the instance is dead",
-    ),
-    (
-        Category::Events,
-        c"logEvents",
-        "changes of the slave's state",
-    ),
+/// All categories that the slave logs to, in the order of [`LOG_CATEGORIES`], whose last category
+/// includes all others.
+const CATEGORIES: [Category; 5] = [
+    Category::Error,
+    Category::Warning,
+    Category::Discard,
+    Category::Fatal,
+    Category::Events,
 ];
-
-/// The category that includes all others.
-const ALL: (&str, &str) = ("logAll", "all messages");
 
 const EVERY: u8 = STATUSES | Category::Events as u8;
 const STATUSES: u8 = Category::Error as u8
@@ -56,23 +33,14 @@ const STATUSES: u8 = Category::Error as u8
     | Category::Discard as u8
     | Category::Fatal as u8;
 
-/// Names and descriptions of all categories, for the XML.
-#[cfg(feature = "describe")]
-pub(crate) fn categories() -> Vec<(&'static str, &'static str)> {
-    CATEGORIES
-        .iter()
-        .map(|(_, name, description)| (name.to_str().unwrap_or_default(), *description))
-        .chain([ALL])
-        .collect()
-}
-
 impl Category {
     /// The name of the category in FMI.
     pub(crate) fn name(self) -> &'static CStr {
         CATEGORIES
             .iter()
-            .find(|(known, _, _)| *known == self)
-            .map_or(c"logAll", |(_, name, _)| *name)
+            .zip(&LOG_CATEGORIES)
+            .find(|(known, _)| **known == self)
+            .map_or(c"logAll", |(_, (name, _))| *name)
     }
 }
 
@@ -110,14 +78,10 @@ impl Log {
     }
 
     fn bits(name: &CStr) -> Result<u8, Reason> {
-        if name.to_bytes() == ALL.0.as_bytes() {
-            return Ok(EVERY);
+        match LOG_CATEGORIES.iter().position(|(known, _)| *known == name) {
+            Some(index) => Ok(CATEGORIES.get(index).map_or(EVERY, |c| *c as u8)),
+            None => Err(unknown(name.to_owned())),
         }
-        CATEGORIES
-            .iter()
-            .find(|(_, category, _)| *category == name)
-            .map(|(category, _, _)| *category as u8)
-            .ok_or_else(|| unknown(name.to_owned()))
     }
 
     /// Sends a message. It is formatted only if its category is enabled.
@@ -132,14 +96,8 @@ impl Log {
 
 fn unknown(category: CString) -> Reason {
     Reason::new(move || {
-        let known: Vec<_> = CATEGORIES
-            .iter()
-            .map(|(_, name, _)| name.to_string_lossy())
-            .collect();
+        let known = LOG_CATEGORIES.map(|(name, _)| name.to_string_lossy());
         let known = known.join(", ");
-        format!(
-            "log category {category:?} is unknown; expected one of {known}, {}",
-            ALL.0
-        )
+        format!("log category {category:?} is unknown; expected one of {known}")
     })
 }

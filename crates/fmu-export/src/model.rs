@@ -1,43 +1,122 @@
-//! What an author implements: a struct, the table of its variables, and a step function.
+//! What an author implements.
 
 use std::fmt::Display;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
 
-use fmu_description::Variable;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use fmu_description::Variables;
 
-/// A model that can be exported as an FMU.
-///
-/// Values are stored in the struct; the table declares which of them the host can access. Before
-/// [`initialize`](Model::initialize), and again on a reset, the struct is created with `Default`, and
-/// every variable with a start value is set to it. The host saves and restores a model through `Clone`
-/// and `serde`, so both must cover the complete state.
-pub trait Model: Default + Clone + Serialize + DeserializeOwned + 'static {
+use crate::resources::Folder;
+
+/// A model: a struct with variables, a name and a description, implemented by `#[derive(Model)]`.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a model",
+    label = "expected a struct with #[derive(Model)]"
+)]
+pub trait Model: Variables + 'static {
     /// Name of the model, of the FMU and of its binary: a C identifier.
     const NAME: &'static str;
     /// Description of the model in one sentence.
     const DESCRIPTION: &'static str;
-    /// The variables, in the order of the XML.
-    const VARIABLES: &'static [Variable<Self>];
-    /// Stop time and communication step (s) of the default experiment.
-    const DEFAULT_EXPERIMENT: (f64, f64) = (20.0, 0.001);
+    /// Whether it has a sample time.
+    const IS_SAMPLED: bool;
+    /// Stop time and communication step size (s) of the default experiment.
+    const DEFAULT_EXPERIMENT: (f64, f64);
 
-    /// Computes the outputs at `start_time` (s) from the initial parameters and inputs. If the host
-    /// then changes a parameter, it is called again and must start over.
+    /// The sample time (s); 0 if it has none.
+    fn sample_time(&self) -> f64;
+
+    /// The model with its start values.
+    fn new() -> Self {
+        let mut model = Self::unset();
+        model.set_start_values();
+        model
+    }
+}
+
+/// What a model does, implemented by its author.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say what it does",
+    note = "write `impl Simulate` for it, with a function `step`"
+)]
+pub trait Simulate: Model {
+    /// Computes the outputs at the start time from the start values of parameters and inputs. All other
+    /// fields have their default values. If the host changes a value afterwards, it is called again,
+    /// on a fresh copy.
     ///
     /// # Errors
-    /// The parameters are inconsistent.
-    fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
-        let _ = start_time;
+    /// The parameters are inconsistent, or a resource cannot be read.
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        let _ = start;
         Ok(())
     }
 
     /// Advances from `time` to `time + step` (s) with constant inputs. `step` is positive.
     ///
+    /// A model with a sample time is called once for every sample instant `time`, and `step` is the
+    /// sample time; its outputs hold until the next instant.
+    ///
+    /// The outputs need not be checked: NaN and infinity are reported as an error.
+    ///
     /// # Errors
     /// The step cannot be computed. The instance can then only be restored, reset or freed, unless
     /// the error leaves the model unchanged: [`ModelError::refuse`] or [`ModelError::discard`].
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+}
+
+/// The start of a simulation.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// The start time (s).
+    pub time: f64,
+    pub(crate) resources: Folder,
+}
+
+impl Start {
+    /// A start at `time` (s) with the folder of the resources, for tests.
+    pub fn new(time: f64, resources: impl Into<PathBuf>) -> Self {
+        Self {
+            time,
+            resources: Ok(resources.into()),
+        }
+    }
+
+    /// The path of a file in the FMU's `resources`, which `cargo fmu export` packs from the folder of
+    /// this name in the package.
+    ///
+    /// # Errors
+    /// The host did not say where the resources are, or the path leaves them.
+    pub fn resource(&self, file: impl AsRef<Path>) -> Result<PathBuf, ModelError> {
+        let mut parts = file.as_ref().components();
+        let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+        if !stays || file.as_ref().as_os_str().is_empty() {
+            return Err(ModelError::new(format_args!(
+                "{:?} is not a resource; expected the name of a file in the FMU's resources",
+                file.as_ref()
+            )));
+        }
+        match &self.resources {
+            Ok(folder) => Ok(folder.join(file)),
+            Err(error) => Err(ModelError::new(format_args!(
+                "the resource {} cannot be found: {error}",
+                file.as_ref().display()
+            ))),
+        }
+    }
+
+    /// Reads a text file in the FMU's `resources`.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not UTF-8.
+    pub fn read_resource(&self, file: impl AsRef<Path>) -> Result<String, ModelError> {
+        let path = self.resource(file)?;
+        fs::read_to_string(&path).map_err(|error| {
+            ModelError::new(format_args!(
+                "cannot read the resource {}: {error}",
+                path.display()
+            ))
+        })
+    }
 }
 
 /// An error of a model, with a message for the user.
@@ -93,6 +172,14 @@ impl ModelError {
         }
     }
 
+    /// The same error of a model that is no longer unchanged.
+    pub(crate) fn broken(self) -> Self {
+        Self {
+            kind: Kind::Broken,
+            ..self
+        }
+    }
+
     /// The message for the user.
     pub fn reason(&self) -> &str {
         &self.reason
@@ -107,32 +194,4 @@ impl<E: std::error::Error> From<E> for ModelError {
     fn from(error: E) -> Self {
         Self::new(error)
     }
-}
-
-/// Checks that every named value is finite, so that divergence is reported instead of returning NaN.
-///
-/// # Errors
-/// Names the first variable that is not finite, and its value.
-pub fn finite(values: &[(&str, f64)]) -> Result<(), ModelError> {
-    match values.iter().find(|(_, value)| !value.is_finite()) {
-        None => Ok(()),
-        Some((name, value)) => Err(ModelError::new(format_args!(
-            "{name} became {value}: the simulation diverges"
-        ))),
-    }
-}
-
-/// Like the function [`finite`](fn@crate::finite), but fast enough for every step:
-/// `finite!("e": self.e, "u": self.u)`.
-///
-/// If the sum of the values is finite, all of them are. Otherwise they are checked one by one.
-#[macro_export]
-macro_rules! finite {
-    ($($name:literal: $value:expr),+ $(,)?) => {
-        if (0.0 $(+ $value)+).is_finite() {
-            Ok(())
-        } else {
-            $crate::finite(&[$(($name, $value)),+])
-        }
-    };
 }

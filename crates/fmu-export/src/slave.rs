@@ -3,31 +3,34 @@
 use std::any::Any;
 use std::fmt;
 
-use fmu_description::{Info, ValueMut, guid};
+use fmu_description::{Scalar as Row, ValueMut, Variable, guid};
 
 use crate::ModelError;
+use crate::model::Start;
 
 /// A scalar variable of a slave.
 pub(crate) struct Scalar<'a> {
-    pub(crate) info: &'static Info,
-    /// Index in the array, from 0.
-    pub(crate) element: usize,
+    pub(crate) row: Row,
     pub(crate) value: ValueMut<'a>,
 }
 
 /// The name of a scalar variable, formatted on demand.
 #[derive(Clone, Copy)]
-pub(crate) struct Name(&'static Info, usize);
+pub(crate) struct Name(Row);
 
 impl fmt::Display for Name {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0.element_name(self.1))
+        f.write_str(&self.0.name())
     }
 }
 
 impl Scalar<'_> {
     pub(crate) fn name(&self) -> Name {
-        Name(self.info, self.element)
+        Name(self.row)
+    }
+
+    pub(crate) fn variable(&self) -> &'static Variable {
+        self.row.variable
     }
 }
 
@@ -35,8 +38,8 @@ impl Scalar<'_> {
 pub(crate) trait Slave {
     /// Resets all values to their start values.
     fn reset(&mut self);
-    /// See [`Model::initialize`].
-    fn initialize(&mut self, start_time: f64) -> Result<(), ModelError>;
+    /// Initializes a fresh model with the values that were set; nothing changes if it fails.
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError>;
     /// Number of scalar variables; their value references are 0 to `count() - 1`.
     fn count(&self) -> usize;
     /// The variable with the given value reference.
@@ -57,7 +60,7 @@ pub(crate) trait Slave {
     fn save(&self) -> Box<dyn Any>;
     /// Restores a copy; false if it is a copy of another model.
     fn restore(&mut self, saved: &dyn Any) -> bool;
-    /// Serializes a copy; `None` if it is a copy of another model.
+    /// Serializes a copy; `None` if it is a copy of another model, or cannot be serialized.
     fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>>;
     /// Deserializes a copy; `None` if the bytes are not exactly one copy.
     fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>>;

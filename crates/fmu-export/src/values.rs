@@ -1,26 +1,23 @@
 //! Reads and writes the values of a slave, and reports why an access is rejected.
 
+use std::ffi::CStr;
 use std::fmt;
 
-use fmu_description::{Causality, Domain, Info, ValueMut, Variability};
+use fmu_description::{Causality, Domain, Value, ValueMut, Variability, Variable};
 
 use crate::reason::{Reason, reason};
 use crate::slave::{Scalar, Slave};
 
-/// A value type of the FMI functions.
-pub(crate) trait Value: Copy + 'static {
-    /// Name of the type.
-    const TYPE: &'static str;
+/// A type of the FMI functions.
+pub(crate) trait FmiType: Sized {
+    /// Its name.
+    const NAME: &'static str;
     /// The value of a variable if it has this type.
     fn read(from: &ValueMut<'_>) -> Option<Self>;
-    /// Sets a variable of this type.
-    fn write(self, to: ValueMut<'_>);
-    /// The value as [`Given`], to check it.
-    fn given(self) -> Given;
 }
 
-impl Value for f64 {
-    const TYPE: &'static str = "Real";
+impl FmiType for f64 {
+    const NAME: &'static str = "Real";
 
     fn read(from: &ValueMut<'_>) -> Option<Self> {
         match from {
@@ -28,36 +25,17 @@ impl Value for f64 {
             _ => None,
         }
     }
-
-    fn write(self, to: ValueMut<'_>) {
-        if let ValueMut::Real(value) = to {
-            *value = self;
-        }
-    }
-
-    fn given(self) -> Given {
-        Given::Real(self)
-    }
 }
 
-impl Value for i32 {
-    const TYPE: &'static str = "Integer";
+impl FmiType for i32 {
+    const NAME: &'static str = "Integer";
 
     fn read(from: &ValueMut<'_>) -> Option<Self> {
         match from {
             ValueMut::Integer(value) => Some(**value),
+            ValueMut::Choice(choice) => Some(choice.get()),
             _ => None,
         }
-    }
-
-    fn write(self, to: ValueMut<'_>) {
-        if let ValueMut::Integer(value) = to {
-            *value = self;
-        }
-    }
-
-    fn given(self) -> Given {
-        Given::Integer(self)
     }
 }
 
@@ -66,8 +44,8 @@ impl Value for i32 {
 #[repr(transparent)]
 pub(crate) struct Boolean(pub(crate) i32);
 
-impl Value for Boolean {
-    const TYPE: &'static str = "Boolean";
+impl FmiType for Boolean {
+    const NAME: &'static str = "Boolean";
 
     fn read(from: &ValueMut<'_>) -> Option<Self> {
         match from {
@@ -75,69 +53,114 @@ impl Value for Boolean {
             _ => None,
         }
     }
+}
 
-    fn write(self, to: ValueMut<'_>) {
-        if let ValueMut::Boolean(value) = to {
-            *value = self.0 == 1;
+impl FmiType for String {
+    const NAME: &'static str = "String";
+
+    fn read(from: &ValueMut<'_>) -> Option<Self> {
+        match from {
+            ValueMut::String(value) => Some((*value).clone()),
+            _ => None,
         }
-    }
-
-    fn given(self) -> Given {
-        Given::Boolean(self.0)
     }
 }
 
-/// A value of any type from the host.
+/// A value from the host.
 #[derive(Clone, Copy)]
-pub(crate) enum Given {
+pub(crate) enum Given<'a> {
     Real(f64),
     Integer(i32),
     Boolean(i32),
+    /// A text, `None` for NULL.
+    String(Option<&'a CStr>),
 }
 
-impl fmt::Display for Given {
+impl From<f64> for Given<'_> {
+    fn from(value: f64) -> Self {
+        Self::Real(value)
+    }
+}
+
+impl From<i32> for Given<'_> {
+    fn from(value: i32) -> Self {
+        Self::Integer(value)
+    }
+}
+
+impl From<Boolean> for Given<'_> {
+    fn from(value: Boolean) -> Self {
+        Self::Boolean(value.0)
+    }
+}
+
+impl<'a> From<Option<&'a CStr>> for Given<'a> {
+    fn from(value: Option<&'a CStr>) -> Self {
+        Self::String(value)
+    }
+}
+
+impl fmt::Display for Given<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Real(value) => value.fmt(f),
             Self::Integer(value) | Self::Boolean(value) => value.fmt(f),
+            Self::String(Some(text)) => fmt::Debug::fmt(text, f),
+            Self::String(None) => f.write_str("NULL"),
         }
     }
 }
 
-impl Given {
+impl Given<'_> {
     /// Whether a variable has the type of the value.
     fn fits(self, value: &ValueMut<'_>) -> bool {
         matches!(
             (self, value),
             (Self::Real(_), ValueMut::Real(_))
-                | (Self::Integer(_), ValueMut::Integer(_))
+                | (Self::Integer(_), ValueMut::Integer(_) | ValueMut::Choice(_))
                 | (Self::Boolean(_), ValueMut::Boolean(_))
+                | (Self::String(_), ValueMut::String(_))
         )
     }
 
     fn type_name(self) -> &'static str {
         match self {
-            Self::Real(_) => f64::TYPE,
-            Self::Integer(_) => i32::TYPE,
-            Self::Boolean(_) => Boolean::TYPE,
+            Self::Real(_) => f64::NAME,
+            Self::Integer(_) => i32::NAME,
+            Self::Boolean(_) => Boolean::NAME,
+            Self::String(_) => String::NAME,
         }
     }
 
-    /// Whether the value is within the bounds of a variable of its type.
-    fn is_allowed(self, domain: &Domain) -> bool {
-        match (self, domain) {
+    /// The value, if it is within the bounds of a variable of its type.
+    fn within(self, domain: &Domain) -> Option<Value> {
+        let is_allowed = match (self, domain) {
             (Self::Real(value), Domain::Real { min, max, .. }) => {
                 value.is_finite() && *min <= value && value <= *max
             }
-            (Self::Integer(value), Domain::Integer { range, .. }) => {
-                range.0 <= value && value <= range.1
+            (Self::Integer(value), Domain::Integer { min, max, .. }) => {
+                *min <= value && value <= *max
             }
             (Self::Integer(value), Domain::Enumeration { items, .. }) => {
-                usize::try_from(value).is_ok_and(|index| (1..=items.items.len()).contains(&index))
+                items.items.iter().any(|item| item.value == value)
             }
             (Self::Boolean(value), _) => value == 0 || value == 1,
             _ => true,
+        };
+        if !is_allowed {
+            return None;
         }
+        Some(match self {
+            Self::Real(value) => Value::Real(value),
+            Self::Integer(value) => Value::Integer(value),
+            Self::Boolean(value) => Value::Boolean(value == 1),
+            Self::String(text) => Value::String(text?.to_str().ok()?.to_owned()),
+        })
+    }
+
+    /// The value as text that is independent of the host's memory.
+    fn text(self) -> String {
+        self.to_string()
     }
 }
 
@@ -151,30 +174,35 @@ fn expected(domain: &Domain) -> String {
                 (false, true) => format!(" of at most {max}"),
                 (false, false) => String::new(),
             };
-            format!("a finite number{bounds} [{}]", unit.name)
+            let unit = match unit.is_empty() {
+                true => String::new(),
+                false => format!(" [{unit}]"),
+            };
+            format!("a finite number{bounds}{unit}")
         }
-        Domain::Integer { range, .. } => {
-            format!("a whole number from {} to {}", range.0, range.1)
+        Domain::Integer { min, max, .. } => format!("a whole number from {min} to {max}"),
+        Domain::Enumeration { items, .. } => {
+            let items = items.items.iter();
+            let texts: Vec<_> = items
+                .map(|item| format!("{} ({})", item.value, item.name))
+                .collect();
+            texts.join(", ")
         }
-        Domain::Enumeration { items, .. } => (1..)
-            .zip(items.items)
-            .map(|(index, (name, _)): (i32, _)| format!("{index} ({name})"))
-            .collect::<Vec<_>>()
-            .join(", "),
         Domain::Boolean { .. } => "0 (false) or 1 (true)".into(),
+        Domain::String { .. } => "a text in UTF-8".into(),
     }
 }
 
 /// Reads the values with the given references, all or none.
-pub(crate) fn get<V: Value>(
+pub(crate) fn get<T: FmiType>(
     slave: &mut dyn Slave,
     references: &[u32],
-    values: &mut [V],
+    values: &mut [T],
 ) -> Result<(), Reason> {
     // Several are checked before the first value is written; a single one need not be.
     if references.len() > 1 {
         for &reference in references {
-            read::<V>(slave, reference)?;
+            read::<T>(slave, reference)?;
         }
     }
     for (&reference, value) in references.iter().zip(values) {
@@ -183,44 +211,52 @@ pub(crate) fn get<V: Value>(
     Ok(())
 }
 
-fn read<V: Value>(slave: &mut dyn Slave, reference: u32) -> Result<V, Reason> {
+fn read<T: FmiType>(slave: &mut dyn Slave, reference: u32) -> Result<T, Reason> {
     match slave.find(reference) {
-        Some(scalar) => V::read(&scalar.value).ok_or_else(|| wrong_type(&scalar, V::TYPE)),
+        Some(scalar) => T::read(&scalar.value).ok_or_else(|| wrong_type(&scalar, T::NAME)),
         None => Err(unknown(slave, reference)),
     }
 }
 
 /// Writes all values or none. `running` is true after initialization.
-pub(crate) fn set<V: Value>(
+pub(crate) fn set<'a, T: Into<Given<'a>> + Copy>(
     slave: &mut dyn Slave,
     references: &[u32],
-    values: &[V],
+    values: &[T],
     running: bool,
 ) -> Result<(), Reason> {
     for (&reference, &value) in references.iter().zip(values) {
-        check(slave, reference, value.given(), running)?;
+        check(slave, reference, value.into(), running)?;
     }
     for (&reference, &value) in references.iter().zip(values) {
-        if let Some(scalar) = slave.find(reference) {
-            value.write(scalar.value);
+        if let Some(scalar) = slave.find(reference)
+            && let Some(value) = value.into().within(&scalar.variable().domain)
+        {
+            scalar.value.set(value);
         }
     }
     Ok(())
 }
 
 /// Checks that a value may be written.
-fn check(slave: &mut dyn Slave, reference: u32, value: Given, running: bool) -> Result<(), Reason> {
+fn check(
+    slave: &mut dyn Slave,
+    reference: u32,
+    value: Given<'_>,
+    running: bool,
+) -> Result<(), Reason> {
     let Some(scalar) = slave.find(reference) else {
         return Err(unknown(slave, reference));
     };
     if !value.fits(&scalar.value) {
         return Err(wrong_type(&scalar, value.type_name()));
     }
-    let (name, domain) = (scalar.name(), &scalar.info.domain);
-    if let Some(why) = not_settable(scalar.info, running) {
+    let (name, domain) = (scalar.name(), &scalar.variable().domain);
+    if let Some(why) = not_settable(scalar.variable(), running) {
         return Err(reason!("{name} is {why}"));
     }
-    if !value.is_allowed(domain) {
+    if value.within(domain).is_none() {
+        let value = value.text();
         return Err(reason!(
             "{name} = {value} is refused; expected {}",
             expected(domain)
@@ -302,9 +338,12 @@ fn check_causality(
     for &reference in references {
         match slave.find(reference) {
             None => return Err(unknown(slave, reference)),
-            Some(scalar) if scalar.info.causality != causality => {
+            Some(scalar) if scalar.variable().causality != causality => {
                 let name = scalar.name();
                 return Err(reason!("{name} is not {expected}"));
+            }
+            Some(scalar) if !matches!(scalar.value, ValueMut::Real(_)) => {
+                return Err(wrong_type(&scalar, f64::NAME));
             }
             Some(_) => {}
         }
@@ -312,21 +351,12 @@ fn check_causality(
     Ok(())
 }
 
-/// Rejects all references, as no variable is a String.
-pub(crate) fn no_string(slave: &mut dyn Slave, references: &[u32]) -> Result<(), Reason> {
-    let Some(&reference) = references.first() else {
-        return Ok(());
-    };
-    Err(match slave.find(reference).map(|scalar| scalar.name()) {
-        Some(name) => reason!("{name} is not a String"),
-        None => unknown(slave, reference),
-    })
-}
-
 /// Why the host may not set the variable now; `None` if it may.
-fn not_settable(info: &Info, running: bool) -> Option<&'static str> {
-    match (info.causality, info.variability) {
+fn not_settable(variable: &Variable, running: bool) -> Option<&'static str> {
+    match (variable.causality, variable.variability) {
+        (_, Variability::Constant) => Some("a constant"),
         (Causality::Output, _) => Some("an output, which only the model sets"),
+        (Causality::Local, _) => Some("a local variable, which only the model sets"),
         (_, Variability::Fixed) if running => {
             Some("a fixed parameter, which cannot be set after the initialization")
         }
@@ -342,10 +372,11 @@ fn unknown(slave: &dyn Slave, reference: u32) -> Reason {
 
 #[cold]
 fn wrong_type(scalar: &Scalar<'_>, requested: &'static str) -> Reason {
-    let actual = match scalar.info.domain {
+    let actual = match scalar.variable().domain {
         Domain::Real { .. } => "Real",
         Domain::Integer { .. } => "Integer",
         Domain::Boolean { .. } => "Boolean",
+        Domain::String { .. } => "String",
         Domain::Enumeration { .. } => "Enumeration, which is accessed as Integer",
     };
     let name = scalar.name();

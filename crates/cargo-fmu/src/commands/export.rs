@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
-use fmu_build::Compression;
+use fmu_build::{Compression, Selection, Variant};
 use fmu_file::platform::Prebuilt;
 
 /// What to export, and for which platforms.
@@ -14,6 +14,12 @@ pub struct ExportArgs {
     /// Models to export [default: all]
     #[arg(value_name = "MODEL")]
     models: Vec<String>,
+    /// Name of a variant of the model, with other start values
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Start value of a variable in a variant; may be repeated
+    #[arg(long = "set", value_name = "VARIABLE=VALUE", value_parser = setting)]
+    settings: Vec<(String, String)>,
     /// Output folder for the FMUs [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -30,6 +36,41 @@ pub struct ExportArgs {
     /// Compress with zopfli: 3.5 % smaller, but slow
     #[arg(long)]
     small: bool,
+    #[command(flatten)]
+    selection: SelectionArgs,
+}
+
+/// Which packages to build, and how.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Options of cargo")]
+struct SelectionArgs {
+    /// Manifest of the package or workspace [default: that of the current folder]
+    #[arg(long, value_name = "PATH")]
+    manifest_path: Option<PathBuf>,
+    /// Package with the models; may be repeated [default: as cargo build, else all with models]
+    #[arg(short, long = "package", value_name = "NAME")]
+    packages: Vec<String>,
+    /// Features of the package
+    #[arg(short = 'F', long, value_name = "FEATURES", value_delimiter = ',')]
+    features: Vec<String>,
+    /// Activate all features
+    #[arg(long)]
+    all_features: bool,
+    /// Do not activate the default features
+    #[arg(long)]
+    no_default_features: bool,
+    /// Profile to build with
+    #[arg(long, value_name = "NAME", default_value = "release")]
+    profile: String,
+}
+
+fn setting(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((variable, value)) if !variable.is_empty() => {
+            Ok((variable.to_owned(), value.to_owned()))
+        }
+        _ => Err("expected VARIABLE=VALUE".into()),
+    }
 }
 
 /// Exports the models and prints the FMUs that were written.
@@ -37,8 +78,21 @@ pub struct ExportArgs {
 /// # Errors
 /// See [`fmu_build::export`].
 pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
+    let selection = args.selection;
     let written = fmu_build::export(&fmu_build::Options {
+        selection: Selection {
+            manifest_path: selection.manifest_path,
+            packages: selection.packages,
+            features: selection.features,
+            all_features: selection.all_features,
+            no_default_features: selection.no_default_features,
+            profile: selection.profile,
+        },
         models: args.models,
+        variant: Variant {
+            name: args.name,
+            settings: args.settings,
+        },
         out: args.out,
         portable: args.portable,
         targets: args.targets,

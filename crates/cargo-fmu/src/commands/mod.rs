@@ -4,6 +4,7 @@ pub mod completions;
 pub mod export;
 pub mod info;
 pub mod merge;
+pub mod new;
 pub mod probe;
 pub mod simulate;
 pub mod ssp;

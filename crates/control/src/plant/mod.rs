@@ -17,19 +17,44 @@ pub use transfer_function::TransferFunction;
 /// Parameters of the cart and the pendulum; see [`Parameters::PAPER`] for the values of section 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 #[allow(non_snake_case, reason = "the symbols of the paper")]
 pub struct Parameters {
     /// Mass of the cart (kg).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.M, min = 1e-6, max = 1e6, unit = "kg")
+    )]
     pub M: f64,
     /// Mass of the pendulum (kg).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.m, min = 1e-6, max = 1e6, unit = "kg")
+    )]
     pub m: f64,
     /// Distance from the pivot to the pendulum's centre of mass (m).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.l, min = 1e-3, max = 1e3, unit = "m")
+    )]
     pub l: f64,
-    /// Gravitational acceleration (m/s^2).
+    /// Gravitational acceleration (m/s2).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.g, min = 0, max = 1e3, unit = "m/s2")
+    )]
     pub g: f64,
-    /// Inertia of the pendulum about its centre of mass (kg m^2).
+    /// Inertia of the pendulum about its centre of mass (kg.m2).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.I, min = 0, max = 1e6, unit = "kg.m2")
+    )]
     pub I: f64,
-    /// Friction of the cart (N s/m).
+    /// Friction of the cart (N.s/m).
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(start = Self::PAPER.b, min = 0, max = 1e6, unit = "N.s/m")
+    )]
     pub b: f64,
 }
 

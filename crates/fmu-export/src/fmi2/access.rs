@@ -2,11 +2,11 @@
 
 use super::{
     NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
-    fmi2ValueReference, instance, slice, slice_mut, with,
+    fmi2ValueReference, instance, slice, slice_mut, text, with,
 };
 use crate::component::{Component, Outcome};
 use crate::phase::{self, Call};
-use crate::values::{Boolean, Value};
+use crate::values::{Boolean, FmiType, Given};
 
 /// `fmi2GetReal`
 #[unsafe(no_mangle)]
@@ -44,12 +44,12 @@ pub unsafe extern "C" fn fmi2SetReal(
 
 /// # Safety
 /// `references` and `values` are NULL or hold `n` elements.
-pub(super) unsafe fn get<V: Value>(
+pub(super) unsafe fn get<T: FmiType>(
     component: &mut Component,
     call: &Call,
     references: *const fmi2ValueReference,
     n: usize,
-    values: *mut V,
+    values: *mut T,
 ) -> Outcome {
     // SAFETY: the caller's promise.
     match unsafe { slice(references, n).zip(slice_mut(values, n)) } {
@@ -60,12 +60,12 @@ pub(super) unsafe fn get<V: Value>(
 
 /// # Safety
 /// `references` and `values` are NULL or hold `n` elements.
-pub(super) unsafe fn set<V: Value>(
+pub(super) unsafe fn set<'a, T: Into<Given<'a>> + Copy + 'a>(
     component: &mut Component,
     call: &Call,
     references: *const fmi2ValueReference,
     n: usize,
-    values: *const V,
+    values: *const T,
 ) -> Outcome {
     // SAFETY: the caller's promise.
     match unsafe { slice(references, n).zip(slice(values, n)) } {
@@ -74,20 +74,47 @@ pub(super) unsafe fn set<V: Value>(
     }
 }
 
-/// Rejects access to Strings. No variable is a String, so the values are not used.
+/// Hands out pointers to texts that live until the next call.
 ///
 /// # Safety
-/// `references` is NULL or holds `n` elements.
-unsafe fn strings(
+/// As [`get`].
+unsafe fn get_strings(
     component: &mut Component,
     call: &Call,
     references: *const fmi2ValueReference,
     n: usize,
-    _values: *const fmi2String,
+    values: *mut fmi2String,
 ) -> Outcome {
     // SAFETY: the caller's promise.
-    match unsafe { slice(references, n) } {
-        Some(references) => component.strings(call, references),
+    let Some((references, values)) = (unsafe { slice(references, n).zip(slice_mut(values, n)) })
+    else {
+        return component.refuse(call.name, NULL_ARRAY);
+    };
+    let outcome = component.get_texts(call, references);
+    if outcome == Outcome::Ok {
+        for (value, text) in values.iter_mut().zip(&component.texts) {
+            *value = text.as_ptr();
+        }
+    }
+    outcome
+}
+
+/// # Safety
+/// As [`set`]; the values are NULL or zero-terminated.
+unsafe fn set_strings(
+    component: &mut Component,
+    call: &Call,
+    references: *const fmi2ValueReference,
+    n: usize,
+    values: *const fmi2String,
+) -> Outcome {
+    // SAFETY: the caller's promise.
+    match unsafe { slice(references, n).zip(slice(values, n)) } {
+        Some((references, values)) => {
+            // SAFETY: the caller's promise.
+            let texts: Vec<_> = values.iter().map(|&value| unsafe { text(value) }).collect();
+            component.set(call, references, &texts)
+        }
         None => component.refuse(call.name, NULL_ARRAY),
     }
 }
@@ -117,8 +144,8 @@ macro_rules! entry_points {
 entry_points! {
     fmi2GetInteger(*mut fmi2Integer) = get::<fmi2Integer>(GET_INTEGER);
     fmi2GetBoolean(*mut fmi2Boolean) = get::<Boolean>(GET_BOOLEAN);
-    fmi2GetString(*mut fmi2String) = strings(GET_STRING);
+    fmi2GetString(*mut fmi2String) = get_strings(GET_STRING);
     fmi2SetInteger(*const fmi2Integer) = set::<fmi2Integer>(SET_INTEGER);
     fmi2SetBoolean(*const fmi2Boolean) = set::<Boolean>(SET_BOOLEAN);
-    fmi2SetString(*const fmi2String) = strings(SET_STRING);
+    fmi2SetString(*const fmi2String) = set_strings(SET_STRING);
 }

@@ -5,16 +5,14 @@
 //! implement the fast path between steps, and leave everything else to the [`Component`], which
 //! checks thoroughly and reports errors.
 
-#[cfg(target_arch = "x86_64")]
-use std::arch::asm;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
 use super::{access, fmi2Real, fmi2Status, fmi2ValueReference};
-use crate::Model;
+use crate::Simulate;
 use crate::bound::Bound;
-use crate::component::{Component, Failure};
-use crate::phase::{self, Call, Phase};
+use crate::component::Component;
+use crate::phase::{self, Phase};
 use crate::slave::Slave;
 
 /// An instance of any model.
@@ -50,7 +48,7 @@ pub(crate) trait Instance {
     extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status;
 }
 
-impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
+impl<M: Simulate, const N: usize> Instance for Component<Bound<M, N>> {
     fn component(&mut self) -> &mut Component {
         self
     }
@@ -61,7 +59,6 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
         n: usize,
         values: *mut fmi2Real,
     ) -> fmi2Status {
-        align();
         if self.is_fast(references, n, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
@@ -70,15 +67,12 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts_mut(values, n),
                 )
             };
-            let done = self.try_fast(&phase::GET_REAL, |slave| {
-                slave.get_reals(references, values)
-            });
-            if let Some(status) = done {
-                return status;
+            if self.slave.get_reals(references, values) {
+                return fmi2Status::fmi2OK;
             }
         }
         // SAFETY: the caller's promise.
-        unsafe { access::get(self, &phase::GET_REAL, references, n, values) }.into()
+        unsafe { get_slowly(self, references, n, values) }
     }
 
     unsafe extern "C" fn set_reals(
@@ -87,7 +81,6 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
         n: usize,
         values: *const fmi2Real,
     ) -> fmi2Status {
-        align();
         if self.is_fast(references, n, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
@@ -96,19 +89,15 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts(values, n),
                 )
             };
-            let done = self.try_fast(&phase::SET_REAL, |slave| {
-                slave.set_reals(references, values)
-            });
-            if let Some(status) = done {
-                return status;
+            if self.slave.set_reals(references, values) {
+                return fmi2Status::fmi2OK;
             }
         }
         // SAFETY: the caller's promise.
-        unsafe { access::set(self, &phase::SET_REAL, references, n, values) }.into()
+        unsafe { set_slowly(self, references, n, values) }
     }
 
     extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status {
-        align();
         if !self.lifecycle.is_next_step(time, step)
             && let Some(outcome) = self.component().refuse_step(time, step)
         {
@@ -127,10 +116,7 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
                 self.lifecycle.time = Some(time + step);
                 fmi2Status::fmi2OK
             }
-            Ok(Err(error)) => {
-                let failure = Failure::of_step(error, time, step);
-                self.component().fail(phase::DO_STEP.name, failure).into()
-            }
+            Ok(Err(error)) => self.component().fail_step(error, time, step).into(),
             Err(panic) => {
                 let component = self.component();
                 component.fail_by_panic(phase::DO_STEP.name, panic).into()
@@ -139,7 +125,35 @@ impl<M: Model, const N: usize> Instance for Component<Bound<M, N>> {
     }
 }
 
-impl<M: Model, const N: usize> Component<Bound<M, N>> {
+/// # Safety
+/// As [`Instance::get_reals`].
+#[cold]
+#[inline(never)]
+unsafe fn get_slowly(
+    component: &mut Component,
+    references: *const fmi2ValueReference,
+    n: usize,
+    values: *mut fmi2Real,
+) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { access::get(component, &phase::GET_REAL, references, n, values) }.into()
+}
+
+/// # Safety
+/// As [`Instance::set_reals`].
+#[cold]
+#[inline(never)]
+unsafe fn set_slowly(
+    component: &mut Component,
+    references: *const fmi2ValueReference,
+    n: usize,
+    values: *const fmi2Real,
+) -> fmi2Status {
+    // SAFETY: the caller's promise.
+    unsafe { access::set(component, &phase::SET_REAL, references, n, values) }.into()
+}
+
+impl<M: Simulate, const N: usize> Component<Bound<M, N>> {
     /// Whether a get or set may take the fast path: between steps, with arrays that are not empty.
     #[inline(always)]
     fn is_fast<V>(
@@ -152,29 +166,5 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
             && n != 0
             && !references.is_null()
             && !values.is_null()
-    }
-
-    /// Runs the fast path of a call, in which the model may panic; `None` if it does not apply.
-    #[inline(always)]
-    fn try_fast(
-        &mut self,
-        call: &Call,
-        work: impl FnOnce(&mut Bound<M, N>) -> bool,
-    ) -> Option<fmi2Status> {
-        match catch_unwind(AssertUnwindSafe(|| work(&mut self.slave))) {
-            Ok(done) => done.then_some(fmi2Status::fmi2OK),
-            Err(panic) => Some(self.component().fail_by_panic(call.name, panic).into()),
-        }
-    }
-}
-
-/// Aligns the function to 16 bytes, which is not the default when optimizing for size. Without it, the
-/// speed depends on where the linker happens to place the function.
-#[inline(always)]
-fn align() {
-    #[cfg(target_arch = "x86_64")]
-    // SAFETY: an assembler directive that only inserts padding.
-    unsafe {
-        asm!(".p2align 4", options(nomem, nostack, preserves_flags));
     }
 }

@@ -26,7 +26,7 @@ use std::sync::Once;
 pub use access::*;
 pub use common::*;
 pub use derivatives::*;
-pub use entry::Entry;
+pub use entry::{Entry, interface};
 pub use fmu_types::fmi2::*;
 pub(crate) use instance::Instance;
 pub use slave::*;
@@ -35,6 +35,7 @@ pub use unsupported::*;
 
 use crate::component::{Component, Outcome};
 use crate::log::{Category, Log};
+use crate::{panics, resources};
 
 impl From<Outcome> for fmi2Status {
     fn from(outcome: Outcome) -> Self {
@@ -112,7 +113,7 @@ unsafe fn text<'a>(text: fmi2String) -> Option<&'a CStr> {
 /// copy of `std`, so the host's hook is unaffected.
 fn silence_panics() {
     static ONCE: Once = Once::new();
-    ONCE.call_once(|| std::panic::set_hook(Box::new(|_| {})));
+    ONCE.call_once(|| std::panic::set_hook(Box::new(|panic| panics::remember(panic.location()))));
 }
 
 /// Creates an instance of the model with the given GUID. On failure, logs the reason and returns NULL.
@@ -120,11 +121,11 @@ fn silence_panics() {
 /// # Safety
 /// The requirements of the standard on the caller of `fmi2Instantiate`.
 pub unsafe fn instantiate(
-    models: &[Entry],
+    models: &'static [Entry],
     instance_name: fmi2String,
     fmu_type: fmi2Type,
     guid: fmi2String,
-    _resource_location: fmi2String,
+    resource_location: fmi2String,
     functions: *const fmi2CallbackFunctions,
     _visible: fmi2Boolean,
     logging_on: fmi2Boolean,
@@ -135,7 +136,15 @@ pub unsafe fn instantiate(
     let made = catch_unwind(AssertUnwindSafe(|| {
         let log = Log::new(logger::sink(functions, name), logging_on != fmi2False);
         match choose(models, name, fmu_type, guid) {
-            Ok(model) => Some(Box::new(model.create(log))),
+            Ok(model) => {
+                // SAFETY: the caller's promise: the text is NULL or valid.
+                let location = unsafe { text(resource_location) };
+                let resources = match location.map(CStr::to_str).transpose() {
+                    Ok(location) => resources::path(location),
+                    Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
+                };
+                Some(Box::new(model.create(log, resources)))
+            }
             Err(reason) => {
                 log.send(Category::Error, || format!("fmi2Instantiate: {reason}"));
                 None
@@ -148,12 +157,12 @@ pub unsafe fn instantiate(
     }
 }
 
-fn choose<'a>(
-    models: &'a [Entry],
+fn choose(
+    models: &'static [Entry],
     name: Option<&CStr>,
     fmu_type: fmi2Type,
     guid: Option<&CStr>,
-) -> Result<&'a Entry, String> {
+) -> Result<&'static Entry, String> {
     if name.is_none_or(CStr::is_empty) {
         return Err("the instance name is missing".into());
     }
@@ -167,7 +176,7 @@ fn choose<'a>(
     models.iter().find(|m| m.guid() == guid).ok_or_else(|| {
         let known: Vec<String> = models
             .iter()
-            .map(|m| format!("{} {}", m.name, m.guid()))
+            .map(|m| format!("{} {}", m.name(), m.guid()))
             .collect();
         format!(
             "the GUID {guid} is that of another FMU or version; this binary has: {}",

@@ -146,12 +146,12 @@ fn apply(bytes: &mut Vec<u8>, edit: &Edit) {
 /// Makes the usual calls; each may be rejected, but none may panic unless the model is set to.
 fn uses(slave: &mut Slave) {
     let (mut time, mut trouble) = (0.0, [PANIC]);
-    let mut all = [0.0; COUNT as usize];
     let last = slave.get_reals(&[TROUBLE], &mut trouble);
     let mut statuses = vec![
         last,
-        slave.get_reals(&(0..COUNT).collect::<Vec<_>>(), &mut all),
-        slave.get_integers(&[ORDER, LAW], &mut [0; 2]),
+        slave.get_all(Kind::Real, &[Y, 20, SUM]).0,
+        slave.get_all(Kind::Integer, &[ORDER, LAW]).0,
+        slave.get_all(Kind::String, &[LABEL, REPORT]).0,
         slave.set(U, 0.5),
         slave.exit_initialization_mode(),
         slave.real_status(2, &mut time),
@@ -185,7 +185,7 @@ proptest! {
     /// A forged state with a valid checksum may be accepted, but using it must not crash or hang.
     #[test]
     fn forged_states_do_not_crash_or_hang(
-        model in 0..2usize,
+        model in PROBE..READER,
         fresh: bool,
         edits in prop::collection::vec(edit(), 1..4),
     ) {

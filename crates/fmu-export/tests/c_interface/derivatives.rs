@@ -81,7 +81,7 @@ fn invalid_directional_derivatives_are_rejected() {
         (U, U, 1.0, "u is not an output"),
         (GAIN, U, 1.0, "gain is not an output"),
         (LAW, U, 1.0, "law is not an output"),
-        (COUNT, U, 1.0, "value reference 14 is unknown"),
+        (COUNT, U, 1.0, "value reference 45 is unknown"),
         (Y, Y, 1.0, "y is not an input"),
         (Y, LIMIT, 1.0, "limit is not an input"),
         (Y, u32::MAX, 1.0, "is unknown"),
@@ -154,7 +154,7 @@ fn invalid_input_derivatives_are_rejected() {
         (V, 1, 1.0, "the host cannot set the input derivative of v"),
         (Y, 1, 1.0, "derivative of y"),
         (LAW, 1, 1.0, "derivative of law"),
-        (COUNT, 1, 1.0, "value reference 14 is unknown"),
+        (COUNT, 1, 1.0, "value reference 45 is unknown"),
     ] {
         slave.refuses(&["fmi2SetRealInputDerivatives", word], |s| {
             s.set_input_derivatives(&[U, reference], &[1, order], &[1.0, slope])
@@ -181,7 +181,7 @@ fn invalid_input_derivatives_are_rejected() {
 
 #[test]
 fn models_without_derivatives_report_it() {
-    let mut wide = Slave::of(1);
+    let mut wide = Slave::of(WIDE);
     wide.start(0.0, None);
     wide.refuses(
         &["fmi2GetDirectionalDerivative", "has no derivatives"],

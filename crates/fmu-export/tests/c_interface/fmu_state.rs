@@ -117,7 +117,7 @@ fn states_include_phase_time_and_stop_time() {
 
 #[test]
 fn states_of_another_model_are_rejected() {
-    let (mut slave, mut wide) = (moving(), Slave::of(1));
+    let (mut slave, mut wide) = (moving(), Slave::of(WIDE));
     let (mut state, bytes) = (wide.save(), wide.snapshot());
     slave.refuses(&["fmi2SetFMUstate", "not to {"], |s| s.set_state(state));
     slave.refuses(&["another model"], |s| s.serialized_size(state, &mut 0));

@@ -8,7 +8,7 @@ use std::sync::Once;
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use fmu_export::fmi2::*;
 
-use crate::models::{MODELS, fmi2Instantiate};
+use crate::models::{Kind, MODELS, fmi2Instantiate, number};
 
 pub const MODEL_EXCHANGE: fmi2Type = 0;
 
@@ -24,8 +24,9 @@ pub struct Message {
 
 type Log = RefCell<Vec<Message>>;
 
-/// The arguments of `fmi2Instantiate`.
+/// The arguments of `fmi2Instantiate`, and the models of the library.
 pub struct Arguments<'a> {
+    pub models: &'static [Entry],
     pub name: Option<&'a CStr>,
     pub kind: fmi2Type,
     pub guid: Option<&'a CStr>,
@@ -36,6 +37,7 @@ pub struct Arguments<'a> {
 impl Default for Arguments<'_> {
     fn default() -> Self {
         Self {
+            models: MODELS,
             name: Some(c"slave"),
             kind: fmi2CoSimulation,
             guid: None,
@@ -84,7 +86,8 @@ impl Slave {
         let text = |text: Option<&CStr>| text.map_or(null(), CStr::as_ptr);
         // SAFETY: strings and callbacks outlive the call, and the log outlives the instance.
         let c = unsafe {
-            fmi2Instantiate(
+            instantiate(
+                arguments.models,
                 text(arguments.name),
                 arguments.kind,
                 text(arguments.guid),
@@ -238,6 +241,10 @@ calls! {
         = fmi2GetInteger(references.as_ptr(), same(references, values), values.as_mut_ptr());
     get_booleans(references: &[u32], values: &mut [i32])
         = fmi2GetBoolean(references.as_ptr(), same(references, values), values.as_mut_ptr());
+    set_strings(references: &[u32], values: &[fmi2String])
+        = fmi2SetString(references.as_ptr(), same(references, values), values.as_ptr());
+    get_strings(references: &[u32], values: &mut [fmi2String])
+        = fmi2GetString(references.as_ptr(), same(references, values), values.as_mut_ptr());
     set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64])
         = fmi2SetRealInputDerivatives(
             references.as_ptr(),
@@ -306,6 +313,45 @@ impl Slave {
         let mut values = [f64::NAN; N];
         assert_eq!(self.get_reals(&references, &mut values), fmi2OK);
         values
+    }
+
+    /// Sets variables of any kind; Strings are set to the text of the number.
+    pub fn set_all(&mut self, kind: Kind, references: &[u32], values: &[f64]) -> fmi2Status {
+        let integers: Vec<i32> = values.iter().map(|&value| value as i32).collect();
+        match kind {
+            Kind::Real => self.set_reals(references, values),
+            Kind::Integer => self.set_integers(references, &integers),
+            Kind::Boolean => self.set_booleans(references, &integers),
+            Kind::String => {
+                let texts = values.iter().map(|v| CString::new(v.to_string()).unwrap());
+                let texts: Vec<_> = texts.collect();
+                let texts: Vec<_> = texts.iter().map(|text| text.as_ptr()).collect();
+                self.set_strings(references, &texts)
+            }
+        }
+    }
+
+    /// Gets variables of any kind as numbers; values that are not returned are -7.
+    pub fn get_all(&mut self, kind: Kind, references: &[u32]) -> (fmi2Status, Vec<f64>) {
+        let mut reals = vec![-7.0; references.len()];
+        let mut integers = vec![-7; references.len()];
+        let status = match kind {
+            Kind::Real => self.get_reals(references, &mut reals),
+            Kind::Integer => self.get_integers(references, &mut integers),
+            Kind::Boolean => self.get_booleans(references, &mut integers),
+            Kind::String => {
+                let mut texts = vec![c"-7".as_ptr(); references.len()];
+                let status = self.get_strings(references, &mut texts);
+                // SAFETY: strings of the slave, valid until its next call, or the literal.
+                let texts = texts.iter().map(|&text| unsafe { CStr::from_ptr(text) });
+                reals = texts.map(|text| number(text.to_str().unwrap())).collect();
+                status
+            }
+        };
+        match kind {
+            Kind::Real | Kind::String => (status, reals),
+            _ => (status, integers.into_iter().map(f64::from).collect()),
+        }
     }
 
     /// A new FMU state; NULL if the call fails.

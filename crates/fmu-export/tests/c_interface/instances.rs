@@ -97,8 +97,8 @@ fn freed_instances_do_not_leak_memory() {
 
 #[test]
 fn a_panic_in_the_destructor_is_caught() {
-    let mut wide = Slave::of(1);
+    let mut wide = Slave::of(WIDE);
     assert_eq!(wide.start(0.0, None).set(68, Wide::LAST_BUG), fmi2OK);
     drop(wide);
-    assert_eq!(Slave::of(1).start(0.0, None).step(0.0, 0.1), fmi2OK);
+    assert_eq!(Slave::of(WIDE).start(0.0, None).step(0.0, 0.1), fmi2OK);
 }

@@ -1,83 +1,157 @@
 //! The models under test in one binary.
 
-use fmu_export::{Enumeration, Model, ModelError, Variable, finite};
-use serde::{Deserialize, Serialize};
+use std::f64::consts;
 
-fmu_export::export!(Probe, Wide);
+use fmu_description::{Value, ValueMut};
+use fmu_export::prelude::*;
 
-/// A model with every kind of variable. The input `trouble` selects how the step fails.
-#[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
+fmu_export::export!(Probe, Wide, Sampled, Reader);
+
+// Indices of the models.
+pub const PROBE: usize = 0;
+pub const WIDE: usize = 1;
+pub const SAMPLED: usize = 2;
+pub const READER: usize = 3;
+
+/// Every type and role, and failures on demand
+#[derive(Debug, Clone, Model)]
 pub struct Probe {
+    /// is integrated
+    #[input(derivative = self.u_rate)]
     pub u: f64,
     pub u_rate: f64,
+    /// is bounded
+    #[input(min = -10, max = 10)]
     pub v: f64,
+    /// how the step fails
+    #[input(min = 0, max = PANIC)]
     pub trouble: f64,
-    pub gain: f64,
-    pub limit: f64,
-    pub weights: [f64; 3],
-    pub order: i32,
-    pub limited: bool,
-    pub law: i32,
-    pub y: f64,
+    /// of u
+    #[parameter(start = 2, min = 0)]
+    gain: f64,
+    /// of y
+    #[parameter(tunable, start = 1e6, min = 0)]
+    limit: f64,
+    /// array
+    #[parameter(start = [1, 2, 3])]
+    weights: [f64; 3],
+    /// whole number
+    #[parameter(start = 1, min = 1, max = 4)]
+    order: i32,
+    /// whether y is limited
+    #[parameter(start = true)]
+    limited: bool,
+    /// item
+    #[parameter]
+    law: Law,
+    /// integral of u
+    #[output(initially_from("weights"), derivative_by(u = self.y_by_u))]
+    y: f64,
+    /// weighted y
+    #[output(unit = "N.m")]
+    parts: [f64; 2],
+    /// whole number
+    #[input(start = 3, min = -5, max = 5)]
+    mode: i32,
+    /// truth
+    #[input(start = true)]
+    enabled: bool,
+    /// text
+    #[input(start = "12")]
+    label: String,
+    /// item
+    #[input(start = Law::Ignored)]
+    shape: Law,
+    /// matrix
+    #[parameter(tunable, start = [[1, 2, 3], [4, 5, 6.5]], unit = "kg")]
+    table: [[f64; 3]; 2],
+    /// texts
+    #[parameter(start = ["7", "8"])]
+    names: [String; 2],
+    /// truths
+    #[parameter(tunable, start = [false, true])]
+    flags: [bool; 2],
+    /// items
+    #[parameter(tunable, start = [[Law::Added, Law::Ignored]])]
+    laws: [[Law; 2]; 1],
+    /// whole numbers
+    #[input(start = -1, min = -2)]
+    counts: [[i32; 2]; 2],
+    #[nested]
+    part: Part,
+    /// number of steps and mode
+    #[output]
+    steps: i32,
+    /// whether it is enabled
+    #[output]
+    done: bool,
+    /// the steps as text
+    #[output]
+    report: String,
+    /// the other item
+    #[output]
+    next: [Law; 2],
+    /// sum of the last 40 values
+    #[local]
+    sum: f64,
+    /// changes in steps only
+    #[local(discrete)]
+    label_length: i32,
+    /// a number
+    #[constant(start = consts::TAU)]
+    tau: f64,
+    /// a text
+    #[constant(start = "9")]
+    version: String,
     pub y_by_u: f64,
-    pub parts: [f64; 2],
+    ticks: u64,
+    history: [f64; 40],
+}
+
+/// What the step does with v
+#[derive(Debug, Clone, Copy, PartialEq, Choice)]
+pub enum Law {
+    /// y + v
+    Added,
+    /// y alone
+    Ignored,
+}
+
+/// A nested struct
+#[derive(Debug, Clone, Variables)]
+pub struct Part {
+    /// added to y
+    #[input(start = 0.0)]
+    bias: f64,
+    /// multiplies the bias
+    #[parameter(start = 0.5)]
+    scale: f64,
+    uses: u32,
 }
 
 /// Values of the input `trouble`.
 pub const REFUSE: f64 = 1.0;
 pub const DISCARD: f64 = 2.0;
 pub const BREAK: f64 = 3.0;
-pub const PANIC: f64 = 4.0;
+/// An output becomes infinite.
+pub const DIVERGE: f64 = 4.0;
+pub const PANIC: f64 = 5.0;
 
-static LAWS: Enumeration = Enumeration {
-    name: "Law",
-    description: "what the step does with v",
-    items: &[("added", "y + v"), ("ignored", "y alone")],
-};
-
-type Row = Variable<Probe>;
-
-impl Model for Probe {
-    const NAME: &'static str = "Probe";
-    const DESCRIPTION: &'static str = "Every kind of variable, and failures on demand";
-    const VARIABLES: &'static [Row] = &[
-        Row::input("u", |m| &mut m.u)
-            .input_derivative(|m| &mut m.u_rate)
-            .about("is integrated"),
-        Row::input("v", |m| &mut m.v)
-            .at_least(-10.0)
-            .at_most(10.0)
-            .about("is bounded"),
-        Row::input("trouble", |m| &mut m.trouble)
-            .at_least(0.0)
-            .at_most(PANIC)
-            .about("how the step fails"),
-        Row::fixed("gain", 2.0, |m| &mut m.gain)
-            .at_least(0.0)
-            .about("of u"),
-        Row::tunable("limit", 1e6, |m| &mut m.limit)
-            .at_least(0.0)
-            .about("of y"),
-        Row::fixed_array("weights", &[1.0, 2.0, 3.0], |m| &mut m.weights).about("array"),
-        Row::integer("order", 1, (1, 4), |m| &mut m.order).about("whole number"),
-        Row::flag("limited", true, |m| &mut m.limited).about("whether y is limited"),
-        Row::choice("law", &LAWS, 1, |m| &mut m.law).about("item"),
-        Row::output("y", |m| &mut m.y)
-            .directional_derivatives(&[("u", |m| m.y_by_u)])
-            .about("integral of u"),
-        Row::output_array("parts", 2, |m| &mut m.parts).about("weighted y"),
-    ];
-
-    fn initialize(&mut self, start_time: f64) -> Result<(), ModelError> {
+impl Simulate for Probe {
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
         assert!(self.trouble != PANIC, "the bug shows early");
         if self.trouble == BREAK {
             return Err(ModelError::new("the parameters do not fit together"));
         }
-        (self.y, self.y_by_u) = (start_time, 0.0);
+        self.y = start.time;
         self.parts = [
             self.weights[0] * self.y,
             self.weights[1] * f64::from(self.order),
         ];
+        // Fresh at each initialization.
+        self.ticks += 1;
+        self.part.uses += 1;
+        self.update();
         Ok(())
     }
 
@@ -91,17 +165,39 @@ impl Model for Probe {
         }
         self.y_by_u = self.gain * step;
         self.y += self.y_by_u * (self.u + self.u_rate * step / 2.0);
-        if self.law == 1 {
+        self.y += self.part.bias * self.part.scale;
+        if self.law == Law::Added {
             self.y += self.v * step;
         }
         if self.limited {
             self.y = self.y.min(self.limit).max(-self.limit);
         }
+        self.parts = [self.weights[0] * self.y, self.weights[2] * (time + step)];
+        self.ticks += 1;
+        self.update();
+        Ok(())
+    }
+}
+
+impl Probe {
+    fn update(&mut self) {
         if self.trouble == BREAK {
             self.y = f64::NAN;
         }
-        self.parts = [self.weights[0] * self.y, self.weights[2] * (time + step)];
-        finite!("y": self.y, "parts[1]": self.parts[0])
+        if self.trouble == DIVERGE {
+            self.parts[1] = f64::INFINITY;
+        }
+        self.history[self.ticks as usize % 40] = self.y;
+        self.sum = self.history.iter().sum();
+        self.steps = self.ticks as i32 + self.mode;
+        self.done = self.enabled && self.flags[1];
+        self.report = self.steps.to_string();
+        let [[first, _]] = self.laws;
+        self.next = match self.shape {
+            Law::Added => [Law::Ignored, first],
+            Law::Ignored => [Law::Added, first],
+        };
+        self.label_length = self.label.len() as i32;
     }
 }
 
@@ -111,6 +207,8 @@ pub enum Kind {
     Real,
     Integer,
     Boolean,
+    /// In these tests, the text of a number.
+    String,
 }
 
 /// When a variable can be set.
@@ -118,7 +216,9 @@ pub enum Kind {
 pub enum Role {
     Always,
     BeforeSteps,
-    Never,
+    Output,
+    Local,
+    Constant,
 }
 
 /// The expected properties of a variable of [`Probe`].
@@ -129,9 +229,10 @@ pub struct Fact {
     pub role: Role,
     /// Minimum and maximum.
     pub bounds: (f64, f64),
+    pub start: f64,
 }
 
-/// Value references of the variables of [`Probe`].
+// Value references of the variables of `Probe`.
 pub const U: u32 = 0;
 pub const V: u32 = 1;
 pub const TROUBLE: u32 = 2;
@@ -141,20 +242,32 @@ pub const ORDER: u32 = 8;
 pub const LIMITED: u32 = 9;
 pub const LAW: u32 = 10;
 pub const Y: u32 = 11;
+pub const LABEL: u32 = 16;
+pub const NAMES: u32 = 24;
+pub const STEPS: u32 = 36;
+pub const REPORT: u32 = 38;
+pub const SUM: u32 = 41;
+pub const TAU: u32 = 43;
+pub const VERSION: u32 = 44;
 /// The number of its scalar variables.
-pub const COUNT: u32 = 14;
+pub const COUNT: u32 = 45;
 
 /// The scalar variables of [`Probe`], defined independently of its table.
 pub const FACTS: [Fact; COUNT as usize] = {
     use {Kind::*, Role::*};
     const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
     const POSITIVE: (f64, f64) = (0.0, f64::INFINITY);
+    const INTEGER: (f64, f64) = (i32::MIN as f64, i32::MAX as f64);
+    const COUNTS: (f64, f64) = (-2.0, i32::MAX as f64);
+    const TRUTH: (f64, f64) = (0.0, 1.0);
+    const ITEM: (f64, f64) = (1.0, 2.0);
     const fn fact(
         reference: u32,
         name: &'static str,
         kind: Kind,
         role: Role,
         bounds: (f64, f64),
+        start: f64,
     ) -> Fact {
         Fact {
             reference,
@@ -162,23 +275,55 @@ pub const FACTS: [Fact; COUNT as usize] = {
             kind,
             role,
             bounds,
+            start,
         }
     }
     [
-        fact(U, "u", Real, Always, ANY),
-        fact(V, "v", Real, Always, (-10.0, 10.0)),
-        fact(TROUBLE, "trouble", Real, Always, (0.0, 4.0)),
-        fact(GAIN, "gain", Real, BeforeSteps, POSITIVE),
-        fact(LIMIT, "limit", Real, Always, POSITIVE),
-        fact(5, "weights[1]", Real, BeforeSteps, ANY),
-        fact(6, "weights[2]", Real, BeforeSteps, ANY),
-        fact(7, "weights[3]", Real, BeforeSteps, ANY),
-        fact(ORDER, "order", Integer, BeforeSteps, (1.0, 4.0)),
-        fact(LIMITED, "limited", Boolean, BeforeSteps, (0.0, 1.0)),
-        fact(LAW, "law", Integer, BeforeSteps, (1.0, 2.0)),
-        fact(Y, "y", Real, Never, ANY),
-        fact(12, "parts[1]", Real, Never, ANY),
-        fact(13, "parts[2]", Real, Never, ANY),
+        fact(U, "u", Real, Always, ANY, 0.0),
+        fact(V, "v", Real, Always, (-10.0, 10.0), 0.0),
+        fact(TROUBLE, "trouble", Real, Always, (0.0, PANIC), 0.0),
+        fact(GAIN, "gain", Real, BeforeSteps, POSITIVE, 2.0),
+        fact(LIMIT, "limit", Real, Always, POSITIVE, 1e6),
+        fact(5, "weights[1]", Real, BeforeSteps, ANY, 1.0),
+        fact(6, "weights[2]", Real, BeforeSteps, ANY, 2.0),
+        fact(7, "weights[3]", Real, BeforeSteps, ANY, 3.0),
+        fact(ORDER, "order", Integer, BeforeSteps, (1.0, 4.0), 1.0),
+        fact(LIMITED, "limited", Boolean, BeforeSteps, TRUTH, 1.0),
+        fact(LAW, "law", Integer, BeforeSteps, ITEM, 1.0),
+        fact(Y, "y", Real, Output, ANY, 0.0),
+        fact(12, "parts[1]", Real, Output, ANY, 0.0),
+        fact(13, "parts[2]", Real, Output, ANY, 0.0),
+        fact(14, "mode", Integer, Always, (-5.0, 5.0), 3.0),
+        fact(15, "enabled", Boolean, Always, TRUTH, 1.0),
+        fact(LABEL, "label", String, Always, ANY, 12.0),
+        fact(17, "shape", Integer, Always, ITEM, 2.0),
+        fact(18, "table[1,1]", Real, Always, ANY, 1.0),
+        fact(19, "table[1,2]", Real, Always, ANY, 2.0),
+        fact(20, "table[1,3]", Real, Always, ANY, 3.0),
+        fact(21, "table[2,1]", Real, Always, ANY, 4.0),
+        fact(22, "table[2,2]", Real, Always, ANY, 5.0),
+        fact(23, "table[2,3]", Real, Always, ANY, 6.5),
+        fact(NAMES, "names[1]", String, BeforeSteps, ANY, 7.0),
+        fact(25, "names[2]", String, BeforeSteps, ANY, 8.0),
+        fact(26, "flags[1]", Boolean, Always, TRUTH, 0.0),
+        fact(27, "flags[2]", Boolean, Always, TRUTH, 1.0),
+        fact(28, "laws[1,1]", Integer, Always, ITEM, 1.0),
+        fact(29, "laws[1,2]", Integer, Always, ITEM, 2.0),
+        fact(30, "counts[1,1]", Integer, Always, COUNTS, -1.0),
+        fact(31, "counts[1,2]", Integer, Always, COUNTS, -1.0),
+        fact(32, "counts[2,1]", Integer, Always, COUNTS, -1.0),
+        fact(33, "counts[2,2]", Integer, Always, COUNTS, -1.0),
+        fact(34, "part.bias", Real, Always, ANY, 0.0),
+        fact(35, "part.scale", Real, BeforeSteps, ANY, 0.5),
+        fact(STEPS, "steps", Integer, Output, INTEGER, 0.0),
+        fact(37, "done", Boolean, Output, TRUTH, 0.0),
+        fact(REPORT, "report", String, Output, ANY, f64::NAN),
+        fact(39, "next[1]", Integer, Output, ITEM, 1.0),
+        fact(40, "next[2]", Integer, Output, ITEM, 1.0),
+        fact(SUM, "sum", Real, Local, ANY, 0.0),
+        fact(42, "label_length", Integer, Local, INTEGER, 0.0),
+        fact(TAU, "tau", Real, Constant, ANY, consts::TAU),
+        fact(VERSION, "version", String, Constant, ANY, 9.0),
     ]
 };
 
@@ -190,111 +335,176 @@ impl Fact {
 
     /// Whether the value is within the bounds.
     pub fn allows(&self, value: f64) -> bool {
-        value.is_finite() && self.bounds.0 <= value && value <= self.bounds.1
+        match self.kind {
+            Kind::String => true,
+            _ => value.is_finite() && self.bounds.0 <= value && value <= self.bounds.1,
+        }
     }
 
     /// A valid value other than the start value.
     pub fn other_value(&self) -> f64 {
-        match self.reference {
-            LIMITED => 0.0,
-            LAW | ORDER => 2.0,
-            reference => 0.125 * f64::from(1 + reference),
+        match (self.kind, self.bounds) {
+            (Kind::Boolean, _) | (Kind::Integer, (1.0, 2.0)) => {
+                self.bounds.0 + self.bounds.1 - self.start
+            }
+            (Kind::Integer, _) => 2.0,
+            _ => 0.125 * f64::from(1 + self.reference),
         }
     }
 }
 
 impl Probe {
-    /// The model with its start values.
+    /// The model with its start values, independent of its table.
     pub fn start() -> Self {
-        Self {
-            gain: 2.0,
-            limit: 1e6,
-            weights: [1.0, 2.0, 3.0],
-            order: 1,
-            limited: true,
-            law: 1,
-            ..Self::default()
+        let mut probe = Self::unset();
+        for fact in FACTS.iter().filter(|fact| !fact.start.is_nan()) {
+            probe.set(fact.reference, fact.start);
         }
+        probe
+    }
+
+    /// The variables in the order of their value references.
+    fn variables(&mut self) -> Vec<ValueMut<'_>> {
+        use ValueMut::{Boolean, Choice, Integer, Real, String};
+        let [w1, w2, w3] = &mut self.weights;
+        let [part1, part2] = &mut self.parts;
+        let [[t11, t12, t13], [t21, t22, t23]] = &mut self.table;
+        let [name1, name2] = &mut self.names;
+        let [flag1, flag2] = &mut self.flags;
+        let [[law1, law2]] = &mut self.laws;
+        let [[c11, c12], [c21, c22]] = &mut self.counts;
+        let [next1, next2] = &mut self.next;
+        vec![
+            Real(&mut self.u),
+            Real(&mut self.v),
+            Real(&mut self.trouble),
+            Real(&mut self.gain),
+            Real(&mut self.limit),
+            Real(w1),
+            Real(w2),
+            Real(w3),
+            Integer(&mut self.order),
+            Boolean(&mut self.limited),
+            Choice(&mut self.law),
+            Real(&mut self.y),
+            Real(part1),
+            Real(part2),
+            Integer(&mut self.mode),
+            Boolean(&mut self.enabled),
+            String(&mut self.label),
+            Choice(&mut self.shape),
+            Real(t11),
+            Real(t12),
+            Real(t13),
+            Real(t21),
+            Real(t22),
+            Real(t23),
+            String(name1),
+            String(name2),
+            Boolean(flag1),
+            Boolean(flag2),
+            Choice(law1),
+            Choice(law2),
+            Integer(c11),
+            Integer(c12),
+            Integer(c21),
+            Integer(c22),
+            Real(&mut self.part.bias),
+            Real(&mut self.part.scale),
+            Integer(&mut self.steps),
+            Boolean(&mut self.done),
+            String(&mut self.report),
+            Choice(next1),
+            Choice(next2),
+            Real(&mut self.sum),
+            Integer(&mut self.label_length),
+            Real(&mut self.tau),
+            String(&mut self.version),
+        ]
     }
 
     /// The value of a variable.
-    pub fn value(&self, reference: u32) -> f64 {
-        let [w1, w2, w3] = self.weights;
-        [
-            self.u,
-            self.v,
-            self.trouble,
-            self.gain,
-            self.limit,
-            w1,
-            w2,
-            w3,
-            f64::from(self.order),
-            f64::from(u8::from(self.limited)),
-            f64::from(self.law),
-            self.y,
-            self.parts[0],
-            self.parts[1],
-        ][reference as usize]
-    }
-
-    /// Sets a variable that is not an output.
-    pub fn set(&mut self, reference: u32, value: f64) {
-        match reference {
-            U => self.u = value,
-            V => self.v = value,
-            TROUBLE => self.trouble = value,
-            GAIN => self.gain = value,
-            LIMIT => self.limit = value,
-            ORDER => self.order = value as i32,
-            LIMITED => self.limited = value != 0.0,
-            LAW => self.law = value as i32,
-            weight => self.weights[weight as usize - 5] = value,
+    pub fn value(&mut self, reference: u32) -> f64 {
+        match self.variables()[reference as usize].get() {
+            Value::Real(value) => value,
+            Value::Integer(value) => value.into(),
+            Value::Boolean(value) => f64::from(u8::from(value)),
+            Value::String(text) => number(&text),
         }
     }
+
+    /// Sets a variable.
+    pub fn set(&mut self, reference: u32, value: f64) {
+        let variable = self.variables().swap_remove(reference as usize);
+        let value = match FACTS[reference as usize].kind {
+            Kind::Real => Value::Real(value),
+            Kind::Integer => Value::Integer(value as i32),
+            Kind::Boolean => Value::Boolean(value == 1.0),
+            Kind::String => Value::String(value.to_string()),
+        };
+        assert!(variable.set(value));
+    }
+
+    /// The outcome of an initialization at `time` with the values that were set.
+    pub fn initialized(&mut self, time: f64) -> Option<Self> {
+        let mut fresh = Self::start();
+        for fact in FACTS.iter().filter(|fact| fact.settable(false)) {
+            fresh.set(fact.reference, self.value(fact.reference));
+        }
+        fresh.u_rate = self.u_rate;
+        let outcome = fresh.initialize(&Start::new(time, "nowhere"));
+        (outcome.is_ok() && fresh.is_finite()).then_some(fresh)
+    }
+
+    /// Whether all outputs are finite.
+    pub fn is_finite(&self) -> bool {
+        self.y.is_finite() && self.parts.iter().all(|part| part.is_finite())
+    }
 }
 
-/// A model with more variables than the fast path is specialized for, and with bugs in their access.
-#[derive(Default, Clone, Serialize, Deserialize)]
+/// The number that a text of these tests stands for.
+pub fn number(text: &str) -> f64 {
+    text.parse().unwrap_or(f64::NAN)
+}
+
+/// Many variables, without those of other types between them
+#[derive(Model)]
 pub struct Wide {
-    inputs: [f64; 6],
+    /// input
+    #[input]
+    u0: f64,
+    /// input
+    #[input(max = 10)]
+    u1: f64,
+    /// input
+    #[input(min = -1)]
+    u2: f64,
+    /// input
+    #[input]
+    u3: f64,
+    /// input
+    #[input]
+    u4: f64,
+    /// input
+    #[input]
+    u5: f64,
+    /// fixed
+    #[parameter(start = 1)]
     fixed: f64,
+    /// flag
+    #[parameter]
     flag: bool,
-    many: Vec<f64>,
+    /// output
+    #[output]
+    many: [f64; 60],
+    /// tunable
+    #[parameter(tunable, start = 5)]
     last: f64,
-    fuse: f64,
 }
 
-type WideRow = Variable<Wide>;
-
-impl Model for Wide {
-    const NAME: &'static str = "Wide";
-    const DESCRIPTION: &'static str = "Many variables";
-    const VARIABLES: &'static [WideRow] = &[
-        WideRow::input("u0", |m| &mut m.inputs[0]).about("input"),
-        WideRow::input("u1", |m| &mut m.inputs[1])
-            .at_most(10.0)
-            .about("input"),
-        WideRow::input("u2", |m| &mut m.inputs[2])
-            .at_least(-1.0)
-            .about("input"),
-        WideRow::input("u3", |m| &mut m.inputs[3]).about("input"),
-        WideRow::input("u4", |m| &mut m.inputs[4]).about("input"),
-        WideRow::input("u5", |m| &mut m.inputs[5]).about("input"),
-        WideRow::fixed("fixed", 1.0, |m| &mut m.fixed).about("fixed"),
-        WideRow::flag("flag", false, |m| &mut m.flag).about("flag"),
-        WideRow::output_array("many", 60, |m| &mut m.many).about("shorter in the model"),
-        WideRow::tunable("last", 5.0, |m| &mut m.last).about("past the first 48"),
-        WideRow::tunable("fuse", 0.0, |m| &mut m.fuse).about("arms the bomb"),
-        WideRow::tunable("bomb", 0.0, |m| {
-            assert!(m.fuse == 0.0, "the bomb is armed");
-            &mut m.fuse
-        })
-        .about("panics when it is reached"),
-    ];
-
-    fn initialize(&mut self, _start_time: f64) -> Result<(), ModelError> {
-        self.many = (0..50).map(f64::from).collect();
+impl Simulate for Wide {
+    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
+        self.many = std::array::from_fn(|k| k as f64);
         Ok(())
     }
 
@@ -314,5 +524,91 @@ impl Drop for Wide {
             self.last != Self::LAST_BUG,
             "the bug shows in the destructor"
         );
+    }
+}
+
+/// Acts at its sample instants, and fails in a chosen one
+#[derive(Model)]
+#[model(sample_time = self.ts, stop_time = 5, step_size = 0.01)]
+pub struct Sampled {
+    /// sample time
+    #[parameter(start = 0.5, unit = "s")]
+    ts: f64,
+    /// number of the sample that fails
+    #[parameter(tunable)]
+    fails_at: i32,
+    /// how it fails
+    #[parameter(tunable)]
+    failure: Failure,
+    /// times of the last samples
+    #[output(unit = "s")]
+    times: [f64; 3],
+    /// number of samples
+    #[output]
+    count: i32,
+    /// its inverse is an output
+    #[input(start = 1)]
+    u: f64,
+    /// inverse of u
+    #[output(derivative_by(u = self.slope()))]
+    y: f64,
+}
+
+/// How a sample fails
+#[derive(Clone, Copy, Choice)]
+pub enum Failure {
+    /// the step is discarded
+    Discard,
+    /// the step is refused
+    Refuse,
+    /// the model is broken
+    Break,
+}
+
+impl Simulate for Sampled {
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        assert_eq!(step, self.ts);
+        if self.count + 1 == self.fails_at {
+            return Err(match self.failure {
+                Failure::Discard => ModelError::discard("a sample is discarded"),
+                Failure::Refuse => ModelError::refuse("a sample is refused"),
+                Failure::Break => ModelError::new("a sample breaks"),
+            });
+        }
+        self.count += 1;
+        self.times = [self.times[1], self.times[2], time];
+        self.y = 1.0 / self.u;
+        Ok(())
+    }
+}
+
+impl Sampled {
+    fn slope(&self) -> f64 {
+        assert!(self.u != 0.0, "the bug shows in a derivative");
+        -1.0 / (self.u * self.u)
+    }
+}
+
+/// Reads a table from a file
+#[derive(Model)]
+pub struct Reader {
+    /// file in the resources
+    #[parameter(start = "weights.txt")]
+    file: String,
+    /// sum of its numbers
+    #[output]
+    sum: f64,
+}
+
+impl Simulate for Reader {
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        for line in start.read_resource(&self.file)?.lines() {
+            self.sum += line.parse::<f64>()?;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
     }
 }

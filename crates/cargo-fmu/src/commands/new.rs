@@ -1,0 +1,207 @@
+//! `cargo fmu new`: writes a package with a controller, a plant and their closed loop.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::Write;
+use std::path::{self, Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use fmu_build::dependency::{Dependency, VERSION, quoted};
+
+/// Where to write the package.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// Folder of the package, which must not exist
+    path: PathBuf,
+    /// Name of the package [default: that of the folder]
+    #[arg(long)]
+    name: Option<String>,
+    /// Version of fmu-export, folder with its sources, or URL of its git repository [default: the
+    /// version of this program, or the checkout that it was built in]
+    #[arg(long, value_name = "VERSION|PATH|URL")]
+    fmu_export: Option<Dependency>,
+}
+
+/// The files of the package of a controller named `my-controller`.
+const TEMPLATE: [(&str, &str); 7] = [
+    // Not Cargo.toml, because cargo leaves folders with such a file out of packages.
+    ("Cargo.toml", include_str!("../template/Cargo.toml.in")),
+    ("src/lib.rs", include_str!("../template/lib.rs")),
+    ("src/plant.rs", include_str!("../template/plant.rs")),
+    ("loop.toml", include_str!("../template/loop.toml")),
+    ("README.md", include_str!("../template/README.md")),
+    (".gitignore", include_str!("../template/gitignore")),
+    (
+        ".github/workflows/fmu.yml",
+        include_str!("../template/fmu.yml"),
+    ),
+];
+
+/// Names that the template uses for something else.
+const TAKEN: [&str; 6] = [
+    "FmuExport",
+    "Model",
+    "ModelError",
+    "Result",
+    "Simulate",
+    "Start",
+];
+
+/// Writes the package and prints what to do next.
+///
+/// # Errors
+/// The folder exists, its name is not a valid name of a package, or it cannot be written.
+pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
+    let shown = args.path.display();
+    let folder = path::absolute(&args.path).with_context(|| format!("cannot create {shown}"))?;
+    let of_folder = || folder.file_name().and_then(OsStr::to_str);
+    let name = args.name.as_deref().or_else(of_folder);
+    let name = name.with_context(|| format!("{shown} is no name of a package"))?;
+    let model = model_name(name)?;
+    ensure!(
+        fs::symlink_metadata(&folder).is_err(),
+        "{shown} exists; expected the name of a new folder"
+    );
+    let package = Package {
+        name,
+        model: &model,
+        dependency: args.fmu_export.clone().unwrap_or_default(),
+    };
+    if let Err(error) = package.create(&folder) {
+        let _ = fs::remove_dir_all(&folder);
+        return Err(error.context(format!("cannot create the package {name}")));
+    }
+    writeln!(
+        out,
+        "wrote the package {name} with the models {model} and {model}Plant; next:
+
+  cd {shown}
+  cargo test
+  cargo fmu export
+  cargo fmu simulate loop.toml"
+    )?;
+    Ok(())
+}
+
+/// The name of the model of a package: `MyController` of `my-controller`.
+fn model_name(package: &str) -> Result<String> {
+    let is_valid = package.starts_with(|c: char| c.is_ascii_alphabetic())
+        && package
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    ensure!(
+        is_valid,
+        "the name {package:?} cannot be used; expected letters, digits, - and _, starting with a letter"
+    );
+    let words = package.split(['-', '_']).filter(|word| !word.is_empty());
+    let model: String = words
+        .map(|word| word[..1].to_uppercase() + &word[1..])
+        .collect();
+    ensure!(
+        !TAKEN.contains(&model.as_str()),
+        "the name {package:?} cannot be used; fmu-export has a {model}, too"
+    );
+    Ok(model)
+}
+
+struct Package<'a> {
+    name: &'a str,
+    model: &'a str,
+    dependency: Dependency,
+}
+
+impl Package<'_> {
+    /// Writes the package to a new folder.
+    fn create(&self, folder: &Path) -> Result<()> {
+        // Cargo also checks the name, adds the package to a workspace, and starts a git repository.
+        let new = ["new", "--quiet", "--lib", "--name", self.name];
+        output(cargo().args(new).arg(folder))?;
+        let locate = ["locate-project", "--workspace", "--message-format=plain"];
+        let manifest = folder.join("Cargo.toml");
+        let root = output(cargo().args(locate).arg("--manifest-path").arg(manifest))?;
+        let root = Path::new(root.trim_end()).parent();
+        let below = root.and_then(|root| folder.strip_prefix(root).ok());
+        let to_root = "../".repeat(below.map_or(0, |below| below.components().count()));
+        for (file, text) in TEMPLATE {
+            let path = folder.join(file);
+            let text = match file {
+                "Cargo.toml" => self.manifest(text),
+                _ => text.to_owned(),
+            };
+            let text = text
+                .replace("==0.1.", &format!("=={VERSION}."))
+                .replace("target/fmu/", &format!("{to_root}target/fmu/"))
+                .replace("MyController", self.model)
+                .replace("my-controller", self.name);
+            path.parent()
+                .map_or(Ok(()), fs::create_dir_all)
+                .and_then(|()| fs::write(&path, text))
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn manifest(&self, text: &str) -> String {
+        let mut text = text.replace("fmu-export = \"0.1\"", &self.dependency.to_string());
+        let author = output(Command::new("git").args(["config", "user.name"]));
+        let author = author.unwrap_or_default();
+        if !author.trim().is_empty() {
+            let authors = format!("authors = [{}]", quoted(author.trim()));
+            text = text.replace("authors = []", &authors);
+        }
+        text
+    }
+}
+
+fn cargo() -> Command {
+    Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+}
+
+/// Runs a program and returns what it prints.
+fn output(command: &mut Command) -> Result<String> {
+    let program = command.get_program().display().to_string();
+    let output = command
+        .output()
+        .with_context(|| format!("cannot run {program}"))?;
+    if !output.status.success() {
+        let message = String::from_utf8_lossy(&output.stderr);
+        bail!("{}", message.trim_start_matches("error: ").trim_end());
+    }
+    Ok(String::from_utf8(output.stdout)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_is_named_after_its_package() {
+        for (package, model) in [
+            ("my-controller", "MyController"),
+            ("pid", "Pid"),
+            ("pid__2-dof_", "Pid2Dof"),
+            ("PID", "PID"),
+        ] {
+            assert_eq!(model_name(package).unwrap(), model);
+        }
+    }
+
+    #[test]
+    fn names_that_are_no_model_are_refused() {
+        for package in [
+            "",
+            "1pid",
+            "_",
+            "-pid",
+            "pïd",
+            "a b",
+            "a.b",
+            "result",
+            "fmu-export",
+        ] {
+            assert!(model_name(package).is_err(), "{package}");
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! The models of this package. `cargo fmu export` makes an FMU of each.
+
+mod plant;
+
+use fmu_export::prelude::*;
+
+/// Sampled PI controller for the speed of a motor
+#[derive(Model)]
+#[model(sample_time = self.ts, stop_time = 2, step_size = 0.01)]
+pub struct MyController {
+    /// set-point of the speed
+    #[input(unit = "rad/s")]
+    r: f64,
+    /// measured speed
+    #[input(unit = "rad/s")]
+    y: f64,
+    /// voltage of the motor
+    #[output(unit = "V")]
+    u: f64,
+    /// proportional gain
+    #[parameter(tunable, start = 0.2, min = 0, unit = "V.s/rad")]
+    kp: f64,
+    /// integral gain
+    #[parameter(tunable, start = 0.4, min = 0, unit = "V/rad")]
+    ki: f64,
+    /// limit of the voltage, both ways
+    #[parameter(tunable, start = 24, min = 0, unit = "V")]
+    u_max: f64,
+    /// sample time
+    #[parameter(start = 0.01, min = 1e-6, unit = "s")]
+    ts: f64,
+    // A field without an attribute is no variable of the FMU, but part of its state.
+    integral: f64,
+}
+
+impl Simulate for MyController {
+    /// Takes a sample: computes the outputs from the inputs.
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        let error = self.r - self.y;
+        let integral = self.integral + self.ki * self.ts * error;
+        let u = self.kp * error + integral;
+        self.u = u.clamp(-self.u_max, self.u_max);
+        // Against windup, the integral is kept while the voltage is limited.
+        if self.u == u {
+            self.integral = integral;
+        }
+        Ok(())
+    }
+}
+
+export!(MyController, plant::Plant);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_motor_reaches_the_set_point() -> Result<(), ModelError> {
+        let mut controller = MyController::new();
+        let mut plant = plant::Plant::new();
+        controller.r = 100.0;
+        let ts = controller.ts;
+        for k in 0..200 {
+            let time = f64::from(k) * ts;
+            controller.y = plant.y;
+            controller.step(time, ts)?;
+            plant.u = controller.u;
+            plant.step(time, ts)?;
+        }
+        assert!((plant.y - 100.0).abs() < 1.0, "{}", plant.y);
+        Ok(())
+    }
+}

@@ -1,0 +1,301 @@
+//! A model of a library: its description, and the files of its FMU other than the binaries.
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::value::{boolean, integer, real};
+use fmu_description::{Description, StartValue, Type, VariableDescription, interface};
+
+use crate::library::Library;
+
+/// A model with its description.
+pub struct Model<'a> {
+    /// Its library.
+    pub library: &'a Library,
+    /// Its interface.
+    pub description: Description,
+    /// The name of the model that it is a variant of, or its own.
+    pub base: String,
+    /// The text of its `modelDescription.xml`.
+    pub xml: String,
+}
+
+impl<'a> Model<'a> {
+    /// A model that was found in the binary of a library.
+    ///
+    /// # Errors
+    /// Its description cannot be written as XML.
+    pub fn new(library: &'a Library, description: Description) -> Result<Self> {
+        let xml = description
+            .to_xml(&library.origin)
+            .and_then(|xml| Ok(xml.document()?))
+            .with_context(|| format!("the model {} cannot be described", description.name))?;
+        Ok(Self {
+            library,
+            base: description.name.clone(),
+            description,
+            xml,
+        })
+    }
+
+    /// Name of the model and of its binary.
+    pub fn name(&self) -> &str {
+        &self.description.name
+    }
+}
+
+/// A variant of a model: another name, and other start values.
+#[derive(Debug, Default)]
+pub struct Variant {
+    /// Its name; by default, that of the model.
+    pub name: Option<String>,
+    /// Names of variables, and their start values as text.
+    pub settings: Vec<(String, String)>,
+}
+
+impl Variant {
+    /// Whether it differs from the model.
+    pub fn is_some(&self) -> bool {
+        self.name.is_some() || !self.settings.is_empty()
+    }
+
+    /// The text that `export!` reads from the environment.
+    ///
+    /// # Errors
+    /// The name is not a C identifier, or a start value cannot be set; the message names the variable,
+    /// the value and what is expected.
+    pub fn text(&self, model: &Description) -> Result<String> {
+        let name = self.name.as_deref().unwrap_or(&model.name);
+        ensure!(
+            is_identifier(name),
+            "--name {name}: expected letters, digits and underscores, not starting with a digit"
+        );
+        let mut values = Vec::new();
+        for (variable, text) in &self.settings {
+            let value = value(model, variable, text)
+                .with_context(|| format!("--set {variable}={text} cannot be used"))?;
+            values.push(value);
+        }
+        Ok(interface::variant(&model.name, name, &values))
+    }
+}
+
+fn is_identifier(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+/// The value reference of a variable, and a text as its start value.
+fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, StartValue<'a>)> {
+    let mut scalars = model.scalars();
+    let found = scalars.find(|(_, v, element)| v.element_name(*element) == name);
+    let Some((reference, variable, _)) = found else {
+        let settable = model.scalars().filter(|(_, v, _)| has_start(v));
+        let names: Vec<_> = settable
+            .map(|(_, v, element)| v.element_name(element))
+            .collect();
+        bail!(
+            "there is no variable {name}; expected one of {}",
+            names.join(", ")
+        );
+    };
+    ensure!(
+        has_start(variable),
+        "{name} has no start value; the model computes it"
+    );
+    let value = match &variable.of_type {
+        Type::Real { min, max, unit, .. } => {
+            let value = real(text).filter(|value| value.is_finite());
+            let bounds = match (min.is_finite(), max.is_finite()) {
+                (true, true) => format!(" from {min} to {max}"),
+                (true, false) => format!(" of at least {min}"),
+                (false, true) => format!(" of at most {max}"),
+                (false, false) => String::new(),
+            };
+            let value = value.filter(|value| min <= value && value <= max);
+            let value = value.with_context(|| format!("expected a number{bounds} [{unit}]"))?;
+            StartValue::Real(value)
+        }
+        Type::Integer { min, max, .. } => {
+            let value = integer(text).filter(|value| min <= value && value <= max);
+            StartValue::Integer(
+                value.with_context(|| format!("expected a whole number from {min} to {max}"))?,
+            )
+        }
+        Type::Boolean { .. } => {
+            StartValue::Boolean(boolean(text).context("expected true or false")?)
+        }
+        Type::String { .. } => StartValue::String(text),
+        Type::Enumeration { items, .. } => {
+            let item = items
+                .iter()
+                .find(|(value, item, _)| item == text || integer(text) == Some(*value));
+            let names = || {
+                let names: Vec<_> = items.iter().map(|(_, name, _)| name.as_str()).collect();
+                format!("expected one of {}", names.join(", "))
+            };
+            StartValue::Integer(item.with_context(names)?.0)
+        }
+    };
+    Ok((reference, value))
+}
+
+fn has_start(variable: &VariableDescription) -> bool {
+    use fmu_description::Causality::{Input, Parameter};
+    matches!(variable.causality, Input | Parameter)
+}
+
+#[cfg(test)]
+mod tests {
+    use fmu_description::{Causality, Variability};
+
+    use super::*;
+
+    fn model() -> Description {
+        let variable = |name: &str, causality, of_type| VariableDescription {
+            name: name.into(),
+            description: String::new(),
+            causality,
+            variability: Variability::Fixed,
+            has_input_derivative: false,
+            has_directional_derivatives: false,
+            dimensions: Vec::new(),
+            initially_from: Vec::new(),
+            of_type,
+        };
+        let real = |min, max| Type::Real {
+            min,
+            max,
+            unit: "N/rad".into(),
+            start: vec![0.0],
+        };
+        let items = ["own", "supervisor"];
+        let items = (1..)
+            .zip(items)
+            .map(|(i, name)| (i, name.into(), String::new()));
+        let parameter = |name, of_type| variable(name, Causality::Parameter, of_type);
+        Description {
+            name: "Pid".into(),
+            description: String::new(),
+            guid: String::new(),
+            is_sampled: false,
+            default_experiment: (1.0, 0.1),
+            variables: vec![
+                variable(
+                    "u",
+                    Causality::Output,
+                    real(f64::NEG_INFINITY, f64::INFINITY),
+                ),
+                parameter("pid.kp", real(0.0, 1e9)),
+                VariableDescription {
+                    dimensions: vec![2],
+                    ..parameter("w", real(f64::NEG_INFINITY, f64::INFINITY))
+                },
+                parameter(
+                    "order",
+                    Type::Integer {
+                        min: 1,
+                        max: 4,
+                        start: vec![1],
+                    },
+                ),
+                parameter("anti_windup", Type::Boolean { start: vec![false] }),
+                parameter(
+                    "file",
+                    Type::String {
+                        start: vec![String::new()],
+                    },
+                ),
+                parameter(
+                    "target",
+                    Type::Enumeration {
+                        name: "Target".into(),
+                        description: String::new(),
+                        items: items.collect(),
+                        start: vec![1],
+                    },
+                ),
+            ],
+        }
+    }
+
+    fn value_of(name: &str, text: &'static str) -> Result<(usize, StartValue<'static>), String> {
+        value(&model(), name, text).map_err(|error| format!("{error:#}"))
+    }
+
+    #[test]
+    fn values_of_every_type_are_read() {
+        for (name, text, expected) in [
+            ("pid.kp", "4e2", (1, StartValue::Real(400.0))),
+            ("w[2]", "-0.5", (3, StartValue::Real(-0.5))),
+            ("order", "3", (4, StartValue::Integer(3))),
+            ("anti_windup", "true", (5, StartValue::Boolean(true))),
+            ("file", "a=b", (6, StartValue::String("a=b"))),
+            ("target", "supervisor", (7, StartValue::Integer(2))),
+            ("target", "2", (7, StartValue::Integer(2))),
+        ] {
+            assert_eq!(value_of(name, text), Ok(expected), "{name}={text}");
+        }
+    }
+
+    #[test]
+    fn a_value_that_cannot_be_used_is_refused_with_what_is_expected() {
+        for (name, text, expected) in [
+            (
+                "pid.kp",
+                "much",
+                "expected a number from 0 to 1000000000 [N/rad]",
+            ),
+            (
+                "pid.kp",
+                "nan",
+                "expected a number from 0 to 1000000000 [N/rad]",
+            ),
+            (
+                "pid.kp",
+                "-1",
+                "expected a number from 0 to 1000000000 [N/rad]",
+            ),
+            ("w[2]", "inf", "expected a number [N/rad]"),
+            ("order", "5", "expected a whole number from 1 to 4"),
+            ("order", "1.5", "expected a whole number from 1 to 4"),
+            ("anti_windup", "yes", "expected true or false"),
+            ("target", "neither", "expected one of own, supervisor"),
+            ("u", "1", "u has no start value; the model computes it"),
+            (
+                "kp",
+                "1",
+                "there is no variable kp; expected one of pid.kp, w[1], w[2], order, anti_windup, file, target",
+            ),
+        ] {
+            assert_eq!(value_of(name, text), Err(expected.into()), "{name}={text}");
+        }
+    }
+
+    #[test]
+    fn the_name_is_an_identifier() {
+        for (name, is_valid) in [
+            ("Fast_Pid2", true),
+            ("2Pid", false),
+            ("Fast-Pid", false),
+            ("", false),
+        ] {
+            let variant = Variant {
+                name: Some(name.into()),
+                settings: Vec::new(),
+            };
+            assert_eq!(variant.text(&model()).is_ok(), is_valid, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_error_names_the_option() {
+        let variant = Variant {
+            name: None,
+            settings: vec![("order".into(), "5".into())],
+        };
+        let error = format!("{:#}", variant.text(&model()).unwrap_err());
+        assert!(
+            error.starts_with("--set order=5 cannot be used: expected"),
+            "{error}"
+        );
+    }
+}

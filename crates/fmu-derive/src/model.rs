@@ -1,0 +1,315 @@
+//! `#[derive(Model)]` and `#[derive(Variables)]`.
+
+use std::collections::HashMap;
+
+use proc_macro2::TokenStream;
+use quote::quote;
+use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
+
+use crate::attributes::{Role, StructAttributes};
+use crate::field::{Content, Field, Kind};
+use crate::generate::{self, Position};
+use crate::{names, spans, start};
+
+pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
+    let attributes = StructAttributes::of(&input.attrs)?;
+    let variables = implement_variables(input, &attributes)?;
+    let ident = &input.ident;
+    let krate = &attributes.krate;
+    let name =
+        (attributes.name.clone()).unwrap_or_else(|| LitStr::new(&ident.to_string(), ident.span()));
+    names::check_identifier(&name)?;
+    let description = names::description(&input.attrs).ok_or_else(|| {
+        Error::new_spanned(
+            ident,
+            format!("`{ident}` has no description; write a doc comment above it"),
+        )
+    })?;
+    let times = [
+        &attributes.sample_time,
+        &attributes.stop_time,
+        &attributes.step_size,
+    ];
+    (times.into_iter().flatten()).try_for_each(start::check_seconds)?;
+    let number = |e| start::number(e, &Kind::Real);
+    let is_sampled = attributes.sample_time.is_some();
+    let sample_time = match attributes.sample_time.as_ref().map(number) {
+        Some(sample_time) => quote!(#sample_time),
+        None => quote!(0.0),
+    };
+    let stop_time = attributes.stop_time.as_ref().map(number);
+    let stop_time = stop_time.map_or_else(|| quote!(20.0), |e| quote!(#e));
+    let step_size = attributes.step_size.as_ref().map(number);
+    let step_size = step_size.map_or_else(|| quote!(0.001), |e| quote!(#e));
+    let (generics, arguments, condition) = input.generics.split_for_impl();
+    Ok(quote! {
+        #variables
+
+        impl #generics #krate::Model for #ident #arguments #condition {
+            const NAME: &'static str = #name;
+            const DESCRIPTION: &'static str = #description;
+            const IS_SAMPLED: bool = #is_sampled;
+            const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
+
+            #[inline(always)]
+            fn sample_time(&self) -> f64 {
+                #sample_time
+            }
+        }
+    })
+}
+
+pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
+    implement_variables(input, &StructAttributes::of(&input.attrs)?)
+}
+
+fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Result<TokenStream> {
+    let ident = &input.ident;
+    let fields = fields(input)?;
+    check_names(&fields)?;
+    let krate = &attributes.krate;
+    let krate = &quote!(#krate::derive);
+    let positions = positions(&fields, krate);
+    let inputs = inputs(&fields, &positions);
+    check_inputs(&fields, &inputs)?;
+
+    let rows = fields
+        .iter()
+        .filter_map(|field| generate::row(field, krate));
+    let arms = |arm: fn(&Field, &Position, &TokenStream) -> Option<TokenStream>| -> Vec<_> {
+        let each = fields.iter().zip(&positions);
+        each.filter_map(|(field, at)| arm(field, at, krate))
+            .collect()
+    };
+    let values = arms(generate::value_arm);
+    let input_derivatives = arms(generate::input_derivative_arm);
+    let derivatives = fields
+        .iter()
+        .zip(&positions)
+        .map(|(field, at)| generate::directional_derivative_arms(field, at, &inputs, krate));
+    let sums = fields
+        .iter()
+        .filter_map(|field| generate::add_outputs(field, krate));
+    let of_fields = |of: fn(&Field, &TokenStream) -> TokenStream| -> Vec<_> {
+        fields.iter().map(|field| of(field, krate)).collect()
+    };
+    let (copies, saves) = (of_fields(generate::copy), of_fields(generate::save));
+    let (unsets, loads) = (of_fields(generate::unset), of_fields(generate::load));
+    let unset = match attributes.by_default {
+        true => quote!(::core::default::Default::default()),
+        false => quote!(Self { #(#unsets),* }),
+    };
+    let listed = fields
+        .iter()
+        .filter(|f| !matches!(f.content, Content::Internal));
+    let starts = listed
+        .enumerate()
+        .filter_map(|(row, field)| generate::set_start_values(field, row, krate));
+    let settable = fields
+        .iter()
+        .filter_map(|field| generate::copy_settable(field, krate));
+    let checks = checks(input, &fields, krate);
+    let (generics, arguments, condition) = input.generics.split_for_impl();
+    Ok(quote! {
+        #[automatically_derived]
+        #[allow(clippy::all, clippy::pedantic, unused_variables)]
+        // SAFETY: the compiler provides the offsets, and a Real is only read from a field of the type f64.
+        unsafe impl #generics #krate::Variables for #ident #arguments #condition {
+            const ROWS: &'static [#krate::Row] = &[#(#rows),*];
+
+            fn unset() -> Self {
+                #unset
+            }
+
+            fn set_start_values(&mut self) {
+                #(#starts)*
+            }
+
+            fn copy_settable(&mut self, from: &Self) {
+                #(#settable)*
+            }
+
+            fn value(&mut self, index: usize) -> ::core::option::Option<#krate::ValueMut<'_>> {
+                match index {
+                    #(#values)*
+                    _ => ::core::option::Option::None,
+                }
+            }
+
+            #[inline(always)]
+            fn add_outputs(&self, sum: f64) -> f64 {
+                #(#sums)*
+                sum
+            }
+
+            fn input_derivative(&mut self, index: usize) -> ::core::option::Option<&mut f64> {
+                match index {
+                    #(#input_derivatives)*
+                    _ => ::core::option::Option::None,
+                }
+            }
+
+            fn directional_derivative(&self, output: usize, input: usize) -> f64 {
+                match (output, input) {
+                    #(#derivatives)*
+                    _ => 0.0,
+                }
+            }
+
+            fn copy(&self) -> Self {
+                Self { #(#copies),* }
+            }
+
+            fn save(
+                &self,
+                to: &mut #krate::Saver,
+            ) -> ::core::result::Result<(), #krate::Damaged> {
+                #(#saves)*
+                ::core::result::Result::Ok(())
+            }
+
+            fn load(
+                from: &mut #krate::Loader<'_>,
+            ) -> ::core::result::Result<Self, #krate::Damaged> {
+                ::core::result::Result::Ok(Self { #(#loads),* })
+            }
+        }
+
+        #checks
+    })
+}
+
+fn fields(input: &DeriveInput) -> Result<Vec<Field>> {
+    let Data::Struct(data) = &input.data else {
+        return Err(Error::new_spanned(&input.ident, "expected a struct"));
+    };
+    let Fields::Named(named) = &data.fields else {
+        return Err(Error::new_spanned(
+            &input.ident,
+            "expected a struct with named fields",
+        ));
+    };
+    // All errors at once.
+    let (mut fields, mut errors) = (Vec::new(), None::<Error>);
+    for field in &named.named {
+        match (Field::of(field), &mut errors) {
+            (Ok(field), _) => fields.push(field),
+            (Err(error), Some(errors)) => errors.combine(error),
+            (Err(error), none) => *none = Some(error),
+        }
+    }
+    errors.map_or(Ok(fields), Err)
+}
+
+fn positions(fields: &[Field], krate: &TokenStream) -> Vec<Position> {
+    let mut at = Position::START;
+    fields
+        .iter()
+        .map(|field| {
+            let here = at.clone();
+            at.advance(field, krate);
+            here
+        })
+        .collect()
+}
+
+/// Names and positions of the inputs that are scalars of type f64.
+fn inputs(fields: &[Field], positions: &[Position]) -> Vec<(String, TokenStream)> {
+    fields
+        .iter()
+        .zip(positions)
+        .filter(|(field, _)| field.attributes.role == Role::Input && field.dimensions().is_empty())
+        .filter_map(|(field, at)| {
+            let variable = field.variable()?;
+            matches!(variable.kind, Kind::Real).then(|| (variable.name.value(), at.tokens()))
+        })
+        .collect()
+}
+
+/// Checks that no two variables of the struct have the same name, and that the variables exist which
+/// others depend on, as far as no nested struct is involved.
+fn check_names(fields: &[Field]) -> Result<()> {
+    let mut names = HashMap::new();
+    for field in fields {
+        if let Some(variable) = field.variable()
+            && names.insert(variable.name.value(), ()).is_some()
+        {
+            let name = variable.name.value();
+            return Err(Error::new(
+                variable.name.span(),
+                format!("two variables have the name {name:?}"),
+            ));
+        }
+    }
+    let has_nested = (fields.iter()).any(|f| matches!(f.content, Content::Nested { .. }));
+    for name in fields.iter().flat_map(|f| &f.attributes.initially_from) {
+        if !has_nested && !names.contains_key(&name.value()) {
+            let known = fields.iter().filter_map(Field::variable);
+            let known: Vec<_> = known.map(|variable| variable.name.value()).collect();
+            return Err(Error::new(
+                name.span(),
+                format!(
+                    "there is no variable {:?} in this struct; expected one of {}",
+                    name.value(),
+                    known.join(", ")
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks that directional derivatives are with respect to inputs.
+fn check_inputs(fields: &[Field], inputs: &[(String, TokenStream)]) -> Result<()> {
+    for (name, _) in fields.iter().flat_map(|f| &f.attributes.derivative_by) {
+        if !inputs.iter().any(|(input, _)| *input == name.value()) {
+            return Err(Error::new(
+                name.span(),
+                format!(
+                    "there is no input {:?} of type f64 in this struct",
+                    name.value()
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks that the compiler makes when all structs are known; not for generic structs, which are
+/// checked where they are exported.
+fn checks(input: &DeriveInput, fields: &[Field], krate: &TokenStream) -> TokenStream {
+    if !input.generics.params.is_empty() {
+        return TokenStream::new();
+    }
+    let ident = &input.ident;
+    let rows = quote!(<#ident as #krate::Variables>::ROWS);
+    let nested = fields.iter().enumerate().filter_map(|(index, field)| {
+        let Content::Nested { .. } = &field.content else {
+            return None;
+        };
+        let before = fields[..index].iter();
+        let row = before
+            .filter(|f| !matches!(f.content, Content::Internal))
+            .count();
+        let message = format!("a variable of `{}` has the name of another: ", field.ident);
+        Some(spans::at(
+            field.span(),
+            quote!(#[allow(long_running_const_eval)] const _: () = #krate::unique(#rows, #row, #message);),
+        ))
+    });
+    let dependencies = fields
+        .iter()
+        .flat_map(|f| &f.attributes.initially_from)
+        .map(|name| {
+            let message = format!("there is no variable {:?} in this struct", name.value());
+            spans::at(
+                name.span(),
+                quote!(const _: () = #krate::exists(#rows, #name, #message);),
+            )
+        });
+    quote! {
+        const _: &[#krate::Row] = #rows;
+        #(#nested)*
+        #(#dependencies)*
+    }
+}

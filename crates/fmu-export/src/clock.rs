@@ -1,0 +1,202 @@
+//! Sample instants: when a sampled controller acts, independent of the host's communication steps.
+
+use serde::{Deserialize, Serialize};
+
+use crate::ModelError;
+
+/// An instant within this fraction of the sample time of a communication point counts as lying on
+/// it: hosts compute time in floating point, so times are never compared for equality.
+const TOLERANCE: f64 = 1e-6;
+
+/// Maximum number of samples in one communication step; more would take minutes to compute.
+const MAX_SAMPLES: f64 = 1e8;
+
+/// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
+///
+/// A model with one sample time needs no clock of its own: `#[model(sample_time = ...)]` calls its step
+/// at the instants. A clock is for models with several sample times.
+///
+/// ```
+/// use fmu_export::SampleClock;
+///
+/// let mut clock = SampleClock::new(0.0, 0.001)?;
+/// assert_eq!(clock.due(0.0, 0.001)?, 1); // the instant at 0
+/// assert_eq!(clock.due(0.001, 0.0005)?, 1); // the instant at 0.001
+/// assert_eq!(clock.due(0.0015, 0.0005)?, 0); // 0.002 belongs to the next step
+/// # Ok::<(), fmu_export::ModelError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SampleClock {
+    start: f64,
+    /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
+    rate: f64,
+    /// Index of the next instant, `None` before the first step: a whole number, exact up to 2^53.
+    next: Option<f64>,
+}
+
+/// An unset clock, for which every step has too many samples.
+impl Default for SampleClock {
+    fn default() -> Self {
+        Self {
+            start: 0.0,
+            rate: f64::INFINITY,
+            next: None,
+        }
+    }
+}
+
+impl SampleClock {
+    /// Creates a clock with the first instant `start` (s) and the sample time `ts` (s).
+    ///
+    /// # Errors
+    /// The sample time is not a positive number.
+    pub fn new(start: f64, ts: f64) -> Result<Self, ModelError> {
+        let rate = 1.0 / ts;
+        if !(ts > 0.0 && ts.is_finite() && rate.is_finite()) {
+            return Err(ModelError::new(format_args!(
+                "the sample time is {ts} s; expected a positive number"
+            )));
+        }
+        Ok(Self {
+            start,
+            rate,
+            next: None,
+        })
+    }
+
+    /// Counts the instants in `[time, time + step)` (up to rounding) that were not counted before.
+    ///
+    /// # Errors
+    /// There are more than 100 million instants. The step is discarded: the clock is unchanged.
+    #[inline]
+    pub fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
+        let end = self.samples_to(time + step);
+        match self.next {
+            // The common case, without the cost of rounding.
+            Some(next) if next < end && end <= next + 1.0 => {
+                self.next = Some(next + 1.0);
+                Ok(1)
+            }
+            _ => self.count(time, end),
+        }
+    }
+
+    /// The general case of [`due`](Self::due), for any number of instants.
+    #[inline(never)]
+    fn count(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
+        let next = match self.next {
+            Some(next) => next,
+            None => libm::ceil(self.samples_to(time)).max(0.0),
+        };
+        let samples = libm::ceil(end - next).max(0.0);
+        if samples > MAX_SAMPLES {
+            return Err(ModelError::discard(format_args!(
+                "the communication step contains {samples} sample instants, more than the maximum of {MAX_SAMPLES}"
+            )));
+        }
+        self.next = Some(next + samples);
+        Ok(samples as u32)
+    }
+
+    /// The last `count` instants that were counted, for the sample time `ts` (s).
+    #[inline]
+    pub(crate) fn last_instants(&self, count: u32, ts: f64) -> impl Iterator<Item = f64> + use<> {
+        let first = self.next.unwrap_or_default() - f64::from(count);
+        let start = self.start;
+        (0..count).map(move |k| start + (first + f64::from(k)) * ts)
+    }
+
+    /// The time since the start in sample times, minus the tolerance. Rounded up, it is the number of
+    /// instants before `time`.
+    #[inline]
+    fn samples_to(&self, time: f64) -> f64 {
+        (time - self.start) * self.rate - TOLERANCE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Counts the samples of `steps` communication steps of size `h` from `start`.
+    fn count(start: f64, ts: f64, h: f64, steps: u32) -> u32 {
+        let mut clock = SampleClock::new(start, ts).unwrap();
+        (0..steps)
+            .map(|k| clock.due(start + f64::from(k) * h, h).unwrap())
+            .sum()
+    }
+
+    #[test]
+    fn steps_of_one_sample_time_take_one_sample_each() {
+        let mut clock = SampleClock::new(0.001, 0.001).unwrap();
+        for k in 1..=20_000 {
+            assert_eq!(clock.due(f64::from(k) * 0.001, 0.001), Ok(1), "step {k}");
+        }
+    }
+
+    #[test]
+    fn steps_of_any_size_take_the_samples_they_cover() {
+        assert_eq!(count(0.0, 0.001, 0.01, 100), 1000);
+        assert_eq!(count(0.0, 0.001, 0.00025, 4000), 1000);
+        assert_eq!(count(0.0, 0.001, 1.0 / 1024.0, 1024), 1000);
+    }
+
+    #[test]
+    fn a_late_start_loses_no_sample() {
+        assert_eq!(count(1e6, 0.001, 0.001, 10_000), 10_000);
+    }
+
+    #[test]
+    fn drift_and_jitter_neither_lose_nor_repeat_a_sample() {
+        let mut clock = SampleClock::new(0.0, 0.001).unwrap();
+        let mut time = 0.0;
+        for k in 0..20_000 {
+            let h = 0.001 + if k % 2 == 0 { 1e-13 } else { -1e-13 };
+            assert_eq!(clock.due(time, h), Ok(1), "step {k}");
+            time += h;
+        }
+    }
+
+    #[test]
+    fn a_step_within_the_tolerance_leaves_its_instant_to_the_next() {
+        let mut clock = SampleClock::new(0.0, 0.001).unwrap();
+        assert_eq!(clock.due(0.0, 6e-14), Ok(0));
+        assert_eq!(clock.due(6e-14, 0.001 - 6e-14), Ok(1));
+        assert_eq!(clock.due(0.001, 0.001), Ok(1));
+    }
+
+    #[test]
+    fn a_first_step_after_the_start_takes_only_its_own_instants() {
+        let mut clock = SampleClock::new(0.0, 0.001).unwrap();
+        assert_eq!(clock.due(0.5, 0.001), Ok(1));
+    }
+
+    #[test]
+    fn an_unset_clock_reports_an_error() {
+        assert!(SampleClock::default().due(0.0, 0.001).is_err());
+    }
+
+    #[test]
+    fn a_sample_time_must_be_positive() {
+        for ts in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-320] {
+            assert!(SampleClock::new(0.0, ts).is_err(), "{ts}");
+        }
+    }
+
+    #[test]
+    fn the_last_instants_are_those_just_counted() {
+        let mut clock = SampleClock::new(1.0, 0.5).unwrap();
+        assert_eq!(clock.due(1.0, 1.2), Ok(3));
+        let instants: Vec<f64> = clock.last_instants(3, 0.5).collect();
+        assert_eq!(instants, [1.0, 1.5, 2.0]);
+    }
+
+    #[test]
+    fn an_excessive_step_is_rejected_and_changes_nothing() {
+        let mut clock = SampleClock::new(0.0, 0.001).unwrap();
+        let before = clock;
+        assert!(clock.due(0.0, 1e300).is_err());
+        assert_eq!(clock, before);
+        assert_eq!(clock.due(0.0, 0.001), Ok(1));
+    }
+}

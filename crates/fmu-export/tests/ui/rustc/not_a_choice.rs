@@ -1,0 +1,34 @@
+//! An enum without `Choice`, a type alias, and a nested struct without `Variables`.
+
+use fmu_export::prelude::*;
+
+#[derive(Clone, Copy)]
+enum Law {
+    Open,
+}
+
+type Angle = f64;
+
+#[derive(Variables)]
+struct Types {
+    /// an enum
+    #[parameter]
+    law: Law,
+}
+
+#[derive(Variables)]
+struct Aliased {
+    /// an alias
+    #[input]
+    angle: Angle,
+}
+
+struct Group;
+
+#[derive(Variables)]
+struct Nested {
+    #[nested]
+    group: Group,
+}
+
+fn main() {}

@@ -1,0 +1,3 @@
+//! An example beside the library.
+
+fn main() {}

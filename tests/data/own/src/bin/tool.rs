@@ -1,0 +1,3 @@
+//! A program beside the library.
+
+fn main() {}
