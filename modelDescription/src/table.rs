@@ -249,55 +249,40 @@ pub const fn count(rows: &[Row]) -> usize {
     sum
 }
 
-/// Calls a function with the number and the description of each scalar variable of a table.
-pub fn for_each_scalar(rows: &'static [Row], mut each: impl FnMut(usize, &Scalar)) {
-    visit(rows, ([""; MAX_DEPTH], 0, 0), &mut 0, &mut each);
+/// The scalar variable with the given number.
+pub fn find_scalar(rows: &'static [Row], index: usize) -> Option<Scalar> {
+    find(rows, ([""; MAX_DEPTH], 0, 0), index)
 }
 
-fn visit(
+fn find(
     rows: &'static [Row],
-    (prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
-    next: &mut usize,
-    each: &mut dyn FnMut(usize, &Scalar),
-) {
+    (mut prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
+    mut index: usize,
+) -> Option<Scalar> {
     for row in rows {
-        match row {
-            Row::Variable(variable) => {
-                for element in 0..variable.count() {
-                    let scalar = Scalar {
-                        variable,
-                        prefixes,
-                        element,
-                        offset: base,
-                    };
-                    each(*next, &scalar);
-                    *next += 1;
-                }
-            }
+        let count = count(std::slice::from_ref(row));
+        if index >= count {
+            index -= count;
+            continue;
+        }
+        return match row {
+            Row::Variable(variable) => Some(Scalar {
+                variable,
+                prefixes,
+                element: index,
+                offset: base,
+            }),
             Row::Group {
                 prefix,
                 offset,
                 rows,
             } => {
-                let mut longer = prefixes;
-                if let Some(place) = longer.get_mut(depth) {
-                    *place = prefix;
-                }
-                visit(rows, (longer, depth + 1, base + offset), next, each);
+                *prefixes.get_mut(depth)? = prefix;
+                find(rows, (prefixes, depth + 1, base + offset), index)
             }
-        }
+        };
     }
-}
-
-/// The scalar variable with the given number.
-pub fn find_scalar(rows: &'static [Row], index: usize) -> Option<Scalar> {
-    let mut found = None;
-    for_each_scalar(rows, |number, scalar| {
-        if number == index {
-            found = Some(*scalar);
-        }
-    });
-    found
+    None
 }
 
 /// The scalar variables of a table; their indices are their value references. `N` is [`count`] of the

@@ -57,12 +57,15 @@ impl Place {
 }
 
 impl<M: Simulate, const N: usize> Bound<M, N> {
+    /// The scalar variables, for constants only: the binary does not need them.
+    pub(crate) const ROWS: &'static [Row; N] = &table::scalars(M::ROWS);
     const PLACES: &'static [Place; N] = &Self::places();
     /// Whether the host may set the time derivative of any input.
-    pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::has_input_derivatives();
+    pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::has_derivatives().0;
+    /// Whether derivatives of any output with respect to inputs are known.
+    const HAS_DIRECTIONAL_DERIVATIVES: bool = Self::has_derivatives().1;
 
     const fn places() -> [Place; N] {
-        let rows: [Row; N] = table::scalars(M::ROWS);
         let mut places = [Place {
             offset: Place::NONE,
             min: 0.0,
@@ -70,22 +73,23 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         }; N];
         let mut reference = 0;
         while reference < N {
-            places[reference] = Place::of(&rows[reference]);
+            places[reference] = Place::of(&Self::ROWS[reference]);
             reference += 1;
         }
         places
     }
 
-    const fn has_input_derivatives() -> bool {
-        let rows: [Row; N] = table::scalars(M::ROWS);
+    /// Whether any variable has an input derivative, and whether any has directional derivatives.
+    const fn has_derivatives() -> (bool, bool) {
+        let mut has = (false, false);
         let mut reference = 0;
         while reference < N {
-            if rows[reference].variable.has_input_derivative {
-                return true;
-            }
+            let variable = Self::ROWS[reference].variable;
+            has.0 |= variable.has_input_derivative;
+            has.1 |= variable.has_directional_derivatives;
             reference += 1;
         }
-        false
+        has
     }
 
     pub(crate) fn new(entry: &'static Entry) -> Self {
@@ -136,20 +140,19 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     #[cold]
     #[inline(never)]
     fn find_not_finite(model: &mut M) -> Result<(), ModelError> {
-        let mut result = Ok(());
-        table::for_each_scalar(M::ROWS, |reference, row| {
-            if result.is_ok()
+        for reference in 0..N {
+            if let Some(row) = table::find_scalar(M::ROWS, reference)
                 && row.variable.causality == Causality::Output
                 && let Some(ValueMut::Real(value)) = model.value(reference)
                 && !value.is_finite()
             {
-                result = Err(ModelError::new(format_args!(
+                return Err(ModelError::new(format_args!(
                     "{} became {value}: the simulation diverges",
                     row.name()
                 )));
             }
-        });
-        result
+        }
+        Ok(())
     }
 
     /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
@@ -276,11 +279,7 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
     }
 
     fn has_directional_derivatives(&self) -> bool {
-        let mut has = false;
-        table::for_each_scalar(M::ROWS, |_, row| {
-            has |= row.variable.has_directional_derivatives
-        });
-        has
+        Self::HAS_DIRECTIONAL_DERIVATIVES
     }
 
     fn derivative(&self, output: u32, input: u32) -> f64 {

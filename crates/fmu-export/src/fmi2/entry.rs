@@ -1,7 +1,7 @@
 //! The models of a library, from which `fmi2Instantiate` selects one.
 
 use fmu_description::guid::guid;
-use fmu_description::table::{self, check};
+use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
 use super::Instance;
@@ -26,7 +26,7 @@ pub struct Entry {
 /// The interface of the model `M` with `N` scalar variables, or of a variant of it; see
 /// [`Overrides::of`]. An invalid table fails the compilation here.
 pub const fn interface<M: Simulate, const N: usize>(variant: Option<&'static str>) -> Interface {
-    let scalars = const { &table::scalars::<N>(M::ROWS) };
+    let scalars = Bound::<M, N>::ROWS;
     check(scalars);
     let variant = match variant {
         Some(text) => Overrides::of(M::NAME, text),
