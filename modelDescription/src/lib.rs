@@ -23,6 +23,7 @@ pub mod unit;
 pub mod value;
 mod variables;
 mod vocabulary;
+pub mod words;
 pub mod xml;
 
 #[cfg(feature = "xml")]

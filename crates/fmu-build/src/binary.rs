@@ -36,23 +36,28 @@ impl Binary {
     ///
     /// # Errors
     /// The diagnostics of the compiler, or the library has no models.
-    pub fn build(build: &LibraryBuild<'_>, target: &Target, variant: Option<&str>) -> Result<Self> {
+    pub fn build(
+        library: &Library,
+        target: &Target,
+        method: &Method<'_>,
+        variant: Option<&str>,
+    ) -> Result<Self> {
         let mut parts = target
             .recipes
             .iter()
-            .map(|recipe| build.run(recipe, target.platforms[0].extension, variant))
+            .map(|recipe| method.run(library, recipe, target.platforms[0].extension, variant))
             .collect::<Result<Vec<_>>>()?;
         let bytes = match parts.len() {
             1 => parts.remove(0),
             _ => macho::join(&parts).context("cannot join the parts of a universal binary")?,
         };
         let models = read_interfaces(&bytes)
-            .with_context(|| format!("the library of {} cannot be used", build.library.package))?;
+            .with_context(|| format!("the library of {} cannot be used", library.package))?;
         ensure!(
             !models.is_empty(),
             "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
-            build.library.package,
-            build.library.folder.join("src/lib.rs").display()
+            library.package,
+            library.folder.join("src/lib.rs").display()
         );
         Ok(Self {
             platforms: target.platforms.clone(),
@@ -133,22 +138,25 @@ impl Binary {
 /// vector cannot be loaded before the stores of its parts have left the processor's store buffer.
 const NO_SLP: &str = "-Cno-vectorize-slp";
 
-/// How the library of a package is built.
-pub struct LibraryBuild<'a> {
-    /// The library.
-    pub library: &'a Library,
+/// How libraries are built.
+pub struct Method<'a> {
     /// Options for cargo.
     pub selection: &'a Selection,
-    /// The workspace of the package.
+    /// The workspace of the packages.
     pub metadata: &'a Metadata,
     /// Settings of the profile that the workspace does not make itself.
-    pub profile: &'a [String],
+    pub profile: Vec<String>,
 }
 
-impl LibraryBuild<'_> {
-    /// Builds the library with one recipe, and reads it.
-    fn run(&self, recipe: &Recipe, extension: &str, variant: Option<&str>) -> Result<Vec<u8>> {
-        let library = self.library;
+impl Method<'_> {
+    /// Builds a library with one recipe, and reads it.
+    fn run(
+        &self,
+        library: &Library,
+        recipe: &Recipe,
+        extension: &str,
+        variant: Option<&str>,
+    ) -> Result<Vec<u8>> {
         // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
         let mut build = recipe.cargo_rustc(&format!("building {}", library.package));
         build

@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
-use cargo_metadata::Metadata;
 use fmu_description::Description;
 use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::binary::{Binary, LibraryBuild, PackedBinary};
+use crate::binary::{Binary, Method, PackedBinary};
 use crate::contents;
 use crate::library::{Library, Selection};
 use crate::model::{Model, Variant};
@@ -79,11 +78,12 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         .map(Binary::read)
         .collect::<Result<Vec<_>>>()?;
 
-    let profile = profile::settings(&options.selection.profile, &metadata)?;
     let builder = Builder {
-        selection: &options.selection,
-        metadata: &metadata,
-        profile: &profile,
+        method: Method {
+            selection: &options.selection,
+            metadata: &metadata,
+            profile: profile::settings(&options.selection.profile, &metadata)?,
+        },
         targets: &targets,
     };
     let mut built = builder.build(&libraries, &options.models)?;
@@ -130,9 +130,7 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
 
 /// Builds libraries for all targets.
 struct Builder<'a> {
-    selection: &'a Selection,
-    metadata: &'a Metadata,
-    profile: &'a [String],
+    method: Method<'a>,
     targets: &'a [Target],
 }
 
@@ -155,17 +153,11 @@ impl Builder<'_> {
     }
 
     fn build_library<'a>(&self, library: &'a Library, variant: Option<&str>) -> Result<Built<'a>> {
-        let build = LibraryBuild {
-            library,
-            selection: self.selection,
-            metadata: self.metadata,
-            profile: self.profile,
-        };
         let binaries = self.targets.iter();
         Ok(Built {
             library,
             binaries: binaries
-                .map(|target| Binary::build(&build, target, variant))
+                .map(|target| Binary::build(library, target, &self.method, variant))
                 .collect::<Result<_>>()?,
         })
     }
@@ -259,15 +251,13 @@ fn choose<'a>(built: &[Built<'a>], names: &[String]) -> Result<Vec<Model<'a>>> {
         let models = built.binaries.iter().take(1).flat_map(Binary::models);
         all.extend(models.map(|model| (built.library, model)));
     }
-    for (index, (_, model)) in all.iter().enumerate() {
+    for (index, (library, model)) in all.iter().enumerate() {
         let name = &model.name;
-        let other = all[..index].iter().find(|(_, other)| other.name == *name);
-        if let Some((library, _)) = other {
-            let packages = (&library.package, &all[index].0.package);
+        if let Some((other, _)) = all[..index].iter().find(|(_, other)| other.name == *name) {
             bail!(
                 "two models have the name {name}, in the packages {} and {}; export one of them with --package",
-                packages.0,
-                packages.1
+                other.package,
+                library.package
             );
         }
     }

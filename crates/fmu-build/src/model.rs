@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, integer, real};
-use fmu_description::{Description, StartValue, Type, VariableDescription, interface};
+use fmu_description::{Description, StartValue, Type, VariableDescription, interface, words};
 
 use crate::library::Library;
 
@@ -65,7 +65,7 @@ impl Variant {
     pub fn text(&self, model: &Description) -> Result<String> {
         let name = self.name.as_deref().unwrap_or(&model.name);
         ensure!(
-            is_identifier(name),
+            words::is_identifier(name),
             "--name {name}: expected letters, digits and underscores, not starting with a digit"
         );
         let mut values = Vec::new();
@@ -76,11 +76,6 @@ impl Variant {
         }
         Ok(interface::variant(&model.name, name, &values))
     }
-}
-
-fn is_identifier(name: &str) -> bool {
-    name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 /// The value reference of a variable, and a text as its start value.
@@ -104,15 +99,11 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
     let value = match &variable.of_type {
         Type::Real { min, max, unit, .. } => {
             let value = real(text).filter(|value| value.is_finite());
-            let bounds = match (min.is_finite(), max.is_finite()) {
-                (true, true) => format!(" from {min} to {max}"),
-                (true, false) => format!(" of at least {min}"),
-                (false, true) => format!(" of at most {max}"),
-                (false, false) => String::new(),
-            };
             let value = value.filter(|value| min <= value && value <= max);
-            let value = value.with_context(|| format!("expected a number{bounds} [{unit}]"))?;
-            StartValue::Real(value)
+            StartValue::Real(value.with_context(|| {
+                let (bounds, unit) = (words::bounds(*min, *max), words::in_unit(unit));
+                format!("expected a number{bounds}{unit}")
+            })?)
         }
         Type::Integer { min, max, .. } => {
             let value = integer(text).filter(|value| min <= value && value <= max);

@@ -1,5 +1,6 @@
 //! Names and descriptions.
 
+use fmu_description::words::is_identifier;
 use syn::{Attribute, Error, Expr, ExprLit, Lit, LitStr, Meta, Result};
 
 /// The first paragraph of the doc comments as plain text, without backticks and a final period; `None`
@@ -58,11 +59,6 @@ pub fn check_identifier(name: &LitStr) -> Result<()> {
         name.span(),
         format!("{text:?} is not a name; expected letters, digits and underscores"),
     ))
-}
-
-fn is_identifier(part: &str) -> bool {
-    part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-        && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 /// `TransferFunction` as `transfer_function`.

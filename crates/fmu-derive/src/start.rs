@@ -1,5 +1,6 @@
 //! Start values and bounds: literals are checked here, constants where the compiler evaluates them.
 
+use fmu_description::words;
 use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
@@ -23,13 +24,13 @@ pub fn check(field: &syn::Field, attributes: &FieldAttributes, kind: &Kind) -> R
         check_type(bound, kind)?;
     }
     let bounds = Bounds {
-        min: min.and_then(number_of),
-        max: max.and_then(number_of),
+        min: min.and_then(number_of).unwrap_or(f64::NEG_INFINITY),
+        max: max.and_then(number_of).unwrap_or(f64::INFINITY),
     };
-    if let (Some(low), Some(high), Some(expression)) = (bounds.min, bounds.max, max)
-        && low > high
+    if let Some(expression) = max
+        && bounds.min > bounds.max
     {
-        let message = format!("expected a maximum of at least {low}, the minimum");
+        let message = format!("expected a maximum of at least {}, the minimum", bounds.min);
         return Err(Error::new_spanned(expression, message));
     }
     let has_default = matches!(attributes.role, Role::Input | Role::Parameter);
@@ -38,32 +39,29 @@ pub fn check(field: &syn::Field, attributes: &FieldAttributes, kind: &Kind) -> R
         Some(start) => check_shape(start, &field.ty, kind, &bounds),
         None if has_default && !bounds.contain(0.0) => Err(Error::new_spanned(
             &field.ident,
-            format!("without `start`, it starts at 0; expected a start value {bounds}"),
+            format!("without `start`, it starts at 0; {}", bounds.expected()),
         )),
         None => Ok(()),
     }
 }
 
-/// The bounds that are literals.
+/// The bounds that are literals; infinite if they are not, or if there are none.
 struct Bounds {
-    min: Option<f64>,
-    max: Option<f64>,
+    min: f64,
+    max: f64,
 }
 
 impl Bounds {
     fn contain(&self, value: f64) -> bool {
-        self.min.is_none_or(|min| min <= value) && self.max.is_none_or(|max| value <= max)
+        self.min <= value && value <= self.max
     }
-}
 
-impl std::fmt::Display for Bounds {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match (self.min, self.max) {
-            (Some(min), Some(max)) => write!(f, "from {min} to {max}"),
-            (Some(min), None) => write!(f, "of at least {min}"),
-            (None, Some(max)) => write!(f, "of at most {max}"),
-            (None, None) => Ok(()),
-        }
+    /// What is expected of a start value.
+    fn expected(&self) -> String {
+        format!(
+            "expected a start value{}",
+            words::bounds(self.min, self.max)
+        )
     }
 }
 
@@ -100,7 +98,7 @@ fn check_element(start: &Expr, kind: &Kind, bounds: &Bounds) -> Result<()> {
     match number_of(start) {
         Some(value) if !bounds.contain(value) => Err(Error::new_spanned(
             start,
-            format!("outside the bounds; expected a start value {bounds}"),
+            format!("outside the bounds; {}", bounds.expected()),
         )),
         _ => Ok(()),
     }

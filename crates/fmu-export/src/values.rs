@@ -3,7 +3,7 @@
 use std::ffi::CStr;
 use std::fmt;
 
-use fmu_description::{Causality, Domain, Value, ValueMut, Variability, Variable};
+use fmu_description::{Causality, Domain, Value, ValueMut, Variability, Variable, words};
 
 use crate::reason::{Reason, reason};
 use crate::slave::{Scalar, Slave};
@@ -168,17 +168,11 @@ impl Given<'_> {
 fn expected(domain: &Domain) -> String {
     match domain {
         Domain::Real { min, max, unit, .. } => {
-            let bounds = match (min.is_finite(), max.is_finite()) {
-                (true, true) => format!(" from {min} to {max}"),
-                (true, false) => format!(" of at least {min}"),
-                (false, true) => format!(" of at most {max}"),
-                (false, false) => String::new(),
-            };
-            let unit = match unit.is_empty() {
-                true => String::new(),
-                false => format!(" [{unit}]"),
-            };
-            format!("a finite number{bounds}{unit}")
+            format!(
+                "a finite number{}{}",
+                words::bounds(*min, *max),
+                words::in_unit(unit)
+            )
         }
         Domain::Integer { min, max, .. } => format!("a whole number from {min} to {max}"),
         Domain::Enumeration { items, .. } => {

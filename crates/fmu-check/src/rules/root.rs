@@ -1,5 +1,6 @@
 //! Rules for the root attributes, log categories, interface types and default experiment.
 
+use fmu_description::words::is_identifier;
 use fmu_description::xml::Element;
 use fmu_description::{Capability, ModelDescription};
 use fmu_file::text::quote;
@@ -58,7 +59,7 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
         .filter(|child| KINDS.contains(&child.name))
     {
         if let Some(identifier) = kind.attribute("modelIdentifier")
-            && !is_c_identifier(identifier)
+            && !is_identifier(identifier)
         {
             findings.error(
                 kind,
@@ -77,12 +78,6 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
             );
         }
     }
-}
-
-/// Whether a text can be the prefix of a C function, and thus the name of a binary.
-fn is_c_identifier(text: &str) -> bool {
-    text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-        && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
 fn experiment(model: &ModelDescription<'_>, findings: &mut Findings) {
