@@ -1,4 +1,4 @@
-//! The findings of the checks.
+//! The findings of the checks, grouped by rule.
 
 use std::fmt;
 
@@ -6,6 +6,17 @@ use fmu_description::ScalarVariable;
 use fmu_description::xml::Element;
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
+
+use crate::Rule;
+use crate::rule::rules;
+
+rules! {
+    /// Calls of a binary.
+    pub BINARY {
+        BINARY_ERROR: Error, "binary-error", Standard("chapters 2 to 4"), "The binary works.";
+        BINARY_WARNING: Warning, "binary-warning", Standard("chapters 2 to 4"), "The binary works well.";
+    }
+}
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,45 +29,69 @@ pub enum Severity {
 
 /// Where in the FMU a finding is.
 #[derive(Debug, Clone)]
-pub struct Location(String);
+pub struct Location {
+    /// The file or folder in the FMU; `archive` for the FMU as a whole.
+    pub file: String,
+    /// The line in the model description.
+    pub line: Option<u32>,
+    /// The variable.
+    pub variable: Option<String>,
+}
 
 impl From<&str> for Location {
-    fn from(text: &str) -> Self {
-        // The text may quote the FMU.
-        Self(plain(text, Findings::MAX_LENGTH))
+    fn from(file: &str) -> Self {
+        Self {
+            // The name may quote the FMU.
+            file: plain(file, Findings::MAX_LENGTH),
+            line: None,
+            variable: None,
+        }
     }
 }
 
 impl From<String> for Location {
-    fn from(text: String) -> Self {
-        Self::from(text.as_str())
+    fn from(file: String) -> Self {
+        Self::from(file.as_str())
     }
 }
 
 impl From<&Element<'_>> for Location {
     fn from(element: &Element<'_>) -> Self {
-        Self(format!("{MODEL_DESCRIPTION}:{}", element.line))
+        Self {
+            file: MODEL_DESCRIPTION.to_owned(),
+            line: Some(element.line),
+            variable: None,
+        }
     }
 }
 
 impl From<&ScalarVariable<'_>> for Location {
     fn from(variable: &ScalarVariable<'_>) -> Self {
-        let Self(line) = variable.element.into();
-        Self(format!("{line}: {}", quote(variable.name)))
+        Self {
+            variable: Some(quote(variable.name)),
+            ..variable.element.into()
+        }
     }
 }
 
 impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
+        f.write_str(&self.file)?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        match &self.variable {
+            Some(variable) => write!(f, ": {variable}"),
+            None => Ok(()),
+        }
     }
 }
 
 /// One problem of an FMU.
 #[derive(Debug)]
 pub struct Finding {
-    /// Its severity.
-    pub severity: Severity,
+    /// The rule that the FMU violates.
+    pub rule: &'static Rule,
     /// Where in the FMU it is.
     pub location: Location,
     /// What was found and what was expected.
@@ -74,40 +109,88 @@ impl fmt::Display for Severity {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}: {}", self.severity, self.location, self.text)
+        let (rule, location) = (self.rule, &self.location);
+        let (severity, source) = (rule.severity, rule.source);
+        write!(f, "{severity}: {location}: {} ({source})", self.text)
     }
 }
 
-/// The findings on one FMU. All are counted, but only the first ones are kept.
-#[derive(Debug, Default)]
+/// The findings of one rule.
+#[derive(Debug)]
+pub struct Group {
+    /// The rule.
+    pub rule: &'static Rule,
+    /// The first findings.
+    pub kept: Vec<Finding>,
+    /// Number of all findings.
+    pub count: usize,
+}
+
+impl Group {
+    /// Number of findings that were not kept.
+    pub fn left_out(&self) -> usize {
+        self.count - self.kept.len()
+    }
+}
+
+/// The findings on one FMU, by rule. All are counted, but only the first ones of each rule are kept: a
+/// broken exporter may break thousands of variables alike, which must not hide other findings.
+#[derive(Debug)]
 pub struct Findings {
-    kept: Vec<Finding>,
-    errors: usize,
-    warnings: usize,
+    groups: Vec<Group>,
+    /// Maximum number kept of each rule.
+    keep: usize,
+}
+
+impl Default for Findings {
+    fn default() -> Self {
+        Self::keeping(Self::FEW)
+    }
 }
 
 impl Findings {
-    /// Maximum number shown: a broken exporter may break thousands of variables alike.
-    const MAX_KEPT: usize = 200;
+    /// Number of findings of each rule that are kept by default.
+    pub const FEW: usize = 3;
+    /// Number that are kept of each rule if all are to be shown, to limit the memory.
+    pub const ALL: usize = 100_000;
     /// Maximum length of a location or text.
     const MAX_LENGTH: usize = 1000;
 
-    /// Adds an error.
-    pub fn error(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
-        self.errors += 1;
-        self.keep(Severity::Error, location, text);
+    /// Keeps the first `keep` findings of each rule.
+    pub fn keeping(keep: usize) -> Self {
+        Self {
+            groups: Vec::new(),
+            keep,
+        }
     }
 
-    /// Adds a warning.
-    pub fn warning(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
-        self.warnings += 1;
-        self.keep(Severity::Warning, location, text);
-    }
-
-    fn keep(&mut self, severity: Severity, location: impl Into<Location>, text: impl AsRef<str>) {
-        if self.kept.len() < Self::MAX_KEPT {
-            self.kept.push(Finding {
-                severity,
+    /// Adds a finding of a rule.
+    pub fn add(
+        &mut self,
+        rule: &'static Rule,
+        location: impl Into<Location>,
+        text: impl AsRef<str>,
+    ) {
+        let index = match self
+            .groups
+            .iter()
+            .position(|group| group.rule.id == rule.id)
+        {
+            Some(index) => index,
+            None => {
+                self.groups.push(Group {
+                    rule,
+                    kept: Vec::new(),
+                    count: 0,
+                });
+                self.groups.len() - 1
+            }
+        };
+        let group = &mut self.groups[index];
+        group.count += 1;
+        if group.kept.len() < self.keep {
+            group.kept.push(Finding {
+                rule,
                 location: location.into(),
                 // The text may quote the FMU.
                 text: plain(text.as_ref(), Self::MAX_LENGTH),
@@ -115,23 +198,68 @@ impl Findings {
         }
     }
 
-    /// The findings that were kept.
-    pub fn kept(&self) -> &[Finding] {
-        &self.kept
+    /// Adds an error of a binary.
+    pub fn error(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
+        self.add(&BINARY_ERROR, location, text);
+    }
+
+    /// Adds a warning on a binary.
+    pub fn warning(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
+        self.add(&BINARY_WARNING, location, text);
+    }
+
+    /// The rules with findings, in the order of their first findings.
+    pub fn groups(&self) -> &[Group] {
+        &self.groups
     }
 
     /// Number of errors.
     pub fn errors(&self) -> usize {
-        self.errors
+        self.count(Severity::Error)
     }
 
     /// Number of warnings.
     pub fn warnings(&self) -> usize {
-        self.warnings
+        self.count(Severity::Warning)
     }
 
-    /// Number of findings that were not kept.
-    pub fn left_out(&self) -> usize {
-        self.errors + self.warnings - self.kept.len()
+    fn count(&self, severity: Severity) -> usize {
+        let of_severity = |group: &&Group| group.rule.severity == severity;
+        self.groups
+            .iter()
+            .filter(of_severity)
+            .map(|g| g.count)
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    rules! {
+        TEST {
+            FIRST: Error, "first", Standard("section 1"), "Something.";
+            SECOND: Warning, "second", Practice("importer X fails"), "Something else.";
+        }
+    }
+
+    #[test]
+    fn a_rule_with_many_findings_does_not_hide_another() {
+        let mut findings = Findings::default();
+        for number in 0..1000 {
+            findings.add(&FIRST, "a", number.to_string());
+        }
+        findings.add(&SECOND, "b\n", "x\ny");
+        let [first, second] = findings.groups() else {
+            panic!("{findings:?}");
+        };
+        assert_eq!((first.kept.len(), first.left_out()), (3, 997));
+        assert_eq!(first.rule, &TEST[0]);
+        assert_eq!((findings.errors(), findings.warnings()), (1000, 1));
+        assert_eq!(
+            second.kept[0].to_string(),
+            "warning: b : x y (not in the standard, but importer X fails)"
+        );
     }
 }

@@ -8,6 +8,7 @@
 mod binary;
 mod finding;
 mod package;
+mod rule;
 mod rules;
 mod schema;
 
@@ -15,31 +16,46 @@ use std::path::Path;
 
 pub use binary::Probes;
 pub use binary::probe::run as probe;
-pub use finding::{Finding, Findings, Severity};
+pub use finding::{Finding, Findings, Group, Location, Severity};
 use fmu_description::ModelDescription;
 use fmu_description::xml;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+pub use rule::{Rule, Source};
 
-/// Checks an FMU; its binaries are run only if `probes` is given.
-pub fn check(file: &Path, probes: Option<&Probes>) -> Findings {
-    let mut findings = Findings::default();
-    check_all(file, probes, &mut findings);
-    findings
+/// All rules, by the part of the FMU that they are about.
+pub fn rules() -> impl Iterator<Item = &'static Rule> {
+    [
+        package::ARCHIVE,
+        schema::SCHEMA,
+        rules::root::ROOT,
+        rules::DEFINITIONS,
+        rules::units::UNITS,
+        rules::types::TYPES,
+        rules::names::NAMES,
+        rules::variables::VARIABLES,
+        rules::structure::STRUCTURE,
+        finding::BINARY,
+    ]
+    .into_iter()
+    .flatten()
 }
 
-fn check_all(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
+/// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given.
+pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
-        Err(error) => return findings.error("archive", format!("{error:#}")),
+        Err(error) => return findings.add(&package::READABLE, "archive", format!("{error:#}")),
     };
     package::check(&mut archive, findings);
     let text = match archive.model_description() {
         Ok(text) => text,
-        Err(error) => return findings.error("archive", format!("{error:#}")),
+        Err(error) => return findings.add(&package::READABLE, "archive", format!("{error:#}")),
     };
     let root = match xml::parse(&text) {
         Ok(root) => root,
-        Err(error) => return findings.error(MODEL_DESCRIPTION, format!("{error:#}")),
+        Err(error) => {
+            return findings.add(&package::READABLE, MODEL_DESCRIPTION, format!("{error:#}"));
+        }
     };
     schema::check(&root, findings);
     let model = ModelDescription::new(&root);

@@ -8,6 +8,31 @@ use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
 use super::finding::Findings;
+use super::rule::rules;
+
+rules! {
+    /// What the archive must contain.
+    pub ARCHIVE {
+        READABLE: Error, "archive-readable", Standard("section 2.3"),
+            "The FMU is a zip archive with a well-formed modelDescription.xml at its root.";
+        SAFE_ARCHIVE: Error, "archive-safe",
+            Practice("importers refuse to unpack what may harm the computer"),
+            "The archive can be unpacked without risk to other files, the memory and the disk.";
+        INTACT_FILES: Error, "files-intact", Standard("section 2.3"),
+            "Every file of the archive can be unpacked.";
+        BINARIES_OR_SOURCES: Error, "binaries-or-sources", Standard("section 2.3"),
+            "There are binaries or sources.";
+        KNOWN_PLATFORM: Warning, "platform-known",
+            Practice("importers look for binaries only in the platform folders of section 2.3"),
+            "The folders in binaries are those of the standard.";
+        BINARY_NAMED: Error, "binary-named", Standard("section 2.3"),
+            "Each platform folder has the binary that modelIdentifier names.";
+        BINARY_FORMAT: Error, "binary-format", Standard("section 2.3"),
+            "A binary is a shared library of its platform.";
+        SOURCES_EXIST: Error, "sources-exist", Standard("section 2.3"),
+            "The files that SourceFiles lists are in the folder sources.";
+    }
+}
 
 /// The elements of the two interface types.
 pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];
@@ -15,12 +40,12 @@ pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];
 /// Checks that the archive can be unpacked.
 pub fn check(archive: &mut Archive, findings: &mut Findings) {
     for fault in &archive.faults {
-        findings.error("archive", fault);
+        findings.add(&SAFE_ARCHIVE, "archive", fault);
     }
     // Files that are too large must not be inflated.
     if archive.faults.is_empty() {
         for damage in archive.damages() {
-            findings.error("archive", damage);
+            findings.add(&INTACT_FILES, "archive", damage);
         }
     }
 }
@@ -43,7 +68,8 @@ pub fn check_binaries(
             .iter()
             .any(|kind| kind.child("SourceFiles").is_some())
     {
-        findings.error(
+        findings.add(
+            &BINARIES_OR_SOURCES,
             "archive",
             "it has neither binaries nor sources, expected at least one of the two",
         );
@@ -51,7 +77,11 @@ pub fn check_binaries(
     for folder in folders {
         match folder.parse::<Platform>() {
             Ok(platform) => binaries(model, platform, archive, findings),
-            Err(error) => findings.warning(format!("binaries/{folder}"), error.to_string()),
+            Err(error) => findings.add(
+                &KNOWN_PLATFORM,
+                format!("binaries/{folder}"),
+                error.to_string(),
+            ),
         }
     }
 }
@@ -73,7 +103,8 @@ fn binaries(
         .collect();
     for file in files {
         if !archive.names.contains(&file) {
-            findings.error(
+            findings.add(
+                &BINARY_NAMED,
                 format!("binaries/{}", platform.folder),
                 format!(
                     "it has no {}, expected the binary that modelIdentifier names",
@@ -86,7 +117,7 @@ fn binaries(
             .head(&file, Platform::HEAD)
             .and_then(|head| platform.check(&head));
         if let Err(error) = checked {
-            findings.error(file, format!("{error:#}"));
+            findings.add(&BINARY_FORMAT, file, format!("{error:#}"));
         }
     }
 }
@@ -103,7 +134,8 @@ fn sources(model: &ModelDescription<'_>, archive: &Archive, findings: &mut Findi
         if let Some(name) = file.attribute("name")
             && !names.contains(format!("sources/{name}").as_str())
         {
-            findings.error(
+            findings.add(
+                &SOURCES_EXIST,
                 file,
                 format!(
                     "the source file {} is missing, expected it in sources",

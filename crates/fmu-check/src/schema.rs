@@ -1,4 +1,4 @@
-//! The XML schema of FMI 2.0.4 as tables, and the validation of a document against it.
+//! The XML schema of FMI 2.0.5 as tables, and the validation of a document against it.
 
 use fmu_description::value::Form;
 use fmu_description::xml::Element;
@@ -6,6 +6,33 @@ use fmu_description::{Causality, Initial, Variability};
 use fmu_file::text::quote;
 
 use super::finding::Findings;
+use super::rule::rules;
+
+rules! {
+    /// What the XML schema requires.
+    pub SCHEMA {
+        ROOT_ELEMENT: Error, "root-element", Standard("section 2.2.1"),
+            "The root element is fmiModelDescription.";
+        NO_TEXT: Error, "no-text", Standard("section 2.2"),
+            "Elements hold other elements, but no text.";
+        ATTRIBUTE_REQUIRED: Error, "attribute-required", Standard("section 2.2"),
+            "Required attributes are given.";
+        ATTRIBUTE_VALUE: Error, "attribute-value", Standard("section 2.2"),
+            "The value of an attribute has the form that the schema requires.";
+        ATTRIBUTE_KNOWN: Error, "attribute-known", Standard("section 2.2"),
+            "An element has no attributes but those of the schema.";
+        ELEMENT_KNOWN: Error, "element-known", Standard("section 2.2"),
+            "An element holds no elements but those of the schema.";
+        ELEMENT_ORDER: Error, "element-order", Standard("section 2.2"),
+            "Elements are in the order of the schema.";
+        ELEMENT_ONCE: Error, "element-once", Standard("section 2.2"),
+            "An element appears at most as often as the schema allows.";
+        ELEMENT_REQUIRED: Error, "element-required", Standard("section 2.2"),
+            "Required elements are given.";
+        ONE_ANNOTATION: Warning, "one-annotation", Standard("section 2.2.6"),
+            "The annotation of a tool is one element.";
+    }
+}
 
 /// An attribute of an element: name, form, whether it is required.
 type Attribute = (&'static str, Form, bool);
@@ -337,7 +364,8 @@ pub fn check(root: &Element<'_>, findings: &mut Findings) {
     if root.name == "fmiModelDescription" {
         element(root, &ROOT, findings);
     } else {
-        findings.error(
+        findings.add(
+            &ROOT_ELEMENT,
             root,
             format!(
                 "the root is {}, expected fmiModelDescription",
@@ -353,14 +381,16 @@ fn element(element: &Element<'_>, of: &Type, findings: &mut Findings) {
     }
     attributes(element, of.attributes, findings);
     if element.has_text {
-        findings.error(
+        findings.add(
+            &NO_TEXT,
             element,
             format!("{} holds text, expected elements only", element.name),
         );
     }
     match of.content {
         Content::Sequence(parts) => children(element, parts, findings),
-        Content::Anything if element.children.len() > 1 => findings.warning(
+        Content::Anything if element.children.len() > 1 => findings.add(
+            &ONE_ANNOTATION,
             element,
             format!(
                 "{} holds {} elements, expected at most one",
@@ -375,11 +405,13 @@ fn element(element: &Element<'_>, of: &Type, findings: &mut Findings) {
 fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) {
     for (name, form, required) in of {
         match element.attribute(name) {
-            None if *required => findings.error(
+            None if *required => findings.add(
+                &ATTRIBUTE_REQUIRED,
                 element,
                 format!("{} has no attribute {name}, expected one", element.name),
             ),
-            Some(value) if !form.fits(value) => findings.error(
+            Some(value) if !form.fits(value) => findings.add(
+                &ATTRIBUTE_VALUE,
                 element,
                 format!("{name} is {}, expected {}", quote(value), form.expected()),
             ),
@@ -393,7 +425,8 @@ fn attributes(element: &Element<'_>, of: &[Attribute], findings: &mut Findings) 
                 .iter()
                 .any(|p| name.starts_with(p));
         if !special && !of.iter().any(|(known, _, _)| known == name) {
-            findings.error(
+            findings.add(
+                &ATTRIBUTE_KNOWN,
                 element,
                 format!(
                     "{} has the attribute {}, which FMI 2.0 does not define",
@@ -415,7 +448,8 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
             Some((index, *of))
         });
         let Some((index, of)) = found else {
-            findings.error(
+            findings.add(
+                &ELEMENT_KNOWN,
                 child,
                 format!(
                     "{} holds {}, expected {}",
@@ -427,7 +461,8 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
             continue;
         };
         if index < reached {
-            findings.error(
+            findings.add(
+                &ELEMENT_ORDER,
                 child,
                 format!(
                     "{} comes after {}, expected it before",
@@ -438,7 +473,8 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
         reached = reached.max(index);
         counts[index] += 1;
         if counts[index] > parts[index].at_most && counts[index] <= parts[index].at_most + 1 {
-            findings.error(
+            findings.add(
+                &ELEMENT_ONCE,
                 child,
                 format!(
                     "{} holds too many {}, expected {} at most",
@@ -450,7 +486,8 @@ fn children(parent: &Element<'_>, parts: &[Part], findings: &mut Findings) {
     }
     for (part, count) in parts.iter().zip(counts) {
         if count < part.at_least {
-            findings.error(
+            findings.add(
+                &ELEMENT_REQUIRED,
                 parent,
                 format!(
                     "{} holds no {}, expected one",

@@ -17,6 +17,9 @@ pub struct ValidateArgs {
     /// The FMUs, from any vendor
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
+    /// Show all findings instead of the first few of each kind
+    #[arg(long)]
+    all: bool,
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
@@ -40,7 +43,11 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
     };
     let mut is_valid = true;
     for file in &args.files {
-        let findings = fmu_check::check(file, probes.as_ref());
+        let mut findings = Findings::keeping(match args.all {
+            true => Findings::ALL,
+            false => Findings::FEW,
+        });
+        fmu_check::check(file, probes.as_ref(), &mut findings);
         print(file, &findings, out)?;
         is_valid &= findings.errors() == 0;
     }
@@ -49,20 +56,23 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
 
 fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     let file = file.display();
-    for finding in findings.kept() {
-        let style = match finding.severity {
+    for group in findings.groups() {
+        let severity = group.rule.severity;
+        let style = match severity {
             Severity::Error => ERROR,
             Severity::Warning => WARNING,
         };
-        let (severity, location) = (finding.severity, &finding.location);
-        writeln!(
-            out,
-            "{file}: {style}{severity}{style:#}: {location}: {}",
-            finding.text
-        )?;
-    }
-    if findings.left_out() > 0 {
-        writeln!(out, "{file}: and {} more findings", findings.left_out())?;
+        for finding in &group.kept {
+            let (location, text, source) = (&finding.location, &finding.text, group.rule.source);
+            writeln!(
+                out,
+                "{file}: {style}{severity}{style:#}: {location}: {text} ({source})"
+            )?;
+        }
+        if group.left_out() > 0 {
+            let (number, id) = (group.left_out(), group.rule.id);
+            writeln!(out, "{file}: and {number} more of this kind: {id}")?;
+        }
     }
     let count = |number: usize, what: &str| match number {
         0 => format!("no {what}"),

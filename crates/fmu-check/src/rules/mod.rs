@@ -1,11 +1,11 @@
-//! The rules of FMI 2.0.4 for a model description that its schema does not express.
+//! The rules of FMI 2.0.5 for a model description that its schema does not express.
 
-mod names;
-mod root;
-mod structure;
-mod types;
-mod units;
-mod variables;
+pub mod names;
+pub mod root;
+pub mod structure;
+pub mod types;
+pub mod units;
+pub mod variables;
 
 use std::collections::HashSet;
 
@@ -14,6 +14,17 @@ use fmu_description::xml::Element;
 use fmu_file::text::quote;
 
 use super::finding::Findings;
+use super::rule::rules;
+
+rules! {
+    /// Names of units, types, items and log categories.
+    pub DEFINITIONS {
+        NAMES_GIVEN: Error, "definition-named", Standard("section 2.2"),
+            "Units, types, items, log categories and tools have a name.";
+        NAMES_UNIQUE: Error, "definition-unique", Standard("section 2.2"),
+            "Names of units, types, items, log categories and tools are unique.";
+    }
+}
 
 /// Applies all rules.
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
@@ -37,13 +48,15 @@ fn unique<'a>(
             continue;
         };
         if name.is_empty() {
-            findings.error(
+            findings.add(
+                &NAMES_GIVEN,
                 element,
                 format!("the name of a {what} is empty, expected a string"),
             );
         }
         if !names.insert(name) {
-            findings.error(
+            findings.add(
+                &NAMES_UNIQUE,
                 element,
                 format!(
                     "the {what} {} is defined twice, expected each name once",

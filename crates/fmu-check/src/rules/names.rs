@@ -1,4 +1,4 @@
-//! Rules for variable names (FMI 2.0.4, section 2.2.9).
+//! Rules for variable names (FMI 2.0.5, section 2.2.9).
 
 use std::collections::HashSet;
 
@@ -6,6 +6,19 @@ use fmu_description::ModelDescription;
 use fmu_file::text::quote;
 
 use crate::finding::Findings;
+use crate::rule::rules;
+
+rules! {
+    /// Names of variables.
+    pub NAMES {
+        UNIQUE_VARIABLE_NAMES: Error, "variable-unique", Standard("section 2.2.7"),
+            "The names of variables are unique.";
+        VARIABLE_NAME_GIVEN: Error, "variable-named", Standard("section 2.2.7"),
+            "A variable has a name.";
+        STRUCTURED_NAMES: Error, "structured-names", Standard("section 2.2.9"),
+            "Names follow the grammar of the naming convention structured, if the FMU declares it.";
+    }
+}
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let structured = model.root.attribute("variableNamingConvention") == Some("structured");
@@ -13,7 +26,8 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     for (_, variable) in model.variables() {
         let name = variable.name;
         if !names.insert(name) {
-            findings.error(
+            findings.add(
+                &UNIQUE_VARIABLE_NAMES,
                 variable,
                 format!(
                     "two variables have the name {}, expected each once",
@@ -22,9 +36,14 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             );
         }
         if name.trim().is_empty() {
-            findings.error(variable, "the name is empty, expected a string");
+            findings.add(
+                &VARIABLE_NAME_GIVEN,
+                variable,
+                "the name is empty, expected a string",
+            );
         } else if structured && !is_structured(name) {
-            findings.error(
+            findings.add(
+                &STRUCTURED_NAMES,
                 variable,
                 "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)",
             );

@@ -8,6 +8,30 @@ use fmu_file::text::quote;
 use super::unique;
 use crate::finding::Findings;
 use crate::package::KINDS;
+use crate::rule::rules;
+
+rules! {
+    /// The FMU as a whole.
+    pub ROOT {
+        NAME_AND_GUID: Error, "name-and-guid", Standard("section 2.2.1"),
+            "modelName and guid are not empty.";
+        UTC: Warning, "generation-utc", Standard("section 2.2.1"),
+            "generationDateAndTime is in UTC.";
+        KIND_ONCE: Error, "interface-once", Standard("section 2.2.1"),
+            "ModelExchange and CoSimulation appear at most once each.";
+        EVENT_INDICATORS: Warning, "event-indicators",
+            Practice("importers have to assume that there are none"),
+            "An FMU for model exchange declares numberOfEventIndicators.";
+        MODEL_IDENTIFIER: Error, "model-identifier", Standard("sections 3.3.1 and 4.3.1"),
+            "modelIdentifier is an identifier of C.";
+        SERIALIZE_NEEDS_GET: Error, "serialize-needs-get", Standard("sections 3.3.1 and 4.3.1"),
+            "An FMU that can serialize its state can get and set it.";
+        EXPERIMENT_NUMBERS: Error, "experiment-numbers", Standard("section 2.2.5"),
+            "The times of the default experiment are finite, its tolerance and step size positive.";
+        STOP_AFTER_START: Error, "stop-after-start", Standard("section 2.2.5"),
+            "The default experiment stops after it starts.";
+    }
+}
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let root = model.root;
@@ -16,13 +40,18 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             .attribute(name)
             .is_some_and(|text| text.trim().is_empty())
         {
-            findings.error(root, format!("{name} is empty, expected a string"));
+            findings.add(
+                &NAME_AND_GUID,
+                root,
+                format!("{name} is empty, expected a string"),
+            );
         }
     }
     if let Some(date) = root.attribute("generationDateAndTime")
         && !date.trim().ends_with('Z')
     {
-        findings.warning(
+        findings.add(
+            &UTC,
             root,
             format!(
                 "generationDateAndTime is {}, expected a time in UTC, which ends in Z",
@@ -43,12 +72,17 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
     for kind in KINDS {
         let mut of_kind = root.children(kind);
         if let (Some(_), Some(second)) = (of_kind.next(), of_kind.next()) {
-            findings.error(second, format!("{kind} appears twice, expected it once"));
+            findings.add(
+                &KIND_ONCE,
+                second,
+                format!("{kind} appears twice, expected it once"),
+            );
         }
     }
     if root.child("ModelExchange").is_some() && root.attribute("numberOfEventIndicators").is_none()
     {
-        findings.warning(
+        findings.add(
+            &EVENT_INDICATORS,
             root,
             "numberOfEventIndicators is missing, expected it for model exchange",
         );
@@ -61,7 +95,8 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
         if let Some(identifier) = kind.attribute("modelIdentifier")
             && !is_identifier(identifier)
         {
-            findings.error(
+            findings.add(
+                &MODEL_IDENTIFIER,
                 kind,
                 format!(
                     "modelIdentifier is {}, expected a C identifier",
@@ -72,7 +107,8 @@ fn kinds(root: &Element<'_>, findings: &mut Findings) {
         if Capability::CanSerializeFMUstate.is_claimed_by(kind)
             && !Capability::CanGetAndSetFMUstate.is_claimed_by(kind)
         {
-            findings.error(
+            findings.add(
+                &SERIALIZE_NEEDS_GET,
                 kind,
                 "canSerializeFMUstate is true, expected canGetAndSetFMUstate to be true with it",
             );
@@ -93,7 +129,11 @@ fn experiment(model: &ModelDescription<'_>, findings: &mut Findings) {
                 } else {
                     "a finite number"
                 };
-                findings.error(element, format!("{name} is {value}, expected {expected}"));
+                findings.add(
+                    &EXPERIMENT_NUMBERS,
+                    element,
+                    format!("{name} is {value}, expected {expected}"),
+                );
             }
         }
     }
@@ -101,7 +141,8 @@ fn experiment(model: &ModelDescription<'_>, findings: &mut Findings) {
     if let Some(stop) = model.experiment("stopTime")
         && stop <= start
     {
-        findings.error(
+        findings.add(
+            &STOP_AFTER_START,
             element,
             format!("stopTime is {stop}, expected it after startTime {start}"),
         );

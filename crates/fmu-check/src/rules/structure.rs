@@ -1,4 +1,4 @@
-//! Rules for the model structure (FMI 2.0.4, section 2.2.8).
+//! Rules for the model structure (FMI 2.0.5, section 2.2.8).
 
 use std::collections::HashSet;
 
@@ -6,6 +6,33 @@ use fmu_description::value::{items, unsigned};
 use fmu_description::{Causality, Initial, ModelDescription, ScalarVariable, Unknown};
 
 use crate::finding::Findings;
+use crate::rule::rules;
+
+rules! {
+    /// The model structure.
+    pub STRUCTURE {
+        INDEX_EXISTS: Error, "index-exists", Standard("section 2.2.8"),
+            "The index of an unknown is that of a variable.";
+        INDEX_ONCE: Error, "index-once", Standard("section 2.2.8"),
+            "A list of unknowns has each variable once.";
+        DEPENDENCY_EXISTS: Error, "dependency-exists", Standard("section 2.2.8"),
+            "Dependencies are indices of variables.";
+        DEPENDENCY_ONCE: Error, "dependency-once", Standard("section 2.2.8"),
+            "An unknown depends on each variable once.";
+        DEPENDENCY_KINDS: Error, "dependency-kinds", Standard("section 2.2.8"),
+            "dependenciesKind has as many items as dependencies.";
+        OUTPUTS_LISTED: Error, "outputs-listed", Standard("section 2.2.8"),
+            "Outputs lists all outputs.";
+        ONLY_OUTPUTS_LISTED: Error, "only-outputs-listed", Standard("section 2.2.8"),
+            "Outputs lists nothing but outputs.";
+        DERIVATIVE_ATTRIBUTE: Error, "derivative-attribute", Standard("section 2.2.8"),
+            "The variables in Derivatives have the attribute derivative.";
+        INITIAL_UNKNOWNS_LISTED: Error, "initial-unknowns-listed", Standard("section 2.2.8"),
+            "InitialUnknowns lists the outputs, states and derivatives with initial approx or calculated, and the calculated parameters.";
+        ONLY_INITIAL_UNKNOWNS_LISTED: Warning, "only-initial-unknowns-listed", Standard("section 2.2.8"),
+            "InitialUnknowns lists nothing else.";
+    }
+}
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     for (list, unknowns) in [
@@ -36,7 +63,8 @@ fn each(
     let mut seen = HashSet::new();
     for unknown in unknowns {
         if !exists(unknown.index) {
-            findings.error(
+            findings.add(
+                &INDEX_EXISTS,
                 unknown.element,
                 format!(
                     "{list} has the index {}, expected 1 to {count}",
@@ -45,7 +73,8 @@ fn each(
             );
         }
         if !seen.insert(unknown.index) {
-            findings.error(
+            findings.add(
+                &INDEX_ONCE,
                 unknown.element,
                 format!(
                     "{list} has the index {} twice, expected it once",
@@ -55,13 +84,15 @@ fn each(
         }
         let dependencies = unknown.dependencies.as_deref().unwrap_or_default();
         if let Some(wrong) = dependencies.iter().find(|index| !exists(**index as usize)) {
-            findings.error(
+            findings.add(
+                &DEPENDENCY_EXISTS,
                 unknown.element,
                 format!("dependencies has {wrong}, expected indices from 1 to {count}"),
             );
         }
         if dependencies.iter().collect::<HashSet<_>>().len() < dependencies.len() {
-            findings.error(
+            findings.add(
+                &DEPENDENCY_ONCE,
                 unknown.element,
                 "dependencies has an index twice, expected each once",
             );
@@ -73,7 +104,8 @@ fn each(
         if let Some(kinds) = kinds
             && kinds != dependencies.len()
         {
-            findings.error(
+            findings.add(
+                &DEPENDENCY_KINDS,
                 unknown.element,
                 format!(
                     "dependenciesKind has {kinds} items, expected {}, one per dependency",
@@ -89,13 +121,15 @@ fn outputs(model: &ModelDescription<'_>, findings: &mut Findings) {
     for (index, variable) in model.variables() {
         let is_output = variable.causality == Causality::Output;
         if is_output && !listed.contains(&index) {
-            findings.error(
+            findings.add(
+                &OUTPUTS_LISTED,
                 variable,
                 "the output is not in Outputs of ModelStructure, expected it there",
             );
         }
         if !is_output && listed.contains(&index) {
-            findings.error(
+            findings.add(
+                &ONLY_OUTPUTS_LISTED,
                 variable,
                 "it is in Outputs of ModelStructure, expected outputs only",
             );
@@ -114,8 +148,7 @@ fn derivatives(model: &ModelDescription<'_>, findings: &mut Findings) {
         if let Some(variable) = model.variable(unknown.index)
             && state_of(variable).is_none()
         {
-            findings.error(
-                variable,
+            findings.add(&DERIVATIVE_ATTRIBUTE, variable,
                 "it is in Derivatives of ModelStructure, expected it to have the attribute derivative",
             );
         }
@@ -141,14 +174,12 @@ fn initial_unknowns(model: &ModelDescription<'_>, findings: &mut Findings) {
             _ => computed && of_states.contains(&index),
         };
         if unknown && !listed.contains(&index) {
-            findings.error(
-                variable,
+            findings.add(&INITIAL_UNKNOWNS_LISTED, variable,
                 "it is computed during initialization but not in InitialUnknowns of ModelStructure, expected it there",
             );
         }
         if !unknown && listed.contains(&index) {
-            findings.warning(
-                variable,
+            findings.add(&ONLY_INITIAL_UNKNOWNS_LISTED, variable,
                 "it is in InitialUnknowns of ModelStructure, expected outputs, calculated parameters, states and derivatives that are computed",
             );
         }

@@ -9,6 +9,26 @@ use fmu_file::text::quote;
 
 use super::unique;
 use crate::finding::{Findings, Location};
+use crate::rule::rules;
+
+rules! {
+    /// Types, bounds and start values.
+    pub TYPES {
+        MIN_MAX: Error, "min-max", Standard("sections 2.2.3 and 2.2.7"),
+            "min is not larger than max.";
+        FINITE_START: Warning, "start-finite",
+            Practice("a simulation that starts from NaN or infinity gives no numbers"),
+            "Start values of Reals are finite.";
+        START_IN_BOUNDS: Error, "start-in-bounds", Standard("section 2.2.7"),
+            "A start value is within min and max.";
+        ITEM_VALUES_UNIQUE: Error, "item-values-unique", Standard("section 2.2.3"),
+            "The items of an enumeration have different values.";
+        DECLARED_TYPE: Error, "declared-type", Standard("section 2.2.7"),
+            "declaredType names a type of TypeDefinitions, of the same kind as the variable.";
+        START_IS_ITEM: Error, "start-is-item", Standard("section 2.2.7"),
+            "The start value of an enumeration is the value of one of its items.";
+    }
+}
 
 /// The item values of each enumeration type, by type name.
 type Items<'a> = HashMap<&'a str, HashSet<i32>>;
@@ -52,7 +72,8 @@ fn bounds(
     if let (Some(min), Some(max)) = (min, max)
         && (min > max || min.is_nan() || max.is_nan())
     {
-        findings.error(
+        findings.add(
+            &MIN_MAX,
             at,
             format!("min is {min} and max is {max}, expected min <= max"),
         );
@@ -61,11 +82,16 @@ fn bounds(
         return;
     };
     if value.name == "Real" && !start.is_finite() {
-        findings.warning(at, format!("start is {start}, expected a finite number"));
+        findings.add(
+            &FINITE_START,
+            at,
+            format!("start is {start}, expected a finite number"),
+        );
     }
     if min.is_some_and(|min| start < min) || max.is_some_and(|max| start > max) {
         let bound = |bound: Option<f64>| bound.map_or("none".into(), |bound| bound.to_string());
-        findings.error(
+        findings.add(
+            &START_IN_BOUNDS,
             at,
             format!(
                 "start is {start}, expected it from min {} to max {}",
@@ -85,7 +111,8 @@ fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
         if let Some(number) = item.attribute("value").and_then(integer)
             && !values.insert(number)
         {
-            findings.error(
+            findings.add(
+                &ITEM_VALUES_UNIQUE,
                 item,
                 format!("two items have the value {number}, expected each value once"),
             );
@@ -107,7 +134,11 @@ fn declared_type(variable: &ScalarVariable<'_>, findings: &mut Findings) {
         ),
         None => "is not defined, expected one of TypeDefinitions".into(),
     };
-    findings.error(variable, format!("the type {} {is}", quote(declared)));
+    findings.add(
+        &DECLARED_TYPE,
+        variable,
+        format!("the type {} {is}", quote(declared)),
+    );
 }
 
 /// Checks that the start value of an enumeration is one of its items.
@@ -120,7 +151,8 @@ fn start_item(variable: &ScalarVariable<'_>, items: &Items<'_>, findings: &mut F
         return;
     };
     if !items.contains(&start) {
-        findings.error(
+        findings.add(
+            &START_IS_ITEM,
             variable,
             format!("start is {start}, expected the value of an item of its type"),
         );

@@ -9,6 +9,23 @@ use fmu_file::text::quote;
 
 use super::unique;
 use crate::finding::Findings;
+use crate::rule::rules;
+
+rules! {
+    /// Units.
+    pub UNITS {
+        UNIT_FACTOR: Error, "unit-factor", Standard("section 2.2.2"),
+            "The factor of a unit is a number other than 0.";
+        UNIT_OFFSET: Error, "unit-offset", Standard("section 2.2.2"),
+            "The offset of a unit is finite.";
+        UNIT_DEFINED: Error, "unit-defined", Standard("sections 2.2.3 and 2.2.7"),
+            "A unit that is used is defined in UnitDefinitions.";
+        DISPLAY_UNIT_NEEDS_UNIT: Error, "display-unit-needs-unit", Standard("sections 2.2.3 and 2.2.7"),
+            "What has a display unit has a unit.";
+        DISPLAY_UNIT_DEFINED: Error, "display-unit-defined", Standard("sections 2.2.3 and 2.2.7"),
+            "A display unit is defined for its unit.";
+    }
+}
 
 /// The display units of each unit, by unit name.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
@@ -43,7 +60,8 @@ fn factors(unit: &Element<'_>, findings: &mut Findings) {
         if let Some(factor) = number("factor")
             && (factor == 0.0 || !factor.is_finite())
         {
-            findings.error(
+            findings.add(
+                &UNIT_FACTOR,
                 child,
                 format!("the factor of a unit is {factor}, expected a number other than 0"),
             );
@@ -51,7 +69,8 @@ fn factors(unit: &Element<'_>, findings: &mut Findings) {
         if let Some(offset) = number("offset")
             && !offset.is_finite()
         {
-            findings.error(
+            findings.add(
+                &UNIT_OFFSET,
                 child,
                 format!("the offset of a unit is {offset}, expected a finite number"),
             );
@@ -65,7 +84,8 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
     if let Some(own) = value.attribute("unit")
         && displays.is_none()
     {
-        findings.error(
+        findings.add(
+            &UNIT_DEFINED,
             value,
             format!(
                 "the unit {} is not defined, expected one of UnitDefinitions",
@@ -77,7 +97,8 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
         return;
     };
     if unit.is_none() {
-        findings.error(
+        findings.add(
+            &DISPLAY_UNIT_NEEDS_UNIT,
             value,
             format!(
                 "displayUnit is {} without a unit, expected both",
@@ -86,7 +107,8 @@ fn usage(value: &Element<'_>, unit: Option<&str>, units: &Units<'_>, findings: &
         );
     } else if displays.is_some_and(|displays| !displays.contains(display)) && unit != Some(display)
     {
-        findings.error(
+        findings.add(
+            &DISPLAY_UNIT_DEFINED,
             value,
             format!(
                 "the display unit {} is not defined for its unit, expected a DisplayUnit",

@@ -1,4 +1,4 @@
-//! Rules for variables, and for variables with the same value reference (FMI 2.0.4, section 2.2.7).
+//! Rules for variables, and for variables with the same value reference (FMI 2.0.5, section 2.2.7).
 
 use std::collections::HashMap;
 
@@ -8,6 +8,39 @@ use fmu_description::{
 };
 
 use crate::finding::Findings;
+use crate::rule::rules;
+
+rules! {
+    /// Variables, and those that share a value reference.
+    pub VARIABLES {
+        INDEPENDENT_REAL: Error, "independent-real", Standard("section 2.2.7"),
+            "The independent variable is a Real.";
+        INDEPENDENT_ONCE: Error, "independent-once", Standard("section 2.2.7"),
+            "There is at most one independent variable.";
+        COMBINATION: Error, "causality-variability", Standard("section 2.2.7"),
+            "Causality and variability are combined as the table of the standard allows.";
+        INITIAL: Error, "initial", Standard("section 2.2.7"),
+            "initial is one that the table of the standard allows for causality and variability.";
+        CONTINUOUS_REAL: Error, "continuous-real", Standard("section 2.2.7"),
+            "Only Reals are continuous.";
+        START_GIVEN: Error, "start-given", Standard("section 2.2.7"),
+            "Inputs, constants, and variables with initial exact or approx have a start value.";
+        NO_START: Error, "no-start", Standard("section 2.2.7"),
+            "Variables with initial calculated and the independent variable have no start value.";
+        DERIVATIVE_OF_STATE: Error, "derivative-of-state", Standard("section 2.2.7"),
+            "derivative names a continuous Real.";
+        DERIVATIVE_INDEX: Error, "derivative-index", Standard("section 2.2.7"),
+            "derivative is the index of a variable.";
+        ALIAS_SETTABLE: Error, "alias-settable", Standard("section 2.2.7"),
+            "At most one of the variables with the same value reference is set from outside.";
+        ALIAS_CONSTANT: Error, "alias-constant", Standard("section 2.2.7"),
+            "Variables with the value reference of a constant are constants with the same start value.";
+        ALIAS_START: Error, "alias-start", Standard("section 2.2.7"),
+            "At most one of the variables with the same value reference has a start value.";
+        ALIAS_UNIT: Error, "alias-unit", Standard("section 2.2.7"),
+            "Variables with the same value reference have the same unit.";
+    }
+}
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut independent = None;
@@ -17,14 +50,14 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
         derivative(variable, model, findings);
         if variable.causality == Causality::Independent {
             if variable.kind != VariableType::Real {
-                findings.error(
+                findings.add(
+                    &INDEPENDENT_REAL,
                     variable,
                     "the independent variable is not a Real, expected a Real",
                 );
             }
             if let Some(first) = independent.replace(variable.name) {
-                findings.error(
-                    variable,
+                findings.add(&INDEPENDENT_ONCE, variable,
                     format!("it is independent like {first:?} is, expected at most one independent variable"),
                 );
             }
@@ -61,14 +94,12 @@ fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     let causality = written("causality", "local");
     let variability = written("variability", "continuous");
     match allowed(variable.causality, variable.variability) {
-        None => findings.error(
-            variable,
+        None => findings.add(&COMBINATION, variable,
             format!(
-                "causality {causality} and variability {variability} are combined, expected a combination allowed by section 2.2.7 of FMI 2.0.4"
+                "causality {causality} and variability {variability} are combined, expected a combination that the standard allows"
             ),
         ),
-        Some(initials) if !initials.contains(&variable.initial) => findings.error(
-            variable,
+        Some(initials) if !initials.contains(&variable.initial) => findings.add(&INITIAL, variable,
             format!(
                 "initial is {}, expected one that goes with causality {causality} and variability {variability}",
                 written("initial", "missing")
@@ -77,7 +108,8 @@ fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
         Some(_) => {}
     }
     if variable.kind != VariableType::Real && variable.variability == Variability::Continuous {
-        findings.error(
+        findings.add(
+            &CONTINUOUS_REAL,
             variable,
             format!(
                 "variability is continuous (or missing), expected another for the type {}",
@@ -91,11 +123,13 @@ fn start(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     let needs = matches!(variable.initial, Some(Initial::Exact | Initial::Approx))
         || variable.causality == Causality::Input;
     match variable.start() {
-        None if needs => findings.error(
+        None if needs => findings.add(
+            &START_GIVEN,
             variable,
             "it has no start, expected one for an input, a constant, and initial exact or approx",
         ),
-        Some(_) if !needs => findings.error(
+        Some(_) if !needs => findings.add(
+            &NO_START,
             variable,
             "it has a start, expected none for initial calculated and the independent variable",
         ),
@@ -115,14 +149,16 @@ fn derivative(
         Some(state)
             if state.kind == VariableType::Real && state.variability == Variability::Continuous => {
         }
-        Some(state) => findings.error(
+        Some(state) => findings.add(
+            &DERIVATIVE_OF_STATE,
             variable,
             format!(
                 "it is the derivative of {:?}, expected a continuous Real",
                 state.name
             ),
         ),
-        None => findings.error(
+        None => findings.add(
+            &DERIVATIVE_INDEX,
             variable,
             format!(
                 "derivative is {index}, expected the index of a variable, 1 to {}",
@@ -160,14 +196,16 @@ fn alias_set(set: &[&ScalarVariable<'_>], findings: &mut Findings) {
         )
     };
     let started = |v: &&&ScalarVariable<'_>| v.start().is_some();
-    let mut report = |variable: &ScalarVariable<'_>, what: &str| {
-        findings.error(
+    let mut report = |rule, variable: &ScalarVariable<'_>, what: &str| {
+        findings.add(
+            rule,
             variable,
             format!("it has the value reference of {:?} {what}", set[0].name),
         );
     };
     if let Some(second) = set.iter().filter(settable).nth(1) {
         report(
+            &ALIAS_SETTABLE,
             second,
             "though both are set from outside, expected at most one such variable",
         );
@@ -179,14 +217,23 @@ fn alias_set(set: &[&ScalarVariable<'_>], findings: &mut Findings) {
             .find(|v| v.start() != set[0].start() || !constant(v));
         if let Some(other) = other {
             report(
+                &ALIAS_CONSTANT,
                 other,
                 "which is constant, expected all to be constant with the same start",
             );
         }
     } else if let Some(second) = set.iter().filter(started).nth(1) {
-        report(second, "and both have a start, expected at most one start");
+        report(
+            &ALIAS_START,
+            second,
+            "and both have a start, expected at most one start",
+        );
     }
     if let Some(other) = set.iter().find(|v| v.unit() != set[0].unit()) {
-        report(other, "and another unit, expected the same unit");
+        report(
+            &ALIAS_UNIT,
+            other,
+            "and another unit, expected the same unit",
+        );
     }
 }

@@ -1,0 +1,68 @@
+//! The rules that the checks apply: a name for machines, a severity, and the source of each.
+
+use std::fmt;
+
+use crate::Severity;
+
+/// A rule for FMUs.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Rule {
+    /// Its name in machine-readable output, such as `outputs-listed`.
+    pub id: &'static str,
+    /// Severity of its findings.
+    pub severity: Severity,
+    /// What it requires, in one sentence.
+    pub text: &'static str,
+    /// Where it is written.
+    pub source: Source,
+}
+
+/// Where a rule is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// In a section of FMI 2.0.5.
+    Standard(&'static str),
+    /// Not in the standard: the reason for the rule, such as an importer that relies on it.
+    Practice(&'static str),
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Standard(section) => write!(f, "FMI 2.0.5, {section}"),
+            Self::Practice(reason) => write!(f, "not in the standard, but {reason}"),
+        }
+    }
+}
+
+/// Defines rules, and a list of them:
+///
+/// ```ignore
+/// rules! {
+///     /// Rules for names.
+///     pub NAMES {
+///         UNIQUE_NAMES: Error, "unique-names", Standard("2.2.7"), "Each variable has a name of its own.";
+///     }
+/// }
+/// ```
+macro_rules! rules {
+    ($($(#[$about:meta])* $visibility:vis $group:ident {
+        $($name:ident: $severity:ident, $id:literal, $source:ident($where:literal), $text:literal;)*
+    })*) => {
+        $(
+            $(
+                #[doc = $text]
+                $visibility const $name: $crate::Rule = $crate::Rule {
+                    id: $id,
+                    severity: $crate::Severity::$severity,
+                    text: $text,
+                    source: $crate::Source::$source($where),
+                };
+            )*
+
+            $(#[$about])*
+            $visibility const $group: &[$crate::Rule] = &[$($name),*];
+        )*
+    };
+}
+pub(crate) use rules;
