@@ -312,8 +312,10 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
     let start = Instant::now();
     let mut messages = Vec::new();
     let memory = allocation_counter::measure(|| {
-        let findings = fmu_check::check(file, None);
-        messages = findings.kept().iter().map(ToString::to_string).collect();
+        let mut findings = fmu_check::Findings::default();
+        fmu_check::check(file, None, &mut findings);
+        let kept = findings.groups().iter().flat_map(|group| &group.kept);
+        messages = kept.map(ToString::to_string).collect();
         let _ = info::print(file, &mut sink());
     });
     assert!(start.elapsed() < MAX_TIME, "took {:?}", start.elapsed());
