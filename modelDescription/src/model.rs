@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 
 use crate::value::{boolean, integer, real, unsigned, unsigneds};
 use crate::xml::{Element, quote};
@@ -81,29 +81,33 @@ impl<'a> ModelDescription<'a> {
         }
     }
 
-    /// Reads a model description of FMI 2.0 strictly.
+    /// Reads a model description of FMI 2.0; parts that are invalid are left out.
     ///
     /// # Errors
-    /// The document is not a model description of FMI 2.0, or a variable is invalid.
+    /// The document is not a model description of FMI 2.0.
     pub fn read(root: &'a Element<'a>) -> Result<Self> {
-        let (name, version) = (root.name, root.attribute("fmiVersion").unwrap_or_default());
+        let name = root.name;
         ensure!(
             name == "fmiModelDescription",
             "the root element is {}, expected fmiModelDescription",
             quote(name)
         );
-        ensure!(
-            version == "2.0",
-            "it is of FMI version {version:?}; expected 2.0"
-        );
-        let model = Self::new(root);
-        let invalid = model.variables.iter().position(Option::is_none);
-        ensure!(
-            invalid.is_none(),
-            "the variable with the index {} is invalid",
-            invalid.map_or(0, |index| index + 1)
-        );
-        Ok(model)
+        if let Some(version) = Self::other_version(root) {
+            bail!(version);
+        }
+        Ok(Self::new(root))
+    }
+
+    /// Says so if a model description is of another version of FMI.
+    pub fn other_version(root: &Element<'_>) -> Option<String> {
+        let version = root.attribute("fmiVersion").unwrap_or("2.0");
+        let is_number = version.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+        let shown = match is_number {
+            true => version.to_owned(),
+            false => quote(version),
+        };
+        (root.name == "fmiModelDescription" && version != "2.0")
+            .then(|| format!("it is of FMI version {shown}, expected 2.0"))
     }
 
     /// Name of the model.
@@ -226,7 +230,13 @@ mod tests {
     fn documents_that_are_not_valid_model_descriptions_are_rejected() {
         assert!(error("<a/>").contains("\"a\", expected fmiModelDescription"));
         let of_fmi_3 = "<fmiModelDescription fmiVersion='3.0'/>";
-        assert!(error(of_fmi_3).contains("\"3.0\"; expected 2.0"));
+        assert_eq!(error(of_fmi_3), "it is of FMI version 3.0, expected 2.0");
+        let other = "<fmiModelDescription fmiVersion='&#10;'/>";
+        assert_eq!(error(other), "it is of FMI version \"\\n\", expected 2.0");
+    }
+
+    #[test]
+    fn invalid_variables_are_left_out() {
         for bad in [
             "<ScalarVariable name='a' valueReference='0'/>",
             "<ScalarVariable name='a'><Real/></ScalarVariable>",
@@ -234,9 +244,14 @@ mod tests {
             "<ScalarVariable name='a' valueReference='0' causality='x'><Real/></ScalarVariable>",
         ] {
             let text = format!(
-                "<fmiModelDescription fmiVersion='2.0'><ModelVariables>{bad}</ModelVariables></fmiModelDescription>"
+                "<fmiModelDescription fmiVersion='2.0'><ModelVariables>{bad}
+                <ScalarVariable name='b' valueReference='1'><Real/></ScalarVariable>
+                </ModelVariables></fmiModelDescription>"
             );
-            assert!(error(&text).contains("the index 1 is invalid"));
+            let root = parse(&text).unwrap();
+            let model = ModelDescription::read(&root).unwrap();
+            let variables: Vec<_> = model.variables().map(|(i, v)| (i, v.name)).collect();
+            assert_eq!(variables, [(2, "b")]);
         }
     }
 

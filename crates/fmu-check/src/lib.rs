@@ -47,16 +47,26 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
         Err(error) => return findings.add(&package::READABLE, "archive", format!("{error:#}")),
     };
     package::check(&mut archive, findings);
-    let text = match archive.model_description() {
-        Ok(text) => text,
-        Err(error) => return findings.add(&package::READABLE, "archive", format!("{error:#}")),
+    let bytes = match archive.model_description_bytes() {
+        Ok(bytes) => bytes,
+        Err(error) => {
+            return findings.add(&package::READABLE, "archive", format!("{error:#}"));
+        }
     };
-    let root = match xml::parse(&text) {
+    let decoded = xml::decode(&bytes);
+    let root = match xml::parse(&decoded.text) {
         Ok(root) => root,
         Err(error) => {
             return findings.add(&package::READABLE, MODEL_DESCRIPTION, format!("{error:#}"));
         }
     };
+    if let Some(version) = ModelDescription::other_version(&root) {
+        // The rules of another version are different.
+        return findings.add(&rules::root::FMI_VERSION, &root, version);
+    }
+    for fault in decoded.faults {
+        findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
+    }
     schema::check(&root, findings);
     let model = ModelDescription::new(&root);
     rules::check(&model, findings);

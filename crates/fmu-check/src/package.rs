@@ -3,7 +3,7 @@
 use std::collections::{BTreeSet, HashSet};
 
 use fmu_description::ModelDescription;
-use fmu_file::archive::Archive;
+use fmu_file::archive::{self, Archive};
 use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
@@ -18,6 +18,11 @@ rules! {
         SAFE_ARCHIVE: Error, "archive-safe",
             Practice("importers refuse to unpack what may harm the computer"),
             "The archive can be unpacked without risk to other files, the memory and the disk.";
+        PLAIN_ARCHIVE: Error, "archive-plain",
+            Practice("the zip format demands it, and importers such as FMPy refuse some such archives"),
+            "Names are unique relative paths with forward slashes, and all entries are files or folders.";
+        UTF_8: Error, "utf-8", Standard("section 2.2"),
+            "modelDescription.xml is encoded in UTF-8.";
         INTACT_FILES: Error, "files-intact", Standard("section 2.3"),
             "Every file of the archive can be unpacked.";
         BINARIES_OR_SOURCES: Error, "binaries-or-sources", Standard("section 2.3"),
@@ -31,6 +36,8 @@ rules! {
             "A binary is a shared library of its platform.";
         SOURCES_EXIST: Error, "sources-exist", Standard("section 2.3"),
             "The files that SourceFiles lists are in the folder sources.";
+        SOURCES_UNIQUE: Error, "sources-unique", Standard("sections 3.3.1 and 4.3.1"),
+            "SourceFiles lists each file once.";
     }
 }
 
@@ -41,6 +48,9 @@ pub const KINDS: [&str; 2] = ["ModelExchange", "CoSimulation"];
 pub fn check(archive: &mut Archive, findings: &mut Findings) {
     for fault in &archive.faults {
         findings.add(&SAFE_ARCHIVE, "archive", fault);
+    }
+    for oddity in &archive.oddities {
+        findings.add(&PLAIN_ARCHIVE, "archive", oddity);
     }
     // Files that are too large must not be inflated.
     if archive.faults.is_empty() {
@@ -122,26 +132,35 @@ fn binaries(
     }
 }
 
-/// Checks that the listed source files exist.
+/// Checks that the listed source files exist, and that each is listed once.
 fn sources(model: &ModelDescription<'_>, archive: &Archive, findings: &mut Findings) {
-    let kinds = model
-        .root
-        .children
-        .iter()
-        .filter(|child| KINDS.contains(&child.name));
     let names: HashSet<&str> = archive.names.iter().map(String::as_str).collect();
-    for file in kinds.flat_map(|kind| kind.list("SourceFiles", "File")) {
-        if let Some(name) = file.attribute("name")
-            && !names.contains(format!("sources/{name}").as_str())
+    for kind in KINDS {
+        let mut listed = HashSet::new();
+        for file in model
+            .root
+            .children(kind)
+            .flat_map(|kind| kind.list("SourceFiles", "File"))
         {
-            findings.add(
-                &SOURCES_EXIST,
-                file,
-                format!(
-                    "the source file {} is missing, expected it in sources",
+            let Some(name) = file.attribute("name") else {
+                continue;
+            };
+            let path = archive::relative(&format!("sources/{name}"));
+            if !path
+                .as_ref()
+                .is_ok_and(|path| names.contains(path.as_str()))
+            {
+                let name = quote(name);
+                let text = format!("the source file {name} is missing, expected it in sources");
+                findings.add(&SOURCES_EXIST, file, text);
+            }
+            if !listed.insert(path.unwrap_or_else(|_| name.to_owned())) {
+                let text = format!(
+                    "the source file {} is listed twice, expected once",
                     quote(name)
-                ),
-            );
+                );
+                findings.add(&SOURCES_UNIQUE, file, text);
+            }
         }
     }
 }

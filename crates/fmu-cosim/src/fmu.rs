@@ -76,7 +76,6 @@ impl Fmu {
             .co_simulation()
             .context("it does not support co-simulation")?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
-        check_identifier(identifier)?;
         let binary = binary(&archive, identifier)?;
         let only_once = Capability::CanBeInstantiatedOnlyOncePerProcess.is_claimed_by(slave);
 
@@ -187,23 +186,12 @@ impl Fmu {
     }
 }
 
-/// Checks the model identifier, which becomes part of a path.
-fn check_identifier(identifier: &str) -> Result<()> {
-    ensure!(
-        !identifier.is_empty()
-            && identifier
-                .chars()
-                .all(|c| c.is_ascii_alphanumeric() || c == '_'),
-        "the model identifier {identifier:?} is not a C identifier"
-    );
-    Ok(())
-}
-
 fn binary(archive: &Archive, identifier: &str) -> Result<String> {
     let platform = Platform::of_this_machine().context("FMI 2.0 does not define this platform")?;
     let binary = platform.binary(identifier);
+    // The names in an archive are safe, but the binary must also be in the folder of the platform.
     ensure!(
-        archive.names.contains(&binary),
+        archive.names.contains(&binary) && !identifier.contains(['/', '\\']),
         "it has no binary for this machine ({})",
         platform.folder
     );
@@ -228,14 +216,18 @@ fn variable(v: &ScalarVariable<'_>) -> Variable {
 }
 
 fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Vec<usize>>)> {
-    let zero_based = |index: u32| (index as usize).checked_sub(1);
+    // Invalid variables are left out.
+    let positions: HashMap<usize, usize> = (model.variables().enumerate())
+        .map(|(position, (index, _))| (index, position))
+        .collect();
+    let position = |index: usize| positions.get(&index).copied();
     model
         .outputs
         .iter()
         .filter_map(|unknown| {
             let inputs = unknown.dependencies.as_ref();
-            let inputs = inputs.map(|all| all.iter().copied().filter_map(zero_based).collect());
-            Some((unknown.index.checked_sub(1)?, inputs))
+            let known = |all: &Vec<u32>| all.iter().filter_map(|i| position(*i as usize)).collect();
+            Some((position(unknown.index)?, inputs.map(known)))
         })
         .collect()
 }

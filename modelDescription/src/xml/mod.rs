@@ -1,11 +1,15 @@
 //! XML as a tree of elements, to build and write, or to read within limits.
 
 #[cfg(feature = "xml")]
+mod encoding;
+#[cfg(feature = "xml")]
 mod parse;
 
 use std::borrow::Cow;
 use std::fmt;
 
+#[cfg(feature = "xml")]
+pub use encoding::{Decoded, decode};
 #[cfg(feature = "xml")]
 pub use parse::parse;
 

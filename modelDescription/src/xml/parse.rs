@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use quick_xml::XmlVersion;
 use quick_xml::escape::resolve_predefined_entity;
-use quick_xml::events::{BytesDecl, BytesRef, BytesStart, Event};
+use quick_xml::events::{BytesRef, BytesStart, Event};
 use quick_xml::reader::Reader;
 
 use super::{Element, is_forbidden, quote};
@@ -18,7 +18,7 @@ const MAX_ELEMENTS: usize = 1 << 20;
 /// Maximum number of attributes of an element.
 const MAX_ATTRIBUTES: usize = 64;
 
-/// Parses a document; errors name the line.
+/// Parses a document, whatever encoding it declares; errors name the line.
 ///
 /// # Errors
 /// The text is not well-formed XML, or it exceeds the limits of this module.
@@ -111,7 +111,7 @@ impl<'a> Parser<'a> {
             Event::Text(text) => self.text(&text)?,
             Event::CData(text) => self.text(&text)?,
             Event::GeneralRef(reference) => self.reference(&reference)?,
-            Event::Decl(declaration) => self.declaration(&declaration)?,
+            Event::Decl(_) => self.declaration()?,
             Event::DocType(_) => bail!(
                 "a document type (DTD) is not allowed: FMI has none, and its entities may exhaust memory"
             ),
@@ -194,19 +194,11 @@ impl<'a> Parser<'a> {
         self.text(text)
     }
 
-    fn declaration(&self, declaration: &BytesDecl<'_>) -> Result<()> {
+    fn declaration(&self) -> Result<()> {
         ensure!(
             self.open.is_empty() && self.root.is_none(),
             "there is an XML declaration after the start of the document"
         );
-        if let Some(encoding) = declaration.encoding() {
-            let encoding = encoding?;
-            ensure!(
-                encoding.eq_ignore_ascii_case("UTF-8"),
-                "the encoding is {}, expected UTF-8",
-                quote(&encoding)
-            );
-        }
         Ok(())
     }
 }
@@ -268,7 +260,6 @@ mod tests {
             "<a/>x",
             "<a><!-- -- --></a>",
             "<a/><?xml version='1.0'?>",
-            "<?xml version='1.0' encoding='latin-1'?><a/>",
         ] {
             error(text);
         }

@@ -134,7 +134,7 @@ pub fn run(arguments: &[OsString]) -> Result<()> {
     let options =
         &Options::parse(arguments).context("expected PROBE KIND BINARY SECONDS of a check")?;
     end_after(Duration::from_secs(options.time_limit.saturating_add(5)));
-    let text = std::fs::read_to_string(MODEL_DESCRIPTION)?;
+    let text = xml::decode(&std::fs::read(MODEL_DESCRIPTION)?).text;
     let root = xml::parse(&text)?;
     let model = ModelDescription::new(&root);
     let report = Arc::new(Report::open(Path::new("log"))?);

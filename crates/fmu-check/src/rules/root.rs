@@ -13,6 +13,8 @@ use crate::rule::rules;
 rules! {
     /// The FMU as a whole.
     pub ROOT {
+        FMI_VERSION: Error, "fmi-version", Standard("section 2.2.1"),
+            "The FMU is of FMI version 2.0; nothing else is checked of another version.";
         NAME_AND_GUID: Error, "name-and-guid", Standard("section 2.2.1"),
             "modelName and guid are not empty.";
         UTC: Warning, "generation-utc", Standard("section 2.2.1"),

@@ -12,7 +12,7 @@ use zip::ZipWriter;
 use crate::replace;
 
 pub use packed::{Compression, Packed};
-pub use read::{Archive, MODEL_DESCRIPTION};
+pub use read::{Archive, MODEL_DESCRIPTION, relative};
 
 /// Path of the documentation page in an FMU.
 pub const DOCUMENTATION: &str = "documentation/index.html";
@@ -51,8 +51,10 @@ pub fn write(file: &Path, entries: &[Entry<'_>]) -> Result<u64> {
 fn zip(entries: &[Entry<'_>]) -> Result<Vec<u8>> {
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     for Entry { path, file } in entries {
-        if let Some(fault) = read::bad_name(path) {
-            bail!(fault);
+        match read::relative(path) {
+            Ok(clean) if clean == *path => {}
+            Ok(clean) => bail!("the file name is {path:?}, expected {clean:?}"),
+            Err(fault) => bail!(fault),
         }
         file.copy(path, &mut writer)?;
     }

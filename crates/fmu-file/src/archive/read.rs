@@ -6,6 +6,7 @@ use std::io::{self, BufReader, Read};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use fmu_description::xml;
 use zip::{CompressionMethod, ZipArchive, ZipReadOptions};
 
 use super::packed::Packed;
@@ -28,12 +29,14 @@ pub const MODEL_DESCRIPTION: &str = "modelDescription.xml";
 /// An open FMU archive.
 pub struct Archive {
     zip: ZipArchive<BufReader<File>>,
-    /// Names of all files and folders.
+    /// Names of all files and folders, corrected to relative paths with single forward slashes.
     pub names: Vec<String>,
     /// Size of the archive in bytes.
     pub size: u64,
     /// Reasons why it must not be unpacked.
     pub faults: Vec<String>,
+    /// Faults that do no harm, such as names that had to be corrected.
+    pub oddities: Vec<String>,
 }
 
 impl Archive {
@@ -55,18 +58,21 @@ impl Archive {
             "it contains {} files, expected at most {MAX_FILES}",
             zip.len()
         );
-        let names = zip
+        let written = zip
             .file_names()
             .map(|name| name.map(|name| name.into_owned()))
             .collect::<Result<Vec<_>, _>>()
             .context("it is damaged: invalid file name")?;
         let size = metadata.len();
-        let faults = faults(&mut zip, &names, size);
+        let mut check = Check::default();
+        check.names(&written, &zip);
+        check.entries(&mut zip, size);
         Ok(Self {
             zip,
-            names,
+            names: check.names,
             size,
-            faults,
+            faults: check.faults,
+            oddities: check.oddities,
         })
     }
 
@@ -82,22 +88,28 @@ impl Archive {
         }
     }
 
+    /// Reads the model description as text; what is not UTF-8 is decoded all the same.
+    ///
+    /// # Errors
+    /// It is missing, damaged or too large.
+    pub fn model_description(&mut self) -> Result<String> {
+        Ok(xml::decode(&self.model_description_bytes()?).text)
+    }
+
     /// Reads the model description.
     ///
     /// # Errors
-    /// It is missing, damaged, too large, or not UTF-8.
-    pub fn model_description(&mut self) -> Result<String> {
-        let index = self
-            .zip
-            .index_for_name(MODEL_DESCRIPTION)
-            .with_context(|| {
-                format!("it is not an FMU: it has no {MODEL_DESCRIPTION} at its root")
-            })?;
-        let bytes = self.read(index, MAX_XML)?;
-        String::from_utf8(bytes).map_err(|error| {
-            let at = error.utf8_error().valid_up_to();
-            anyhow::anyhow!("{MODEL_DESCRIPTION} is not UTF-8 from byte {at} on")
-        })
+    /// As [`Archive::model_description`].
+    pub fn model_description_bytes(&mut self) -> Result<Vec<u8>> {
+        let index = self.index_of(MODEL_DESCRIPTION).with_context(|| {
+            format!("it is not an FMU: it has no {MODEL_DESCRIPTION} at its root")
+        })?;
+        self.read(index, MAX_XML)
+    }
+
+    /// The index of a file; of several with the same name the last, as other tools do.
+    fn index_of(&self, name: &str) -> Option<usize> {
+        self.names.iter().rposition(|other| other == name)
     }
 
     /// Reads the first bytes of a file.
@@ -105,7 +117,8 @@ impl Archive {
     /// # Errors
     /// The file is damaged.
     pub fn head(&mut self, name: &str, length: u64) -> Result<Vec<u8>> {
-        let file = self.zip.by_name(name)?;
+        let index = self.index_of(name).context("there is no such file")?;
+        let file = self.zip.by_index(index)?;
         let mut bytes = Vec::new();
         file.take(length).read_to_end(&mut bytes)?;
         Ok(bytes)
@@ -170,7 +183,7 @@ impl Archive {
         ensure!(self.faults.is_empty(), "it is not safe to unpack");
         for index in 0..self.names.len() {
             let name = self.names[index].clone();
-            if !name.starts_with(prefix) || name.ends_with('/') {
+            if !name.starts_with(prefix) || name.is_empty() || name.ends_with('/') {
                 continue;
             }
             let file = folder.join(&name);
@@ -201,63 +214,121 @@ impl Archive {
     }
 }
 
-/// Reasons why an archive must not be unpacked.
-fn faults(zip: &mut ZipArchive<BufReader<File>>, names: &[String], size: u64) -> Vec<String> {
-    let mut faults: Vec<String> = names.iter().filter_map(|name| bad_name(name)).collect();
-    let mut folded: Vec<String> = names.iter().map(|name| name.to_lowercase()).collect();
-    folded.sort_unstable();
-    let duplicate = folded.windows(2).find(|pair| pair[0] == pair[1]);
-    if zip.has_duplicate_names() {
-        faults.push("two files have the same name".into());
-    } else if let Some([name, _]) = duplicate {
-        faults.push(format!(
-            "two files have the name {} and differ only in upper and lower case, which some systems ignore",
-            quote(name)
-        ));
-    } else if let Err(error) = zip.validate_header_consistency() {
-        faults.push(format!("its directory is wrong: {error}"));
-    }
-    let mut inflated = 0_u64;
-    for (index, name) in names.iter().enumerate() {
-        match bad_entry(zip, index) {
-            Ok(length) => inflated = inflated.saturating_add(length),
-            Err(fault) => faults.push(format!("{} {fault}", quote(name))),
+/// What is wrong with an archive.
+#[derive(Default)]
+struct Check {
+    names: Vec<String>,
+    faults: Vec<String>,
+    oddities: Vec<String>,
+}
+
+impl Check {
+    fn names(&mut self, written: &[String], zip: &ZipArchive<BufReader<File>>) {
+        for name in written {
+            match relative(name) {
+                Ok(clean) => {
+                    if clean != *name {
+                        let (name, clean) = (quote(name), quote(&clean));
+                        self.oddities
+                            .push(format!("the file name is {name}, expected {clean}"));
+                    }
+                    self.names.push(clean);
+                }
+                Err(fault) => {
+                    self.faults.push(fault);
+                    self.names.push(name.clone());
+                }
+            }
+        }
+        let mut folded: Vec<(String, &str)> = self
+            .names
+            .iter()
+            .map(|name| (name.to_lowercase(), name.as_str()))
+            .collect();
+        folded.sort_unstable();
+        let twins = folded.windows(2).find(|pair| pair[0].0 == pair[1].0);
+        if zip.has_duplicate_names() {
+            self.oddities
+                .push("two files have the same name, expected each name once".into());
+        } else if let Some([(_, first), (_, second)]) = twins {
+            let (first, second) = (quote(first), quote(second));
+            self.oddities.push(format!(
+                "the file names {first} and {second} are the same but for upper and lower case, which some systems ignore"
+            ));
         }
     }
-    if inflated > MAX_INFLATED {
-        faults.push(format!(
-            "it inflates to {} MB, expected at most {} MB: a zip bomb?",
-            inflated >> 20,
-            MAX_INFLATED >> 20
-        ));
-    } else if inflated > RATIO_FROM && inflated / MAX_RATIO > size {
-        faults.push(format!(
-            "it inflates to {} times its size, expected at most {MAX_RATIO} times: a zip bomb?",
-            inflated / size.max(1)
-        ));
+
+    fn entries(&mut self, zip: &mut ZipArchive<BufReader<File>>, size: u64) {
+        if !zip.has_duplicate_names()
+            && let Err(error) = zip.validate_header_consistency()
+        {
+            self.oddities
+                .push(format!("its directory is wrong: {error}"));
+        }
+        let mut inflated = 0_u64;
+        for (index, name) in self.names.iter().enumerate() {
+            match entry(zip, index) {
+                Ok(Entry { size, is_link }) => {
+                    inflated = inflated.saturating_add(size);
+                    if is_link {
+                        self.oddities.push(format!(
+                            "{} is a symbolic link, expected a file",
+                            quote(name)
+                        ));
+                    }
+                }
+                Err(fault) => self.faults.push(format!("{} {fault}", quote(name))),
+            }
+        }
+        if inflated > MAX_INFLATED {
+            self.faults.push(format!(
+                "it inflates to {} MB, expected at most {} MB: a zip bomb?",
+                inflated >> 20,
+                MAX_INFLATED >> 20
+            ));
+        } else if inflated > RATIO_FROM && inflated / MAX_RATIO > size {
+            self.faults.push(format!(
+                "it inflates to {} times its size, expected at most {MAX_RATIO} times: a zip bomb?",
+                inflated / size.max(1)
+            ));
+        }
     }
-    faults
 }
 
-/// What is wrong with a file name: on every system, the file must stay inside the target folder.
-pub(super) fn bad_name(name: &str) -> Option<String> {
-    let first = name.split('/').next().unwrap_or_default();
-    let what = if name.contains('\\') {
-        "has a backslash, expected forward slashes"
-    } else if name.starts_with('/') || first.contains(':') {
+/// The name of a file as a path inside the target folder on every system: relative, with single forward
+/// slashes, without `.`; a folder ends with a slash.
+///
+/// # Errors
+/// The path may lead outside, or the name is empty or has control characters.
+pub fn relative(name: &str) -> Result<String, String> {
+    let path = name.replace('\\', "/");
+    let first = path.split('/').next().unwrap_or_default();
+    let what = if path.starts_with('/') || first.contains(':') {
         "is an absolute path, expected a relative path"
-    } else if name.split('/').any(|part| part == ".." || part == ".") {
-        "leaves its folder (path traversal), expected a path without . and .."
-    } else if name.is_empty() || name.contains("//") || name.chars().any(char::is_control) {
-        "is empty or has an empty part or a control character"
+    } else if path.split('/').any(|part| part == "..") {
+        "leaves its folder (path traversal), expected a path without .."
+    } else if name.is_empty() || name.chars().any(char::is_control) {
+        "is empty or has a control character"
     } else {
-        return None;
+        let parts: Vec<&str> = path.split('/').collect();
+        let is_folder = matches!(parts.last(), Some(&("" | ".")));
+        let kept = parts.into_iter().filter(|part| !matches!(*part, "" | "."));
+        let mut clean = kept.collect::<Vec<_>>().join("/");
+        if is_folder && !clean.is_empty() {
+            clean.push('/');
+        }
+        return Ok(clean);
     };
-    Some(format!("the file name {} {what}", quote(name)))
+    Err(format!("the file name {} {what}", quote(name)))
 }
 
-/// The inflated size of a file, or why it cannot be used.
-fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64, String> {
+struct Entry {
+    size: u64,
+    is_link: bool,
+}
+
+/// The inflated size of a file, and whether it is a link, or why it cannot be used.
+fn entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<Entry, String> {
     let options = ZipReadOptions::new().ignore_encryption_flag(true);
     let file = match zip.by_index_with_options(index, options) {
         Ok(file) => file,
@@ -266,11 +337,11 @@ fn bad_entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<u64,
     if file.encrypted() {
         return Err("is encrypted, expected no encryption".into());
     }
-    if file.is_symlink() {
-        return Err("is a symbolic link, expected a file".into());
-    }
     match file.compression() {
-        CompressionMethod::Stored | CompressionMethod::Deflated => Ok(file.size()),
+        CompressionMethod::Stored | CompressionMethod::Deflated => Ok(Entry {
+            size: file.size(),
+            is_link: file.is_symlink(),
+        }),
         other => Err(format!(
             "is compressed with {other}, expected deflate or none"
         )),
@@ -282,25 +353,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unsafe_names_are_rejected() {
+    fn names_are_corrected_or_rejected() {
         for bad in [
             "../a",
             "a/../../b",
+            "a\\..\\..\\b",
             "/etc/passwd",
+            "\\a",
             "C:/a",
             "c:a",
-            "a\\b",
+            "C:\\a",
             "",
-            "a//b",
-            "./a",
-            "a/.",
             "a\0",
             "a\nb",
         ] {
-            assert!(bad_name(bad).is_some(), "{bad:?}");
+            assert!(relative(bad).is_err(), "{bad:?}");
         }
         for good in ["a", "binaries/linux64/a.so", "a..b/..c", "folder/", "ä/ö ü"] {
-            assert_eq!(bad_name(good), None);
+            assert_eq!(relative(good).unwrap(), good);
+        }
+        for (odd, expected) in [
+            ("./", ""),
+            ("./a", "a"),
+            ("a/./b", "a/b"),
+            ("a//b", "a/b"),
+            ("a\\b", "a/b"),
+            ("a/.", "a/"),
+            ("./a//", "a/"),
+        ] {
+            assert_eq!(relative(odd).unwrap(), expected);
         }
     }
 }
