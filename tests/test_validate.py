@@ -54,7 +54,7 @@ def cargo_fmu(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 def findings(file: Path, *options: str) -> list[str]:
     """Return the findings of `validate` without the file name, and check the exit code."""
-    result = cargo_fmu("validate", *options, file)
+    result = cargo_fmu("validate", "--all", *options, file)
     assert result.stderr == ""
     *found, summary = (line.removeprefix(f"{file}: ") for line in result.stdout.splitlines())
     errors = sum(line.startswith("error: ") for line in found)

@@ -68,7 +68,7 @@ impl From<&Element<'_>> for Location {
 impl From<&ScalarVariable<'_>> for Location {
     fn from(variable: &ScalarVariable<'_>) -> Self {
         Self {
-            variable: Some(quote(variable.name)),
+            variable: Some(plain(variable.name, Findings::MAX_LENGTH)),
             ..variable.element.into()
         }
     }
@@ -81,7 +81,7 @@ impl fmt::Display for Location {
             write!(f, ":{line}")?;
         }
         match &self.variable {
-            Some(variable) => write!(f, ": {variable}"),
+            Some(variable) => write!(f, ": {}", quote(variable)),
             None => Ok(()),
         }
     }

@@ -7,6 +7,7 @@
 
 mod binary;
 mod finding;
+pub mod format;
 mod package;
 mod rule;
 mod rules;

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Result;
-use clap::Args;
-use fmu_check::{Findings, Probes, Severity};
+use clap::{Args, ValueEnum};
+use fmu_check::{Findings, Probes, Severity, format};
 
 use super::probe;
 use crate::style::{ERROR, OK, WARNING};
@@ -20,12 +20,26 @@ pub struct ValidateArgs {
     /// Show all findings instead of the first few of each kind
     #[arg(long)]
     all: bool,
+    /// Format of the findings
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
     /// Time limit for each test of a binary
     #[arg(long, value_name = "SECONDS", default_value_t = 20)]
     time_limit: u64,
+}
+
+/// Format of the findings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Lines of text
+    Text,
+    /// A JSON document
+    Json,
+    /// SARIF 2.1.0, for code scanning
+    Sarif,
 }
 
 /// Checks the files and prints the findings; returns whether there are no errors.
@@ -41,15 +55,23 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
             time_limit: Duration::from_secs(args.time_limit),
         }),
     };
-    let mut is_valid = true;
+    let (mut is_valid, mut checked) = (true, Vec::new());
     for file in &args.files {
         let mut findings = Findings::keeping(match args.all {
             true => Findings::ALL,
             false => Findings::FEW,
         });
         fmu_check::check(file, probes.as_ref(), &mut findings);
-        print(file, &findings, out)?;
         is_valid &= findings.errors() == 0;
+        match args.format {
+            Format::Text => print(file, &findings, out)?,
+            Format::Json | Format::Sarif => checked.push((file.clone(), findings)),
+        }
+    }
+    match args.format {
+        Format::Text => {}
+        Format::Json => writeln!(out, "{:#}", format::json(&checked))?,
+        Format::Sarif => writeln!(out, "{:#}", format::sarif(&checked))?,
     }
     Ok(is_valid)
 }

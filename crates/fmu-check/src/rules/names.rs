@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use fmu_description::ModelDescription;
+use fmu_description::{ModelDescription, VariableType};
 use fmu_file::text::quote;
 
 use crate::finding::Findings;
@@ -17,6 +17,10 @@ rules! {
             "A variable has a name.";
         STRUCTURED_NAMES: Error, "structured-names", Standard("section 2.2.9"),
             "Names follow the grammar of the naming convention structured, if the FMU declares it.";
+        FLAT_NAMES: Error, "flat-names", Standard("section 2.2.9"),
+            "Names have no line breaks and tabs.";
+        DERIVATIVE_NAMES: Error, "derivative-names", Standard("section 2.2.9"),
+            "Structured names der(...) are those of Reals.";
     }
 }
 
@@ -47,6 +51,16 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
                 variable,
                 "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)",
             );
+        } else if structured && name.starts_with("der(") && variable.kind != VariableType::Real {
+            let text = format!(
+                "the name is that of a derivative, expected a Real, not {}",
+                variable.value.name
+            );
+            findings.add(&DERIVATIVE_NAMES, variable, text);
+        }
+        if !structured && name.contains(['\r', '\n', '\t']) {
+            let text = "the name has a line break or tab, expected none";
+            findings.add(&FLAT_NAMES, variable, text);
         }
     }
 }

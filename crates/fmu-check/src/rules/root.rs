@@ -32,6 +32,8 @@ rules! {
             "The times of the default experiment are finite, its tolerance and step size positive.";
         STOP_AFTER_START: Error, "stop-after-start", Standard("section 2.2.5"),
             "The default experiment stops after it starts.";
+        STEP_IN_EXPERIMENT: Warning, "step-in-experiment", Practice("VDMCheck2 requires it"),
+            "The step size of the default experiment is not larger than its duration.";
     }
 }
 
@@ -66,6 +68,7 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
         "log category",
         findings,
     );
+    unique(root.list("VendorAnnotations", "Tool"), "tool", findings);
     kinds(root, findings);
     experiment(model, findings);
 }
@@ -148,5 +151,15 @@ fn experiment(model: &ModelDescription<'_>, findings: &mut Findings) {
             element,
             format!("stopTime is {stop}, expected it after startTime {start}"),
         );
+    }
+    if let (Some(stop), Some(step)) = (model.experiment("stopTime"), model.experiment("stepSize"))
+        && stop > start
+        && step > (stop - start) * (1.0 + 1e-9)
+    {
+        let text = format!(
+            "stepSize is {step}, expected at most stopTime - startTime = {}",
+            stop - start
+        );
+        findings.add(&STEP_IN_EXPERIMENT, element, text);
     }
 }

@@ -3,10 +3,13 @@
 use std::collections::HashSet;
 
 use fmu_description::value::{items, unsigned};
-use fmu_description::{Causality, Initial, ModelDescription, ScalarVariable, Unknown};
+use fmu_description::{
+    Causality, Initial, ModelDescription, ScalarVariable, Unknown, Variability, VariableType,
+};
 
 use crate::finding::Findings;
 use crate::rule::rules;
+use fmu_file::text::quote;
 
 rules! {
     /// The model structure.
@@ -20,13 +23,23 @@ rules! {
         DEPENDENCY_ONCE: Error, "dependency-once", Standard("section 2.2.8"),
             "An unknown depends on each variable once.";
         DEPENDENCY_KINDS: Error, "dependency-kinds", Standard("section 2.2.8"),
-            "dependenciesKind has as many items as dependencies.";
+            "dependenciesKind has as many items as dependencies, and is given only with these.";
+        DEPENDENCY_ORDER: Error, "dependency-order", Standard("section 2.2.8"),
+            "dependencies are in ascending order.";
+        DEPENDENCY_KIND_REAL: Error, "dependency-kind-real", Standard("section 2.2.8"),
+            "Only Reals have dependencies that are constant, fixed, tunable or discrete.";
+        INITIAL_KINDS: Error, "initial-kinds", Standard("section 2.2.8"),
+            "The dependencies of an initial unknown are dependent or constant.";
         OUTPUTS_LISTED: Error, "outputs-listed", Standard("section 2.2.8"),
             "Outputs lists all outputs.";
         ONLY_OUTPUTS_LISTED: Error, "only-outputs-listed", Standard("section 2.2.8"),
             "Outputs lists nothing but outputs.";
         DERIVATIVE_ATTRIBUTE: Error, "derivative-attribute", Standard("section 2.2.8"),
             "The variables in Derivatives have the attribute derivative.";
+        DERIVATIVE_CONTINUOUS: Error, "derivative-continuous", Standard("section 2.2.8"),
+            "The variables in Derivatives are continuous Reals.";
+        INITIAL_UNKNOWNS_ORDER: Error, "initial-unknowns-order", Standard("section 2.2.8"),
+            "InitialUnknowns is in ascending order of the indices.";
         INITIAL_UNKNOWNS_LISTED: Error, "initial-unknowns-listed", Standard("section 2.2.8"),
             "InitialUnknowns lists the outputs, states and derivatives with initial approx or calculated, and the calculated parameters.";
         ONLY_INITIAL_UNKNOWNS_LISTED: Warning, "only-initial-unknowns-listed", Standard("section 2.2.8"),
@@ -97,22 +110,51 @@ fn each(
                 "dependencies has an index twice, expected each once",
             );
         }
-        let kinds = unknown
-            .element
-            .attribute("dependenciesKind")
-            .map(|kinds| items(kinds).count());
-        if let Some(kinds) = kinds
-            && kinds != dependencies.len()
-        {
-            findings.add(
-                &DEPENDENCY_KINDS,
-                unknown.element,
-                format!(
-                    "dependenciesKind has {kinds} items, expected {}, one per dependency",
-                    dependencies.len()
-                ),
-            );
+        if let Some(pair) = dependencies.windows(2).find(|pair| pair[0] > pair[1]) {
+            let (first, second) = (pair[0], pair[1]);
+            let text = format!("dependencies has {second} after {first}, expected ascending order");
+            findings.add(&DEPENDENCY_ORDER, unknown.element, text);
         }
+        kinds(list, unknown, model, findings);
+    }
+}
+
+/// Checks the kinds of the dependencies of an unknown.
+fn kinds(list: &str, unknown: &Unknown<'_>, model: &ModelDescription<'_>, findings: &mut Findings) {
+    let Some(kinds) = unknown.element.attribute("dependenciesKind") else {
+        return;
+    };
+    let count = items(kinds).count();
+    let text = match &unknown.dependencies {
+        None => "dependenciesKind is given without dependencies, expected both".to_owned(),
+        Some(all) => format!(
+            "dependenciesKind has {count} items, expected {}, one per dependency",
+            all.len()
+        ),
+    };
+    if unknown.dependencies.as_ref().map(Vec::len) != Some(count) {
+        findings.add(&DEPENDENCY_KINDS, unknown.element, text);
+    }
+    if model
+        .variable(unknown.index)
+        .is_some_and(|v| v.kind != VariableType::Real)
+        && let Some(kind) = items(kinds).find(|kind| *kind != "dependent")
+    {
+        let text = format!(
+            "dependenciesKind has {}, expected dependent for what is not a Real",
+            quote(kind)
+        );
+        findings.add(&DEPENDENCY_KIND_REAL, unknown.element, text);
+    }
+    let is_initial = |kind: &&str| matches!(*kind, "dependent" | "constant");
+    if list == "InitialUnknowns"
+        && let Some(kind) = items(kinds).find(|kind| !is_initial(kind))
+    {
+        let text = format!(
+            "dependenciesKind has {}, expected dependent or constant",
+            quote(kind)
+        );
+        findings.add(&INITIAL_KINDS, unknown.element, text);
     }
 }
 
@@ -145,11 +187,20 @@ fn state_of(variable: &ScalarVariable<'_>) -> Option<usize> {
 
 fn derivatives(model: &ModelDescription<'_>, findings: &mut Findings) {
     for unknown in &model.derivatives {
-        if let Some(variable) = model.variable(unknown.index)
-            && state_of(variable).is_none()
-        {
-            findings.add(&DERIVATIVE_ATTRIBUTE, variable,
+        let Some(variable) = model.variable(unknown.index) else {
+            continue;
+        };
+        if state_of(variable).is_none() {
+            findings.add(
+                &DERIVATIVE_ATTRIBUTE,
+                variable,
                 "it is in Derivatives of ModelStructure, expected it to have the attribute derivative",
+            );
+        } else if variable.variability != Variability::Continuous {
+            findings.add(
+                &DERIVATIVE_CONTINUOUS,
+                variable,
+                "it is in Derivatives of ModelStructure, expected its variability to be continuous",
             );
         }
     }
@@ -158,6 +209,15 @@ fn derivatives(model: &ModelDescription<'_>, findings: &mut Findings) {
 /// Checks that `InitialUnknowns` lists exactly the variables that are computed during initialization.
 fn initial_unknowns(model: &ModelDescription<'_>, findings: &mut Findings) {
     let listed = indices(&model.initial_unknowns);
+    if let Some(pair) =
+        (model.initial_unknowns.windows(2)).find(|pair| pair[0].index > pair[1].index)
+    {
+        let (first, second) = (pair[0].index, pair[1].index);
+        let text = format!(
+            "InitialUnknowns has the index {second} after {first}, expected ascending order"
+        );
+        findings.add(&INITIAL_UNKNOWNS_ORDER, pair[1].element, text);
+    }
     let mut of_states = HashSet::new();
     for unknown in &model.derivatives {
         of_states.insert(unknown.index);

@@ -16,6 +16,12 @@ rules! {
     pub TYPES {
         MIN_MAX: Error, "min-max", Standard("sections 2.2.3 and 2.2.7"),
             "min is not larger than max.";
+        TYPE_NAME: Error, "type-name", Standard("section 2.2.3"),
+            "A type and a variable have different names.";
+        NOMINAL: Error, "nominal", Standard("sections 2.2.3 and 2.2.7"),
+            "nominal is a positive number.";
+        BOUNDS_OF_TYPE: Warning, "bounds-of-type", Practice("VDMCheck2 requires it"),
+            "min and max of a variable are within those of its type.";
         FINITE_START: Warning, "start-finite",
             Practice("a simulation that starts from NaN or infinity gives no numbers"),
             "Start values of Reals are finite.";
@@ -45,6 +51,10 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
     for (_, variable) in model.variables() {
         declared_type(variable, findings);
+        if items.contains_key(variable.name) {
+            let text = "a type has the same name, expected another name";
+            findings.add(&TYPE_NAME, variable, text);
+        }
         if matches!(
             variable.kind,
             VariableType::Real | VariableType::Integer | VariableType::Enumeration
@@ -69,6 +79,25 @@ fn bounds(
         own.or_else(|| declared?.attribute(name)).and_then(real)
     };
     let (min, max) = (number("min"), number("max"));
+    if let Some(nominal) = value.attribute("nominal").and_then(real)
+        && (nominal <= 0.0 || !nominal.is_finite())
+    {
+        let text = format!("nominal is {nominal}, expected a positive number");
+        findings.add(&NOMINAL, at, text);
+    }
+    let of_type = |name: &str| declared?.attribute(name).and_then(real);
+    for (name, own, of_type) in [("min", min, of_type("min")), ("max", max, of_type("max"))] {
+        if let (Some(own), Some(of_type)) = (own, of_type)
+            && if name == "min" {
+                own < of_type
+            } else {
+                own > of_type
+            }
+        {
+            let text = format!("{name} is {own}, expected it within {name} {of_type} of its type");
+            findings.add(&BOUNDS_OF_TYPE, at, text);
+        }
+    }
     if let (Some(min), Some(max)) = (min, max)
         && (min > max || min.is_nan() || max.is_nan())
     {

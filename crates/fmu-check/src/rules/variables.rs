@@ -1,6 +1,6 @@
 //! Rules for variables, and for variables with the same value reference (FMI 2.0.5, section 2.2.7).
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use fmu_description::value::unsigned;
 use fmu_description::{
@@ -31,6 +31,10 @@ rules! {
             "derivative names a continuous Real.";
         DERIVATIVE_INDEX: Error, "derivative-index", Standard("section 2.2.7"),
             "derivative is the index of a variable.";
+        MULTIPLE_SET: Error, "multiple-set", Standard("section 2.2.7"),
+            "canHandleMultipleSetPerTimeInstant is given only for inputs of an FMU for model exchange.";
+        REINIT: Error, "reinit", Standard("section 2.2.7"),
+            "reinit is given only for states of an FMU for model exchange.";
         ALIAS_SETTABLE: Error, "alias-settable", Standard("section 2.2.7"),
             "At most one of the variables with the same value reference is set from outside.";
         ALIAS_CONSTANT: Error, "alias-constant", Standard("section 2.2.7"),
@@ -39,15 +43,21 @@ rules! {
             "At most one of the variables with the same value reference has a start value.";
         ALIAS_UNIT: Error, "alias-unit", Standard("section 2.2.7"),
             "Variables with the same value reference have the same unit.";
+        ALIAS_VARIABILITY: Warning, "alias-variability", Standard("section 2.2.7"),
+            "Variables with the same value reference have the same variability.";
     }
 }
 
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut independent = None;
-    for (_, variable) in model.variables() {
+    let states: HashSet<u32> = (model.variables())
+        .filter_map(|(_, v)| v.value.attribute("derivative").and_then(unsigned))
+        .collect();
+    for (index, variable) in model.variables() {
         combination(variable, findings);
         start(variable, findings);
         derivative(variable, model, findings);
+        model_exchange_only(index, variable, &states, model, findings);
         if variable.causality == Causality::Independent {
             if variable.kind != VariableType::Real {
                 findings.add(
@@ -168,6 +178,28 @@ fn derivative(
     }
 }
 
+/// Checks attributes that are for model exchange only; `states` has the indices of the states.
+fn model_exchange_only(
+    index: usize,
+    variable: &ScalarVariable<'_>,
+    states: &HashSet<u32>,
+    model: &ModelDescription<'_>,
+    findings: &mut Findings,
+) {
+    const SET: &str = "canHandleMultipleSetPerTimeInstant";
+    let is_exchanged = model.root.child("ModelExchange").is_some();
+    let is_input = variable.causality == Causality::Input;
+    if variable.element.attribute(SET).is_some() && !(is_exchanged && is_input) {
+        let text = format!("it has {SET}, expected it only for inputs and model exchange");
+        findings.add(&MULTIPLE_SET, variable, text);
+    }
+    let is_state = u32::try_from(index).is_ok_and(|index| states.contains(&index));
+    if variable.value.attribute("reinit").is_some() && !(is_exchanged && is_state) {
+        let text = "it has reinit, expected it only for states and model exchange";
+        findings.add(&REINIT, variable, text);
+    }
+}
+
 /// Checks variables of the same type and value reference, which share one value.
 fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut sets: HashMap<(VariableType, u32), Vec<&ScalarVariable<'_>>> = HashMap::new();
@@ -235,5 +267,12 @@ fn alias_set(set: &[&ScalarVariable<'_>], findings: &mut Findings) {
             other,
             "and another unit, expected the same unit",
         );
+    }
+    if constants == 0
+        && let Some(other) = set.iter().find(|v| v.variability != set[0].variability)
+    {
+        let (own, first) = (other.variability.as_str(), set[0].variability.as_str());
+        let what = format!("and is {own}, expected {first} like that variable");
+        report(&ALIAS_VARIABILITY, other, &what);
     }
 }
