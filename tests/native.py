@@ -52,8 +52,10 @@ def read_csv(file: Path) -> dict[str, np.ndarray]:
     """Return the columns by name, without units."""
     with file.open(encoding="utf-8", newline="") as lines:
         head, *rows = csv.reader(lines)
-    names = [name.rpartition(" [")[0] for name in head]
-    return dict(zip(names, np.array(rows, float).T, strict=True))
+    names = [re.sub(r" \[[^\[]*\]$", "", name) for name in head]
+    words = {"false": "0", "true": "1"}
+    columns = [[words.get(cell, cell) for cell in column] for column in zip(*rows, strict=True)]
+    return {name: np.array(column, float) for name, column in zip(names, columns, strict=True)}
 
 
 def refusal(folder: Path, *arguments: object) -> str:
@@ -74,7 +76,7 @@ def refusal(folder: Path, *arguments: object) -> str:
 def write_system(
     folder: Path,
     components: Mapping[str, Mapping[str, Any]],
-    connections: Sequence[str] = (),
+    connections: Sequence[str | Mapping[str, Any]] = (),
     **settings: Any,
 ) -> Path:
     """Write a system of `Relay.fmu` instances with start values, 1 s long in steps of 0.25 s."""
@@ -95,7 +97,11 @@ def write_system(
 
 
 def _toml(value: Any) -> str:
-    """Format a value as TOML, which for these types is JSON."""
+    """Format a value as TOML, which for most types is JSON."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml(item)}' for key, item in value.items())} }}"
     return json.dumps(value, ensure_ascii=False).replace("NaN", "nan")
 
 

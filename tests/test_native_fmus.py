@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from native import compiled, description, pack, read_csv, run, simulate, write_system
+from native import (
+    compiled,
+    description,
+    pack,
+    read_csv,
+    refusal,
+    run,
+    simulate,
+    write_system,
+)
 
 TIME = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Communication points of the systems here [s]."""
@@ -81,6 +90,40 @@ def test_an_enumeration_feeds_an_integer(relay, tmp_path):
     np.testing.assert_array_equal(simulate(system, tmp_path)["b.m"], [0, 5, 5, 5, 5])
 
 
+def test_a_connection_can_convert_the_unit(relay, tmp_path):
+    relay(u_unit="deg")
+    connection = {"from": "a.time", "to": "b.u", "factor": 2.0, "offset": -1.0}
+    connections = ["a.count -> b.n", connection]
+    system = write_system(tmp_path, {"a": {}, "b": {"direct": True}}, connections)
+    np.testing.assert_array_equal(simulate(system, tmp_path)["b.y"], 2 * TIME - 1)
+    system = write_system(tmp_path, {"a": {}, "b": {}}, ["a.time -> b.u"])
+    assert "the units differ; give the connection a factor" in refusal(tmp_path, "simulate", system)
+    connection = {"from": "a.count", "to": "b.n", "factor": 2.0}
+    system = write_system(tmp_path, {"a": {}, "b": {}}, [connection])
+    assert "with a factor: both must be Real" in refusal(tmp_path, "simulate", system)
+
+
+def test_algebraic_loops_can_be_allowed(relay, tmp_path):
+    relay(('<Unknown index="3"/>', '<Unknown index="3" dependencies="2"/>'))
+    loop = ["a.y -> b.u", "b.y -> a.u"]
+    system = write_system(tmp_path, {"a": {"u": 1}, "b": {}}, loop)
+    assert "allow_algebraic_loops = true" in refusal(tmp_path, "simulate", system)
+    system = write_system(tmp_path, {"a": {"u": 1}, "b": {}}, loop, allow_algebraic_loops=True)
+    assert list(simulate(system, tmp_path)) == list(
+        simulate(write_system(tmp_path, {"a": {}, "b": {}}), tmp_path)
+    )
+
+
+def test_variables_with_initial_exact_have_start_values(relay, tmp_path):
+    old = 'name="number" valueReference="5" causality="output"><Real/>'
+    new = old.replace('"output"><Real', '"output" initial="exact"><Real start="0"')
+    relay((old, new))
+    system = write_system(tmp_path, {"a": {"number": 7.5}, "b": {}})
+    columns = simulate(system, tmp_path, "--set=b.number=2")
+    assert set(columns["a.number"]) == {7.5}
+    assert set(columns["b.number"]) == {2.0}
+
+
 def test_one_output_feeds_several_inputs_and_an_fmu_itself(relay, tmp_path):
     relay()
     connections = ["a.time -> b.u", "a.time -> c.u", "c.m -> c.n"]
@@ -151,8 +194,9 @@ def test_any_variable_can_be_recorded(relay, tmp_path):
     outputs = ["a.add", "a.gain", "a.y", "a.shape", "a.invert"]
     system = write_system(tmp_path, {"a": {"add": -5, "gain": 0.5}}, outputs=outputs)
     columns = simulate(system, tmp_path)
-    head = (tmp_path / "results.csv").read_text().splitlines()[0]
-    assert head == "time [s],a.add [1],a.gain [1],a.y [rad],a.shape [1],a.invert [1]"
+    head, *_, last = (tmp_path / "results.csv").read_text().splitlines()
+    assert last == "1.0,-5,0.5,0.0,1,false"
+    assert head == "time [s],a.add,a.gain [1],a.y [rad],a.shape,a.invert"
     assert [columns[name][-1] for name in outputs] == [-5, 0.5, 0, 1, 0]
 
 
@@ -261,13 +305,13 @@ def test_a_warning_is_shown_once_and_the_run_continues(relay, tmp_path, logged):
     system = write_system(tmp_path, {"a": {}, "b": start})
     result = run("simulate", system, "--csv", tmp_path / "out.csv")
     assert result.returncode == 0
-    assert result.stderr == "warning: b: it is too hot for b (3 times)\n"
+    assert result.stderr == "warning: b: it is too hot for b (2 times)\n"
     np.testing.assert_array_equal(read_csv(tmp_path / "out.csv")["b.time"], TIME)
 
 
 def test_a_warning_without_a_message_is_shown(relay, tmp_path):
     relay()
-    system = write_system(tmp_path, {"a": {"status": 1, "status_time": 1}})
+    system = write_system(tmp_path, {"a": {"status": 1, "status_time": 0.75}})
     assert run("simulate", system).stderr == "warning: a: fmi2DoStep returned fmi2Warning\n"
 
 

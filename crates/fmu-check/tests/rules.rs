@@ -18,10 +18,11 @@ fn names_of_rules_are_unique() {
 /// Run with `SNAPSHOTS=overwrite` to write the page anew.
 #[test]
 fn every_rule_is_documented() {
-    let mut page = "# Rules of the validator\n\nThe rules of `cargo fmu validate`, in the order in \
+    let mut page =
+        "# Rules of the validator\n\nThe rules of `cargo fmu validate`, in the order in \
         which it applies them. Generated from the source code.\n\n\
         | Rule | Severity | What it requires | Source |\n|---|---|---|---|\n"
-        .to_owned();
+            .to_owned();
     for rule in rules() {
         let (id, severity, text, source) = (rule.id, rule.severity, rule.text, rule.source);
         writeln!(page, "| `{id}` | {severity} | {text} | {source} |").unwrap();

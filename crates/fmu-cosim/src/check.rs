@@ -38,14 +38,21 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             "{} is a String; connections carry numbers and Booleans",
             name(link.from)
         );
-        if let (Some(a), Some(b)) = (&from.unit, &to.unit) {
+        ensure!(
+            link.scale.is_none()
+                || (from.kind, to.kind) == (VariableType::Real, VariableType::Real),
+            "{} cannot feed {} with a factor: both must be Real",
+            name(link.from),
+            name(link.to)
+        );
+        if let (Some(a), Some(b), None) = (&from.unit, &to.unit, link.scale) {
             let (fmu, other) = (
                 &components[link.from.component].fmu,
                 &components[link.to.component].fmu,
             );
             ensure!(
                 fmu.same_unit(a, other, b),
-                "{} [{a}] cannot feed {} [{b}]: the units differ",
+                "{} [{a}] cannot feed {} [{b}]: the units differ; give the connection a factor to convert them",
                 name(link.from),
                 name(link.to)
             );
@@ -82,7 +89,7 @@ pub(crate) fn algebraic_loops(components: &[Planned], links: &[Link]) -> Result<
                 .map(|port| components[port.component].name_of(port.variable))
                 .collect();
             bail!(
-                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step",
+                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it all the same",
                 names.join(" -> ")
             );
         }

@@ -13,6 +13,7 @@ use crate::Column;
 pub struct Csv {
     file: BufWriter<Replacement>,
     path: PathBuf,
+    columns: Vec<Column>,
     failed: Option<std::io::Error>,
     rows: u64,
 }
@@ -27,12 +28,17 @@ impl Csv {
         let mut csv = Self {
             file: BufWriter::new(Replacement::of(path)?),
             path: path.to_owned(),
+            columns: columns.to_vec(),
             failed: None,
             rows: 0,
         };
         let mut header = "time [s]".to_owned();
         for column in columns {
-            header += &format!(",{}", quoted(&format!("{} [{}]", column.name, column.unit)));
+            let unit = match column.unit.as_str() {
+                "" => String::new(),
+                unit => format!(" [{unit}]"),
+            };
+            header += &format!(",{}", quoted(&format!("{}{unit}", column.name)));
         }
         let written = writeln!(csv.file, "{header}");
         csv.keep(written);
@@ -48,8 +54,8 @@ impl Csv {
 
     fn write(&mut self, time: f64, row: &[f64]) -> std::io::Result<()> {
         write!(self.file, "{time:?}")?;
-        for value in row {
-            write!(self.file, ",{value:?}")?;
+        for (column, value) in self.columns.iter().zip(row) {
+            write!(self.file, ",{}", column.show(*value))?;
         }
         self.file.write_all(b"\n")
     }

@@ -23,6 +23,12 @@ pub struct Description {
     /// Order of stepping; sequential by default.
     #[serde(default)]
     pub order: Order,
+    /// Whether sequential stepping is allowed although outputs depend directly on each other.
+    #[serde(default)]
+    pub allow_algebraic_loops: bool,
+    /// The relative tolerance of all components that have none of their own; by default, that of the
+    /// default experiment of each FMU.
+    pub tolerance: Option<f64>,
     /// The components, in the order in which sequential stepping takes them.
     #[serde(rename = "component")]
     pub components: Vec<Component>,
@@ -67,19 +73,87 @@ pub struct Component {
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,
-    /// Start values of parameters and inputs.
+    /// Its relative tolerance.
+    pub tolerance: Option<f64>,
+    /// Start values of parameters, inputs, and variables with initial exact or approx.
     #[serde(default)]
     pub start: BTreeMap<String, Value>,
 }
 
-/// An output that feeds an input: `plant.theta -> controller.y`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
+/// An output that feeds an input: `plant.theta -> controller.y`, or a table of these fields.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Written")]
 pub struct Connection {
     /// The output, `component.variable`.
     pub from: String,
     /// The input, `component.variable`.
     pub to: String,
+    /// How to convert the value to another unit.
+    pub scale: Option<Scale>,
+}
+
+/// The input is `factor` times the output plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// The factor.
+    pub factor: f64,
+    /// The offset, in the unit of the input.
+    pub offset: f64,
+}
+
+/// A connection as the user writes it.
+#[derive(Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected \"component.output -> component.input\", or a table with from, to, factor and offset"
+)]
+enum Written {
+    Arrow(String),
+    Table(Table),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    from: String,
+    to: String,
+    factor: Option<f64>,
+    offset: Option<f64>,
+}
+
+impl TryFrom<Written> for Connection {
+    type Error = String;
+
+    fn try_from(written: Written) -> Result<Self, String> {
+        match written {
+            Written::Arrow(text) => Self::try_from(text),
+            Written::Table(table) => Self::try_from(table),
+        }
+    }
+}
+
+impl TryFrom<Table> for Connection {
+    type Error = String;
+
+    fn try_from(table: Table) -> Result<Self, String> {
+        let Table {
+            from,
+            to,
+            factor,
+            offset,
+        } = table;
+        let scale = (factor.is_some() || offset.is_some()).then(|| Scale {
+            factor: factor.unwrap_or(1.0),
+            offset: offset.unwrap_or(0.0),
+        });
+        let is_number = |Scale { factor, offset }: Scale| factor.is_finite() && offset.is_finite();
+        if !scale.is_none_or(is_number) {
+            return Err(format!(
+                "the factor and offset of {from} -> {to} are not finite, expected numbers"
+            ));
+        }
+        Ok(Self { from, to, scale })
+    }
 }
 
 impl TryFrom<String> for Connection {
@@ -90,6 +164,7 @@ impl TryFrom<String> for Connection {
             Some((from, to)) => Ok(Self {
                 from: from.trim().into(),
                 to: to.trim().into(),
+                scale: None,
             }),
             None => Err(format!(
                 "the connection {text:?} is not of the form \"component.output -> component.input\""

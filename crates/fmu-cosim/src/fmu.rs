@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{
-    Capability, Causality, ModelDescription, ScalarVariable, Variability, VariableType,
+    Capability, Causality, Initial, ModelDescription, ScalarVariable, Variability, VariableType,
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
@@ -28,6 +28,8 @@ pub struct Fmu {
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
     guid: String,
+    /// The tolerance of its default experiment.
+    pub(crate) tolerance: Option<f64>,
     /// The binary, relative to the folder.
     binary: String,
     /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
@@ -50,6 +52,8 @@ pub struct Variable {
     pub causality: Causality,
     /// Its variability.
     pub variability: Variability,
+    /// How it is initialized.
+    pub initial: Option<Initial>,
     /// Its unit.
     pub unit: Option<String>,
     /// The name of its type, if the FMU declares one.
@@ -94,6 +98,7 @@ impl Fmu {
             index,
             units: units(&root),
             guid: root.attribute("guid").unwrap_or_default().to_owned(),
+            tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             binary,
             library: OnceLock::new(),
             folder,
@@ -206,6 +211,7 @@ fn variable(v: &ScalarVariable<'_>) -> Variable {
         kind: v.kind,
         causality: v.causality,
         variability: v.variability,
+        initial: v.initial,
         unit: v.unit().map(str::to_owned),
         declared_type: v.value.attribute("declaredType").map(str::to_owned),
         items: v

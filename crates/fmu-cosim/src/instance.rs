@@ -122,14 +122,20 @@ impl Instance {
         })
     }
 
-    pub(crate) fn enter_initialization(&mut self, start: f64) -> Called {
-        let what = || "initialization".to_owned();
-        self.call(what, |slave| slave.setup_experiment(start, None))?;
+    pub(crate) fn set_up(&mut self, start: f64, stop: f64, tolerance: Option<f64>) -> Called {
+        let what = || "set-up of the experiment".to_owned();
+        self.call(what, |slave| {
+            slave.setup_experiment(start, Some(stop), tolerance)
+        })
+    }
+
+    pub(crate) fn enter_initialization(&mut self) -> Called {
+        let what = || "start of the initialization".to_owned();
         self.call(what, fmu_host::Instance::enter_initialization_mode)
     }
 
     pub(crate) fn exit_initialization(&mut self) -> Called {
-        let what = || "initialization".to_owned();
+        let what = || "end of the initialization".to_owned();
         self.call(what, fmu_host::Instance::exit_initialization_mode)
     }
 

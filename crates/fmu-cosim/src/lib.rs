@@ -43,7 +43,7 @@ mod value;
 mod wiring;
 
 pub use csv::Csv;
-pub use description::{Component, Connection, Description, Experiment, Order};
+pub use description::{Component, Connection, Description, Experiment, Order, Scale};
 pub use fmu::{Fmu, Variable};
 pub use instance::Failure;
 pub use messages::{Message, Messages};

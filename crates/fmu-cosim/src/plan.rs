@@ -1,8 +1,9 @@
 //! A loaded and checked system, ready to simulate.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, VariableType};
 
 use crate::system::{Link, Planned, Port, planned, port, start};
@@ -26,8 +27,31 @@ pub struct Plan {
 pub struct Column {
     /// `component.variable`
     pub name: String,
-    /// Its unit; 1 if it has none.
+    /// Its unit; 1 for a Real without unit, empty for other variables.
     pub unit: String,
+    /// Its type.
+    pub kind: VariableType,
+}
+
+impl Column {
+    /// A value of a row as the variable has it: `true`, `3` or `0.5`.
+    pub fn show(&self, value: f64) -> impl fmt::Display + use<> {
+        Shown(self.kind, value)
+    }
+}
+
+struct Shown(VariableType, f64);
+
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(kind, value) = *self;
+        match kind {
+            VariableType::Boolean if value == 0.0 => f.write_str("false"),
+            VariableType::Boolean if value == 1.0 => f.write_str("true"),
+            VariableType::Real => write!(f, "{value:?}"),
+            _ => write!(f, "{value}"),
+        }
+    }
 }
 
 /// A start value that fits its variable.
@@ -46,6 +70,7 @@ impl Plan {
     pub fn new(description: &Description) -> Result<Self> {
         let mut fmus = HashMap::new();
         description.experiment().steps()?;
+        tolerance("tolerance", description.tolerance)?;
         ensure!(
             !description.components.is_empty(),
             "the system has no component"
@@ -61,7 +86,8 @@ impl Plan {
                 components.iter().all(|other| other.name != *name),
                 "two components have the name {name}"
             );
-            let new = planned(component, &mut fmus)?;
+            tolerance(&format!("tolerance of {name}"), component.tolerance)?;
+            let new = planned(component, description.tolerance, &mut fmus)?;
             if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
                 ensure!(
                     !new.fmu.only_once,
@@ -79,11 +105,12 @@ impl Plan {
                 Ok(Link {
                     from: port(&components, &connection.from)?,
                     to: port(&components, &connection.to)?,
+                    scale: connection.scale,
                 })
             })
             .collect::<Result<Vec<_>>>()?;
         check::links(&components, &links)?;
-        if description.order == Order::Sequential {
+        if description.order == Order::Sequential && !description.allow_algebraic_loops {
             check::algebraic_loops(&components, &links)?;
         }
         let recorded = recorded(&components, &description.outputs)?;
@@ -136,17 +163,53 @@ impl Plan {
         Ok(Start { port, value })
     }
 
-    /// The start values of a component: those of the description, then `starts`.
+    /// The start values of a component in the order of its variables: those of the description, unless
+    /// `others` replace them.
     pub(crate) fn starts<'a>(
         &'a self,
         component: usize,
         others: &'a [Start],
     ) -> impl Iterator<Item = (&'a Variable, &'a Typed)> {
+        let planned = &self.components[component];
+        let mut starts: BTreeMap<usize, &Typed> = planned
+            .starts
+            .iter()
+            .map(|(index, value)| (*index, value))
+            .collect();
         let others = others
             .iter()
-            .filter(move |start| start.port.component == component)
-            .map(|start| (start.port.of(&self.components), &start.value));
-        self.components[component].starts().chain(others)
+            .filter(|start| start.port.component == component);
+        starts.extend(others.map(|start| (start.port.variable, &start.value)));
+        let variables = &planned.fmu.variables;
+        starts
+            .into_iter()
+            .map(|(index, value)| (&variables[index], value))
+    }
+
+    /// The end of the last step: the stop time, or one step later if there are sampled components,
+    /// whose last row is that of a step from the stop time.
+    pub(crate) fn end(&self) -> f64 {
+        let Experiment { stop, step, .. } = self.experiment;
+        match self.steps_from_stop() {
+            true => stop + step,
+            false => stop,
+        }
+    }
+
+    /// Whether a step from the stop time is needed, because a recorded component is sampled.
+    pub(crate) fn steps_from_stop(&self) -> bool {
+        let sampled = |record: &Record| self.components[record.group.component].sampled;
+        self.records.iter().any(sampled)
+    }
+}
+
+/// Checks a tolerance, which `key` names.
+fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
+    match tolerance {
+        Some(value) if !(value > 0.0 && value.is_finite()) => {
+            bail!("{key} = {value} is invalid, expected a positive number")
+        }
+        _ => Ok(()),
     }
 }
 
@@ -180,12 +243,14 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
 }
 
 fn column(components: &[Planned], port: Port) -> Column {
+    let variable = port.of(components);
+    let none = match variable.kind {
+        VariableType::Real => "1",
+        _ => "",
+    };
     Column {
         name: components[port.component].name_of(port.variable),
-        unit: port
-            .of(components)
-            .unit
-            .clone()
-            .unwrap_or_else(|| "1".into()),
+        unit: variable.unit.clone().unwrap_or_else(|| none.into()),
+        kind: variable.kind,
     }
 }

@@ -39,7 +39,11 @@ struct Readers {
 impl Inputs {
     fn new(wires: &[Wire]) -> Self {
         fn transfer<T: Type>(wire: &Wire) -> Transfer<T> {
-            Transfer::new(wire.outputs.clone(), wire.inputs.clone())
+            Transfer::new(
+                wire.outputs.clone(),
+                wire.inputs.clone(),
+                wire.scales.clone(),
+            )
         }
         let mut inputs = Self::default();
         for wire in wires {
@@ -155,21 +159,22 @@ impl<'a> Simulation<'a> {
         Ok(simulation)
     }
 
+    /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[Start]) -> Called {
+        let (start, end) = (self.plan.experiment.start, self.plan.end());
         for (index, instance) in self.instances.iter_mut().enumerate() {
+            instance.set_up(start, end, self.plan.components[index].tolerance)?;
             for (variable, value) in self.plan.starts(index, starts) {
                 instance.set(variable, value)?;
             }
         }
-        let start = self.plan.experiment.start;
-        self.initialize_at(start)
-            .map_err(|failure| failure.at(start))
+        self.initialize_all().map_err(|failure| failure.at(start))
     }
 
-    fn initialize_at(&mut self, start: f64) -> Called {
-        for instance in &mut self.instances {
-            instance.enter_initialization(start)?;
-        }
+    fn initialize_all(&mut self) -> Called {
+        self.instances
+            .iter_mut()
+            .try_for_each(Instance::enter_initialization)?;
         self.propagate()?;
         self.instances
             .iter_mut()
@@ -216,10 +221,17 @@ impl<'a> Simulation<'a> {
         let experiment = self.plan.experiment;
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
+        let last = match self.plan.steps_from_stop() {
+            true => steps,
+            false => steps.saturating_sub(1),
+        };
         for k in 0..steps {
             let time = experiment.time(k);
-            self.step(time, experiment.step)
-                .map_err(|failure| failure.at(time))?;
+            let row = match k < last {
+                true => self.step(time, experiment.step),
+                false => self.before.read(&mut self.instances, &mut self.row),
+            };
+            row.map_err(|failure| failure.at(time))?;
             if !observe(time, &self.row) {
                 break;
             }

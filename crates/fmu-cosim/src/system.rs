@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use fmu_description::{Causality, Variability};
+use fmu_description::{Causality, Initial, Variability};
 
 use crate::fmu::similar;
 use crate::value::Typed;
-use crate::{Component, Fmu, Value, Variable};
+use crate::{Component, Fmu, Scale, Value, Variable};
 
 /// A component whose FMU is loaded.
 pub struct Planned {
@@ -18,7 +18,9 @@ pub struct Planned {
     /// Its FMU, shared by components with the same file.
     pub fmu: Arc<Fmu>,
     pub(crate) sampled: bool,
-    starts: Vec<(usize, Typed)>,
+    /// The relative tolerance of its solver.
+    pub(crate) tolerance: Option<f64>,
+    pub(crate) starts: Vec<(usize, Typed)>,
 }
 
 /// A variable of a component, by their indices.
@@ -33,6 +35,7 @@ pub(crate) struct Port {
 pub(crate) struct Link {
     pub(crate) from: Port,
     pub(crate) to: Port,
+    pub(crate) scale: Option<Scale>,
 }
 
 impl Port {
@@ -56,6 +59,7 @@ impl Planned {
 
 pub(crate) fn planned(
     component: &Component,
+    tolerance: Option<f64>,
     fmus: &mut HashMap<PathBuf, Arc<Fmu>>,
 ) -> Result<Planned> {
     let fmu =
@@ -72,6 +76,7 @@ pub(crate) fn planned(
     Ok(Planned {
         name: component.name.clone(),
         sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+        tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
         starts,
         fmu,
     })
@@ -97,10 +102,15 @@ fn is_sampled(fmu: &Fmu) -> bool {
 }
 
 pub(crate) fn start(variable: &Variable, name: &str, value: &Value) -> Result<Typed> {
-    match variable.causality {
-        Causality::Input | Causality::Parameter => value.typed(variable, name),
-        _ => bail!("{name} = {value} cannot be set: only inputs and parameters have start values"),
+    let is_set_by_causality = matches!(variable.causality, Causality::Input | Causality::Parameter);
+    let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
+    let is_constant = variable.variability == Variability::Constant;
+    if is_set_by_causality || (has_start && !is_constant) {
+        return value.typed(variable, name);
     }
+    bail!(
+        "{name} = {value} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values"
+    )
 }
 
 /// Finds `component.variable`.

@@ -1,7 +1,7 @@
 //! The transfer of values from outputs to inputs and into rows.
 
-use crate::Failure;
 use crate::instance::{Called, Instance};
+use crate::{Failure, Scale};
 
 /// An FMI type with its get and set functions.
 pub(crate) trait Type {
@@ -9,12 +9,16 @@ pub(crate) trait Type {
     fn get(s: &mut Slave, references: &[u32], values: &mut [Self::Value]) -> fmu_host::Result;
     fn set(s: &mut Slave, references: &[u32], values: &[Self::Value]) -> fmu_host::Result;
     fn number(value: Self::Value) -> f64;
+    /// The value of an input whose output has this value; only Reals are scaled.
+    fn scaled(value: Self::Value, _scale: Scale) -> Self::Value {
+        value
+    }
 }
 
 type Slave = fmu_host::Instance;
 
 macro_rules! types {
-    ($($name:ident: $value:ty, $get:ident, $set:ident;)*) => {
+    ($($name:ident: $value:ty, $get:ident, $set:ident $(, $scaled:item)?;)*) => {
         $(
             pub(crate) struct $name;
 
@@ -35,13 +39,19 @@ macro_rules! types {
                 fn number(value: $value) -> f64 {
                     f64::from(value)
                 }
+
+                $($scaled)?
             }
         )*
     };
 }
 
 types! {
-    Real: f64, get_real, set_real;
+    Real: f64, get_real, set_real,
+        #[inline]
+        fn scaled(value: f64, Scale { factor, offset }: Scale) -> f64 {
+            factor * value + offset
+        };
     Integer: i32, get_integer, set_integer;
     Boolean: i32, get_boolean, set_boolean;
 }
@@ -79,15 +89,17 @@ impl Group {
 pub(crate) struct Transfer<T: Type> {
     outputs: Vec<Group>,
     inputs: Group,
+    scales: Vec<(usize, Scale)>,
     values: Vec<T::Value>,
 }
 
 impl<T: Type> Transfer<T> {
-    pub(crate) fn new(outputs: Vec<Group>, inputs: Group) -> Self {
+    pub(crate) fn new(outputs: Vec<Group>, inputs: Group, scales: Vec<(usize, Scale)>) -> Self {
         let values = vec![T::Value::default(); inputs.references.len()];
         Self {
             outputs,
             inputs,
+            scales,
             values,
         }
     }
@@ -110,6 +122,9 @@ impl<T: Type> Transfer<T> {
             let (values, others) = rest.split_at_mut(group.references.len());
             group.get::<T>(instances, values)?;
             rest = others;
+        }
+        for (position, scale) in &self.scales {
+            self.values[*position] = T::scaled(self.values[*position], *scale);
         }
         Ok(())
     }

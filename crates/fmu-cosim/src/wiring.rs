@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use fmu_description::VariableType;
 
+use crate::Scale;
 use crate::system::{Link, Planned, Port};
 use crate::transfer::Group;
 
@@ -12,6 +13,8 @@ pub(crate) struct Wire {
     pub(crate) kind: VariableType,
     pub(crate) outputs: Vec<Group>,
     pub(crate) inputs: Group,
+    /// The inputs whose values are scaled, by position.
+    pub(crate) scales: Vec<(usize, Scale)>,
 }
 
 /// Variables of one component and type that are recorded, and their columns.
@@ -39,20 +42,24 @@ const CHANNELS: [VariableType; 3] = [
 pub(crate) fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
     let of_component = |fed: usize| {
         let of_kind = |kind: VariableType| {
-            let mut groups: BTreeMap<usize, (Group, Group)> = BTreeMap::new();
+            let mut groups: BTreeMap<usize, (Group, Group, Vec<Option<Scale>>)> = BTreeMap::new();
             for link in links.iter().filter(|link| {
                 link.to.component == fed && channel(link.to.of(components).kind) == kind
             }) {
-                let (outputs, inputs) = groups.entry(link.from.component).or_default();
+                let (outputs, inputs, scales) = groups.entry(link.from.component).or_default();
                 push(outputs, components, link.from);
                 push(inputs, components, link.to);
+                scales.push(link.scale);
             }
             let mut all = Group {
                 component: fed,
                 ..Group::default()
             };
-            let mut outputs = Vec::new();
-            for (group, inputs) in groups.into_values() {
+            let (mut outputs, mut scales) = (Vec::new(), Vec::new());
+            for (group, inputs, of_group) in groups.into_values() {
+                let positions = all.references.len()..;
+                let scaled = positions.zip(of_group);
+                scales.extend(scaled.filter_map(|(position, scale)| Some((position, scale?))));
                 outputs.push(group);
                 all.references.extend(inputs.references);
                 all.names.extend(inputs.names);
@@ -61,6 +68,7 @@ pub(crate) fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
                 kind,
                 outputs,
                 inputs: all,
+                scales,
             })
         };
         CHANNELS.into_iter().filter_map(of_kind).collect()

@@ -5,8 +5,8 @@ use std::ptr;
 use std::sync::Arc;
 
 use fmu_types::fmi2::{
-    fmi2Boolean, fmi2CallbackFunctions, fmi2Component, fmi2FMUstate, fmi2False, fmi2Integer,
-    fmi2Real, fmi2String,
+    fmi2Boolean, fmi2CallbackFunctions, fmi2Component, fmi2FMUstate, fmi2Integer, fmi2Real,
+    fmi2String,
 };
 
 use crate::logger::{Registered, text};
@@ -82,14 +82,19 @@ impl Instance {
         })
     }
 
-    /// `fmi2SetupExperiment`, without a tolerance.
+    /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance.
     ///
     /// # Errors
     /// As for every call: the function is missing or returned a failure status.
-    pub fn setup_experiment(&mut self, start: f64, stop: Option<f64>) -> Result {
+    pub fn setup_experiment(
+        &mut self,
+        start: f64,
+        stop: Option<f64>,
+        tolerance: Option<f64>,
+    ) -> Result {
         call!(self.fmi2SetupExperiment(
-            fmi2False,
-            0.0,
+            tolerance.is_some().into(),
+            tolerance.unwrap_or_default(),
             start,
             stop.is_some().into(),
             stop.unwrap_or_default(),

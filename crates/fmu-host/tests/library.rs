@@ -44,7 +44,7 @@ impl Pendulum {
         };
         let instance = library.instantiate(&arguments, |_| ()).unwrap();
         let mut instance = instance.expect("the GUID is right");
-        instance.setup_experiment(0.0, None).unwrap();
+        instance.setup_experiment(0.0, None, None).unwrap();
         instance.enter_initialization_mode().unwrap();
         instance.exit_initialization_mode().unwrap();
         instance

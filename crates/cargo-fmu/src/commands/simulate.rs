@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
 use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
+use fmu_description::VariableType;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::style::WARNING;
@@ -31,6 +32,9 @@ pub struct SimulateArgs {
     /// Communication step size in s
     #[arg(long, value_name = "H", allow_negative_numbers = true)]
     step: Option<f64>,
+    /// Relative tolerance of all components
+    #[arg(long, value_name = "TOLERANCE")]
+    tolerance: Option<f64>,
     /// Order of stepping
     #[arg(long)]
     order: Option<Order>,
@@ -143,6 +147,12 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
     description.start = of(args.start, description.start);
     description.stop = of(args.stop, description.stop);
     description.step = of(args.step, description.step);
+    if args.tolerance.is_some() {
+        description.tolerance = args.tolerance;
+        for component in &mut description.components {
+            component.tolerance = None;
+        }
+    }
     if let Some(order) = args.order {
         description.order = match order {
             Order::Sequential => fmu_cosim::Order::Sequential,
@@ -188,7 +198,10 @@ fn report(
     cells.extend(columns.iter().zip(row).map(|(column, value)| {
         [
             column.name.clone(),
-            format!("{value:.9e}"),
+            match column.kind {
+                VariableType::Real => format!("{value:.9e}"),
+                _ => column.show(*value).to_string(),
+            },
             column.unit.clone(),
         ]
     }));

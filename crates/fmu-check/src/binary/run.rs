@@ -84,7 +84,7 @@ impl<'a> Subject<'a> {
 
     /// Puts an instance into initialization mode.
     pub fn enter_initialization(&self, instance: &mut Instance) -> Result<()> {
-        instance.setup_experiment(self.start(), self.stop())?;
+        instance.setup_experiment(self.start(), self.stop(), None)?;
         instance.enter_initialization_mode()?;
         Ok(())
     }

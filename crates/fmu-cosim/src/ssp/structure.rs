@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result};
 use fmu_description::{Causality, VariableType};
 
-use crate::{Connection, Description, Fmu, Plan, Planned, Typed, Variable};
+use crate::{Connection, Description, Fmu, Plan, Planned, Scale, Typed, Variable};
 
 use super::layout::{self, Area, Layout, Link, Part, Pin};
 use fmu_description::xml::Element;
@@ -60,7 +60,10 @@ pub fn document(
     let system = Element::new("ssd:System")
         .with("name", name)
         .listing("ssd:Elements", components)
-        .listing("ssd:Connections", connections(&links, &faces, &layout))
+        .listing(
+            "ssd:Connections",
+            connections(description, &links, &faces, &layout),
+        )
         .holding(area("ssd:SystemGeometry", layout.extent));
     let root = Element::new("ssd:SystemStructureDescription");
     let root = NAMESPACES
@@ -246,21 +249,39 @@ fn real(value: f64) -> String {
     }
 }
 
-fn connections(links: &[Link], faces: &[Face<'_>], layout: &Layout) -> Vec<Element<'static>> {
-    let connection = |(link, line): (&Link, &Vec<(f64, f64)>)| {
+fn connections(
+    description: &Description,
+    links: &[Link],
+    faces: &[Face<'_>],
+    layout: &Layout,
+) -> Vec<Element<'static>> {
+    let connection = |((link, line), connection): ((&Link, &Vec<(f64, f64)>), &Connection)| {
         let (from, to) = (&faces[link.from.part], &faces[link.to.part]);
         Element::new("ssd:Connection")
             .with("startElement", &from.component.name)
             .with("startConnector", &from.outputs[link.from.index].name)
             .with("endElement", &to.component.name)
             .with("endConnector", &to.inputs[link.to.index].name)
+            .with_some("suppressUnitConversion", connection.scale.map(|_| true))
+            .holding_all(connection.scale.map(transformation))
             .holding(
                 Element::new("ssd:ConnectionGeometry")
                     .with("pointsX", list(line.iter().map(|(x, _)| *x)))
                     .with("pointsY", list(line.iter().map(|(_, y)| *y))),
             )
     };
-    links.iter().zip(&layout.lines).map(connection).collect()
+    let lines = links.iter().zip(&layout.lines);
+    lines
+        .zip(&description.connections)
+        .map(connection)
+        .collect()
+}
+
+/// The conversion of a value to another unit.
+fn transformation(Scale { factor, offset }: Scale) -> Element<'static> {
+    Element::new("ssc:LinearTransformation")
+        .with("factor", real(factor))
+        .with("offset", real(offset))
 }
 
 fn list(values: impl Iterator<Item = f64>) -> String {
