@@ -45,7 +45,13 @@ pub fn rules() -> impl Iterator<Item = &'static Rule> {
 pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
-        Err(error) => return findings.add(&package::READABLE, "archive", format!("{error:#}")),
+        Err(error) => {
+            let rule = match file.is_file() {
+                true => &package::READABLE,
+                false => &package::FILE,
+            };
+            return findings.add(rule, "archive", format!("{error:#}"));
+        }
     };
     package::check(&mut archive, findings);
     let bytes = match archive.model_description_bytes() {

@@ -13,6 +13,8 @@ use super::rule::rules;
 rules! {
     /// What the archive must contain.
     pub ARCHIVE {
+        FILE: Error, "file", Practice("nothing else can be checked"),
+            "The FMU is a file that can be read.";
         READABLE: Error, "archive-readable", Standard("section 2.3"),
             "The FMU is a zip archive with a well-formed modelDescription.xml at its root.";
         SAFE_ARCHIVE: Error, "archive-safe",

@@ -188,7 +188,7 @@ impl Plan {
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,
     /// whose last row is that of a step from the stop time.
-    pub(crate) fn end(&self) -> f64 {
+    pub fn end(&self) -> f64 {
         let Experiment { stop, step, .. } = self.experiment;
         match self.steps_from_stop() {
             true => stop + step,

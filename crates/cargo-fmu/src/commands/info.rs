@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Error, Result};
 use fmu_build::table;
+use fmu_description::model::item;
 use fmu_description::{Capability, ModelDescription, xml};
 use fmu_file::archive::{Archive, DOCUMENTATION, ICON, MODEL_DESCRIPTION};
 use fmu_file::platform;
@@ -12,6 +13,8 @@ use fmu_file::text::{about, plain};
 
 /// Maximum width of a cell.
 const MAX_WIDTH: usize = 200;
+/// Maximum length of the items of an enumeration.
+const MAX_ITEMS: usize = 2000;
 
 /// Prints the contents of an FMU.
 ///
@@ -30,6 +33,7 @@ pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
     header(&model, &archive, out)?;
     capabilities(&model, out)?;
     variables(&model, out)?;
+    enumerations(&model, out)?;
     Ok(())
 }
 
@@ -128,6 +132,27 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
             .collect();
         let line: String = line.trim_end().chars().take(width).collect();
         writeln!(out, "{line}")?;
+    }
+    Ok(())
+}
+
+/// The items of each enumeration.
+fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+    let types = model.root.list("TypeDefinitions", "SimpleType");
+    let mut enumerations = types
+        .filter(|defined| defined.child("Enumeration").is_some())
+        .peekable();
+    if enumerations.peek().is_some() {
+        writeln!(out, "\nenumerations")?;
+    }
+    for defined in enumerations {
+        let items: Vec<String> = (defined.list("Enumeration", "Item"))
+            .filter_map(item)
+            .map(|(name, value)| format!("{name} = {value}"))
+            .collect();
+        let name = defined.attribute("name").unwrap_or_default();
+        let line = format!("{name}: {}", items.join(", "));
+        writeln!(out, "  {}", plain(&line, MAX_ITEMS))?;
     }
     Ok(())
 }

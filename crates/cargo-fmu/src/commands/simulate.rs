@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
-use fmu_cosim::{Column, Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
+use fmu_cosim::{Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
 use fmu_description::VariableType;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -133,7 +133,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
         .for_each(warn);
     outcome.map_err(|error| explain(error, csv.is_some()))?;
     let rows = csv.map(Csv::finish).transpose()?;
-    report(out, plan.columns(), &last, plan.experiment(), elapsed)?;
+    report(out, &plan, &last, elapsed)?;
     if let (Some(rows), Some(path)) = (rows, &args.csv) {
         writeln!(out, "wrote {}: {rows} rows", path.display())?;
     }
@@ -189,13 +189,12 @@ fn warn(message: &Message) {
 
 fn report(
     out: &mut impl Write,
-    columns: &[Column],
+    plan: &Plan,
     (time, row): &(f64, Vec<f64>),
-    experiment: Experiment,
     elapsed: Duration,
 ) -> Result<()> {
     let mut cells = vec![["output".into(), format!("at t = {time} s"), "unit".into()]];
-    cells.extend(columns.iter().zip(row).map(|(column, value)| {
+    cells.extend(plan.columns().iter().zip(row).map(|(column, value)| {
         [
             column.name.clone(),
             match column.kind {
@@ -206,7 +205,7 @@ fn report(
         ]
     }));
     table::print(&cells, out)?;
-    let simulated = time - experiment.start + experiment.step;
+    let simulated = plan.end() - plan.experiment().start;
     writeln!(
         out,
         "{simulated:.6} s in {:.3} ms: {}",
