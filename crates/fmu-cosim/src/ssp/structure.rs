@@ -255,25 +255,25 @@ fn connections(
     faces: &[Face<'_>],
     layout: &Layout,
 ) -> Vec<Element<'static>> {
-    let connection = |((link, line), connection): ((&Link, &Vec<(f64, f64)>), &Connection)| {
+    let connection = |link: &Link, line: &[(f64, f64)], scale: Option<Scale>| {
         let (from, to) = (&faces[link.from.part], &faces[link.to.part]);
         Element::new("ssd:Connection")
             .with("startElement", &from.component.name)
             .with("startConnector", &from.outputs[link.from.index].name)
             .with("endElement", &to.component.name)
             .with("endConnector", &to.inputs[link.to.index].name)
-            .with_some("suppressUnitConversion", connection.scale.map(|_| true))
-            .holding_all(connection.scale.map(transformation))
+            .with_some("suppressUnitConversion", scale.map(|_| true))
+            .holding_all(scale.map(transformation))
             .holding(
                 Element::new("ssd:ConnectionGeometry")
                     .with("pointsX", list(line.iter().map(|(x, _)| *x)))
                     .with("pointsY", list(line.iter().map(|(_, y)| *y))),
             )
     };
-    let lines = links.iter().zip(&layout.lines);
+    let scales = description.connections.iter().map(|c| c.scale);
+    let lines = links.iter().zip(&layout.lines).zip(scales);
     lines
-        .zip(&description.connections)
-        .map(connection)
+        .map(|((link, line), scale)| connection(link, line, scale))
         .collect()
 }
 
