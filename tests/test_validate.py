@@ -414,7 +414,7 @@ def test_a_path_outside_the_archive_is_rejected(name: str, pid: Fmu, tmp_path: P
 
 
 ODD_NAMES = {
-    "./": 'the file name is "./", expected ""',
+    "./": 'the file name is "./", expected none for the FMU itself',
     "./resources/a": 'expected "resources/a"',
     "resources\\a": 'expected "resources/a"',
     "resources//a": 'expected "resources/a"',
@@ -430,6 +430,14 @@ def test_a_harmless_name_is_corrected(name: str, pid: Fmu, tmp_path: Path) -> No
     info = cargo_fmu("info", file)
     assert info.returncode == 0
     assert ("resources    a" in info.stdout) == name.endswith("a")
+
+
+def test_fmus_with_corrected_names_can_be_merged(pid: Fmu, tmp_path: Path) -> None:
+    first = write(tmp_path / "a.fmu", {"./": b""} | {f"./{name}": pid[name] for name in pid})
+    second = write(tmp_path / "b.fmu", pid)
+    result = cargo_fmu("merge", first, second, "--out", tmp_path / "c.fmu")
+    assert result.returncode == 0, result.stderr
+    assert read(tmp_path / "c.fmu") == pid
 
 
 def test_of_two_files_with_the_same_name_the_last_is_used(pid: Fmu, tmp_path: Path) -> None:

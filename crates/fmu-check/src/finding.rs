@@ -140,6 +140,8 @@ pub struct Findings {
     groups: Vec<Group>,
     /// Maximum number kept of each rule.
     keep: usize,
+    /// Number of all that are kept.
+    kept: usize,
 }
 
 impl Default for Findings {
@@ -151,8 +153,8 @@ impl Default for Findings {
 impl Findings {
     /// Number of findings of each rule that are kept by default.
     pub const FEW: usize = 3;
-    /// Number that are kept of each rule if all are to be shown, to limit the memory.
-    pub const ALL: usize = 100_000;
+    /// Number that are kept in total if all are to be shown, to limit the memory.
+    pub const ALL: usize = 200_000;
     /// Maximum length of a location or text.
     const MAX_LENGTH: usize = 1000;
 
@@ -161,6 +163,7 @@ impl Findings {
         Self {
             groups: Vec::new(),
             keep,
+            kept: 0,
         }
     }
 
@@ -188,7 +191,9 @@ impl Findings {
         };
         let group = &mut self.groups[index];
         group.count += 1;
-        if group.kept.len() < self.keep {
+        let kept = group.kept.len();
+        if kept < self.keep && (kept < Self::FEW || self.kept < Self::ALL) {
+            self.kept += 1;
             group.kept.push(Finding {
                 rule,
                 location: location.into(),

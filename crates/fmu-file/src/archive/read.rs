@@ -29,7 +29,8 @@ pub const MODEL_DESCRIPTION: &str = "modelDescription.xml";
 /// An open FMU archive.
 pub struct Archive {
     zip: ZipArchive<BufReader<File>>,
-    /// Names of all files and folders, corrected to relative paths with single forward slashes.
+    /// Names of all files and folders, corrected to relative paths with single forward slashes; empty for
+    /// an entry of the FMU itself.
     pub names: Vec<String>,
     /// Size of the archive in bytes.
     pub size: u64,
@@ -228,9 +229,13 @@ impl Check {
             match relative(name) {
                 Ok(clean) => {
                     if clean != *name {
-                        let (name, clean) = (quote(name), quote(&clean));
+                        let expected = match clean.as_str() {
+                            "" => "none for the FMU itself".to_owned(),
+                            clean => quote(clean),
+                        };
+                        let name = quote(name);
                         self.oddities
-                            .push(format!("the file name is {name}, expected {clean}"));
+                            .push(format!("the file name is {name}, expected {expected}"));
                     }
                     self.names.push(clean);
                 }

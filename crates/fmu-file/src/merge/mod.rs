@@ -160,6 +160,10 @@ fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
     let mut files = BTreeMap::<_, Vec<_>>::new();
     for (number, fmu) in fmus.iter().enumerate() {
         for (index, name) in fmu.archive.names.iter().enumerate() {
+            if name.is_empty() {
+                // An entry for the FMU itself.
+                continue;
+            }
             // Some systems ignore case in names.
             let folded = name.to_lowercase();
             let part = if name == MODEL_DESCRIPTION {
