@@ -155,6 +155,7 @@ def test_invalid_variables_are_left_out(tmp_path):
         xml = xml.replace(f'index="{index}"', f'index="{index + 1}"')
     fmu = build(tmp_path, xml=xml)
     assert simulate(system(tmp_path, fmu, {}), tmp_path)["a.y"][-1] < 1.0
+    assert "5 variables, without 1 that are invalid" in run("info", fmu).stdout
 
 
 def test_an_fmu_in_another_encoding_runs(tmp_path):

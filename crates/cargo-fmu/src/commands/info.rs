@@ -123,7 +123,12 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
     let terminal = terminal_size::terminal_size_of(std::io::stdout());
     let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
-    writeln!(out, "\n{} variables", rows.len() - 1)?;
+    let invalid = model.variables.iter().filter(|v| v.is_none()).count();
+    let left_out = match invalid {
+        0 => String::new(),
+        _ => format!(", without {invalid} that are invalid"),
+    };
+    writeln!(out, "\n{} variables{left_out}", rows.len() - 1)?;
     for row in &rows {
         let line: String = row
             .iter()
