@@ -35,6 +35,16 @@ def fmus() -> Path:
 
 
 @pytest.fixture(scope="session")
+def variant(fmus: Path) -> Path:
+    """Export the variant that `examples/ssp/supervised.toml` uses; return its file."""
+    name, folder = "SupervisedIpidRbf", ROOT / "target" / "variants"
+    options = ["--name", name, "--set", "rbf.target=supervisor", "--out", str(folder)]
+    export = [PROGRAM, "export", "IpidRbf", *options]
+    subprocess.run(export, cwd=ROOT, check=True, capture_output=True)
+    return folder / f"{name}.fmu"
+
+
+@pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     if not PROGRAM.exists():

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy import read_model_description
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
 from libcosimpy.CosimExecution import CosimExecution
@@ -22,7 +21,7 @@ ANGLE, FORCE = ("plant", "theta"), ("controller", "u")
 Results = dict[str, np.ndarray]
 
 
-def by_fmpy(package: Path, step: float, steps: int, fmus: Path) -> Results:
+def by_fmpy(package: Path, step: float, steps: int) -> Results:
     """Simulate from 0 s with FMPy.
 
     FMPy sets all inputs to zero in the first step. So the simulation starts one step earlier, where
@@ -33,7 +32,7 @@ def by_fmpy(package: Path, step: float, steps: int, fmus: Path) -> Results:
         start_time=-step,
         stop_time=(steps - 0.5) * step,
         step_size=step,
-        parameter_set=ParameterSet(name="", parameters=list(_parameters(package, fmus))),
+        parameter_set=ParameterSet(name="", parameters=list(_parameters(package))),
     )
     return {
         "plant.theta": results["plant.theta"][:-1],
@@ -41,27 +40,19 @@ def by_fmpy(package: Path, step: float, steps: int, fmus: Path) -> Results:
     }
 
 
-def _parameters(package: Path, fmus: Path) -> Iterator[Parameter]:
-    """Yield the start values in a package, which FMPy reads but does not apply by itself.
-
-    It expects typed values, and integers for enumeration items.
-    """
+def _parameters(package: Path) -> Iterator[Parameter]:
+    """Yield the start values in a package, which FMPy reads but does not apply by itself."""
     for component in find_components(read_ssd(package).system):
-        description = read_model_description(fmus / Path(component.source).name)
-        variables = {v.name: v for v in description.modelVariables}
         for binding in component.parameterBindings:
             for parameter in (p for values in binding.parameterValues for p in values.parameters):
                 value = parameter.value
                 if parameter.type == "Boolean":
-                    value = value == "true"
-                elif parameter.type == "Enumeration":
-                    items = variables[parameter.name].declaredType.items
-                    (value,) = (item.value for item in items if item.name == value)
+                    value = value == "true"  # FMPy expects typed values
                 name = f"{component.name}.{parameter.name}"
                 yield Parameter(name=name, type=parameter.type, value=value)
 
 
-def by_ecos(package: Path, step: float, steps: int, _fmus: Path) -> Results:
+def by_ecos(package: Path, step: float, steps: int) -> Results:
     """Simulate from 0 s with Ecos."""
     if not find_library("tbb"):
         pytest.skip("`make system` installs libtbb")
@@ -79,7 +70,7 @@ def by_ecos(package: Path, step: float, steps: int, _fmus: Path) -> Results:
     return {"plant.theta": angles, "controller.u": forces}
 
 
-def by_libcosim(package: Path, _step: float, steps: int, _fmus: Path) -> Results:
+def by_libcosim(package: Path, _step: float, steps: int) -> Results:
     """Simulate with libcosim, with the times and the step of the package."""
     log_output_level(CosimLogLevel.ERROR)
     execution = CosimExecution.from_ssp_file(str(package))

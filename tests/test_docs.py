@@ -94,7 +94,7 @@ def test_all_units_are_listed() -> None:
     assert listed >= set(symbols)
 
 
-def test_what_you_should_see(program: Path, tmp_path: Path) -> None:
+def test_what_you_should_see(program: Path, variant: Path, tmp_path: Path) -> None:
     """The table of importing.md: final error, settling time and maximum angle of the four loops."""
     section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]
     lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]

@@ -1,6 +1,7 @@
 """SSP packages: conformance to the standard, and simulation in third-party importers."""
 
 import itertools
+import re
 import subprocess
 import sys
 import zipfile
@@ -23,13 +24,13 @@ SCHEMAS = Path(fmpy.__file__).parent / "ssp" / "schema"
 NS = {
     part: f"http://ssp-standard.org/SSP1/SystemStructure{name}"
     for part, name in [("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues")]
-}
+} | {"oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"}
 
 TEXT = "1 < 2 & 'é'"
 
 
 @pytest.fixture(scope="session")
-def packages(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def packages(fmus: Path, variant: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the packages of the loops of the paper; returns their folder."""
     folder = tmp_path_factory.mktemp("packages")
     written = run("ssp", *(SYSTEMS / f"{name}.toml" for name in NAMES), "--out", folder, cwd=ROOT)
@@ -59,6 +60,8 @@ def relay(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     written = run("ssp", system, "--out", folder, cwd=folder)
     assert written.returncode == 0, written.stderr
+    assert 'names the component "a & b" a___b' in written.stderr
+    assert "sets a & b.shape, an enumeration" in written.stderr
     return folder / "system.ssp"
 
 
@@ -101,7 +104,7 @@ def test_a_package_is_valid_by_the_schemas_of_the_standard(package):
         check("ParameterValues", parameters)
 
 
-def test_a_package_contains_each_fmu_once_and_unchanged(package, packages, fmus):
+def test_a_package_contains_each_fmu_once_and_unchanged(package, packages, fmus, variant):
     with zipfile.ZipFile(package) as archive:
         assert archive.testzip() is None
         names = archive.namelist()
@@ -110,7 +113,8 @@ def test_a_package_contains_each_fmu_once_and_unchanged(package, packages, fmus)
         assert sorted(names[1:]) == sorted(sources)
         for name in names[1:]:
             folder = fmus if package.parent == packages else package.parent
-            assert archive.read(name) == (folder / Path(name).name).read_bytes()
+            file = variant if variant.name in name else folder / Path(name).name
+            assert archive.read(name) == file.read_bytes()
 
 
 def test_connectors_are_the_inputs_outputs_and_set_parameters_of_the_fmus(package, tmp_path):
@@ -182,7 +186,7 @@ def test_connections_match_the_system(packages):
 
 def test_start_values_of_every_type_are_exact(relay):
     first, second = elements(structure(relay), ".//ssd:Component")
-    assert first.get("name") == "a & b"
+    assert first.get("name") == "a___b"
     assert {p.get("name"): kind_of(p) for p in elements(first, ".//ssv:Parameter")} == {
         "add": ("Integer", {"value": "-3"}),
         "file": ("String", {"value": TEXT}),
@@ -200,6 +204,22 @@ def test_times_match_the_system(relay, packages):
 
     assert times(packages / "pid.ssp") == {"startTime": "0.0", "stopTime": "20.0"}
     assert times(relay) == {"startTime": "-0.5", "stopTime": "1.0"}
+
+
+def test_a_package_has_what_omsimulator_requires(package):
+    """Its library opens identifiers only, and systems with a master only; see its `System.cpp`."""
+    root = structure(package)
+    system = root.find("ssd:System", NS)
+    for element in (root, system, *elements(system, ".//ssd:Component")):
+        assert re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", element.get("name"))
+    annotation = system.find("ssd:Annotations/ssc:Annotation", NS)  # it reads the first
+    assert annotation.get("type") == "org.openmodelica"
+    information = annotation.find("oms:Annotations/oms:SimulationInformation", NS)
+    (master,) = information.findall("oms:FixedStepMaster", NS)
+    assert master.get("description") == "oms-ma"
+    step = root.get("description").split()[2]
+    assert master.get("stepSize") == information.get("fixedStepSize") == step
+    assert float(step) == (STEP if system.get("name") != "system" else 0.25)
 
 
 # --- the diagram ----------------------------------------------------------------------------------
@@ -255,24 +275,23 @@ def test_the_diagram_shows_everything_and_no_line_crosses_a_component(package):
 
 # --- other importers ------------------------------------------------------------------------------
 
-Importer = Callable[[Path, float, int, Path], dict[str, np.ndarray]]
+Importer = Callable[[Path, float, int], dict[str, np.ndarray]]
 
 IMPORTERS = [by_fmpy, by_ecos, by_libcosim]
-# Ecos and libcosim do not support enumerations, and the supervised loop sets one.
-RUNS = [(by, name) for by in IMPORTERS for name in NAMES if by is by_fmpy or name != "supervised"]
 
 
-def assert_same_bits(by: Importer, package: Path, ours: dict[str, np.ndarray], fmus: Path) -> None:
+def assert_same_bits(by: Importer, package: Path, ours: dict[str, np.ndarray]) -> None:
     """Compare the results of an importer with those of the native master."""
-    theirs = by(package, STEP, STEPS, fmus)
+    theirs = by(package, STEP, STEPS)
     for column in ("plant.theta", "controller.u"):
         np.testing.assert_array_equal(theirs[column], ours[column][:STEPS])
 
 
-@pytest.mark.parametrize(("importer", "name"), RUNS)
-def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, packages, fmus, tmp_path):
+@pytest.mark.parametrize("importer", IMPORTERS)
+@pytest.mark.parametrize("name", NAMES)
+def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, packages, tmp_path):
     ours = simulate(SYSTEMS / f"{name}.toml", tmp_path)
-    assert_same_bits(importer, packages / f"{name}.ssp", ours, fmus)
+    assert_same_bits(importer, packages / f"{name}.ssp", ours)
 
 
 OTHER_VALUES = {
@@ -303,15 +322,34 @@ def test_an_importer_applies_the_start_values(importer, packages, fmus, tmp_path
     assert written.returncode == 0, written.stderr
     ours = simulate(system, tmp_path, "--fmus", fmus)
     assert ours["controller.u"].max() == 80.5
-    assert_same_bits(importer, tmp_path / "other.ssp", ours, fmus)
+    assert_same_bits(importer, tmp_path / "other.ssp", ours)
+
+
+@pytest.fixture(scope="session")
+def enumeration(packages: Path) -> Path:
+    """Write the supervised loop with the enumeration as a start value; return the system file."""
+    text = (SYSTEMS / "supervised.toml").read_text()
+    text = text.replace("variants/SupervisedIpidRbf", "fmu/IpidRbf").replace("../..", str(ROOT))
+    head, tail = text.rsplit("previous_sample_terms = false", 1)
+    file = packages / "enumeration.toml"
+    file.write_text(f'{head}previous_sample_terms = false, "rbf.target" = "supervisor"{tail}')
+    return file
+
+
+def test_a_variant_equals_the_base_with_the_enumeration_set(enumeration, tmp_path):
+    expected = simulate(enumeration, tmp_path)
+    computed = simulate(SYSTEMS / "supervised.toml", tmp_path)
+    for name, column in expected.items():
+        np.testing.assert_array_equal(computed[name], column)
 
 
 @pytest.mark.parametrize("importer", ["by_ecos", "by_libcosim"])
-def test_importers_without_enumerations_reject_the_value(importer, packages, fmus):
+def test_importers_without_enumerations_reject_the_value(importer, enumeration, tmp_path):
     """One raises an exception, the other ends the process; neither continues with the default."""
-    package = packages / "supervised.ssp"
+    written = run("ssp", enumeration, "--out", tmp_path)
+    assert "sets controller.rbf.target, an enumeration, which Ecos and libcosim" in written.stderr
     code = f"from pathlib import Path; from importers import {importer}; {importer}"
-    call = f"(Path({str(package)!r}), {STEP}, 1, Path({str(fmus)!r})); print('ran')"
+    call = f"(Path({str(tmp_path / 'enumeration.ssp')!r}), {STEP}, 1); print('ran')"
     python = [sys.executable, "-c", code + call]
     done = subprocess.run(python, cwd=ROOT / "tests", capture_output=True, text=True, check=False)
     assert done.returncode != 0
@@ -323,7 +361,7 @@ def test_importers_without_enumerations_reject_the_value(importer, packages, fmu
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_pendulum_stands_and_the_force_does_not_ring(name, fmus, tmp_path):
+def test_the_pendulum_stands_and_the_force_does_not_ring(name, variant, tmp_path):
     results = simulate(SYSTEMS / f"{name}.toml", tmp_path)
     half = STEPS // 2
     assert np.all(np.abs(results["controller.e"][half:]) < 3e-3)

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
+use fmu_cosim::Description;
 use fmu_cosim::ssp::Package;
-use fmu_cosim::{Description, Order};
 use fmu_file::replace;
 
 use crate::style::WARNING;
@@ -52,10 +52,8 @@ pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
         let size = package.write()?;
         let file = package.file().display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
-        if package.order() == Order::Sequential {
-            anstream::eprintln!(
-                "{WARNING}warning:{WARNING:#} {file} cannot state that the system steps in sequential order; most tools step in parallel"
-            );
+        for warning in package.warnings() {
+            anstream::eprintln!("{WARNING}warning:{WARNING:#} {file} {warning}");
         }
     }
     Ok(())

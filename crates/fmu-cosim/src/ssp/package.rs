@@ -5,17 +5,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use fmu_file::archive::{self, Entry, Packed};
 
-use crate::{Description, Order, Plan};
+use fmu_description::VariableType;
+
+use crate::{Description, Order, Plan, Planned};
 
 use super::resources::Resources;
-use super::structure;
+use super::{names, structure};
 
 /// A package that is ready to be written.
 pub struct Package {
     file: PathBuf,
     structure: String,
     resources: Resources,
-    order: Order,
+    warnings: Vec<String>,
 }
 
 impl Package {
@@ -35,11 +37,13 @@ impl Package {
                 .map(|component| resources.add(&component.fmu.path))
                 .collect::<Result<Vec<_>>>()?;
             let name = system.file_stem().unwrap_or_default().to_string_lossy();
+            let components: Vec<_> = plan.components().iter().map(|c| c.name.as_str()).collect();
+            let identifiers = names::distinct(&components)?;
             anyhow::Ok(Self {
-                structure: structure::document(&name, description, &plan, &paths)?,
+                warnings: warnings(description.order, plan.components(), &identifiers),
+                structure: structure::document(&name, description, &plan, &identifiers, &paths)?,
                 file: folder.join(format!("{name}.ssp")),
                 resources,
-                order: description.order,
             })
         };
         pack().with_context(|| system.display().to_string())
@@ -50,9 +54,9 @@ impl Package {
         &self.file
     }
 
-    /// The order of stepping, which a package cannot express.
-    pub fn order(&self) -> Order {
-        self.order
+    /// What tools may do differently from this system, to follow the name of the file in a message.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Writes the package and returns its size in bytes.
@@ -67,4 +71,30 @@ impl Package {
             .collect();
         archive::write(&self.file, &entries)
     }
+}
+
+fn warnings(order: Order, components: &[Planned], identifiers: &[String]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if order == Order::Sequential {
+        warnings.push(
+            "cannot state that the system steps in sequential order; most tools step in parallel"
+                .into(),
+        );
+    }
+    for (component, identifier) in components.iter().zip(identifiers) {
+        let name = &component.name;
+        if name != identifier {
+            warnings.push(format!(
+                "names the component {name:?} {identifier}: OMSimulator requires identifiers"
+            ));
+        }
+        let starts = component.starts();
+        for (variable, _) in starts.filter(|(v, _)| v.kind == VariableType::Enumeration) {
+            warnings.push(format!(
+                "sets {name}.{}, an enumeration, which Ecos and libcosim reject and OMSimulator may ignore; use an FMU that starts with this value, such as a variant",
+                variable.name
+            ));
+        }
+    }
+    warnings
 }

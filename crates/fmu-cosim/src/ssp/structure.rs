@@ -8,13 +8,14 @@ use fmu_description::{Causality, VariableType};
 use crate::{Connection, Description, Fmu, Plan, Planned, Scale, Typed, Variable};
 
 use super::layout::{self, Area, Layout, Link, Part, Pin};
+use super::names;
 use fmu_description::xml::Element;
 
 /// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
 
 /// Declared at the root, where every tool accepts them.
-const NAMESPACES: [(&str, &str); 4] = [
+const NAMESPACES: [(&str, &str); 5] = [
     (
         "xmlns:ssc",
         "http://ssp-standard.org/SSP1/SystemStructureCommon",
@@ -31,13 +32,18 @@ const NAMESPACES: [(&str, &str); 4] = [
         "xmlns:osp",
         "http://opensimulationplatform.com/SSP/OSPAnnotations",
     ),
+    (
+        "xmlns:oms",
+        "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+    ),
 ];
 
 const BASE_UNIT: [&str; 10] = [
     "kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset",
 ];
 
-/// The document of a system whose FMUs are stored at `places` in the package.
+/// The document of a system whose components have the names `identifiers` and FMUs at `places` in the
+/// package.
 ///
 /// # Errors
 /// A name has a character that XML does not allow.
@@ -45,26 +51,30 @@ pub fn document(
     name: &str,
     description: &Description,
     plan: &Plan,
+    identifiers: &[String],
     places: &[String],
 ) -> Result<String> {
-    let faces: Vec<Face<'_>> = plan.components().iter().map(Face::new).collect();
+    let components = plan.components().iter().zip(identifiers);
+    let faces: Vec<Face<'_>> = components.map(|(c, name)| Face::new(c, name)).collect();
     let links = links(description, &faces)?;
     let parts: Vec<Part> = faces.iter().map(Face::part).collect();
     let layout = layout::lay_out(&parts, &links);
     let mut terms = Terms::default();
+    let name = names::identifier(name);
 
     let components = faces.iter().zip(places).zip(&layout.parts);
     let components = components
         .map(|((face, place), area)| component(face, place, *area, &mut terms))
         .collect();
     let system = Element::new("ssd:System")
-        .with("name", name)
+        .with("name", &name)
         .listing("ssd:Elements", components)
         .listing(
             "ssd:Connections",
             connections(description, &links, &faces, &layout),
         )
-        .holding(area("ssd:SystemGeometry", layout.extent));
+        .holding(area("ssd:SystemGeometry", layout.extent))
+        .listing("ssd:Annotations", vec![master(description.step)]);
     let root = Element::new("ssd:SystemStructureDescription");
     let root = NAMESPACES
         .into_iter()
@@ -90,6 +100,7 @@ pub fn document(
 /// A component and its connectors, by side.
 struct Face<'a> {
     component: &'a Planned,
+    name: &'a str,
     inputs: Vec<&'a Variable>,
     outputs: Vec<&'a Variable>,
     /// The parameters that the system sets.
@@ -97,7 +108,7 @@ struct Face<'a> {
 }
 
 impl<'a> Face<'a> {
-    fn new(component: &'a Planned) -> Self {
+    fn new(component: &'a Planned, name: &'a str) -> Self {
         let all = |causality| {
             let variables = component.fmu.variables.iter();
             variables.filter(move |v| v.causality == causality)
@@ -105,6 +116,7 @@ impl<'a> Face<'a> {
         let is_set = |v: &&Variable| component.starts().any(|(set, _)| set.name == v.name);
         Self {
             component,
+            name,
             inputs: all(Causality::Input).collect(),
             outputs: all(Causality::Output).collect(),
             parameters: all(Causality::Parameter).filter(is_set).collect(),
@@ -164,7 +176,7 @@ fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Eleme
         connectors.push(connector(parameter, "parameter", at, fmu, terms));
     }
     Element::new("ssd:Component")
-        .with("name", &face.component.name)
+        .with("name", face.name)
         .with("type", "application/x-fmu-sharedlibrary")
         .with("source", place)
         .with("implementation", "CoSimulation")
@@ -258,9 +270,9 @@ fn connections(
     let connection = |link: &Link, line: &[(f64, f64)], scale: Option<Scale>| {
         let (from, to) = (&faces[link.from.part], &faces[link.to.part]);
         Element::new("ssd:Connection")
-            .with("startElement", &from.component.name)
+            .with("startElement", from.name)
             .with("startConnector", &from.outputs[link.from.index].name)
-            .with("endElement", &to.component.name)
+            .with("endElement", to.name)
             .with("endConnector", &to.inputs[link.to.index].name)
             .with_some("suppressUnitConversion", scale.map(|_| true))
             .holding_all(scale.map(transformation))
@@ -308,6 +320,25 @@ fn experiment(description: &Description) -> Element<'static> {
         .with("startTime", real(description.start))
         .with("stopTime", real(description.stop))
         .listing("ssd:Annotations", vec![annotation])
+}
+
+/// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the
+/// element inside, its Python package the attributes, of which the name is that of its default solver.
+fn master(step: f64) -> Element<'static> {
+    let master = Element::new("oms:FixedStepMaster")
+        .with("description", "oms-ma")
+        .with("stepSize", real(step))
+        // Its defaults. This master has no error control, but passes the second to the FMUs.
+        .with("absoluteTolerance", "0.0001")
+        .with("relativeTolerance", "0.0001");
+    let information = Element::new("oms:SimulationInformation")
+        .with("name", "oms_ma_default")
+        .with("method", "oms_ma")
+        .with("fixedStepSize", real(step))
+        .holding(master);
+    Element::new("ssc:Annotation")
+        .with("type", "org.openmodelica")
+        .listing("oms:Annotations", vec![information])
 }
 
 /// The units and enumerations that a system uses.
