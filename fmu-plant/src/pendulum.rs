@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// Cart with an inverted pendulum
 #[derive(Model)]
+#[model(tolerance = nonlinear::RELATIVE)]
 pub struct Pendulum {
     /// Force on the cart
     #[input(unit = "N", derivative = self.u_slope)]

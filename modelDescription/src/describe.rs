@@ -20,6 +20,8 @@ pub struct Description {
     pub is_sampled: bool,
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
+    /// Relative tolerance of its integrator; 0 if it has none.
+    pub tolerance: f64,
     /// The variables.
     pub variables: Vec<VariableDescription>,
 }
@@ -160,6 +162,7 @@ impl Description {
     /// A unit is unknown, or two enumerations with different items have the same name.
     pub fn to_xml(&self, origin: &Origin) -> Result<Element<'static>> {
         let (stop, step) = self.default_experiment;
+        let tolerance = (self.tolerance > 0.0).then(|| format!("{:?}", self.tolerance));
         let scalars: Vec<_> = self.scalars().collect();
         let unknowns = |of: &dyn Fn(&Scalar<'_>) -> Option<String>| {
             scalars
@@ -191,6 +194,7 @@ impl Description {
                 Element::new("DefaultExperiment")
                     .with("startTime", 0)
                     .with("stopTime", stop)
+                    .with_some("tolerance", tolerance)
                     .with("stepSize", step),
             )
             .holding(Element::new("ModelVariables").holding_all(scalars.iter().map(scalar)))
@@ -442,6 +446,7 @@ mod tests {
             guid: "{1}".into(),
             is_sampled: false,
             default_experiment: (20.0, 0.001),
+            tolerance: 1e-11,
             variables: vec![
                 variable("u", Input, real("rad", &[0.0])),
                 variable("y", Output, real("mN", &[])),
@@ -532,6 +537,7 @@ mod tests {
         let xml = description.document().unwrap();
         for part in [
             "displayUnit=\"deg\"",
+            "<DefaultExperiment startTime=\"0\" stopTime=\"20\" tolerance=\"1e-11\" stepSize=\"0.001\"/>",
             "<BaseUnit kg=\"1\" m=\"1\" s=\"-2\" factor=\"0.001\"/>",
             "<BaseUnit K=\"1\" offset=\"273.15\"/>",
             "way &amp; co",

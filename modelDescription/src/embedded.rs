@@ -9,7 +9,7 @@ use crate::{Interface, StartValue};
 /// The first bytes of a copy.
 const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format; increase it when the format changes.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Size of the checksum at the end.
 const CHECKSUM: usize = size_of::<u128>();
 
@@ -85,6 +85,7 @@ impl<const N: usize> Writer<N> {
         self.byte(interface.is_sampled as u8);
         self.real(interface.default_experiment.0);
         self.real(interface.default_experiment.1);
+        self.real(interface.tolerance);
         let scalars = interface.scalars;
         self.number(scalars.len() as u32);
         let mut i = 0;
@@ -330,6 +331,7 @@ mod read {
                 guid: String::from_utf8(self.bytes(LENGTH)?.to_vec())?,
                 is_sampled: self.flag()?,
                 default_experiment: (self.real()?, self.real()?),
+                tolerance: self.real()?,
                 variables: Vec::new(),
             };
             let count = self.number()?;

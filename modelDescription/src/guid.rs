@@ -218,6 +218,7 @@ mod tests {
             description: "amplifier",
             is_sampled: false,
             default_experiment: (1.0, 0.1),
+            tolerance: 0.0,
             scalars: match rows.len() {
                 0 => &[],
                 _ => Box::leak(Box::new(scalars::<1>(rows.leak()))),

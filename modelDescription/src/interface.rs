@@ -13,6 +13,8 @@ pub struct Interface {
     pub is_sampled: bool,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
+    /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
+    pub tolerance: f64,
     /// The scalar variables; their indices are their value references.
     pub scalars: &'static [Scalar],
     /// Start values that differ from the table.

@@ -169,6 +169,7 @@ mod tests {
             guid: String::new(),
             is_sampled: false,
             default_experiment: (1.0, 0.1),
+            tolerance: 0.0,
             variables: vec![
                 variable(
                     "u",

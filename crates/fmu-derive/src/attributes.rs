@@ -22,6 +22,8 @@ pub struct StructAttributes {
     pub stop_time: Option<Expr>,
     /// Step size of the default experiment (s).
     pub step_size: Option<Expr>,
+    /// Relative tolerance of the integrator.
+    pub tolerance: Option<Expr>,
 }
 
 impl StructAttributes {
@@ -33,6 +35,7 @@ impl StructAttributes {
             sample_time: None,
             stop_time: None,
             step_size: None,
+            tolerance: None,
         };
         for attribute in attributes {
             if attribute.path().is_ident("variables") {
@@ -64,11 +67,13 @@ impl StructAttributes {
             self.stop_time = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("step_size") {
             self.step_size = Some(meta.value()?.parse()?);
+        } else if meta.path.is_ident("tolerance") {
+            self.tolerance = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("crate") {
             self.krate = meta.value()?.parse()?;
         } else {
             return Err(meta.error(
-                "unknown option; expected `name`, `sample_time`, `stop_time`, `step_size` or `crate`",
+                "unknown option; expected `name`, `sample_time`, `stop_time`, `step_size`, `tolerance` or `crate`",
             ));
         }
         Ok(())

@@ -26,6 +26,7 @@ use syn::{DeriveInput, Error, parse_macro_input};
 /// | `sample_time = self.ts` | sample time in s, any expression of type `f64`: `step` is called once for each sample instant, and the outputs hold in between | none: `step` is called for each communication step |
 /// | `stop_time = 10` | stop time of the default experiment in s | 20 |
 /// | `step_size = 0.01` | communication step size of the default experiment in s | 0.001 |
+/// | `tolerance = 1e-8` | relative tolerance that the integrator of the model keeps, shown in the default experiment | none |
 /// | `crate = path` | path of the crate `fmu_export` | `::fmu_export` |
 ///
 /// ```

@@ -25,12 +25,13 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
             format!("`{ident}` has no description; write a doc comment above it"),
         )
     })?;
-    let times = [
+    let positive = [
         &attributes.sample_time,
         &attributes.stop_time,
         &attributes.step_size,
+        &attributes.tolerance,
     ];
-    (times.into_iter().flatten()).try_for_each(start::check_seconds)?;
+    (positive.into_iter().flatten()).try_for_each(start::check_positive)?;
     let number = |e| start::number(e, &Kind::Real);
     let is_sampled = attributes.sample_time.is_some();
     let sample_time = match attributes.sample_time.as_ref().map(number) {
@@ -41,6 +42,8 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let stop_time = stop_time.map_or_else(|| quote!(20.0), |e| quote!(#e));
     let step_size = attributes.step_size.as_ref().map(number);
     let step_size = step_size.map_or_else(|| quote!(0.001), |e| quote!(#e));
+    let tolerance = attributes.tolerance.as_ref().map(number);
+    let tolerance = tolerance.map(|e| quote!(const TOLERANCE: f64 = #e;));
     let (generics, arguments, condition) = input.generics.split_for_impl();
     Ok(quote! {
         #variables
@@ -50,6 +53,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
             const DESCRIPTION: &'static str = #description;
             const IS_SAMPLED: bool = #is_sampled;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
+            #tolerance
 
             #[inline(always)]
             fn sample_time(&self) -> f64 {

@@ -129,14 +129,11 @@ fn check_type(expression: &Expr, kind: &Kind) -> Result<()> {
     ))
 }
 
-/// Checks an option of the model that is a time.
-pub fn check_seconds(expression: &Expr) -> Result<()> {
+/// Checks an option of the model that is a time or a tolerance.
+pub fn check_positive(expression: &Expr) -> Result<()> {
     let is_positive = number_of(expression).is_some_and(|value| value > 0.0);
     match is_literal(expression) && !is_positive {
-        true => Err(Error::new_spanned(
-            expression,
-            "expected a positive number (s)",
-        )),
+        true => Err(Error::new_spanned(expression, "expected a positive number")),
         false => Ok(()),
     }
 }

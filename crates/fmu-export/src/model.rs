@@ -22,6 +22,8 @@ pub trait Model: Variables + 'static {
     const IS_SAMPLED: bool;
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
+    /// Relative tolerance of its integrator; 0 if it has none.
+    const TOLERANCE: f64 = 0.0;
 
     /// The sample time (s); 0 if it has none.
     fn sample_time(&self) -> f64;

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 
 /// A tank with two valves
 #[derive(Model)]
-#[model(name = "Tank", stop_time = 60, step_size = 0.5, sample_time = self.ts)]
+#[model(name = "Tank", stop_time = 60, step_size = 0.5, tolerance = 1e-6, sample_time = self.ts)]
 #[allow(dead_code, reason = "only the table is under test")]
 struct Reservoir {
     /// inflow
@@ -242,6 +242,7 @@ fn tank() -> Description {
         guid: String::from_utf8(guid::guid(&TANK).into()).unwrap(),
         is_sampled: true,
         default_experiment: (60.0, 0.5),
+        tolerance: 1e-6,
         variables,
     }
 }

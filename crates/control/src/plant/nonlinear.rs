@@ -3,8 +3,9 @@
 
 use super::{Force, Parameters, State};
 
-/// Relative tolerance of a substep; added to [`ABSOLUTE`] for each state.
-const RELATIVE: f64 = 1e-11;
+/// Relative tolerance of a substep; an absolute one of 1e-13 (m, m/s, rad, rad/s) is added for each
+/// state.
+pub const RELATIVE: f64 = 1e-11;
 /// Absolute tolerance of a substep (m, m/s, rad, rad/s).
 const ABSOLUTE: f64 = 1e-13;
 /// Maximum number of substeps in one step; beyond it, the motion is too fast to integrate.

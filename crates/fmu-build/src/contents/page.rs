@@ -85,9 +85,11 @@ fn default_experiment(model: &ModelDescription<'_>) -> String {
         ("stops at", "stopTime"),
         ("has communication steps of", "stepSize"),
     ];
+    let tolerance = model.experiment("tolerance");
     let known: Vec<_> = times
         .into_iter()
         .filter_map(|(what, name)| Some(format!("{what} {} s", model.experiment(name)?)))
+        .chain(tolerance.map(|value| format!("has a relative tolerance of {value:?}")))
         .collect();
     match known.len() {
         0 => String::new(),

@@ -41,6 +41,7 @@ pub const fn interface<M: Simulate, const N: usize>(variant: Option<&'static str
         description: M::DESCRIPTION,
         is_sampled: M::IS_SAMPLED,
         default_experiment: M::DEFAULT_EXPERIMENT,
+        tolerance: M::TOLERANCE,
         scalars,
         overrides,
     }
