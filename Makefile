@@ -10,8 +10,9 @@ BUILT ?= target/built
 MERGED ?= target/merged
 
 # uv does not read pip's configuration, so pip's index is passed to it.
-UV := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pip config list \
-	| sed -n "s/^[^ ]*[.]index-url='\(.*\)'/\1/p" | tail -1)} $(RUN) -m uv
+UV_SETTINGS := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(RUN) -m pip config list \
+	| sed -n "s/^[^ ]*[.]index-url='\(.*\)'/\1/p" | tail -1)}
+UV := $(UV_SETTINGS) $(RUN) -m uv
 # Adds the linkers for other platforms to PATH, and the Python that has zig.
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
 RUST_SOURCES := lib/rustlib/src/rust/library
@@ -24,7 +25,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo plot check test lint msrv report bench fmus native ssp judge portable cross merged system \
+.PHONY: help demo plot check test lint msrv report bench fmus native ssp judge importers portable cross merged system \
 	valgrind elsewhere package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
@@ -85,6 +86,7 @@ native:
 
 ## ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus
+	cargo fmu export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
 	cargo fmu ssp examples/ssp/*.toml
 
 ## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
@@ -92,6 +94,10 @@ judge: fmus $(VENV)/.judge
 	LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
 		C_INCLUDE_PATH="$$($(CC) -print-file-name=include)" \
 		cargo test --locked --package fmi-judge
+
+## importers: run the FMUs in other importers, which are installed with uv, and write docs/importers.md
+importers: ssp $(VENV)/.test
+	$(UV_SETTINGS) $(RUN) tests/matrix/run.py
 
 ## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable
 portable: $(VENV)/.portable

@@ -94,6 +94,13 @@ def test_all_units_are_listed() -> None:
     assert listed >= set(symbols)
 
 
+def test_the_importers_are_those_that_were_run() -> None:
+    """Whoever changes a version in `tests/matrix` runs `make importers`."""
+    for script in (ROOT / "tests" / "matrix").glob("with_*.py"):
+        pinned = re.search(r"[\w-]+==([\w.]+)", script.read_text(encoding="utf-8"))[1]
+        assert f"| {pinned} |" in PAGES["docs/importers.md"], script
+
+
 def test_what_you_should_see(program: Path, variant: Path, tmp_path: Path) -> None:
     """The table of importing.md: final error, settling time and maximum angle of the four loops."""
     section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]

@@ -49,9 +49,11 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         ("stop", "stopTime"),
         ("step", "stepSize"),
     ];
+    let tolerance = model.experiment("tolerance");
     let experiment: Vec<String> = times
         .iter()
         .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
+        .chain(tolerance.map(|value| format!("tolerance {value:?}")))
         .collect();
     let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
     let documents: Vec<&str> = [DOCUMENTATION, ICON]
