@@ -54,7 +54,8 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
     }
 }
 
-/// `fmi2SetupExperiment`
+/// `fmi2SetupExperiment`. A model keeps its own tolerance: "An FMU for Co-Simulation might ignore this
+/// argument" (FMI 2.0.5, section 2.1.6).
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetupExperiment(
     c: fmi2Component,
