@@ -15,10 +15,14 @@ UV_SETTINGS := UV_SYSTEM_CERTS=true UV_DEFAULT_INDEX=$${UV_DEFAULT_INDEX:-$$($(R
 UV := $(UV_SETTINGS) $(RUN) -m uv
 # Adds the linkers for other platforms to PATH, and the Python that has zig.
 WITH_ZIG := PATH="$(abspath $(VENV)/bin):$$PATH"
+# For crates that generate bindings of C headers.
+WITH_CLANG = LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
+	C_INCLUDE_PATH="$$($(CC) -print-file-name=include)"
 RUST_SOURCES := lib/rustlib/src/rust/library
 MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 # It reads an unstable format of the compiler; this version knows that of the minimum Rust version.
 SEMVER_CHECKS := 0.45.0
+FMI_SIM := 0.7.0
 BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
 GROUPS := test importers lint portable bench judge wheel setup
 
@@ -91,12 +95,11 @@ ssp: fmus
 
 ## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
 judge: fmus $(VENV)/.judge
-	LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')/native" \
-		C_INCLUDE_PATH="$$($(CC) -print-file-name=include)" \
-		cargo test --locked --package fmi-judge
+	$(WITH_CLANG) cargo test --locked --package fmi-judge
 
-## importers: run the FMUs in other importers, which are installed with uv, and write docs/importers.md
-importers: ssp $(VENV)/.test
+## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
+importers: ssp $(VENV)/.test $(VENV)/.judge
+	$(WITH_CLANG) cargo install --quiet --root target/tools fmi-sim@$(FMI_SIM)
 	$(UV_SETTINGS) $(RUN) tests/matrix/run.py
 
 ## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable

@@ -1,10 +1,11 @@
 """Runs the FMUs in other importers and writes the results to docs/importers.md: `make importers`.
 
-FMPy, libcosim and Ecos are those of the test environment. All others run as scripts, each in an
-environment of its own, since they require conflicting packages; `uv` installs what a script names
-in its first lines.
+FMPy, libcosim and Ecos are those of the test environment, and `fmi-sim` is in target/tools. All
+others run as scripts, each in an environment of its own, since they require conflicting packages;
+`uv` installs what a script names in its first lines.
 """
 
+import csv
 import json
 import re
 import subprocess
@@ -29,6 +30,7 @@ from pendulum_fmus.master import simulate as couple  # noqa: E402
 from pendulum_fmus.project import FMUS, ROOT  # noqa: E402
 from test_container import Inside, container  # noqa: E402
 
+FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 PAGE = ROOT / "docs" / "importers.md"
 STEP = 0.001
 STEPS = {"plant": 500, "loop": 5000}
@@ -74,6 +76,9 @@ def rows(folder: Path) -> Iterator[Row]:
         "Ecos": ("ecospy", importers.by_ecos),
     }.items():
         yield Row(name, version(package), CASES["ssp"], packages(importer, folder))
+    told = subprocess.run([FMI_SIM, "--version"], capture_output=True, text=True, check=False)
+    pinned = re.search(r"fmi-sim ([\d.]+)", told.stdout + told.stderr)[1]
+    yield Row("fmi-sim", pinned, CASES["plant"], compare(by_fmi_sim(folder), expected["plant"]))
     for name, (script, cases) in SCRIPTS.items():
         pinned = re.search(r"[\w-]+==([\w.]+)", (HERE / script).read_text())[1]
         for case in cases:
@@ -143,6 +148,16 @@ def in_this_environment(
 
     yield "FMPy, `simulate_fmu`", "plant", by_simulate_fmu
     yield "FMPy, container FMU", "loop", by_container
+
+
+def by_fmi_sim(folder: Path) -> list[float]:
+    """Simulate the pendulum with the program `fmi-sim`."""
+    file = folder / "fmi-sim.csv"
+    command = [FMI_SIM, "--model", FMUS / "Pendulum.fmu", "-o", file, "co-simulation"]
+    times = ["--step", str(STEP), "--output-interval", str(STEP), "-f", str(STEPS["plant"] * STEP)]
+    subprocess.run([*command, *times, "--init-values", "u=1"], check=True, capture_output=True)
+    with file.open() as lines:
+        return [float(row["theta"]) for row in csv.DictReader(lines)]
 
 
 def packages(importer: Callable, folder: Path) -> str:
