@@ -225,7 +225,7 @@ FOREIGN = {
          'canRunAsynchronuously="true" canNotUseMemoryManagementFunctions="true" '
          'canInterpolateInputs="true" maxOutputDerivativeOrder="1" canGetAndSetFMUstate="true" '),
     ),
-    "an attribute that FMI 2.0.4 does not define": (
+    "an attribute that FMI 2.0.5 does not define": (
         ("<CoSimulation ", '<CoSimulation canHandleMultipleSetPerTimeInstant="false" '),
     ),
     "source files": (

@@ -214,6 +214,7 @@ def test_a_failed_step_is_reported_with_its_reason_and_time(program, fmus, tmp_p
     times = []
     for row, friction in zip(table(out), (0.1, 100), strict=True):
         assert row["diverged"] == "true"
+        assert row["failure"].startswith("controller (Pid.fmu), step of 0.001 s at t = ")
         with pytest.raises(MasterError) as refused:
             trajectory(fmus, "Pid", 20.0, {**overrides, "plant.b": friction})
         times.append(float(re.search(r"at t = ([0-9.]+) s", str(refused.value))[1]))

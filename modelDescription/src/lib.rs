@@ -1,4 +1,4 @@
-//! Model descriptions of FMI 2.0.4.
+//! Model descriptions of FMI 2.0.5.
 //!
 //! A model declares its interface once: `#[derive(Model)]` of the crate `fmu-export` turns the fields of
 //! a struct into a table of [`Row`]s (names, units, starts, bounds, causality) and the access to their

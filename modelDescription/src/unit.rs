@@ -1,4 +1,4 @@
-//! Units, parsed into the base units of FMI (FMI 2.0.4, section 2.2.2).
+//! Units, parsed into the base units of FMI (FMI 2.0.5, section 2.2.2).
 //!
 //! A unit is a product of factors, optionally divided by a factor or by a product in parentheses:
 //! `N.s/m`, `kg.m2`, `m/s2`, `N/(rad.s)`. A factor is a symbol from the table below with an optional

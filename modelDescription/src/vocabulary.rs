@@ -39,7 +39,7 @@ macro_rules! words {
 }
 
 words! {
-    /// What determines a variable's value (FMI 2.0.4, section 2.2.7).
+    /// What determines a variable's value (FMI 2.0.5, section 2.2.7).
     Causality {
         /// Set by the host before the simulation, or also during it if the variability is tunable.
         Parameter = "parameter",
@@ -55,7 +55,7 @@ words! {
         Independent = "independent",
     }
 
-    /// When a variable may change (FMI 2.0.4, section 2.2.7).
+    /// When a variable may change (FMI 2.0.5, section 2.2.7).
     Variability {
         /// Never.
         Constant = "constant",
@@ -69,7 +69,7 @@ words! {
         Continuous = "continuous",
     }
 
-    /// How a variable is initialized (FMI 2.0.4, section 2.2.7).
+    /// How a variable is initialized (FMI 2.0.5, section 2.2.7).
     Initial {
         /// The initial value is the start value.
         Exact = "exact",
@@ -93,7 +93,7 @@ words! {
         Enumeration = "Enumeration",
     }
 
-    /// Capability flags of a co-simulation slave (FMI 2.0.4, section 4.3.1).
+    /// Capability flags of a co-simulation slave (FMI 2.0.5, section 4.3.1).
     Capability {
         /// The FMU is a wrapper of a tool that must be installed.
         NeedsExecutionTool = "needsExecutionTool",
@@ -116,7 +116,7 @@ words! {
     }
 }
 
-/// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.4, section
+/// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.5, section
 /// 2.2.4).
 pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
     (c"logStatusError", "calls and steps that failed"),
@@ -134,7 +134,7 @@ pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
 ];
 
 impl Initial {
-    /// The default of a missing `initial` (FMI 2.0.4, section 2.2.7); `None` for inputs and the
+    /// The default of a missing `initial` (FMI 2.0.5, section 2.2.7); `None` for inputs and the
     /// independent variable.
     pub const fn default_for(causality: Causality, variability: Variability) -> Option<Self> {
         match (causality, variability) {

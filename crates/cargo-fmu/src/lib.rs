@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod commands;
+mod session;
 mod style;
 mod table;
 
@@ -12,6 +13,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use session::Session;
 use style::ERROR;
 
 use commands::{completions, export, info, merge, new, probe, simulate, ssp, sweep, validate};
@@ -134,14 +136,23 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
 fn run(command: Command) -> anyhow::Result<ExitCode> {
     // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
+    let session = match command {
+        Command::Export(_) | Command::Merge(_) | Command::Ssp(_) | Command::Validate(_) => {
+            Some(Session::start()?)
+        }
+        _ => None,
+    };
+    if let Some(session) = &session {
+        session.end_when_interrupted();
+    }
     let is_ok = match command {
+        Command::Simulate(args) => return simulate::run(&args, out),
+        Command::Sweep(args) => return sweep::run(&args, out),
         Command::New(args) => new::run(&args, out).map(|()| true),
         Command::Export(args) => export::run(args, out).map(|()| true),
         Command::Info { file } => info::print(&file, out).map(|()| true),
         Command::Merge(args) => merge::run(&args, out).map(|()| true),
         Command::Validate(args) => validate::run(&args, out),
-        Command::Simulate(args) => simulate::run(&args, out).map(|()| true),
-        Command::Sweep(args) => sweep::run(&args, out).map(|()| true),
         Command::Ssp(args) => ssp::run(&args, out).map(|()| true),
         Command::Probe(args) => probe::run(&args).map(|()| true),
         Command::Completions { shell } => {

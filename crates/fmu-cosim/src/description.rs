@@ -231,18 +231,24 @@ impl Experiment {
     /// The times are inconsistent.
     pub fn steps(&self) -> Result<u64> {
         let Self { start, stop, step } = *self;
+        for (key, time) in [("start", start), ("stop", stop)] {
+            ensure!(
+                time.is_finite(),
+                "{key} = {time:?}, expected a finite time in s"
+            );
+        }
         ensure!(
-            start.is_finite() && stop.is_finite() && stop >= start,
-            "the stop time {stop} s is before the start time {start} s"
+            stop >= start,
+            "stop = {stop:?}, expected at least start = {start:?}"
         );
         ensure!(
             step.is_finite() && step > 0.0,
-            "the step is {step} s; expected a positive number"
+            "step = {step:?}, expected a positive number of s"
         );
         let steps = (stop - start) / step;
         ensure!(
             steps <= MAX_STEPS,
-            "{steps:.3e} steps are too many; the maximum is {MAX_STEPS:.0e}"
+            "step = {step:?}, which makes {steps:.3e} steps; expected at most {MAX_STEPS:.0e}"
         );
         // Rounding may put the last point just past the stop time.
         Ok((steps + 1e-6).floor() as u64 + 1)

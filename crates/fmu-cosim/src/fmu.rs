@@ -16,6 +16,7 @@ use fmu_host::{Instance, Instantiation, Library, LoadError};
 use tempfile::TempDir;
 
 use crate::Messages;
+use crate::recorder::Function;
 
 /// An FMU for co-simulation.
 pub struct Fmu {
@@ -156,14 +157,26 @@ impl Fmu {
     ///
     /// # Errors
     /// The binary cannot be loaded or the FMU returns an error; its message is included.
-    pub(crate) fn instantiate(&self, name: &str, messages: &Messages) -> Result<Instance> {
-        self.try_instantiate(name, messages).map_err(|reason| {
-            let path = self.path.display();
-            anyhow!("component {name}: {path} cannot be instantiated: {reason}")
-        })
+    pub(crate) fn instantiate(
+        &self,
+        component: usize,
+        name: &str,
+        messages: &Messages,
+    ) -> Result<Instance> {
+        self.try_instantiate(component, name, messages)
+            .map_err(|reason| {
+                let path = self.path.display();
+                anyhow!("component {name}: {path} cannot be instantiated: {reason}")
+            })
     }
 
-    fn try_instantiate(&self, name: &str, messages: &Messages) -> Result<Instance, String> {
+    fn try_instantiate(
+        &self,
+        component: usize,
+        name: &str,
+        messages: &Messages,
+    ) -> Result<Instance, String> {
+        messages.recorder().begin(component, Function::Load);
         let library = self
             .library
             .get_or_init(|| Library::load(&self.folder.path().join(&self.binary)))
@@ -180,7 +193,7 @@ impl Fmu {
             logging_on: true,
         };
         let (instance, log) = (name.to_owned(), messages.clone());
-        messages.begin_call();
+        messages.recorder().begin(component, Function::Instantiate);
         library
             .instantiate(&arguments, move |logged| log.log(&instance, &logged))
             .map_err(|failure| failure.to_string())?

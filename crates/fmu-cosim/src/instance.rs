@@ -6,8 +6,9 @@ use std::sync::Arc;
 use anyhow::Result;
 use fmu_host::Success;
 
+use crate::recorder::Function;
 use crate::value::Typed;
-use crate::{Fmu, Messages, Variable};
+use crate::{Fmu, Messages, Recorder, Variable};
 
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +30,21 @@ pub struct Failure {
 }
 
 impl Failure {
+    /// What failed, without the words of the FMU, which may differ from run to run.
+    pub fn event(&self) -> String {
+        let Self {
+            component,
+            fmu,
+            what,
+            function,
+            outcome,
+            ..
+        } = self;
+        let time = self.time.map(|time| format!(" at t = {time:?} s"));
+        let time = time.unwrap_or_default();
+        format!("{component} ({fmu}), {what}{time}: {function} {outcome}")
+    }
+
     /// Adds the communication point.
     pub(crate) fn at(mut self: Box<Self>, time: f64) -> Box<Self> {
         self.time = Some(time);
@@ -38,14 +54,10 @@ impl Failure {
 
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}), {}", self.component, self.fmu, self.what)?;
-        if let Some(time) = self.time {
-            write!(f, " at t = {time:?} s")?;
-        }
-        write!(f, ": {} {}", self.function, self.outcome)?;
+        let event = self.event();
         match &self.message {
-            Some(message) => write!(f, ": {message}"),
-            None => write!(f, "; the FMU logged no reason"),
+            Some(message) => write!(f, "{event}: {message}"),
+            None => write!(f, "{event}; the FMU logged no reason"),
         }
     }
 }
@@ -57,20 +69,31 @@ pub(crate) type Called = Result<(), Box<Failure>>;
 
 /// A running FMU.
 pub(crate) struct Instance {
+    /// The index of its component.
+    component: usize,
     name: String,
     /// Must be dropped before the FMU, which removes its files.
     slave: fmu_host::Instance,
     fmu: Arc<Fmu>,
     messages: Messages,
+    /// That of the messages, to be reached without a detour.
+    recorder: Recorder,
 }
 
 impl Instance {
-    pub(crate) fn new(name: &str, fmu: &Arc<Fmu>, messages: &Messages) -> Result<Self> {
+    pub(crate) fn new(
+        component: usize,
+        name: &str,
+        fmu: &Arc<Fmu>,
+        messages: &Messages,
+    ) -> Result<Self> {
         Ok(Self {
+            component,
             name: name.to_owned(),
-            slave: fmu.instantiate(name, messages)?,
+            slave: fmu.instantiate(component, name, messages)?,
             fmu: fmu.clone(),
             messages: messages.clone(),
+            recorder: messages.recorder().clone(),
         })
     }
 
@@ -78,10 +101,11 @@ impl Instance {
     #[inline(always)]
     pub(crate) fn call(
         &mut self,
+        function: Function,
         what: impl FnOnce() -> String,
         call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
     ) -> Called {
-        self.messages.begin_call();
+        self.recorder.begin(self.component, function);
         match call(&mut self.slave) {
             Ok(Success::Ok) => Ok(()),
             outcome => self.explain(what, outcome),
@@ -114,7 +138,13 @@ impl Instance {
     pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Called {
         let reference = [variable.reference];
         let what = || format!("{} = {}", variable.name, value);
-        self.call(what, |slave| match value {
+        let function = match value {
+            Typed::Real(_) => Function::SetReal,
+            Typed::Integer(_) => Function::SetInteger,
+            Typed::Boolean(_) => Function::SetBoolean,
+            Typed::String(_) => Function::SetString,
+        };
+        self.call(function, what, |slave| match value {
             Typed::Real(v) => slave.set_real(&reference, &[*v]),
             Typed::Integer(v) => slave.set_integer(&reference, &[*v]),
             Typed::Boolean(v) => slave.set_boolean(&reference, &[i32::from(*v)]),
@@ -124,28 +154,38 @@ impl Instance {
 
     pub(crate) fn set_up(&mut self, start: f64, stop: f64, tolerance: Option<f64>) -> Called {
         let what = || "set-up of the experiment".to_owned();
-        self.call(what, |slave| {
+        self.call(Function::SetupExperiment, what, |slave| {
             slave.setup_experiment(start, Some(stop), tolerance)
         })
     }
 
     pub(crate) fn enter_initialization(&mut self) -> Called {
         let what = || "start of the initialization".to_owned();
-        self.call(what, fmu_host::Instance::enter_initialization_mode)
+        let call = fmu_host::Instance::enter_initialization_mode;
+        self.call(Function::EnterInitializationMode, what, call)
     }
 
     pub(crate) fn exit_initialization(&mut self) -> Called {
         let what = || "end of the initialization".to_owned();
-        self.call(what, fmu_host::Instance::exit_initialization_mode)
+        let call = fmu_host::Instance::exit_initialization_mode;
+        self.call(Function::ExitInitializationMode, what, call)
     }
 
     #[inline]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
         let what = || format!("step of {step:?} s");
-        self.call(what, |slave| slave.do_step(time, step))
+        self.call(Function::DoStep, what, |slave| slave.do_step(time, step))
     }
 
     pub(crate) fn terminate(&mut self) -> Called {
-        self.call(|| "end".to_owned(), fmu_host::Instance::terminate)
+        let call = fmu_host::Instance::terminate;
+        self.call(Function::Terminate, || "end".to_owned(), call)
+    }
+}
+
+impl Drop for Instance {
+    /// Records that the FMU is about to be called; the field `slave` frees it.
+    fn drop(&mut self) {
+        self.recorder.begin(self.component, Function::FreeInstance);
     }
 }

@@ -1,10 +1,11 @@
 //! The log messages of the FMUs in a simulation.
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fmu_file::text::plain;
 use fmu_host::{Logged, Status};
+
+use crate::Recorder;
 
 /// A log message of an instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,11 +34,16 @@ pub struct Messages(Arc<Shared>);
 #[derive(Debug, Default)]
 struct Shared {
     kept: Mutex<Vec<Message>>,
-    /// Number of the current call.
-    call: AtomicU64,
+    recorder: Recorder,
 }
 
 impl Messages {
+    /// The messages of a simulation whose calls are recorded.
+    pub fn recorded(recorder: Recorder) -> Self {
+        let kept = Mutex::default();
+        Self(Arc::new(Shared { kept, recorder }))
+    }
+
     /// Takes the messages logged so far.
     pub fn take(&self) -> Vec<Message> {
         std::mem::take(&mut self.kept())
@@ -47,20 +53,18 @@ impl Messages {
         self.0.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn call(&self) -> u64 {
-        self.0.call.load(Ordering::Relaxed)
+    pub(crate) fn recorder(&self) -> &Recorder {
+        &self.0.recorder
     }
 
-    /// Records that a function of an FMU is about to be called.
-    #[inline]
-    pub(crate) fn begin_call(&self) {
-        // All calls of a simulation come from one thread, so load and store need not be atomic together.
-        self.0.call.store(self.call() + 1, Ordering::Relaxed);
+    fn call(&self) -> u64 {
+        self.0.recorder.call()
     }
 
     /// Stores a message of an instance.
     pub(crate) fn log(&self, instance: &str, logged: &Logged) {
         let text = plain(logged.text.trim_end(), MAX_CHARACTERS);
+        self.0.recorder.log(&text);
         self.keep(instance, logged.status != Status::Ok, text);
     }
 

@@ -40,7 +40,8 @@ impl Column {
     }
 }
 
-struct Shown(VariableType, f64);
+/// A value as a variable of a type has it.
+pub(crate) struct Shown(pub(crate) VariableType, pub(crate) f64);
 
 impl fmt::Display for Shown {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -130,6 +131,14 @@ impl Plan {
     /// The components, in their order.
     pub fn components(&self) -> &[Planned] {
         &self.components
+    }
+
+    /// The names of the components and of their files, for [`Recorder::failure`](crate::Recorder).
+    pub fn names(&self) -> Vec<(String, String)> {
+        let components = self.components.iter();
+        components
+            .map(|c| (c.name.clone(), c.fmu.file_name()))
+            .collect()
     }
 
     /// The recorded variables, in the order of a row.

@@ -137,6 +137,8 @@ impl Plan {
 
 impl<'a> Simulation<'a> {
     fn new(plan: &'a Plan, starts: &[Start], messages: &Messages) -> Result<Self> {
+        messages.recorder().at(f64::NAN);
+        messages.recorder().step(plan.experiment.step);
         let (mut before, mut after) = (Readers::default(), Readers::default());
         for record in &plan.records {
             let sampled = plan.components[record.group.component].sampled;
@@ -145,7 +147,8 @@ impl<'a> Simulation<'a> {
         let instances = plan
             .components
             .iter()
-            .map(|c| Instance::new(&c.name, &c.fmu, messages));
+            .enumerate()
+            .map(|(index, c)| Instance::new(index, &c.name, &c.fmu, messages));
         let mut simulation = Self {
             plan,
             instances: instances.collect::<Result<_>>()?,
@@ -162,6 +165,7 @@ impl<'a> Simulation<'a> {
     /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[Start]) -> Called {
         let (start, end) = (self.plan.experiment.start, self.plan.end());
+        self.messages.recorder().at(start);
         for (index, instance) in self.instances.iter_mut().enumerate() {
             instance.set_up(start, end, self.plan.components[index].tolerance)?;
             for (variable, value) in self.plan.starts(index, starts) {
@@ -227,6 +231,7 @@ impl<'a> Simulation<'a> {
         };
         for k in 0..steps {
             let time = experiment.time(k);
+            self.messages.recorder().at(time);
             let row = match k < last {
                 true => self.step(time, experiment.step),
                 false => self.before.read(&mut self.instances, &mut self.row),
@@ -271,5 +276,13 @@ impl<'a> Simulation<'a> {
         self.instances
             .iter_mut()
             .try_for_each(|instance| instance.step(time, step))
+    }
+}
+
+impl Drop for Simulation<'_> {
+    /// Frees the instances, and records that no call is in progress.
+    fn drop(&mut self) {
+        self.instances.clear();
+        self.messages.recorder().end_call();
     }
 }

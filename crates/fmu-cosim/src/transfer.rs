@@ -1,11 +1,14 @@
 //! The transfer of values from outputs to inputs and into rows.
 
 use crate::instance::{Called, Instance};
+use crate::recorder::Function;
 use crate::{Failure, Scale};
 
 /// An FMI type with its get and set functions.
 pub(crate) trait Type {
     type Value: Copy + Default + PartialEq + std::fmt::Debug;
+    const GET: Function;
+    const SET: Function;
     fn get(s: &mut Slave, references: &[u32], values: &mut [Self::Value]) -> fmu_host::Result;
     fn set(s: &mut Slave, references: &[u32], values: &[Self::Value]) -> fmu_host::Result;
     fn number(value: Self::Value) -> f64;
@@ -18,12 +21,17 @@ pub(crate) trait Type {
 type Slave = fmu_host::Instance;
 
 macro_rules! types {
-    ($($name:ident: $value:ty, $get:ident, $set:ident $(, $scaled:item)?;)*) => {
+    ($(
+        $name:ident: $value:ty, $get:ident $recorded_get:ident, $set:ident $recorded_set:ident
+        $(, $scaled:item)?;
+    )*) => {
         $(
             pub(crate) struct $name;
 
             impl Type for $name {
                 type Value = $value;
+                const GET: Function = Function::$recorded_get;
+                const SET: Function = Function::$recorded_set;
 
                 #[inline]
                 fn get(s: &mut Slave, references: &[u32], values: &mut [$value]) -> fmu_host::Result {
@@ -47,13 +55,13 @@ macro_rules! types {
 }
 
 types! {
-    Real: f64, get_real, set_real,
+    Real: f64, get_real GetReal, set_real SetReal,
         #[inline]
         fn scaled(value: f64, Scale { factor, offset }: Scale) -> f64 {
             factor * value + offset
         };
-    Integer: i32, get_integer, set_integer;
-    Boolean: i32, get_boolean, set_boolean;
+    Integer: i32, get_integer GetInteger, set_integer SetInteger;
+    Boolean: i32, get_boolean GetBoolean, set_boolean SetBoolean;
 }
 
 /// Variables of one component and type.
@@ -69,7 +77,7 @@ impl Group {
     #[inline]
     fn get<T: Type>(&self, instances: &mut [Instance], values: &mut [T::Value]) -> Called {
         let what = || self.names.join(", ");
-        instances[self.component].call(what, |s| T::get(s, &self.references, values))
+        instances[self.component].call(T::GET, what, |s| T::get(s, &self.references, values))
     }
 
     #[inline]
@@ -81,7 +89,7 @@ impl Group {
                 .collect();
             texts.join(", ")
         };
-        instances[self.component].call(what, |s| T::set(s, &self.references, values))
+        instances[self.component].call(T::SET, what, |s| T::set(s, &self.references, values))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Turns a Rust struct into an FMI 2.0.4 co-simulation FMU.
+//! Turns a Rust struct into an FMI 2.0.5 co-simulation FMU.
 //!
 //! The fields of a struct are the variables of the model ([`derive@Model`]), and a function steps it
 //! ([`Simulate`]). [`export!`] turns a `cdylib` with one or more models into an FMU binary:
@@ -94,7 +94,7 @@ macro_rules! export {
             $crate::fmi2::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
         }),+];
 
-        /// `fmi2Instantiate` (FMI 2.0.4, section 2.1.5).
+        /// `fmi2Instantiate` (FMI 2.0.5, section 2.1.5).
         ///
         /// # Safety
         /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated,

@@ -1,4 +1,4 @@
-//! The log categories of FMI 2.0.4 (section 2.2.4), and which of them are enabled.
+//! The log categories of FMI 2.0.5 (section 2.2.4), and which of them are enabled.
 
 use std::ffi::{CStr, CString};
 

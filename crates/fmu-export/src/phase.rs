@@ -1,4 +1,4 @@
-//! The state machine of a co-simulation slave (FMI 2.0.4, section 4.2.4): which calls are allowed in
+//! The state machine of a co-simulation slave (FMI 2.0.5, section 4.2.4): which calls are allowed in
 //! which state.
 
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The folder of the resources, from the URI that the host passes to `fmi2Instantiate` (FMI 2.0.4,
+//! The folder of the resources, from the URI that the host passes to `fmi2Instantiate` (FMI 2.0.5,
 //! section 2.1.5).
 
 use std::path::PathBuf;

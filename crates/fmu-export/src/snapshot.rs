@@ -1,4 +1,4 @@
-//! The saved state of an instance (FMI 2.0.4, section 2.1.8) and its serialization.
+//! The saved state of an instance (FMI 2.0.5, section 2.1.8) and its serialization.
 
 use std::any::Any;
 

@@ -1,10 +1,12 @@
 //! Atomic writing of files: completely or not at all.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::collections::BTreeSet;
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use tempfile::{Builder, NamedTempFile};
 
 /// A temporary file that replaces the target file when it is finished. If dropped before, it leaves
@@ -15,26 +17,80 @@ pub struct Replacement {
 }
 
 enum Target {
-    Temporary(NamedTempFile),
+    Temporary(Temporary),
     /// A device or a pipe, which cannot be replaced.
     Device(File),
 }
 
 impl Replacement {
-    /// Starts a replacement of `path`. If it is a link, the linked file is replaced, not the link.
+    /// Starts a replacement of `path`, in a hidden file beside it. If it is a link, the linked file is
+    /// replaced, not the link.
     ///
     /// # Errors
-    /// The folder cannot be written to.
+    /// The folder does not exist or cannot be written to.
     pub fn of(path: &Path) -> Result<Self> {
-        let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        let is_device = fs::metadata(&path).is_ok_and(|m| !m.is_file() && !m.is_dir());
-        let target = if is_device {
-            let file = File::options().write(true).open(&path);
+        let target = linked(path);
+        let mut prefix = std::ffi::OsString::from(".");
+        prefix.push(target.file_name().unwrap_or_default());
+        prefix.push(".");
+        let mut builder = Builder::new();
+        builder.prefix(&prefix).suffix(".tmp");
+        Self::new(path, target, &mut builder)
+    }
+
+    /// Like [`Replacement::of`], but the temporary file has the name of [`part`], so that its contents
+    /// can be kept. An older file of that name is replaced.
+    ///
+    /// # Errors
+    /// See [`Replacement::of`]; or another process writes the file.
+    pub fn part(path: &Path) -> Result<Self> {
+        let target = linked(path);
+        let Some(part) = part(path) else {
+            return Self::new(path, target, &mut Builder::new());
+        };
+        if let Ok(older) = File::open(&part) {
+            if let Err(TryLockError::WouldBlock) = older.try_lock() {
+                bail!("{} is in use by another process", part.display());
+            }
+            fs::remove_file(&part).with_context(|| format!("cannot remove {}", part.display()))?;
+        }
+        let name = part.file_name().unwrap_or_default();
+        let new = Self::new(path, target, Builder::new().prefix(name).rand_bytes(0))?;
+        if let Target::Temporary(file) = &new.target {
+            // File systems without locks cannot protect the file.
+            let _ = file.file.as_file().try_lock();
+        }
+        Ok(new)
+    }
+
+    fn new(path: &Path, target: PathBuf, builder: &mut Builder<'_, '_>) -> Result<Self> {
+        let target = if is_device(&target) {
+            let file = File::options().write(true).open(&target);
             Target::Device(file.with_context(|| format!("cannot write {}", path.display()))?)
         } else {
-            Target::Temporary(temporary(folder(&path))?)
+            let folder = folder(&target);
+            ensure!(
+                folder.is_dir(),
+                "cannot write {}: the folder {} does not exist",
+                path.display(),
+                folder.display()
+            );
+            let file = temporary(builder, folder);
+            Target::Temporary(file.with_context(|| format!("cannot write {}", path.display()))?)
         };
+        let path = path.to_owned();
         Ok(Self { path, target })
+    }
+
+    /// The number of bytes written; 0 for a device.
+    ///
+    /// # Errors
+    /// The file system does not tell it.
+    pub fn length(&self) -> io::Result<u64> {
+        match &self.target {
+            Target::Temporary(file) => file.file.as_file().stream_position(),
+            Target::Device(_) => Ok(0),
+        }
     }
 
     /// Replaces the target file.
@@ -46,23 +102,39 @@ impl Replacement {
             return Ok(());
         };
         let cannot = || format!("cannot write {}", self.path.display());
+        let Temporary { file, _listed } = file;
         file.as_file().sync_all().with_context(cannot)?;
-        file.persist(&self.path).with_context(cannot)?;
+        file.persist(linked(&self.path)).with_context(cannot)?;
         Ok(())
+    }
+
+    /// Keeps the temporary file and leaves the target as it is. Returns the temporary file, unless the
+    /// target is a device.
+    ///
+    /// # Errors
+    /// The disk is full.
+    pub fn keep(self) -> Result<Option<PathBuf>> {
+        let Target::Temporary(file) = self.target else {
+            return Ok(None);
+        };
+        let Temporary { file, _listed } = file;
+        file.as_file().sync_all()?;
+        file.keep()?;
+        Ok(part(&self.path))
     }
 }
 
 impl Write for Replacement {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.target {
-            Target::Temporary(file) => file.write(bytes),
+            Target::Temporary(file) => file.file.write(bytes),
             Target::Device(file) => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.target {
-            Target::Temporary(file) => file.flush(),
+            Target::Temporary(file) => file.file.flush(),
             Target::Device(file) => file.flush(),
         }
     }
@@ -84,7 +156,47 @@ pub fn write(path: &Path, content: &[u8]) -> Result<()> {
 /// # Errors
 /// The folder is not writable.
 pub fn check_writable(folder: &Path) -> Result<()> {
-    temporary(folder).map(drop)
+    temporary(Builder::new().prefix(".fmu-"), folder)
+        .map(drop)
+        .with_context(|| format!("cannot write to the folder {}", folder.display()))
+}
+
+/// The file beside `path` for contents that are not complete: its name with the suffix `.part`. `None`
+/// for a device, which is written directly.
+pub fn part(path: &Path) -> Option<PathBuf> {
+    let target = linked(path);
+    if is_device(&target) {
+        return None;
+    }
+    let mut name = target.into_os_string();
+    name.push(".part");
+    Some(name.into())
+}
+
+/// Removes the temporary files of all replacements that are in progress, before the process is ended
+/// by a signal.
+pub fn remove_unfinished() {
+    for file in std::mem::take(&mut *unfinished()) {
+        // Nobody can do anything about a file that cannot be removed.
+        let _ = fs::remove_file(file);
+    }
+}
+
+/// The temporary files of all replacements in progress.
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    static FILES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    FILES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The file that a link leads to, or the path itself.
+fn linked(path: &Path) -> PathBuf {
+    let is_link = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_symlink());
+    let target = is_link.then(|| fs::canonicalize(path).ok()).flatten();
+    target.unwrap_or_else(|| path.to_owned())
+}
+
+fn is_device(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
 fn folder(path: &Path) -> &Path {
@@ -94,15 +206,32 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
+/// A temporary file that is listed while it exists.
+struct Temporary {
+    file: NamedTempFile,
+    _listed: Listed,
+}
+
+/// A file in the list of unfinished ones.
+struct Listed(PathBuf);
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        unfinished().remove(&self.0);
+    }
+}
+
 /// Creates a temporary file in a folder, with the permissions of an ordinary new file.
-fn temporary(folder: &Path) -> Result<NamedTempFile> {
-    let mut builder = Builder::new();
-    builder.prefix(".fmu-");
+fn temporary(builder: &mut Builder<'_, '_>, folder: &Path) -> io::Result<Temporary> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder
-        .tempfile_in(folder)
-        .with_context(|| format!("cannot write to the folder {}", folder.display()))
+    let file = builder.tempfile_in(folder)?;
+    let path = file.path().to_owned();
+    unfinished().insert(path.clone());
+    Ok(Temporary {
+        file,
+        _listed: Listed(path),
+    })
 }
 
 #[cfg(test)]
@@ -121,6 +250,32 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"new");
         drop(Replacement::of(&path).unwrap());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_name_of_a_temporary_file_shows_what_it_belongs_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pid.csv");
+        let names = || {
+            let entries = fs::read_dir(folder.path()).unwrap();
+            let mut names: Vec<String> = entries
+                .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+                .collect();
+            names.sort();
+            names
+        };
+        let hidden = Replacement::of(&path).unwrap();
+        let name = names().remove(0);
+        assert!(
+            name.starts_with(".pid.csv.") && name.ends_with(".tmp"),
+            "{name}"
+        );
+        drop(hidden);
+        let kept = Replacement::part(&path).unwrap().keep().unwrap();
+        assert_eq!(kept, part(&path));
+        assert_eq!(names(), ["pid.csv.part"]);
+        Replacement::part(&path).unwrap().finish().unwrap();
+        assert_eq!(names(), ["pid.csv"]);
     }
 
     #[cfg(unix)]
@@ -147,6 +302,10 @@ mod tests {
         let taken = folder.path().join("a");
         fs::create_dir(&taken).unwrap();
         assert!(Replacement::of(&taken).unwrap().finish().is_err());
-        assert!(Replacement::of(Path::new("missing/folder/a")).is_err());
+        let missing = Replacement::of(Path::new("missing/folder/a")).err();
+        assert_eq!(
+            missing.unwrap().to_string(),
+            "cannot write missing/folder/a: the folder missing/folder does not exist"
+        );
     }
 }

@@ -1,6 +1,9 @@
 //! The functions for co-simulation.
 
-use fmu_types::fmi2::fmi2Integer;
+use fmu_types::fmi2::{
+    fmi2DoStepStatus, fmi2False, fmi2Integer, fmi2LastSuccessfulTime, fmi2PendingStatus,
+    fmi2Terminated,
+};
 
 use crate::instance::call;
 use crate::{Instance, Result};
@@ -10,6 +13,33 @@ impl Instance {
     #[inline]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         call!(self.fmi2DoStep(time, step, 1))
+    }
+
+    /// `fmi2GetBooleanStatus` of `fmi2Terminated`: whether the FMU has ended the simulation.
+    pub fn is_terminated(&mut self) -> Result<bool> {
+        let mut terminated = fmi2False;
+        call!(self.fmi2GetBooleanStatus(fmi2Terminated, &raw mut terminated))?;
+        Ok(terminated != fmi2False)
+    }
+
+    /// `fmi2GetRealStatus` of `fmi2LastSuccessfulTime`.
+    pub fn last_successful_time(&mut self) -> Result<f64> {
+        let mut time = 0.0;
+        call!(self.fmi2GetRealStatus(fmi2LastSuccessfulTime, &raw mut time))?;
+        Ok(time)
+    }
+
+    /// `fmi2GetStatus` of `fmi2DoStepStatus` and `fmi2GetStringStatus` of `fmi2PendingStatus`, which are
+    /// for asynchronous steps.
+    pub fn pending_status(&mut self) -> Result {
+        let (mut status, mut text) = (0, std::ptr::null());
+        call!(self.fmi2GetStatus(fmi2DoStepStatus, &raw mut status))?;
+        call!(self.fmi2GetStringStatus(fmi2PendingStatus, &raw mut text))
+    }
+
+    /// `fmi2CancelStep`
+    pub fn cancel_step(&mut self) -> Result {
+        call!(self.fmi2CancelStep())
     }
 
     /// `fmi2SetRealInputDerivatives`: the first derivative of each input.

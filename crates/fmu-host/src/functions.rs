@@ -38,7 +38,7 @@ macro_rules! functions {
 }
 
 functions! {
-    /// Functions of both kinds of FMU (FMI 2.0.4, section 2.1).
+    /// Functions of both kinds of FMU (FMI 2.0.5, section 2.1).
     COMMON {
         fmi2GetTypesPlatform() -> fmi2String;
         fmi2GetVersion() -> fmi2String;

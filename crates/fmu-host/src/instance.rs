@@ -5,12 +5,11 @@ use std::ptr;
 use std::sync::Arc;
 
 use fmu_types::fmi2::{
-    fmi2Boolean, fmi2CallbackFunctions, fmi2Component, fmi2FMUstate, fmi2Integer, fmi2Real,
-    fmi2String,
+    fmi2Boolean, fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2FMUstate,
+    fmi2Integer, fmi2Real, fmi2String,
 };
 
 use crate::logger::{Registered, text};
-use crate::trampoline::logger;
 use crate::{Cause, Failure, Library, Result};
 
 /// Calls a function of an instance that returns a status: `call!(self.fmi2DoStep(time))`.
@@ -36,6 +35,8 @@ pub struct Instance {
     pub(crate) component: fmi2Component,
     /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance.
     callbacks: *mut fmi2CallbackFunctions,
+    /// The strings of `fmi2Instantiate`, to which some FMUs keep pointers although they must not.
+    strings: [Vec<u8>; 3],
     _registered: Registered,
 }
 
@@ -59,10 +60,11 @@ impl Instance {
     pub(crate) unsafe fn new(
         library: &Arc<Library>,
         registered: Registered,
+        logger: Option<fmi2CallbackLogger>,
         instantiate: impl FnOnce(*const fmi2CallbackFunctions) -> fmi2Component,
     ) -> Option<Self> {
         let callbacks = Box::into_raw(Box::new(fmi2CallbackFunctions {
-            logger: Some(logger()),
+            logger,
             allocateMemory: Some(calloc),
             freeMemory: Some(free),
             stepFinished: None,
@@ -78,8 +80,21 @@ impl Instance {
             library: Arc::clone(library),
             component,
             callbacks,
+            strings: Default::default(),
             _registered: registered,
         })
+    }
+
+    /// Keeps the strings of `fmi2Instantiate` until the instance is freed.
+    pub(crate) fn keeping(mut self, strings: [Vec<u8>; 3]) -> Self {
+        self.strings = strings;
+        self
+    }
+
+    /// `fmi2SetDebugLogging`
+    pub fn set_debug_logging(&mut self, on: bool, categories: &[CString]) -> Result {
+        let names: Vec<fmi2String> = categories.iter().map(|name| name.as_ptr()).collect();
+        call!(self.fmi2SetDebugLogging(on.into(), names.len(), names.as_ptr()))
     }
 
     /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance.
@@ -135,6 +150,27 @@ impl Instance {
             })
     }
 
+    /// `fmi2GetString`, whose strings are copied only after `between` was called, which is not to call
+    /// functions of this instance.
+    pub fn get_string_late(
+        &mut self,
+        references: &[u32],
+        between: impl FnOnce(),
+    ) -> Result<Vec<Option<String>>> {
+        let mut values: Vec<fmi2String> = vec![ptr::null(); references.len()];
+        call!(self.fmi2GetString(references.as_ptr(), references.len(), values.as_mut_ptr()))?;
+        between();
+        // SAFETY: by the standard, the FMU's strings are valid until its next call.
+        let texts = values.into_iter().map(|value| unsafe { text(value) });
+        Ok(texts.collect())
+    }
+
+    /// `fmi2GetReal` and `fmi2SetReal` of no variables, with NULL for both arrays.
+    pub fn get_and_set_nothing(&mut self) -> Result {
+        call!(self.fmi2GetReal(ptr::null(), 0, ptr::null_mut()))?;
+        call!(self.fmi2SetReal(ptr::null(), 0, ptr::null()))
+    }
+
     /// `fmi2SetString`
     pub fn set_string(&mut self, references: &[u32], values: &[CString]) -> Result {
         let values: Vec<fmi2String> = values.iter().map(|value| value.as_ptr()).collect();
@@ -153,6 +189,11 @@ impl Instance {
         Ok(state)
     }
 
+    /// `fmi2GetFMUstate` with a state that is overwritten.
+    pub fn save_to(&mut self, state: &mut State) -> Result {
+        call!(self.fmi2GetFMUstate(&raw mut state.0))
+    }
+
     /// `fmi2SetFMUstate`
     pub fn set_state(&mut self, state: &State) -> Result {
         call!(self.fmi2SetFMUstate(state.0))
@@ -169,6 +210,11 @@ impl Instance {
         }
     }
 
+    /// `fmi2FreeFMUstate` with a pointer to NULL, which does nothing by the standard.
+    pub fn free_null_state(&mut self) -> Result {
+        self.free_state(State(ptr::null_mut()))
+    }
+
     /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; an error if there are more than `max`
     /// bytes.
     pub fn serialize(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
@@ -178,8 +224,16 @@ impl Instance {
             let cause = Cause::TooLarge(size);
             return Err(Failure::new("fmi2SerializedFMUstateSize", cause));
         }
+        // An FMU that writes more than it announced damages these bytes only.
+        const GUARD: [u8; 64] = [0xa5; 64];
         let mut bytes = vec![0_u8; size];
+        bytes.extend_from_slice(&GUARD);
         call!(self.fmi2SerializeFMUstate(state.0, bytes.as_mut_ptr().cast(), size))?;
+        if bytes[size..] != GUARD {
+            let cause = Cause::Broke("wrote more bytes than fmi2SerializedFMUstateSize returned");
+            return Err(Failure::new("fmi2SerializeFMUstate", cause));
+        }
+        bytes.truncate(size);
         Ok(bytes)
     }
 

@@ -8,6 +8,7 @@
 //! separate process, as `cargo fmu validate` does.
 
 mod co_simulation;
+pub mod environment;
 mod functions;
 mod instance;
 mod library;
@@ -15,11 +16,14 @@ mod logger;
 mod model_exchange;
 mod outcome;
 mod resources;
+mod shared_memory;
 mod trampoline;
 
 pub use functions::Functions;
 pub use instance::{Instance, State};
-pub use library::{Instantiation, Kind, Library, LoadError};
-pub use logger::Logged;
+pub use library::{Instantiation, Kind, Library, LoadError, Treatment};
+pub use logger::{Logged, stray_messages};
+pub use model_exchange::Update;
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use resources::uri;
+pub use shared_memory::SharedMemory;

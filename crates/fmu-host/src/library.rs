@@ -4,6 +4,7 @@ use std::error::Error;
 use std::ffi::{CString, c_int, c_void};
 use std::fmt;
 use std::path::Path;
+use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -11,6 +12,7 @@ use fmu_types::fmi2::fmi2String;
 
 use crate::functions::{CO_SIMULATION, COMMON, Functions, MODEL_EXCHANGE};
 use crate::logger::{Registered, text};
+use crate::trampoline::logger;
 use crate::{Cause, Failure, Instance, Logged, Result, Status, Success};
 
 /// The two kinds of FMU.
@@ -59,6 +61,19 @@ pub struct Instantiation<'a> {
     pub resources: &'a str,
     /// Whether the FMU also logs messages other than errors.
     pub logging_on: bool,
+}
+
+/// How [`Library::instantiate_as`] treats the arguments. All but the first test an FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Treatment {
+    /// All arguments are given, and stay valid until the instance is freed.
+    Usual,
+    /// The strings are overwritten after the call; FMUs must copy what they need.
+    ShortLivedStrings,
+    /// The logger is NULL.
+    NoLogger,
+    /// The location of the resources is NULL.
+    NoResources,
 }
 
 impl Library {
@@ -216,35 +231,115 @@ impl Library {
         arguments: &Instantiation<'_>,
         sink: impl Fn(Logged) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
+        self.instantiate_as(arguments, Treatment::Usual, sink)
+    }
+
+    /// Like [`Library::instantiate`], with another treatment of the arguments.
+    ///
+    /// # Errors
+    /// As for [`Library::instantiate`].
+    pub fn instantiate_as(
+        self: &Arc<Self>,
+        arguments: &Instantiation<'_>,
+        treatment: Treatment,
+        sink: impl Fn(Logged) + Send + Sync + 'static,
+    ) -> Result<Option<Instance>> {
         const NAME: &str = "fmi2Instantiate";
-        let text = |text: &str| CString::new(text).map_err(|_| Failure::new(NAME, Cause::ZeroByte));
-        let (name, guid) = (text(arguments.name)?, text(arguments.guid)?);
-        let resources = text(arguments.resources)?;
+        let text = |text: &str| {
+            let text = CString::new(text).map_err(|_| Failure::new(NAME, Cause::ZeroByte))?;
+            Ok(text.into_bytes_with_nul())
+        };
+        let mut strings = [
+            text(arguments.name)?,
+            text(arguments.guid)?,
+            text(arguments.resources)?,
+        ];
+        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
+        let resources = match treatment {
+            Treatment::NoResources => ptr::null(),
+            _ => resources,
+        };
+        let logger = (treatment != Treatment::NoLogger).then(logger);
         let registered = Registered::new(Arc::new(sink));
-        // SAFETY: the type is that of the standard; the strings are valid during the call, and the
-        // callbacks until the instance is freed.
-        unsafe {
+        // SAFETY: the type is that of the standard; the instance keeps the strings and the callbacks
+        // until it is freed.
+        let instance = unsafe {
             let instantiate = self.function(self.functions.fmi2Instantiate, NAME)?;
-            Ok(Instance::new(self, registered, |callbacks| {
+            Instance::new(self, registered, logger, |callbacks| {
                 instantiate(
-                    name.as_ptr(),
+                    name,
                     arguments.kind as c_int,
-                    guid.as_ptr(),
-                    resources.as_ptr(),
+                    guid,
+                    resources,
                     callbacks,
                     0,
                     arguments.logging_on.into(),
                 )
-            }))
+            })
+        };
+        if treatment == Treatment::ShortLivedStrings {
+            for text in strings.iter_mut().flat_map(|text| text.iter_mut()) {
+                *text = if *text == 0 { 0 } else { b'#' };
+            }
         }
+        Ok(instance.map(|instance| instance.keeping(strings)))
+    }
+
+    /// `fmi2FreeInstance` with NULL, which does nothing by the standard.
+    ///
+    /// # Errors
+    /// The function is missing.
+    pub fn free_null(&self) -> Result<()> {
+        const NAME: &str = "fmi2FreeInstance";
+        // SAFETY: the type is that of the standard, which allows NULL.
+        unsafe { self.function(self.functions.fmi2FreeInstance, NAME)?(ptr::null_mut()) };
+        Ok(())
     }
 }
 
 fn open(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
+    match dlopen(file) {
+        Err(LoadError(reason)) if needs_python(&reason) && load_python() => dlopen(file),
+        other => other,
+    }
+}
+
+fn dlopen(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
     // SAFETY: a foreign library may run any code when it is loaded; the crate documentation leaves
     // this to the caller.
     unsafe { libloading::Library::new(file) }.map_err(|error| {
         let reason = error.source().map(ToString::to_string);
         LoadError(reason.unwrap_or_else(|| error.to_string()))
     })
+}
+
+/// Whether a library cannot be loaded since it expects a host that is written in Python, as the FMUs of
+/// PythonFMU do.
+fn needs_python(reason: &str) -> bool {
+    let symbol = reason.split_once("undefined symbol: ");
+    symbol.is_some_and(|(_, name)| name.starts_with("Py") || name.starts_with("_Py"))
+}
+
+/// Loads the interpreter of an installed Python for all libraries that are loaded later, for good.
+#[cfg(target_os = "linux")]
+fn load_python() -> bool {
+    use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LAZY};
+    let names = (8..20)
+        .rev()
+        .map(|minor| format!("libpython3.{minor}.so.1.0"));
+    names.into_iter().any(|name| {
+        // SAFETY: it is the interpreter that the FMU would find in a host in Python.
+        match unsafe { Library::open(Some(name), RTLD_LAZY | RTLD_GLOBAL) } {
+            Ok(python) => {
+                std::mem::forget(python);
+                true
+            }
+            Err(_) => false,
+        }
+    })
+}
+
+#[cfg(not(target_os = "linux"))]
+fn load_python() -> bool {
+    false
 }

@@ -18,10 +18,12 @@ use crate::Status;
 /// A log message of an FMU.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Logged {
+    /// The name of the instance, as the FMU passes it.
+    pub instance: Option<String>,
     /// The status of the message.
     pub status: Status,
-    /// The log category.
-    pub category: String,
+    /// The log category; `None` if it was NULL, which the standard does not allow.
+    pub category: Option<String>,
     /// The formatted message, truncated to 4094 bytes.
     pub text: String,
 }
@@ -32,6 +34,14 @@ type Sink = dyn Fn(Logged) + Send + Sync;
 /// The sinks of all instances. The component environment of an FMU is a key, not a pointer, so that an
 /// FMU that passes another value, or logs after it was freed, does no harm.
 static SINKS: Mutex<BTreeMap<usize, Arc<Sink>>> = Mutex::new(BTreeMap::new());
+
+/// Number of messages without a sink.
+static STRAY: AtomicUsize = AtomicUsize::new(0);
+
+/// How many messages were logged with a wrong component environment, or after the instance was freed.
+pub fn stray_messages() -> usize {
+    STRAY.load(Ordering::Relaxed)
+}
 
 fn sinks() -> MutexGuard<'static, BTreeMap<usize, Arc<Sink>>> {
     SINKS.lock().unwrap_or_else(PoisonError::into_inner)
@@ -69,20 +79,23 @@ impl Drop for Registered {
 /// The strings are NULL or zero-terminated, and the arguments match the format.
 pub(crate) unsafe extern "C" fn log(
     environment: fmi2ComponentEnvironment,
-    _instance: fmi2String,
+    instance: fmi2String,
     status: c_int,
     category: fmi2String,
     format: fmi2String,
     arguments: *mut c_void,
 ) {
     let Some(sink) = sinks().get(&environment.addr()).map(Arc::clone) else {
+        STRAY.fetch_add(1, Ordering::Relaxed);
         return;
     };
     // SAFETY: the caller's promise.
-    let (category, text) = unsafe { (text(category), formatted(format, arguments)) };
+    let (instance, category, text) =
+        unsafe { (text(instance), text(category), formatted(format, arguments)) };
     let logged = Logged {
+        instance,
         status: status.into(),
-        category: category.unwrap_or_default(),
+        category,
         text,
     };
     // C code must not be unwound. The panic hook of the program has reported the panic.
@@ -187,8 +200,8 @@ mod tests {
         let (a, b) = (c"text".as_ptr(), c"other".as_ptr());
         let none = logged!(c"100%% plain");
         assert_eq!(
-            (none.status, none.category.as_str()),
-            (Status::Warning, "c")
+            (none.status, none.category.as_deref()),
+            (Status::Warning, Some("c"))
         );
         assert_eq!(none.text, "100% plain");
         assert_eq!(logged!(c"%s=%d", a, -7).text, "text=-7");

@@ -1,9 +1,22 @@
 //! The functions for model exchange.
 
-use fmu_types::fmi2::{fmi2EventInfo, fmi2False};
+use fmu_types::fmi2::{fmi2Boolean, fmi2EventInfo, fmi2False};
 
 use crate::instance::call;
-use crate::{Instance, Result};
+use crate::{Cause, Failure, Instance, Result};
+
+/// The result of an update of discrete states.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Update {
+    /// `newDiscreteStatesNeeded`
+    pub again: bool,
+    /// `terminateSimulation`
+    pub terminate: bool,
+    /// `valuesOfContinuousStatesChanged`
+    pub states_changed: bool,
+    /// `nextEventTime`, if it is defined.
+    pub next_event: Option<f64>,
+}
 
 /// Defines functions that return `n` numbers.
 macro_rules! numbers {
@@ -20,18 +33,24 @@ macro_rules! numbers {
 }
 
 impl Instance {
-    /// `fmi2NewDiscreteStates`; returns `newDiscreteStatesNeeded`.
-    pub fn new_discrete_states(&mut self) -> Result<bool> {
+    /// `fmi2NewDiscreteStates`
+    pub fn new_discrete_states(&mut self) -> Result<Update> {
+        const NAME: &str = "fmi2NewDiscreteStates";
         let mut info = fmi2EventInfo {
-            newDiscreteStatesNeeded: fmi2False,
-            terminateSimulation: fmi2False,
-            nominalsOfContinuousStatesChanged: fmi2False,
-            valuesOfContinuousStatesChanged: fmi2False,
-            nextEventTimeDefined: fmi2False,
+            newDiscreteStatesNeeded: UNWRITTEN,
+            terminateSimulation: UNWRITTEN,
+            nominalsOfContinuousStatesChanged: UNWRITTEN,
+            valuesOfContinuousStatesChanged: UNWRITTEN,
+            nextEventTimeDefined: UNWRITTEN,
             nextEventTime: 0.0,
         };
         call!(self.fmi2NewDiscreteStates(&raw mut info))?;
-        Ok(info.newDiscreteStatesNeeded != fmi2False)
+        Ok(Update {
+            again: written(NAME, info.newDiscreteStatesNeeded)?,
+            terminate: written(NAME, info.terminateSimulation)?,
+            states_changed: written(NAME, info.valuesOfContinuousStatesChanged)?,
+            next_event: written(NAME, info.nextEventTimeDefined)?.then_some(info.nextEventTime),
+        })
     }
 
     /// `fmi2EnterContinuousTimeMode`
@@ -63,8 +82,23 @@ impl Instance {
 
     /// `fmi2CompletedIntegratorStep`; returns `enterEventMode`.
     pub fn completed_integrator_step(&mut self) -> Result<bool> {
-        let (mut event, mut terminate) = (fmi2False, fmi2False);
+        const NAME: &str = "fmi2CompletedIntegratorStep";
+        let (mut event, mut terminate) = (UNWRITTEN, UNWRITTEN);
         call!(self.fmi2CompletedIntegratorStep(1, &raw mut event, &raw mut terminate))?;
-        Ok(event != fmi2False)
+        written(NAME, terminate)?;
+        written(NAME, event)
+    }
+}
+
+/// A result that the FMU has not written.
+const UNWRITTEN: fmi2Boolean = -1;
+
+fn written(function: &'static str, value: fmi2Boolean) -> Result<bool> {
+    match value {
+        UNWRITTEN => Err(Failure::new(
+            function,
+            Cause::Broke("did not write its results"),
+        )),
+        value => Ok(value != fmi2False),
     }
 }

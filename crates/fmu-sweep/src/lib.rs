@@ -47,6 +47,7 @@
 
 #![forbid(unsafe_code)]
 
+mod channel;
 mod error;
 mod execute;
 pub mod journal;
@@ -55,6 +56,7 @@ pub mod plan;
 mod row;
 mod study;
 pub mod table;
+mod workers;
 
 pub use error::Error;
 pub use execute::{Ended, execute};
@@ -62,4 +64,5 @@ pub use journal::Journal;
 pub use metrics::{Metrics, Options, Sample, Summary};
 pub use plan::{Parameter, Plan, Run};
 pub use row::{Cell, Column, Columns, Kind, Row, Value};
-pub use study::{Outline, Progress, Study};
+pub use study::{FAILURE, Outline, Progress, Study};
+pub use workers::Workers;

@@ -1,6 +1,7 @@
 //! Metrics of a run, computed sample by sample.
 
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 
 use crate::{Cell, Column, Error, Kind, Value};
 
@@ -10,9 +11,33 @@ use crate::{Cell, Column, Error, Kind, Value};
 pub struct Options {
     /// Maximum |e| of a settled loop, as a fraction of the absolute value of the reference; where the
     /// reference is 0, a loop has settled if e is 0.
+    #[serde(deserialize_with = "band")]
     pub band: f64,
     /// Maximum |e| of a loop that has not diverged, in the unit of the error.
+    #[serde(deserialize_with = "limit")]
     pub limit: f64,
+}
+
+/// Reads and checks a band, so that an error names its line.
+fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let band = f64::deserialize(deserializer)?;
+    let options = Options {
+        band,
+        ..Options::default()
+    };
+    options.check().map_err(D::Error::custom)?;
+    Ok(band)
+}
+
+/// Reads and checks a limit, so that an error names its line.
+fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let limit = f64::deserialize(deserializer)?;
+    let options = Options {
+        limit,
+        ..Options::default()
+    };
+    options.check().map_err(D::Error::custom)?;
+    Ok(limit)
 }
 
 impl Default for Options {

@@ -1,4 +1,4 @@
-//! The C types of `fmi2TypesPlatform.h` and `fmi2FunctionTypes.h` (FMI 2.0.4, section 2.1).
+//! The C types of `fmi2TypesPlatform.h` and `fmi2FunctionTypes.h` (FMI 2.0.5, section 2.1).
 #![allow(
     non_camel_case_types,
     non_upper_case_globals,
@@ -39,6 +39,8 @@ pub const fmi2CoSimulation: fmi2Type = 1;
 
 /// `fmi2StatusKind`, an integer because the host may pass any value.
 pub type fmi2StatusKind = c_int;
+pub const fmi2DoStepStatus: fmi2StatusKind = 0;
+pub const fmi2PendingStatus: fmi2StatusKind = 1;
 pub const fmi2LastSuccessfulTime: fmi2StatusKind = 2;
 pub const fmi2Terminated: fmi2StatusKind = 3;
 

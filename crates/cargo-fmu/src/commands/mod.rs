@@ -10,3 +10,4 @@ pub mod simulate;
 pub mod ssp;
 pub mod sweep;
 pub mod validate;
+mod worker;

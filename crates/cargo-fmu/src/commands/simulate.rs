@@ -1,16 +1,26 @@
-//! `cargo fmu simulate`: one run of a system of coupled FMUs.
+//! `cargo fmu simulate`: one run of a system of coupled FMUs, in a process of its own, since an FMU
+//! may crash, hang or exit.
 
+use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::str::FromStr;
+use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Error, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
-use fmu_cosim::{Csv, Description, Experiment, Failure, Message, Messages, Plan, Value};
+use fmu_cosim::{
+    Csv, Description, Experiment, Failure, Kept, Message, Messages, Plan, Recorder, Supervised,
+    Value, locate,
+};
 use fmu_description::VariableType;
+use fmu_worker::Ended;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::worker::{self, Limited};
+use crate::session::{self, Session};
 use crate::style::WARNING;
 use crate::table;
 
@@ -47,6 +57,8 @@ pub struct SimulateArgs {
     /// Write the time and the recorded variables to this file
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    #[command(flatten)]
+    limited: Limited,
 }
 
 /// Order of stepping.
@@ -85,21 +97,121 @@ impl FromStr for Assignment {
 /// Interval between progress updates: short enough to look smooth without slowing the run.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Simulates the system and reports the results.
+/// Simulates the system in a worker process and reports the results.
 ///
 /// # Errors
-/// The system file or the options are invalid, or an FMU returns an error.
-pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
+/// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
+pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
+    match &args.limited.worker {
+        Some(folder) => {
+            session::end_with_supervisor(folder);
+            let recorder = Recorder::open(&folder.join(worker::CALLS))?;
+            let outcome = work(args, folder, &recorder, out);
+            recorder.finish();
+            outcome.map(|()| ExitCode::SUCCESS)
+        }
+        None => supervise(args),
+    }
+}
+
+/// Starts the worker process, waits for it, and reports what it cannot report itself.
+fn supervise(args: &SimulateArgs) -> Result<ExitCode> {
+    let session = Session::start()?;
+    let folder = session.folder();
+    let recorder = Recorder::create(&folder.join(worker::CALLS))?;
+    let child = session.worker(folder)?.spawn()?;
+    let mut process = Supervised::new(child, recorder.clone(), args.limited.limits(1)?);
+    let mut pause = Duration::from_millis(1);
+    let ended = loop {
+        if let Some(signal) = session.signal() {
+            drop(process);
+            let time = recorder.time().map(|time| format!(" at t = {time:?} s"));
+            let time = time.unwrap_or_default();
+            anstream::eprintln!("interrupted{time}{}", kept(args, rescue(args, folder)?));
+            return Ok(session::code(signal));
+        }
+        if let Some(ended) = process.poll()? {
+            break ended;
+        }
+        if let Some(call) = process.newly_slow(&worker::names(folder)) {
+            worker::tell_slow(&call);
+        }
+        thread::sleep(pause);
+        pause = (2 * pause).min(WORKER_PERIOD);
+    };
+    match ended {
+        Ended::Exited(status) if recorder.is_finished() => {
+            if status.code().is_none() {
+                anstream::eprintln!(
+                    "{WARNING}warning:{WARNING:#} after the simulation, the process {ended}"
+                );
+            }
+            let failed = status.code().is_some_and(|code| code != 0);
+            Ok(if failed {
+                ExitCode::FAILURE
+            } else {
+                ExitCode::SUCCESS
+            })
+        }
+        _ => {
+            let said = worker::explain(&recorder, &worker::names(folder), &ended);
+            bail!("{said}{}", kept(args, rescue(args, folder)?))
+        }
+    }
+}
+
+/// Interval between checks of a worker process that runs for long.
+const WORKER_PERIOD: Duration = Duration::from_millis(20);
+
+/// Completes the file of a worker that was ended.
+fn rescue(args: &SimulateArgs, folder: &Path) -> Result<Option<Kept>> {
+    let Some(path) = &args.csv else {
+        return Ok(None);
+    };
+    Csv::rescue(path, &folder.join(worker::ROWS))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Adds the system file to an error, and the line unless the value may come from an option.
+fn located(args: &SimulateArgs, error: Error) -> Error {
+    let text = match args.start.or(args.stop).or(args.step) {
+        None => fs::read_to_string(&args.system).unwrap_or_default(),
+        Some(_) => String::new(),
+    };
+    locate(error, &args.system, &text)
+}
+
+/// Says where the rows of a failed run are.
+fn kept(args: &SimulateArgs, kept: Option<Kept>) -> String {
+    match kept {
+        Some(kept) => format!("; {kept}"),
+        None if args.csv.is_some() => "; no file was written".to_owned(),
+        None => String::new(),
+    }
+}
+
+/// Simulates the system in this process and reports the results. The rows that are not yet in the file
+/// are in the folder, where the supervisor finds them after a crash.
+fn work(
+    args: &SimulateArgs,
+    folder: &Path,
+    recorder: &Recorder,
+    out: &mut impl Write,
+) -> Result<()> {
     let description = describe(args)?;
-    let file = || args.system.display().to_string();
-    let plan = Plan::new(&description).with_context(file)?;
+    let plan = Plan::new(&description).map_err(|error| located(args, error))?;
+    worker::write_names(folder, &plan.names())?;
     let starts = args
         .sets
         .iter()
         .map(|set| plan.start(&set.name, &Value::Text(set.value.clone())))
         .collect::<Result<Vec<_>>>()?;
     let mut csv = match &args.csv {
-        Some(path) => Some(Csv::create(path, plan.columns())?),
+        Some(path) => Some(Csv::shared(
+            path,
+            plan.columns(),
+            &folder.join(worker::ROWS),
+        )?),
         None => None,
     };
     let mut progress = Progress::new(plan.experiment())?;
@@ -108,17 +220,19 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
         vec![f64::NAN; plan.columns().len()],
     );
     let begin = Instant::now();
-    let messages = Messages::default();
+    let messages = Messages::recorded(recorder.clone());
+    let mut written = Ok(());
     let outcome = plan
         .simulate_with(&starts, &messages)
         .and_then(|simulation| {
-            simulation.run(|time, row| {
+            simulation.run_while(|time, row| {
                 if let Some(csv) = &mut csv {
-                    csv.push(time, row);
+                    written = csv.push(time, row);
                 }
                 last.0 = time;
                 last.1.copy_from_slice(row);
                 progress.tick(time);
+                written.is_ok()
             })
         });
     let elapsed = begin.elapsed();
@@ -131,7 +245,14 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<()> {
         .iter()
         .filter(|message| message.warning)
         .for_each(warn);
-    outcome.map_err(|error| explain(error, csv.is_some()))?;
+    written?;
+    if let Err(error) = outcome {
+        let kept = kept(args, csv.and_then(Csv::keep));
+        return match error.downcast::<Failure>() {
+            Ok(failure) => Err(anyhow!("{failure}{kept}")),
+            Err(error) => Err(error),
+        };
+    }
     let rows = csv.map(Csv::finish).transpose()?;
     report(out, &plan, &last, elapsed)?;
     if let (Some(rows), Some(path)) = (rows, &args.csv) {
@@ -166,15 +287,6 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
         description.take_fmus_from(folder);
     }
     Ok(description)
-}
-
-/// Adds to the error of a failed run that its file was not written.
-fn explain(error: anyhow::Error, has_file: bool) -> anyhow::Error {
-    match error.downcast::<Failure>() {
-        Ok(failure) if has_file => anyhow!("{failure}; no file was written"),
-        Ok(failure) => failure.into(),
-        Err(error) => error,
-    }
 }
 
 fn warn(message: &Message) {

@@ -3,13 +3,18 @@
 use std::io::{self, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::process::{ExitCode, Stdio};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use fmu_sweep::{Progress, Study};
+use fmu_sweep::{Ended, Progress, Study, Workers};
+use fmu_worker::Limits;
 use indicatif::{ProgressBar, ProgressStyle};
+
+use super::worker::{self, Limited};
+use crate::session::{self, Session};
 
 /// The sweep to run, and the destination of its rows.
 #[derive(Debug, Args)]
@@ -20,7 +25,7 @@ pub struct SweepArgs {
     /// Output file, .csv or .parquet [default: the name of the sweep file with .csv]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Number of threads [default: one per core]
+    /// Number of worker processes [default: one per core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
     /// System file to use instead of the one named in the sweep file
@@ -36,6 +41,8 @@ pub struct SweepArgs {
     /// Print the plan as JSON; used by the coordinator of a distributed sweep
     #[arg(long, conflicts_with_all = ["out", "rows"])]
     plan: bool,
+    #[command(flatten)]
+    limited: Limited,
 }
 
 /// `FIRST..END`
@@ -55,29 +62,58 @@ impl FromStr for Runs {
     }
 }
 
-/// Runs the sweep, or the part selected by the options.
+/// Runs the sweep, or the part selected by the options, in worker processes.
 ///
 /// # Errors
 /// A file is invalid or cannot be written, or an FMU rejects a start value.
-pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<()> {
-    let file = || args.sweep.display().to_string();
-    let study = Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref())
-        .with_context(file)?;
-    if let Some(Runs(runs)) = &args.rows {
-        return study.rows(runs.clone(), args.threads, |line| {
+pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
+    let open = || Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref());
+    if let Some(folder) = &args.limited.worker {
+        session::end_with_supervisor(folder);
+        open()?.work(folder)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let session = Session::start()?;
+    let study = open()?;
+    let mut workers = Workers {
+        count: args.threads,
+        folder: session.folder(),
+        limits: Limits::default(),
+        command: &|folder: &Path| {
+            let mut command = session.worker(folder)?;
+            // What an FMU prints must not get among the rows.
+            command.stdin(Stdio::null()).stdout(io::stderr());
+            Ok(command)
+        },
+        is_cancelled: &|| session.signal().is_some(),
+        slow: &worker::tell_slow,
+    };
+    workers.limits = args.limited.limits(workers.count())?;
+    let interrupted = if let Some(Runs(runs)) = &args.rows {
+        study.rows(runs.clone(), &workers, |line| {
             Ok(io::stdout().lock().write_all(line.as_bytes())?)
-        });
-    }
-    study.try_corners().with_context(file)?;
-    if args.plan {
+        })? == Ended::Cancelled
+    } else if args.plan {
+        study.try_corners(&workers)?;
         let outline = serde_json::to_string(&study.outline()?)?;
-        return Ok(writeln!(out, "{outline}")?);
+        writeln!(out, "{outline}")?;
+        false
+    } else {
+        write(&study, &workers, args, out)? == Ended::Cancelled
+    };
+    match session.signal().filter(|_| interrupted) {
+        Some(signal) => Ok(session::code(signal)),
+        None => Ok(ExitCode::SUCCESS),
     }
-    write(&study, args, out)
 }
 
 /// Executes the remaining runs and prints a summary.
-fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
+fn write(
+    study: &Study,
+    workers: &Workers<'_>,
+    args: &SweepArgs,
+    out: &mut impl Write,
+) -> Result<Ended> {
     let file = match &args.out {
         Some(file) => file.clone(),
         None => {
@@ -86,34 +122,48 @@ fn write(study: &Study, args: &SweepArgs, out: &mut impl Write) -> Result<()> {
         }
     };
     let bar = progress_bar()?;
-    let (mut begin, mut progress) = (Instant::now(), Progress { runs: 0, before: 0 });
-    study.write(&file, args.threads, |start| {
-        bar.set_length(start.runs);
-        bar.set_position(start.before);
-        bar.reset_eta();
-        (begin, progress) = (Instant::now(), start);
-        || bar.inc(1)
+    let mut begin = Instant::now();
+    let (ended, progress) = study.write(&file, workers, |progress| {
+        if progress.done == 0 {
+            bar.set_length(progress.runs);
+            bar.reset_eta();
+            begin = Instant::now();
+        }
+        bar.set_position(progress.before + progress.done);
     })?;
     let elapsed = begin.elapsed().as_secs_f64();
     bar.finish_and_clear();
-    let Progress { runs, before } = progress;
-    let left = runs - before;
+    let Progress {
+        runs,
+        before,
+        done,
+        failed,
+        first_failure,
+    } = progress;
+    let file = file.display();
+    if ended == Ended::Cancelled {
+        let all = before + done;
+        anstream::eprintln!(
+            "interrupted; {all} of {runs} runs are in {file}.part; run the same command to resume"
+        );
+        return Ok(ended);
+    }
     writeln!(
         out,
-        "{left} runs in {elapsed:.3} s: {:.0} a second",
-        left as f64 / elapsed
+        "{done} runs in {elapsed:.3} s: {:.0} a second",
+        done as f64 / elapsed
     )?;
     if before > 0 {
         writeln!(out, "{before} runs were already done")?;
     }
-    if let Some((run, failure)) = study.first_failure() {
+    if let Some((run, failure)) = first_failure {
         writeln!(
             out,
-            "some runs stopped early, the first was run {run}: {failure}"
+            "{failed} runs failed, the first was run {run}: {failure}"
         )?;
     }
-    writeln!(out, "wrote {}: {runs} rows", file.display())?;
-    Ok(())
+    writeln!(out, "wrote {file}: {runs} rows")?;
+    Ok(ended)
 }
 
 fn progress_bar() -> Result<ProgressBar> {

@@ -143,7 +143,7 @@ impl<'a> Run<'a> {
     /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
         for _ in 0..MAX_ROUNDS {
-            if !self.instance.new_discrete_states()? {
+            if !self.instance.new_discrete_states()?.again {
                 self.instance.enter_continuous_time_mode()?;
                 return Ok(());
             }

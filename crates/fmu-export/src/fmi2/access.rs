@@ -1,4 +1,4 @@
-//! Reading and writing variables (FMI 2.0.4, section 2.1.7).
+//! Reading and writing variables (FMI 2.0.5, section 2.1.7).
 
 use super::{
     NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,

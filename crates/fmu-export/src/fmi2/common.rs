@@ -1,4 +1,4 @@
-//! Functions common to both kinds of FMU (FMI 2.0.4, section 2.1): version, lifecycle, logging.
+//! Functions common to both kinds of FMU (FMI 2.0.5, section 2.1): version, lifecycle, logging.
 
 use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};

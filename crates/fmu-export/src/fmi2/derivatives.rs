@@ -1,4 +1,4 @@
-//! Directional derivatives (FMI 2.0.4, section 2.1.9) and input derivatives (section 4.2.1).
+//! Directional derivatives (FMI 2.0.5, section 2.1.9) and input derivatives (section 4.2.1).
 
 use super::{
     NULL_ARRAY, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2ValueReference, slice,

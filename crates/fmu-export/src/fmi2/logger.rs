@@ -14,7 +14,7 @@ pub(super) fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr
         // A zero byte would end the text early. Our messages have none, but they may quote names
         // from the host.
         let text = CString::new(message.replace('\0', " ")).unwrap_or_default();
-        // SAFETY: the host provides this function to be called with these C types (FMI 2.0.4,
+        // SAFETY: the host provides this function to be called with these C types (FMI 2.0.5,
         // section 2.1.5); all strings are zero-terminated and outlive the call; the text is an
         // argument of the format "%s", never the format itself.
         unsafe {

@@ -1,4 +1,4 @@
-//! The C interface of FMI 2.0.4: all 44 functions.
+//! The C interface of FMI 2.0.5: all 44 functions.
 //!
 //! The functions convert C arguments to slices and references, and call the component.
 //! `fmi2Instantiate` is defined by [`export!`](crate::export), as only it depends on the models.

@@ -1,4 +1,4 @@
-//! Functions of co-simulation (FMI 2.0.4, section 4.2).
+//! Functions of co-simulation (FMI 2.0.5, section 4.2).
 
 use super::{
     fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,

@@ -1,4 +1,4 @@
-//! Saving and restoring the state of an instance (FMI 2.0.4, section 2.1.8).
+//! Saving and restoring the state of an instance (FMI 2.0.5, section 2.1.8).
 
 use super::{fmi2Byte, fmi2Component, fmi2FMUstate, fmi2Status, slice, slice_mut, with};
 use crate::component::Failure;

@@ -1,4 +1,4 @@
-//! The table of allowed calls of FMI 2.0.4, section 4.2.4, cell by cell, and recovery from failed
+//! The table of allowed calls of FMI 2.0.5, section 4.2.4, cell by cell, and recovery from failed
 //! steps.
 
 use std::ptr::null_mut;

@@ -225,10 +225,7 @@ fn wrong_arguments_are_rejected_before_a_file_is_created() {
     assert!(open(&folder.path().join("a.txt")).is_err());
     let nowhere = folder.path().join("nowhere/a.csv");
     let error = open(&nowhere).unwrap_err().to_string();
-    assert!(
-        error.starts_with(&format!("cannot open {}.part: ", nowhere.display())),
-        "{error}"
-    );
+    assert!(error.ends_with("nowhere does not exist"), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 

@@ -41,15 +41,37 @@ enum Scale {
 struct Description {
     variable: Option<String>,
     variables: Option<Vec<String>>,
-    values: Option<Vec<Value>>,
+    values: Option<List>,
     from: Option<f64>,
     to: Option<f64>,
-    count: Option<u64>,
+    count: Option<Count>,
     scale: Option<Scale>,
-    uniform: Option<[f64; 2]>,
-    log_uniform: Option<[f64; 2]>,
-    normal: Option<[f64; 2]>,
+    uniform: Option<Uniform>,
+    log_uniform: Option<LogUniform>,
+    normal: Option<Normal>,
 }
+
+// The values of keys are checked when they are read, so that an error names its line.
+
+#[derive(Deserialize)]
+#[serde(try_from = "Vec<Value>")]
+struct List(Vec<Value>);
+
+#[derive(Deserialize)]
+#[serde(try_from = "u64")]
+struct Count(u64);
+
+#[derive(Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+struct Uniform([f64; 2]);
+
+#[derive(Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+struct LogUniform([f64; 2]);
+
+#[derive(Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+struct Normal([f64; 2]);
 
 /// Bound on the numbers of ranges and distributions, so that no sum of them overflows.
 const TOO_LARGE: f64 = 1e290;
@@ -181,12 +203,9 @@ impl Description {
             self.log_uniform,
             self.normal,
         ) {
-            (Some(values), None, None, None, None) => list(values),
-            (None, Some((from, to, count, scale)), None, None, None) => {
+            (Some(List(values)), None, None, None, None) => Ok(Values::List(values)),
+            (None, Some((from, to, Count(count), scale)), None, None, None) => {
                 ordered("from", from, "to", to, scale)?;
-                if count < 2 {
-                    return Err(format!("count = {count}, expected at least 2"));
-                }
                 Ok(Values::Spaced {
                     from,
                     to,
@@ -194,22 +213,9 @@ impl Description {
                     scale,
                 })
             }
-            (None, None, Some([min, max]), None, None) => {
-                ordered("min", min, "max", max, Scale::Linear)?;
-                Ok(Values::Uniform([min, max]))
-            }
-            (None, None, None, Some([min, max]), None) => {
-                ordered("min", min, "max", max, Scale::Log)?;
-                Ok(Values::LogUniform([min, max]))
-            }
-            (None, None, None, None, Some([mean, deviation])) => {
-                finite("mean", mean)?;
-                finite("deviation", deviation)?;
-                if deviation <= 0.0 {
-                    return Err(format!("deviation = {deviation:?}, expected more than 0"));
-                }
-                Ok(Values::Normal([mean, deviation]))
-            }
+            (None, None, Some(Uniform(bounds)), None, None) => Ok(Values::Uniform(bounds)),
+            (None, None, None, Some(LogUniform(bounds)), None) => Ok(Values::LogUniform(bounds)),
+            (None, None, None, None, Some(Normal(numbers))) => Ok(Values::Normal(numbers)),
             (None, None, None, None, None) => Err(format!("no values, expected {ONE_OF}")),
             _ => Err(format!("several ranges of values, expected one: {ONE_OF}")),
         }
@@ -218,30 +224,107 @@ impl Description {
 
 const ONE_OF: &str = "values, or from, to and count, or uniform, log_uniform or normal";
 
-fn list(values: Vec<Value>) -> Result<Values, String> {
-    let kind = values
-        .first()
-        .ok_or("values = [], expected at least one")?
-        .kind();
-    for value in &values {
-        match value {
-            Value::Number(number) if !number.is_finite() => {
-                return Err(format!("the value {number}, expected finite numbers"));
+impl TryFrom<Vec<Value>> for List {
+    type Error = String;
+
+    fn try_from(values: Vec<Value>) -> Result<Self, String> {
+        let kind = values
+            .first()
+            .ok_or("values = [], expected at least one")?
+            .kind();
+        for value in &values {
+            match value {
+                Value::Number(number) if !number.is_finite() => {
+                    return Err(format!("the value {number}, expected finite numbers"));
+                }
+                Value::Text(text) if text.contains(char::is_control) => {
+                    return Err(format!(
+                        "the value {text:?}, expected no control characters"
+                    ));
+                }
+                _ if value.kind() != kind => {
+                    return Err(format!(
+                        "the value {value}, expected {kind} like the first one"
+                    ));
+                }
+                _ => {}
             }
-            Value::Text(text) if text.contains(char::is_control) => {
-                return Err(format!(
-                    "the value {text:?}, expected no control characters"
-                ));
-            }
-            _ if value.kind() != kind => {
-                return Err(format!(
-                    "the value {value}, expected {kind} like the first one"
-                ));
-            }
-            _ => {}
         }
+        Ok(Self(values))
     }
-    Ok(Values::List(values))
+}
+
+impl TryFrom<u64> for Count {
+    type Error = String;
+
+    fn try_from(count: u64) -> Result<Self, String> {
+        if count < 2 {
+            return Err(format!("count = {count}, expected at least 2"));
+        }
+        Ok(Self(count))
+    }
+}
+
+impl TryFrom<[f64; 2]> for Uniform {
+    type Error = String;
+
+    fn try_from(bounds: [f64; 2]) -> Result<Self, String> {
+        expect("uniform", bounds, in_range, "numbers within ±1e290")?;
+        expect("uniform", bounds, is_ascending, "the smaller one first")?;
+        Ok(Self(bounds))
+    }
+}
+
+impl TryFrom<[f64; 2]> for LogUniform {
+    type Error = String;
+
+    fn try_from(bounds: [f64; 2]) -> Result<Self, String> {
+        expect("log_uniform", bounds, in_range, "numbers within ±1e290")?;
+        expect(
+            "log_uniform",
+            bounds,
+            |[min, _]| min > 0.0,
+            "numbers above 0",
+        )?;
+        expect("log_uniform", bounds, is_ascending, "the smaller one first")?;
+        Ok(Self(bounds))
+    }
+}
+
+impl TryFrom<[f64; 2]> for Normal {
+    type Error = String;
+
+    fn try_from(numbers: [f64; 2]) -> Result<Self, String> {
+        expect("normal", numbers, in_range, "numbers within ±1e290")?;
+        let is_positive = |[_, deviation]: [f64; 2]| deviation > 0.0;
+        expect(
+            "normal",
+            numbers,
+            is_positive,
+            "a mean and a deviation above 0",
+        )?;
+        Ok(Self(numbers))
+    }
+}
+
+fn expect(
+    key: &str,
+    numbers: [f64; 2],
+    is_met: impl Fn([f64; 2]) -> bool,
+    expected: &str,
+) -> Result<(), String> {
+    match is_met(numbers) {
+        true => Ok(()),
+        false => Err(format!("{key} = {numbers:?}, expected {expected}")),
+    }
+}
+
+fn in_range(numbers: [f64; 2]) -> bool {
+    numbers.iter().all(|number| number.abs() < TOO_LARGE)
+}
+
+fn is_ascending([min, max]: [f64; 2]) -> bool {
+    min < max
 }
 
 fn finite(name: &str, number: f64) -> Result<(), String> {

@@ -36,7 +36,8 @@ impl Format {
 /// Checks that a table can be written to a file of this name.
 ///
 /// # Errors
-/// If its extension is not `.csv` or `.parquet`, or it is a folder.
+/// If its extension is not `.csv` or `.parquet`, or it is a folder, or its folder does not
+/// exist.
 pub fn check(file: &Path) -> Result<(), Error> {
     Format::of(file)?;
     if file.is_dir() {
@@ -45,7 +46,16 @@ pub fn check(file: &Path) -> Result<(), Error> {
             file.display()
         )));
     }
-    Ok(())
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+            Err(Error::new(format!(
+                "cannot write {}: the folder {} does not exist",
+                file.display(),
+                folder.display()
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Writes rows in order and atomically; an existing file is replaced.

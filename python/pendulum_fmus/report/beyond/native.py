@@ -65,7 +65,8 @@ def sweep(
             raise MasterError(f"the sweep of {kind} failed: {run.stderr.strip()}")
         with out.open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
-    return {name: np.array([_number(row[name]) for row in rows]) for name in rows[0]}
+    names = [name for name in rows[0] if name != "failure"]
+    return {name: np.array([_number(row[name]) for row in rows]) for name in names}
 
 
 def _toml(variables: list[str], values: np.ndarray, settings: dict, limit: float) -> str:

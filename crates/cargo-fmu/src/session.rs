@@ -1,0 +1,117 @@
+//! What a command has to clean up when it ends or is interrupted: its temporary folder and its
+//! unfinished files.
+
+use std::io;
+use std::path::Path;
+use std::process::{self, Command, ExitCode};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use fmu_file::replace::remove_unfinished;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use tempfile::TempDir;
+
+/// A command in progress. All temporary folders are in one, which is removed with this value.
+pub struct Session {
+    folder: TempDir,
+    signal: Arc<AtomicUsize>,
+}
+
+/// Interval between checks for a signal.
+const PERIOD: Duration = Duration::from_millis(20);
+
+impl Session {
+    /// Creates the folder and catches Ctrl-C and SIGTERM.
+    ///
+    /// # Errors
+    /// The folder for temporary files cannot be written.
+    pub fn start() -> Result<Self> {
+        let folder = tempfile::Builder::new().prefix("cargo-fmu-").tempdir();
+        let folder = folder.with_context(|| {
+            let folder = std::env::temp_dir();
+            format!("cannot write to the folder {}", folder.display())
+        })?;
+        // Another session of this process has set the folder before.
+        let _ = tempfile::env::override_temp_dir(folder.path());
+        let signal = Arc::new(AtomicUsize::new(0));
+        for number in [SIGINT, SIGTERM] {
+            signal_hook::flag::register_usize(number, Arc::clone(&signal), number as usize)?;
+        }
+        Ok(Self { folder, signal })
+    }
+
+    /// The folder for temporary files.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The signal that was caught, if any.
+    pub fn signal(&self) -> Option<u8> {
+        match self.signal.load(Relaxed) {
+            0 => None,
+            number => u8::try_from(number).ok(),
+        }
+    }
+
+    /// Ends the process when a signal is caught, without leaving temporary files behind.
+    pub fn end_when_interrupted(&self) {
+        let (signal, folder) = (Arc::clone(&self.signal), self.folder().to_owned());
+        thread::spawn(move || {
+            loop {
+                thread::sleep(PERIOD);
+                let number = signal.load(Relaxed);
+                if number != 0 {
+                    remove_unfinished();
+                    // What cannot be removed is in the folder for temporary files.
+                    let _ = std::fs::remove_dir_all(&folder);
+                    anstream::eprintln!("interrupted; unfinished files were removed");
+                    process::exit(128 + number as i32);
+                }
+            }
+        });
+    }
+
+    /// Starts this program again with the same arguments, as a worker with this folder. Ctrl-C does not
+    /// reach it, since this process decides what to do.
+    ///
+    /// # Errors
+    /// The system does not tell the file of this program.
+    pub fn worker(&self, folder: &Path) -> io::Result<Command> {
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(std::env::args_os().skip(1));
+        command.arg("--worker").arg(folder);
+        for variable in ["TMPDIR", "TMP", "TEMP"] {
+            command.env(variable, self.folder());
+        }
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        #[cfg(windows)]
+        std::os::windows::process::CommandExt::creation_flags(&mut command, 0x200);
+        Ok(command)
+    }
+}
+
+/// The exit code of a process that a signal has ended, as shells report it.
+pub fn code(signal: u8) -> ExitCode {
+    ExitCode::from(128 + signal)
+}
+
+/// Ends this worker when the process that started it is gone, and removes the session's folder.
+pub fn end_with_supervisor(folder: &Path) {
+    #[cfg(unix)]
+    {
+        let (folder, supervisor) = (folder.to_owned(), std::os::unix::process::parent_id());
+        thread::spawn(move || {
+            while std::os::unix::process::parent_id() == supervisor {
+                thread::sleep(Duration::from_millis(200));
+            }
+            let _ = std::fs::remove_dir_all(folder);
+            process::exit(1);
+        });
+    }
+    #[cfg(not(unix))]
+    let _ = folder;
+}

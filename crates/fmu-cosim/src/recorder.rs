@@ -1,0 +1,278 @@
+//! What a simulation is doing, in memory that another process can read even after a crash.
+
+use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use fmu_host::SharedMemory;
+
+use crate::Failure;
+
+/// Records the call in progress, its communication point and the newest log message. Clones share the
+/// record. By default it is ordinary memory; with a file, a supervisor reads what a process was doing
+/// when it crashed.
+#[derive(Debug, Clone)]
+pub struct Recorder(SharedMemory);
+
+/// The words of the record.
+mod word {
+    /// Number of the call, index of the component, function.
+    pub(super) const CALL: usize = 0;
+    /// The communication point (s) as bits; NaN before the initialization.
+    pub(super) const TIME: usize = 1;
+    /// The communication step (s) as bits.
+    pub(super) const STEP: usize = 2;
+    /// Whether the process has done its work.
+    pub(super) const DONE: usize = 3;
+    /// The word `CALL` when the newest message was logged.
+    pub(super) const LOGGED_IN: usize = 4;
+    /// Length of the message in bytes.
+    pub(super) const LENGTH: usize = 5;
+    /// The message.
+    pub(super) const TEXT: usize = 6;
+}
+
+const MAX_TEXT: usize = 1024;
+const WORDS: usize = word::TEXT + MAX_TEXT / 8;
+
+/// Bits of the word `CALL` for the function, and for the component.
+const FUNCTION_BITS: u32 = 8;
+const COMPONENT_BITS: u32 = 24;
+/// The bits of the word `CALL` that are not the number of the call.
+const NOT_NUMBER: u64 = (1 << (FUNCTION_BITS + COMPONENT_BITS)) - 1;
+
+/// The calls of an FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Function {
+    None,
+    Load,
+    Instantiate,
+    SetupExperiment,
+    EnterInitializationMode,
+    ExitInitializationMode,
+    DoStep,
+    Terminate,
+    FreeInstance,
+    GetReal,
+    GetInteger,
+    GetBoolean,
+    SetReal,
+    SetInteger,
+    SetBoolean,
+    SetString,
+}
+
+/// The names of the functions and the purposes of the calls, in the order of [`Function`].
+const FUNCTIONS: [(&str, &str); 16] = [
+    ("", ""),
+    ("loading the binary", "instantiation"),
+    ("fmi2Instantiate", "instantiation"),
+    ("fmi2SetupExperiment", "initialization"),
+    ("fmi2EnterInitializationMode", "initialization"),
+    ("fmi2ExitInitializationMode", "initialization"),
+    ("fmi2DoStep", "step"),
+    ("fmi2Terminate", "end"),
+    ("fmi2FreeInstance", "end"),
+    ("fmi2GetReal", "reading outputs"),
+    ("fmi2GetInteger", "reading outputs"),
+    ("fmi2GetBoolean", "reading outputs"),
+    ("fmi2SetReal", "setting inputs and parameters"),
+    ("fmi2SetInteger", "setting inputs and parameters"),
+    ("fmi2SetBoolean", "setting inputs and parameters"),
+    ("fmi2SetString", "setting inputs and parameters"),
+];
+
+impl Default for Recorder {
+    fn default() -> Self {
+        Self(SharedMemory::private(WORDS))
+    }
+}
+
+impl Recorder {
+    /// Creates the file of a record.
+    ///
+    /// # Errors
+    /// The file exists or cannot be written.
+    pub fn create(file: &Path) -> io::Result<Self> {
+        SharedMemory::create(file, WORDS).map(Self)
+    }
+
+    /// Opens the file of a record, in another process.
+    ///
+    /// # Errors
+    /// The file cannot be read, or has another size.
+    pub fn open(file: &Path) -> io::Result<Self> {
+        let memory = SharedMemory::open(file)?;
+        if memory.words().len() != WORDS {
+            return Err(io::Error::other("it is not a record of calls"));
+        }
+        Ok(Self(memory))
+    }
+
+    #[inline]
+    fn words(&self) -> &[AtomicU64] {
+        self.0.words()
+    }
+
+    /// Records that a function of a component is about to be called.
+    #[inline]
+    pub(crate) fn begin(&self, component: usize, function: Function) {
+        let call = &self.words()[word::CALL];
+        // All calls of a simulation come from one thread, so load and store need not be atomic together.
+        let next = (call.load(Relaxed) | NOT_NUMBER).wrapping_add(1);
+        let id = (component as u64) << FUNCTION_BITS | function as u64;
+        call.store(next | id & NOT_NUMBER, Relaxed);
+    }
+
+    /// Records that no call is in progress.
+    pub(crate) fn end_call(&self) {
+        self.begin(0, Function::None);
+    }
+
+    /// Records the communication point (s); NaN before the initialization.
+    #[inline]
+    pub(crate) fn at(&self, time: f64) {
+        self.words()[word::TIME].store(time.to_bits(), Relaxed);
+    }
+
+    /// Records the communication step (s).
+    pub(crate) fn step(&self, step: f64) {
+        self.words()[word::STEP].store(step.to_bits(), Relaxed);
+    }
+
+    /// A number that differs for every call.
+    #[inline]
+    pub fn call(&self) -> u64 {
+        self.words()[word::CALL].load(Relaxed)
+    }
+
+    /// Whether a call is in progress.
+    pub fn is_in_call(&self) -> bool {
+        function(self.call()) != Function::None as usize
+    }
+
+    /// The communication point (s), once the simulation has been initialized.
+    pub fn time(&self) -> Option<f64> {
+        let time = f64::from_bits(self.words()[word::TIME].load(Relaxed));
+        (self.call() != 0 && !time.is_nan()).then_some(time)
+    }
+
+    /// Records that the process has done its work, whether it succeeded or reported an error.
+    pub fn finish(&self) {
+        self.words()[word::DONE].store(1, Relaxed);
+    }
+
+    /// Whether the process has done its work.
+    pub fn is_finished(&self) -> bool {
+        self.words()[word::DONE].load(Relaxed) != 0
+    }
+
+    /// Records a log message.
+    pub(crate) fn log(&self, text: &str) {
+        let words = self.words();
+        let bytes = &text.as_bytes()[..text.len().min(MAX_TEXT)];
+        for (word, chunk) in words[word::TEXT..].iter().zip(bytes.chunks(8)) {
+            let mut eight = [0; 8];
+            eight[..chunk.len()].copy_from_slice(chunk);
+            word.store(u64::from_le_bytes(eight), Relaxed);
+        }
+        words[word::LENGTH].store(bytes.len() as u64, Relaxed);
+        words[word::LOGGED_IN].store(self.call(), Relaxed);
+    }
+
+    /// The newest message, as the reason why the call in progress did not return.
+    fn reason(&self) -> Option<String> {
+        let words = self.words();
+        let bytes = words[word::TEXT..]
+            .iter()
+            .flat_map(|word| word.load(Relaxed).to_le_bytes());
+        let length = words[word::LENGTH].load(Relaxed) as usize;
+        let bytes: Vec<u8> = bytes.take(length).collect();
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        match words[word::LOGGED_IN].load(Relaxed) {
+            _ if text.is_empty() => None,
+            call if call == self.call() => Some(text),
+            _ => Some(format!(
+                "the last log message, of an earlier call, is {text:?}"
+            )),
+        }
+    }
+
+    /// The call in progress as a failure with this outcome, if there is one. `components` are the names
+    /// of the components and of their files.
+    pub fn failure(&self, components: &[(String, String)], outcome: &str) -> Option<Failure> {
+        let call = self.call();
+        let (function, what) = *FUNCTIONS
+            .get(function(call))
+            .filter(|(name, _)| !name.is_empty())?;
+        let component = (call >> FUNCTION_BITS) as usize & ((1 << COMPONENT_BITS) - 1);
+        let (component, fmu) = components.get(component).cloned().unwrap_or_default();
+        let step = f64::from_bits(self.words()[word::STEP].load(Relaxed));
+        Some(Failure {
+            component,
+            fmu,
+            function,
+            what: match what {
+                "step" => format!("step of {step:?} s"),
+                _ => what.to_owned(),
+            },
+            time: self.time(),
+            outcome: outcome.to_owned(),
+            message: self.reason(),
+        })
+    }
+}
+
+/// The function of a word `CALL`.
+fn function(call: u64) -> usize {
+    call as usize & ((1 << FUNCTION_BITS) - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_supervisor_reads_the_call_the_time_and_the_message() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("call");
+        let supervisor = Recorder::create(&file).unwrap();
+        let names = ["a", "b"].map(|name| (name.to_owned(), format!("{name}.fmu")));
+        assert!(supervisor.failure(&names, "").is_none());
+        assert!(!supervisor.is_in_call());
+
+        let worker = Recorder::open(&file).unwrap();
+        worker.step(0.25);
+        worker.at(f64::NAN);
+        worker.begin(0, Function::Instantiate);
+        let first = supervisor.call();
+        let said = |outcome| supervisor.failure(&names, outcome).unwrap().to_string();
+        assert_eq!(
+            said("was ended by signal 6, abort"),
+            "a (a.fmu), instantiation: fmi2Instantiate was ended by signal 6, abort; \
+             the FMU logged no reason"
+        );
+        worker.at(1.5);
+        worker.begin(1, Function::DoStep);
+        worker.log("too fast: 9 > 8");
+        assert_ne!(supervisor.call(), first);
+        assert_eq!(
+            said("was ended by signal 6, abort"),
+            "b (b.fmu), step of 0.25 s at t = 1.5 s: fmi2DoStep was ended by signal 6, abort: \
+             too fast: 9 > 8"
+        );
+        worker.end_call();
+        assert!(!supervisor.is_in_call());
+        assert!(!supervisor.is_finished());
+        worker.finish();
+        assert!(supervisor.is_finished());
+    }
+
+    #[test]
+    fn every_function_has_its_name() {
+        assert_eq!(FUNCTIONS[Function::DoStep as usize].0, "fmi2DoStep");
+        assert_eq!(FUNCTIONS[Function::SetString as usize].0, "fmi2SetString");
+        assert_eq!(FUNCTIONS.len(), Function::SetString as usize + 1);
+    }
+}

@@ -1,0 +1,341 @@
+"""FMUs that crash, exit, hang or fill the memory: what is reported, what is kept, what is left."""
+
+import csv
+import re
+import shutil
+import signal
+import subprocess
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from native import read_csv, run
+from pendulum_fmus.project import PROGRAM, ROOT
+
+FAULTS = [
+    *("", "CRASH", "ABORT", "EXIT", "EXIT_AT_ONCE", "HANG"),
+    *("FILL", "WRITE", "PRINT", "FAIL", "TELL"),
+]
+"""The faults of tests/c/faulty.c, by number."""
+
+REALS = ["y", "r", "e", "u"]
+
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Faulty" guid="{faulty}"
+    numberOfEventIndicators="0">
+  <CoSimulation modelIdentifier="Faulty" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    %s
+    <ScalarVariable name="at" valueReference="4" causality="parameter" variability="fixed">
+      <Real start="0"/>
+    </ScalarVariable>
+    <ScalarVariable name="fault" valueReference="0" causality="parameter" variability="fixed">
+      <Integer start="0"/>
+    </ScalarVariable>
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs>%s</Outputs>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+
+
+@pytest.fixture(scope="session")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the FMU of tests/c/faulty.c."""
+    compiler = shutil.which("cc") or pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("faulty")
+    library = folder / "Faulty.so"
+    source = ROOT / "tests" / "c" / "faulty.c"
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", "-o", library, source], check=True)
+    variables = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{i}" causality="output"><Real/>'
+        "</ScalarVariable>"
+        for i, name in enumerate(REALS)
+    )
+    outputs = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in range(1, 5))
+    file = folder / "Faulty.fmu"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("modelDescription.xml", DESCRIPTION % (variables, outputs))
+        archive.write(library, "binaries/linux64/Faulty.so")
+    return file
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faulty: Path) -> Path:
+    """Return a folder with a system; nothing may be left in TMPDIR."""
+    shutil.copy(faulty, tmp_path / "Faulty.fmu")
+    text = '[[component]]\nname = "plant"\nfmu = "Faulty.fmu"\n'
+    (tmp_path / "system.toml").write_text("stop = 1.0\nstep = 0.001\n" + text)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    return tmp_path
+
+
+def simulated(folder: Path, fault: str, at: float = 0.5, *options: object):
+    """Simulate the system with a fault, writing out.csv."""
+    sets = (f"--set=plant.fault={FAULTS.index(fault)}", f"--set=plant.at={at}")
+    result = run("simulate", "system.toml", "--csv=out.csv", *sets, *options, cwd=folder)
+    assert list((folder / "temporary").iterdir()) == []
+    return result
+
+
+# --- simulations ----------------------------------------------------------------------------------
+
+EARLY = "before it had finished; the FMU logged no reason"
+
+ENDS = {
+    "CRASH": "fmi2DoStep was ended by signal 11, illegal memory access; the FMU logged no reason",
+    "ABORT": "fmi2DoStep was ended by signal 6, abort; the FMU logged no reason",
+    "EXIT": f"fmi2DoStep exited with code 0 {EARLY}",
+    "EXIT_AT_ONCE": f"fmi2DoStep exited with code 3 {EARLY}",
+    "HANG": "fmi2DoStep did not return within 0.5 s and was killed; the FMU logged no reason",
+    "WRITE": "fmi2DoStep was ended by signal 11, illegal memory access; the FMU logged no reason",
+    "TELL": "fmi2DoStep was ended by signal 11, illegal memory access: about to crash",
+    "FAIL": "fmi2DoStep returned fmi2Error; the FMU logged no reason",
+}
+
+
+@pytest.mark.parametrize("fault", ENDS)
+def test_an_fmu_that_ends_the_process_is_named_and_its_rows_are_kept(folder, fault):
+    (folder / "out.csv").write_text("of an earlier run")
+    result = simulated(folder, fault, 0.5, "--call-timeout=0.5")
+    assert result.returncode == 1
+    where = "plant (Faulty.fmu), step of 0.001 s at t = 0.5 s: "
+    kept = "; the rows up to t = 0.499 s are in out.csv.part"
+    assert result.stderr == f"error: {where}{ENDS[fault]}{kept}\n"
+    assert (folder / "out.csv").read_text() == "of an earlier run"
+    kept = read_csv(folder / "out.csv.part")
+    assert len(kept["time"]) == 500
+    assert list(kept["plant.y"]) == pytest.approx(list(kept["time"]))
+
+    complete = simulated(folder, "")
+    assert (complete.returncode, complete.stderr) == (0, "")
+    assert len(read_csv(folder / "out.csv")["time"]) == 1001
+    assert not (folder / "out.csv.part").exists()
+
+
+def test_an_fmu_that_fills_the_memory_is_killed(folder):
+    result = simulated(folder, "FILL", 0.5, "--memory-limit=0.3")
+    assert result.returncode == 1
+    said = r"fmi2DoStep used more than 0\.\d GB of memory and was killed; .*out\.csv\.part"
+    assert re.search(said, result.stderr)
+    assert len(read_csv(folder / "out.csv.part")["time"]) == 500
+
+
+@pytest.mark.parametrize("fault", ["CRASH", "EXIT"])
+def test_a_crash_before_the_first_row_leaves_no_file(folder, fault):
+    result = simulated(folder, fault, -1)
+    assert result.returncode == 1
+    start = "error: plant (Faulty.fmu), initialization at t = 0.0 s: fmi2EnterInitializationMode "
+    assert result.stderr.startswith(start)
+    assert result.stderr.endswith("; no file was written\n")
+    assert not list(folder.glob("out*"))
+
+
+def interrupted(folder: Path, number: int, *arguments: object, after: float = 1.0):
+    """Run the program, send it a signal, and return its exit code and what it reported."""
+    with subprocess.Popen(
+        [PROGRAM, *map(str, arguments)], cwd=folder, stderr=subprocess.PIPE, text=True
+    ) as process:
+        time.sleep(after)
+        process.send_signal(number)
+        _, stderr = process.communicate(timeout=20)
+    assert list((folder / "temporary").iterdir()) == []
+    return process.returncode, stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_simulation_keeps_its_rows(folder, number):
+    sets = (f"--set=plant.fault={FAULTS.index('HANG')}", "--set=plant.at=0.5")
+    code, said = interrupted(folder, number, "simulate", "system.toml", "--csv=out.csv", *sets)
+    assert code == 128 + number
+    kept = "the rows up to t = 0.499 s are in out.csv.part"
+    assert said == f"interrupted at t = 0.5 s; {kept}\n"
+    assert len(read_csv(folder / "out.csv.part")["time"]) == 500
+
+
+def test_a_killed_supervisor_takes_its_worker_along(folder):
+    sets = (f"--set=plant.fault={FAULTS.index('HANG')}", "--set=plant.at=0.5")
+    command = [PROGRAM, "simulate", "system.toml", *sets]
+    with subprocess.Popen(command, cwd=folder) as process:
+        time.sleep(1)
+        process.kill()
+    deadline = time.monotonic() + 10
+    while list((folder / "temporary").iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert list((folder / "temporary").iterdir()) == []
+
+
+# --- sweeps ---------------------------------------------------------------------------------------
+
+
+def sweep_file(folder: Path, runs: int, fault: str, at: float) -> None:
+    """Write a sweep whose last run has the fault at a time; all other runs have it never."""
+    times = [100.0 + k for k in range(runs - 1)] + [at]
+    (folder / "sweep.toml").write_text(
+        f'system = "system.toml"\nstop = 0.01\nset = {{ "plant.fault" = {FAULTS.index(fault)} }}\n'
+        f'[[parameter]]\nvariable = "plant.at"\nvalues = {times}\n'
+        '[signals]\nreference = "plant.r"\noutput = "plant.y"\nerror = "plant.e"\n'
+        'control = "plant.u"\n'
+    )
+
+
+def table(folder: Path, name: str = "out.csv") -> list[dict[str, str]]:
+    """Return the rows of a table."""
+    with (folder / name).open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+STEP = "plant (Faulty.fmu), step of 0.001 s at t = 0.005 s: fmi2DoStep "
+
+
+def test_a_sweep_with_one_crashing_run_in_a_thousand_finishes(folder):
+    sweep_file(folder, 1000, "CRASH", 0.005)
+    for threads in (1, 2):
+        options = (f"--out={threads}.csv", f"--threads={threads}")
+        result = run("sweep", "sweep.toml", *options, cwd=folder)
+        assert result.returncode == 0, result.stderr
+        assert result.stderr == ""
+        assert "1 runs failed, the first was run 999: " + STEP in result.stdout
+    rows = table(folder, "1.csv")
+    assert (folder / "2.csv").read_bytes() == (folder / "1.csv").read_bytes()
+    assert len(rows) == 1000
+    *sound, crashed = rows
+    assert {(row["failure"], row["diverged"], float(row["final_e"])) for row in sound} == {
+        ("", "false", 0.99)
+    }
+    assert crashed["failure"] == STEP + "was ended by signal 11, illegal memory access"
+    assert (crashed["diverged"], float(crashed["diverged_at"])) == ("true", 0.005)
+    assert list((folder / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("EXIT", "exited with code 0 before it had finished"),
+        ("EXIT_AT_ONCE", "exited with code 3 before it had finished"),
+        ("HANG", "did not return within 0.5 s and was killed"),
+        ("FILL", "used too much memory and was killed"),
+        ("FAIL", "returned fmi2Error"),
+    ],
+)
+def test_a_failed_run_has_its_reason_in_the_table(folder, fault, told):
+    sweep_file(folder, 5, fault, 0.005)
+    limits = ("--call-timeout=0.5", "--memory-limit=0.4")
+    result = run("sweep", "sweep.toml", "--out=out.csv", *limits, cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert [row["failure"] for row in table(folder)] == [*4 * [""], STEP + told]
+    assert list((folder / "temporary").iterdir()) == []
+
+
+def test_a_crash_while_a_value_is_tried_is_that_of_its_run(folder):
+    sweep_file(folder, 5, "CRASH", -1.0)
+    result = run("sweep", "sweep.toml", "--out=out.csv", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    *sound, failure = [row["failure"] for row in table(folder)]
+    assert sound == 4 * [""]
+    assert "initialization at t = 0.0 s: fmi2EnterInitializationMode was ended by" in failure
+
+
+def test_a_sweep_in_which_every_value_crashes_is_refused(folder):
+    sweep_file(folder, 1, "ABORT", -1.0)
+    result = run("sweep", "sweep.toml", "--out=out.csv", cwd=folder)
+    assert result.returncode == 1
+    start = "error: sweep.toml: plant (Faulty.fmu), initialization at t = 0.0 s: "
+    assert result.stderr.startswith(start)
+    assert not list(folder.glob("out*"))
+
+
+def test_what_an_fmu_prints_is_not_among_the_rows(folder):
+    sweep_file(folder, 3, "PRINT", 0.005)
+    result = run("sweep", "sweep.toml", "--rows=0..3", cwd=folder)
+    assert sorted(line.split(",")[0] for line in result.stdout.splitlines()) == ["0", "1", "2"]
+    assert result.stderr == "0,1,2,3\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sweep_resumes_without_repeating_the_failed_run(folder, number):
+    sweep_file(folder, 3, "HANG", 0.005)
+    text = (folder / "sweep.toml").read_text()
+    crash, hang = FAULTS.index("CRASH"), FAULTS.index("HANG")
+    fault = f'[[parameter]]\nvariable = "plant.fault"\nvalues = [0, {crash}, {hang}, 0]\n[signals]'
+    (folder / "sweep.toml").write_text(text.replace("[signals]", fault))
+    arguments = ("sweep", "sweep.toml", "--out=out.csv", "--threads=1")
+    code, said = interrupted(folder, number, *arguments, after=2.0)
+    assert code == 128 + number
+    kept = "11 of 12 runs" if "11 of" in said else "10 of 12 runs"
+    assert said == f"interrupted; {kept} are in out.csv.part; run the same command to resume\n"
+    before = (folder / "out.csv.part").read_text()
+    assert before.count("signal 11") == 1
+
+    result = run(*arguments, "--call-timeout=0.5", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert "runs were already done" in result.stdout
+    rows = [row["failure"] for row in table(folder)]
+    assert [bool(row) for row in rows] == [*9 * [False], True, True, False]
+    assert not (folder / "out.csv.part").exists()
+
+
+# --- files that cannot be written -----------------------------------------------------------------
+
+
+def test_the_first_failed_write_ends_a_run(folder):
+    result = run("simulate", "system.toml", "--csv=/dev/full", cwd=folder)
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: cannot write /dev/full: ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("simulate", "system.toml", "--csv"), ("sweep", "sweep.toml", "--out")],
+)
+def test_a_missing_folder_is_named(folder, arguments):
+    sweep_file(folder, 2, "", 0.0)
+    result = run(*arguments, "nowhere/a.csv", cwd=folder)
+    assert result.returncode == 1
+    said = "error: cannot write nowhere/a.csv: the folder nowhere does not exist\n"
+    assert result.stderr == said
+
+
+def test_two_runs_do_not_write_the_same_file(folder):
+    sets = (f"--set=plant.fault={FAULTS.index('HANG')}", "--set=plant.at=0.5")
+    command = [PROGRAM, "simulate", "system.toml", "--csv=out.csv", *sets]
+    with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
+        time.sleep(1)
+        result = run("simulate", "system.toml", "--csv=out.csv", cwd=folder)
+        process.terminate()
+    assert result.returncode == 1
+    assert result.stderr == "error: out.csv.part is in use by another process\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("system", "stop = 1.0", "stop = inf", ":1: stop = inf, expected a finite time in s"),
+        ("system", "step = 0.001", "step = 0", ":2: step = 0.0, expected a positive number of s"),
+        ("sweep", "stop = 0.01", "stop = inf", ":2: stop = inf, expected a finite time in s"),
+        ("sweep", "plant.u", "plant.v", ":11: plant.v: Faulty.fmu has no variable v"),
+        ("sweep", "values = [100.0, 0.0]", "uniform = [2, 1]", "line 6, column 11"),
+        (
+            "sweep",
+            "values = [100.0, 0.0]",
+            "uniform = [2, 1]",
+            "uniform = [2.0, 1.0], expected the smaller one first",
+        ),
+    ],
+)
+def test_a_wrong_value_in_a_file_is_found_by_its_line(folder, file, old, new, said):
+    sweep_file(folder, 2, "", 0.0)
+    path = folder / f"{file}.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    command = {"system": "simulate", "sweep": "sweep"}[file]
+    result = run(command, path.name, cwd=folder)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"error: {path.name}:")
+    assert said in result.stderr
