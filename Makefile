@@ -29,8 +29,8 @@ GROUPS := test importers lint portable bench judge wheel setup
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo plot check test lint msrv report bench fmus native ssp judge importers portable cross merged system \
-	valgrind elsewhere package wheel semver fuzz lock clean
+.PHONY: help demo plot check test lint msrv report bench fmus native ssp judge importers portable cross \
+	merged system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -123,6 +123,10 @@ merged:
 	for fmu in $(sort $(notdir $(wildcard $(BUILT)/*/*.fmu))); do \
 		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
 	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
+
+## conformance: plant each of two hundred defects in an FMU in C, and let the validator find it
+conformance: fmus $(VENV)/.test
+	ALL_DEFECTS=1 $(RUN) -m pytest --numprocesses auto tests/test_conformance.py
 
 ## system: install the system packages for optional tests with apt-get, as root
 system:

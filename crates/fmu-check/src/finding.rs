@@ -8,15 +8,6 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 
 use crate::Rule;
-use crate::rule::rules;
-
-rules! {
-    /// Calls of a binary.
-    pub BINARY {
-        BINARY_ERROR: Error, "binary-error", Standard("chapters 2 to 4"), "The binary works.";
-        BINARY_WARNING: Warning, "binary-warning", Standard("chapters 2 to 4"), "The binary works well.";
-    }
-}
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -203,16 +194,6 @@ impl Findings {
         }
     }
 
-    /// Adds an error of a binary.
-    pub fn error(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
-        self.add(&BINARY_ERROR, location, text);
-    }
-
-    /// Adds a warning on a binary.
-    pub fn warning(&mut self, location: impl Into<Location>, text: impl AsRef<str>) {
-        self.add(&BINARY_WARNING, location, text);
-    }
-
     /// The rules with findings, in the order of their first findings.
     pub fn groups(&self) -> &[Group] {
         &self.groups
@@ -241,6 +222,7 @@ impl Findings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rule::rules;
 
     rules! {
         TEST {

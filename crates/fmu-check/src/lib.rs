@@ -16,7 +16,7 @@ mod schema;
 use std::path::Path;
 
 pub use binary::Probes;
-pub use binary::probe::run as probe;
+pub use binary::child::run as probe;
 pub use finding::{Finding, Findings, Group, Location, Severity};
 use fmu_description::ModelDescription;
 use fmu_description::xml;
@@ -35,7 +35,7 @@ pub fn rules() -> impl Iterator<Item = &'static Rule> {
         rules::names::NAMES,
         rules::variables::VARIABLES,
         rules::structure::STRUCTURE,
-        finding::BINARY,
+        binary::rules::BEHAVIOUR,
     ]
     .into_iter()
     .flatten()
@@ -81,6 +81,6 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     if let Some(probes) = probes
         && archive.faults.is_empty()
     {
-        binary::check(&model, &mut archive, probes, findings);
+        binary::check(&decoded.text, &model, &mut archive, probes, findings);
     }
 }

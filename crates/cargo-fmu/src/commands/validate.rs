@@ -20,6 +20,9 @@ pub struct ValidateArgs {
     /// Show all findings instead of the first few of each kind
     #[arg(long)]
     all: bool,
+    /// Run only a few tests of the binaries, for a few steps and with inputs at their start values
+    #[arg(long)]
+    quick: bool,
     /// Format of the findings
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -53,6 +56,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
             program: std::env::current_exe()?,
             arguments: vec![probe::NAME.into()],
             time_limit: Duration::from_secs(args.time_limit),
+            is_quick: args.quick,
         }),
     };
     let (mut is_valid, mut checked) = (true, Vec::new());

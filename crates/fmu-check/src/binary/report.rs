@@ -2,38 +2,58 @@
 //! they survive a crash.
 
 use std::fs::{File, OpenOptions};
-use std::io::Write;
+use std::io::{Seek, Write};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result};
 
-use crate::finding::Findings;
+use super::rules;
+use crate::Rule;
 
 /// Maximum number of bytes read of a report.
-pub const MAX_BYTES: u64 = 1 << 20;
+pub const MAX_BYTES: u64 = 16 << 20;
+/// Maximum number of messages of the FMU in a report.
+const MAX_LOGGED: usize = 1000;
+
+/// The name of the report.
+pub const FILE: &str = "report";
+/// The name of the file with the simulation time.
+pub const TIME_FILE: &str = "time";
 
 const CALL: &str = "call ";
-const ERROR: &str = "error ";
-const WARNING: &str = "warning ";
+const STAGE: &str = "stage ";
+const LOGGED: &str = "log ";
+const FOUND: &str = "found ";
+const VALUE: &str = "value ";
 const END: &str = "end";
 
 /// The child's side.
 pub struct Report {
     file: File,
-    last_call: Mutex<String>,
+    time: File,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    last_call: &'static str,
+    stage: String,
+    logged: usize,
+    last_logged: String,
 }
 
 impl Report {
-    /// Opens the file of the parent.
-    pub fn open(file: &Path) -> Result<Self> {
-        let file = OpenOptions::new()
-            .append(true)
-            .open(file)
-            .context("cannot open the report")?;
+    /// Opens the files of the parent.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let open = |name, options: &mut OpenOptions| {
+            let file = options.open(folder.join(name));
+            file.context("cannot open the report")
+        };
         Ok(Self {
-            file,
-            last_call: Mutex::default(),
+            file: open(FILE, OpenOptions::new().append(true))?,
+            time: open(TIME_FILE, OpenOptions::new().write(true))?,
+            state: Mutex::default(),
         })
     }
 
@@ -43,24 +63,68 @@ impl Report {
         let _ = (&self.file).write_all(line.as_bytes());
     }
 
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Records which function is called next.
-    pub fn call(&self, name: &str) {
-        let last = self.last_call.lock();
-        let mut last = last.unwrap_or_else(PoisonError::into_inner);
-        if *last != name {
-            name.clone_into(&mut last);
+    pub fn call(&self, name: &'static str) {
+        let mut state = self.state();
+        if state.last_call != name {
+            state.last_call = name;
             self.line(CALL, name);
         }
     }
 
-    /// Reports an error.
-    pub fn error(&self, text: &str) {
-        self.line(ERROR, text);
+    /// Records what the test is about to do, such as `after fmi2Reset`.
+    pub fn stage(&self, text: impl Into<String>) {
+        let text = text.into();
+        let mut state = self.state();
+        if state.stage != text {
+            self.line(STAGE, &text);
+            state.stage = text;
+        }
     }
 
-    /// Reports a warning.
-    pub fn warning(&self, text: &str) {
-        self.line(WARNING, text);
+    /// Records a message of the FMU.
+    pub fn log(&self, text: &str) {
+        let mut state = self.state();
+        text.clone_into(&mut state.last_logged);
+        state.logged += 1;
+        if state.logged <= MAX_LOGGED {
+            self.line(LOGGED, text);
+        }
+    }
+
+    /// Adds the stage and the message logged last to the text of a finding.
+    pub fn explained(&self, text: &str) -> String {
+        let state = self.state();
+        let stage = match state.stage.as_str() {
+            "" => String::new(),
+            stage if text.contains(stage) => String::new(),
+            stage => format!(" {stage}"),
+        };
+        format!("{text}{stage}{}", logged(&state.last_logged))
+    }
+
+    /// Records the simulation time, in a file of its own.
+    pub fn time(&self, time: f64) {
+        // Runs on several threads write it. A failure only makes the message of a crash less precise.
+        let _turn = self.state();
+        let mut file = &self.time;
+        let _ = file
+            .rewind()
+            .and_then(|()| file.write_all(format!("{time:<30}").as_bytes()));
+    }
+
+    /// Reports a finding.
+    pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
+        self.line(FOUND, &format!("{} {}", rule.id, text.as_ref()));
+    }
+
+    /// Reports a value to the parent.
+    pub fn value(&self, text: &str) {
+        self.line(VALUE, text);
     }
 
     /// Records that the test has finished.
@@ -69,24 +133,57 @@ impl Report {
     }
 }
 
+fn stage(text: &str) -> String {
+    match text {
+        "" => String::new(),
+        text => format!(", {text},"),
+    }
+}
+
+fn logged(text: &str) -> String {
+    match text {
+        "" => String::new(),
+        text => format!("; the FMU logged last: {text}"),
+    }
+}
+
 /// The parent's side: the outcome of a test.
 #[derive(Default)]
 pub struct Outcome {
     last_call: String,
+    stage: String,
+    logged: String,
     ended: bool,
+    /// Whether the process was killed after its time.
+    pub timed_out: bool,
+    /// Whether the FMU has logged a problem.
+    pub has_message: bool,
+    /// The findings, with their texts.
+    pub found: Vec<(&'static Rule, String)>,
+    /// The values for the parent.
+    pub values: Vec<String>,
 }
 
 impl Outcome {
-    /// Reads a report and adds its findings.
-    pub fn read(text: &str, location: &str, findings: &mut Findings) -> Self {
+    /// Reads a report.
+    pub fn read(text: &str) -> Self {
         let mut outcome = Self::default();
         for line in text.lines() {
             if let Some(call) = line.strip_prefix(CALL) {
                 call.clone_into(&mut outcome.last_call);
-            } else if let Some(text) = line.strip_prefix(ERROR) {
-                findings.error(location, text);
-            } else if let Some(text) = line.strip_prefix(WARNING) {
-                findings.warning(location, text);
+            } else if let Some(stage) = line.strip_prefix(STAGE) {
+                stage.clone_into(&mut outcome.stage);
+            } else if let Some(text) = line.strip_prefix(LOGGED) {
+                text.clone_into(&mut outcome.logged);
+                outcome.has_message = true;
+            } else if let Some(text) = line.strip_prefix(VALUE) {
+                outcome.values.push(text.to_owned());
+            } else if let Some((id, text)) = line
+                .strip_prefix(FOUND)
+                .and_then(|found| found.split_once(' '))
+                && let Some(rule) = rules::find(id)
+            {
+                outcome.found.push((rule, text.to_owned()));
             } else if line == END {
                 outcome.ended = true;
             }
@@ -94,13 +191,19 @@ impl Outcome {
         outcome
     }
 
-    /// The call that did not return, if the test did not finish.
-    pub fn unfinished(&self) -> Option<&str> {
+    /// The rules of the findings.
+    pub fn rules(&self) -> Vec<&'static str> {
+        self.found.iter().map(|(rule, _)| rule.id).collect()
+    }
+
+    /// Describes the call that did not return, if the test did not finish, given how the process ended.
+    pub fn unfinished(&self, how: &str) -> Option<String> {
         let call = match self.last_call.as_str() {
             "" => "the test",
             call => call,
         };
-        (!self.ended).then_some(call)
+        let (stage, logged) = (stage(&self.stage), logged(&self.logged));
+        (!self.ended).then(|| format!("{call}{stage} {how}, expected it to return{logged}"))
     }
 }
 
@@ -110,24 +213,26 @@ mod tests {
 
     #[test]
     fn a_report_is_read_as_it_was_written() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let report = Report::open(file.path()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join(FILE);
+        for file in [&file, &folder.path().join(TIME_FILE)] {
+            std::fs::write(file, "").unwrap();
+        }
+        let report = Report::open(folder.path()).unwrap();
+        report.stage("after fmi2Reset");
         report.call("fmi2DoStep");
-        report.error("a\nb");
-        report.warning("c");
-        let read = || {
-            let mut findings = Findings::default();
-            let text = std::fs::read_to_string(file.path()).unwrap();
-            (Outcome::read(&text, "x", &mut findings), findings)
-        };
-        let (outcome, findings) = read();
-        assert_eq!(outcome.unfinished(), Some("fmi2DoStep"));
-        let texts = findings
-            .groups()
-            .iter()
-            .map(|group| group.kept[0].text.as_str());
-        assert!(texts.eq(["a b", "c"]));
+        report.log("broken\n");
+        report.find(&rules::RESET, "a\nb");
+        report.value("c");
+        let read = || Outcome::read(&std::fs::read_to_string(&file).unwrap());
+        let outcome = read();
+        assert_eq!(
+            outcome.unfinished("hung").unwrap(),
+            "fmi2DoStep, after fmi2Reset, hung, expected it to return; the FMU logged last: broken "
+        );
+        assert_eq!(outcome.found, [(&rules::RESET, "a b".to_owned())]);
+        assert_eq!(outcome.values, ["c"]);
         report.end();
-        assert_eq!(read().0.unfinished(), None);
+        assert_eq!(read().unfinished(""), None);
     }
 }

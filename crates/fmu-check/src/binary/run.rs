@@ -1,187 +1,254 @@
-//! A short simulation of an FMU, for the tests.
+//! Runs of an FMU, for the tests.
 
-use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::unsigned;
-use fmu_description::xml::Element;
-use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
-use fmu_host::{Instance, Instantiation, Kind, Library};
+use fmu_host::{Cause, Failure, Instance, Kind, Status};
 
-use crate::finding::Location;
+use super::excitation::change_parameters;
+use super::record::{Row, Trajectory};
+use super::subject::{Setup, Subject};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
-
-/// The FMU under test.
-pub struct Subject<'a> {
-    /// Its model description.
-    pub model: &'a ModelDescription<'a>,
-    /// Its binary.
-    pub library: &'a Arc<Library>,
-    /// The interface type under test.
-    pub kind: Kind,
-    /// The XML element of that type.
-    pub element: &'a Element<'a>,
-    /// URI of the folder `resources`.
-    pub resources: String,
-}
-
-impl<'a> Subject<'a> {
-    /// Whether the FMU declares a capability.
-    pub fn claims(&self, capability: Capability) -> bool {
-        capability.is_claimed_by(self.element)
-    }
-
-    /// Creates an instance.
-    pub fn instantiate(&self) -> Result<Instance> {
-        let guid = self.model.root.attribute("guid").unwrap_or_default();
-        self.try_instantiate(guid)?.with_context(|| {
-            let tool = match self.claims(Capability::NeedsExecutionTool) {
-                true => "; needsExecutionTool is true: is its tool installed?",
-                false => "",
-            };
-            format!(
-                "fmi2Instantiate returned NULL for the GUID of the XML, expected an instance{tool}"
-            )
-        })
-    }
-
-    /// Creates an instance with this GUID; `None` if the FMU rejects it.
-    pub fn try_instantiate(&self, guid: &str) -> Result<Option<Instance>> {
-        let arguments = Instantiation {
-            name: "instance",
-            kind: self.kind,
-            guid,
-            resources: &self.resources,
-            logging_on: false,
-        };
-        Ok(self.library.instantiate(&arguments, |_| ())?)
-    }
-
-    /// Start time of the default experiment.
-    pub fn start(&self) -> f64 {
-        self.model
-            .experiment("startTime")
-            .filter(|t| t.is_finite())
-            .unwrap_or(0.0)
-    }
-
-    fn stop(&self) -> Option<f64> {
-        self.model
-            .experiment("stopTime")
-            .filter(|stop| stop.is_finite() && *stop > self.start())
-    }
-
-    /// Step size of the default experiment.
-    pub fn step(&self) -> f64 {
-        let span = self.stop().map_or(1.0, |stop| stop - self.start());
-        self.model
-            .experiment("stepSize")
-            .filter(|step| *step > 0.0 && *step <= span)
-            .unwrap_or(span / 1000.0)
-    }
-
-    /// Puts an instance into initialization mode.
-    pub fn enter_initialization(&self, instance: &mut Instance) -> Result<()> {
-        instance.setup_experiment(self.start(), self.stop(), None)?;
-        instance.enter_initialization_mode()?;
-        Ok(())
-    }
-
-    /// The value references of the Real variables with a causality.
-    pub fn reals(&self, causality: Causality) -> Vec<u32> {
-        self.model
-            .variables()
-            .filter(|(_, v)| v.kind == VariableType::Real && v.causality == causality)
-            .map(|(_, v)| v.reference)
-            .collect()
-    }
-
-    fn states(&self) -> usize {
-        self.model.derivatives.len()
-    }
-}
+/// Steps of an explicit Euler method in a communication step, for model exchange.
+const EULER_STEPS: usize = 10;
+/// In model exchange, every how many steps there is an event.
+const EVENT_EVERY: usize = 10;
 
 /// A running simulation.
 pub struct Run<'a> {
     subject: &'a Subject<'a>,
+    setup: Setup<'a>,
     /// The instance.
     pub instance: Instance,
-    /// Simulation time.
-    pub time: f64,
+    /// Number of communication points passed.
+    pub point: usize,
+    /// Whether the FMU has ended the simulation.
+    pub ended: bool,
+    /// In model exchange, the time of the last step of the integration.
+    now: f64,
 }
 
 impl<'a> Run<'a> {
     /// Instantiates and initializes.
-    pub fn begin(subject: &'a Subject<'a>) -> Result<Self> {
-        let mut run = Self {
-            subject,
-            instance: subject.instantiate()?,
-            time: 0.0,
-        };
+    pub fn begin(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Self> {
+        let mut run = Self::instantiate(subject, setup)?;
         run.initialize()?;
         Ok(run)
     }
 
+    /// Instantiates.
+    pub fn instantiate(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Self> {
+        Ok(Self {
+            subject,
+            setup: *setup,
+            instance: subject.instantiate(setup)?,
+            point: 0,
+            ended: false,
+            now: subject.start(),
+        })
+    }
+
+    /// Resets the instance, which then needs to be initialized.
+    pub fn reset(mut self, setup: Setup<'a>) -> Result<Self> {
+        self.instance.reset()?;
+        Ok(self.continuing(setup))
+    }
+
+    /// The same run with another setup from now on.
+    pub fn continuing(mut self, setup: Setup<'a>) -> Self {
+        self.setup = setup;
+        self
+    }
+
+    /// Simulation time.
+    pub fn time(&self) -> f64 {
+        if self.setup.summed_times {
+            return (0..self.point)
+                .fold(self.subject.start(), |time, _| time + self.subject.step());
+        }
+        self.subject.start() + self.point as f64 * self.subject.step()
+    }
+
+    /// Puts an instance that is new or was reset into initialization mode.
+    pub fn enter_initialization(&mut self) -> Result<()> {
+        (self.point, self.ended) = (0, false);
+        self.now = self.subject.start();
+        if self.setup.parameters {
+            change_parameters(self.subject.model, &mut self.instance)?;
+        }
+        self.instance.setup_experiment(
+            self.subject.start(),
+            self.setup.stop,
+            self.subject.model.experiment("tolerance"),
+        )?;
+        self.instance.enter_initialization_mode()?;
+        Ok(())
+    }
+
     /// Initializes an instance that is new or was reset.
     pub fn initialize(&mut self) -> Result<()> {
-        self.time = self.subject.start();
-        self.subject.enter_initialization(&mut self.instance)?;
+        self.enter_initialization()?;
+        self.set_inputs(|_| true)?;
         self.instance.exit_initialization_mode()?;
         if self.subject.kind == Kind::ModelExchange {
             self.iterate()?;
-            let nominals = self.instance.nominals(self.subject.states())?;
-            ensure!(
-                nominals.iter().all(|nominal| *nominal != 0.0),
-                "fmi2GetNominalsOfContinuousStates gave 0, expected other numbers"
-            );
+            if !self.ended && self.subject.states() > 0 {
+                let nominals = self.instance.nominals(self.subject.states())?;
+                ensure!(
+                    nominals
+                        .iter()
+                        .all(|nominal| nominal.is_finite() && *nominal != 0.0),
+                    "fmi2GetNominalsOfContinuousStates gave {nominals:?}, expected finite numbers other than 0"
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn set_inputs(&mut self, which: impl Fn(&super::excitation::Input<'_>) -> bool) -> Result<()> {
+        for input in self.subject.inputs.iter().filter(|input| which(input)) {
+            let Setup { level, seed, .. } = self.setup;
+            input.set(&mut self.instance, level, seed, self.point)?;
         }
         Ok(())
     }
 
     /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
+        let (n, time) = (self.subject.states(), self.now);
+        let before = if n > 0 {
+            self.instance.continuous_states(n)?
+        } else {
+            vec![]
+        };
+        let mut may_change = false;
         for _ in 0..MAX_ROUNDS {
-            if !self.instance.new_discrete_states()?.again {
-                self.instance.enter_continuous_time_mode()?;
+            let update = self.instance.new_discrete_states()?;
+            may_change |= update.states_changed;
+            if update.terminate {
+                self.ended = true;
                 return Ok(());
             }
+            if update.again {
+                continue;
+            }
+            if let Some(next) = update.next_event {
+                ensure!(
+                    next > time,
+                    "fmi2NewDiscreteStates gave {next} s for nextEventTime at t = {time} s, expected a later time"
+                );
+            }
+            if n > 0 && !may_change {
+                let after = self.instance.continuous_states(n)?;
+                ensure!(
+                    after == before,
+                    "an event has changed the states from {before:?} to {after:?}, but valuesOfContinuousStatesChanged is false"
+                );
+            }
+            self.instance.enter_continuous_time_mode()?;
+            return Ok(());
         }
         bail!(
             "fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end"
         )
     }
 
-    /// Advances by one step.
-    pub fn advance(&mut self, step: f64) -> Result<()> {
+    /// Advances to the next communication point.
+    pub fn advance(&mut self) -> Result<()> {
+        self.advance_in(&[1.0])
+    }
+
+    /// Advances to the next communication point in steps of these fractions of the step size, with
+    /// the same inputs.
+    pub fn advance_in(&mut self, fractions: &[f64]) -> Result<()> {
+        if self.ended {
+            return Ok(());
+        }
+        let (begin, step) = (self.time(), self.subject.step());
+        self.subject.report.time(begin);
         match self.subject.kind {
             Kind::CoSimulation => {
-                self.instance.do_step(self.time, step)?;
+                self.set_inputs(|_| true)?;
+                let mut passed = 0.0;
+                for fraction in fractions {
+                    self.step(begin + passed * step, fraction * step)?;
+                    passed += fraction;
+                }
             }
-            Kind::ModelExchange => self.integrate(step)?,
+            Kind::ModelExchange => self.integrate(begin, step)?,
         }
-        self.time += step;
+        self.point += 1;
         Ok(())
     }
 
-    /// An explicit Euler step.
-    fn integrate(&mut self, step: f64) -> Result<()> {
-        let n = self.subject.states();
-        let mut states = self.instance.continuous_states(n)?;
-        let derivatives = self.instance.derivatives(n)?;
-        for (state, derivative) in states.iter_mut().zip(derivatives) {
-            *state += step * derivative;
+    fn step(&mut self, time: f64, step: f64) -> Result<()> {
+        if self.ended {
+            return Ok(());
         }
-        self.instance.set_time(self.time + step)?;
-        self.instance.set_continuous_states(&states)?;
+        match self.instance.do_step(time, step) {
+            Ok(_) => Ok(()),
+            // By fmi2Discard, an FMU may also tell that it has reached the end of its simulation.
+            Err(failure) if is_discard(&failure) && self.instance.is_terminated() == Ok(true) => {
+                self.ended = true;
+                Ok(())
+            }
+            Err(failure) => Err(failure).with_context(|| format!("the step from t = {time} s")),
+        }
+    }
+
+    /// Integrates by explicit Euler steps.
+    fn integrate(&mut self, begin: f64, step: f64) -> Result<()> {
+        if self.point % EVENT_EVERY == EVENT_EVERY - 1 {
+            self.instance.enter_event_mode()?;
+            self.set_inputs(|_| true)?;
+            self.iterate()?;
+        } else {
+            self.set_inputs(|input| input.is_continuous())?;
+        }
+        let part = step / EULER_STEPS as f64;
+        for k in 1..=EULER_STEPS {
+            if self.ended {
+                break;
+            }
+            self.euler(begin + k as f64 * part, part)?;
+        }
+        Ok(())
+    }
+
+    fn euler(&mut self, end: f64, step: f64) -> Result<()> {
+        self.now = end;
+        let n = self.subject.states();
+        if n > 0 {
+            let mut states = self.instance.continuous_states(n)?;
+            let derivatives = self.instance.derivatives(n)?;
+            for (state, derivative) in states.iter_mut().zip(derivatives) {
+                *state += step * derivative;
+            }
+            self.instance.set_time(end)?;
+            // Stiff models need another method than ours.
+            if states
+                .iter()
+                .any(|state| state.is_nan() || state.abs() > 1e100)
+            {
+                self.ended = true;
+                return Ok(());
+            }
+            self.instance.set_continuous_states(&states)?;
+        } else {
+            self.instance.set_time(end)?;
+        }
         let indicators = self.subject.model.root.attribute("numberOfEventIndicators");
         let indicators = indicators.and_then(unsigned).unwrap_or(0) as usize;
         ensure!(
             indicators <= 1 << 20,
             "numberOfEventIndicators is {indicators}, which is more than can be tested"
         );
-        self.instance.event_indicators(indicators)?;
+        if indicators > 0 {
+            self.instance.event_indicators(indicators)?;
+        }
         if self.instance.completed_integrator_step()? {
             self.instance.enter_event_mode()?;
             self.iterate()?;
@@ -189,76 +256,56 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The values of all variables that the FMU computes.
-    pub fn observe(&mut self) -> Result<Vec<(&'a str, Value)>> {
-        self.subject
-            .model
-            .variables()
-            .filter(|(_, v)| matches!(v.causality, Causality::Output | Causality::Local))
-            .map(|(_, v)| Ok((v.name, get(&mut self.instance, v)?)))
-            .collect()
+    /// The values of the observed variables.
+    pub fn observe(&mut self) -> Result<Row> {
+        self.subject.observed.read(&mut self.instance)
+    }
+
+    /// Takes this many steps and records the values at each communication point.
+    pub fn record(&mut self, steps: usize) -> Result<Trajectory> {
+        self.record_in(steps, &[1.0])
+    }
+
+    /// Like [`Run::record`], with each step in parts.
+    pub fn record_in(&mut self, steps: usize, fractions: &[f64]) -> Result<Trajectory> {
+        let stride = self.subject.observed.stride(steps);
+        let mut rows = vec![(self.time(), self.observe()?)];
+        for k in 1..=steps {
+            self.advance_in(fractions)?;
+            if self.ended {
+                break;
+            }
+            if k % stride == 0 || k == steps {
+                rows.push((self.time(), self.observe()?));
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Takes steps until the end or a time limit; `observe` receives the time and the values at each
+    /// communication point. Returns how many steps were taken.
+    pub fn run_for(
+        &mut self,
+        steps: usize,
+        limit: Duration,
+        mut observe: impl FnMut(f64, &Row),
+    ) -> Result<usize> {
+        let begin = Instant::now();
+        observe(self.time(), &self.observe()?);
+        for k in 0..steps {
+            if begin.elapsed() > limit {
+                return Ok(k);
+            }
+            self.advance()?;
+            if self.ended {
+                return Ok(k);
+            }
+            observe(self.time(), &self.observe()?);
+        }
+        Ok(steps)
     }
 }
 
-/// The value of a variable, which compares bit by bit.
-#[derive(Debug, Clone)]
-pub enum Value {
-    /// Of a Real.
-    Real(f64),
-    /// Of an Integer or Enumeration.
-    Integer(i32),
-    /// Of a Boolean.
-    Boolean(i32),
-    /// Of a String.
-    String(String),
-}
-
-impl PartialEq for Value {
-    /// Compares bits, so that NaN equals itself.
-    fn eq(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
-            (Self::Integer(a), Self::Integer(b)) | (Self::Boolean(a), Self::Boolean(b)) => a == b,
-            (Self::String(a), Self::String(b)) => a == b,
-            _ => false,
-        }
-    }
-}
-
-impl std::fmt::Display for Value {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Real(value) => write!(f, "{value}"),
-            Self::Integer(value) => write!(f, "{value}"),
-            Self::Boolean(0) => write!(f, "false"),
-            Self::Boolean(1) => write!(f, "true"),
-            Self::Boolean(value) => write!(f, "{value}, which is not a Boolean"),
-            Self::String(value) => f.write_str(&fmu_file::text::quote(value)),
-        }
-    }
-}
-
-/// Gets the value of a variable.
-pub fn get(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Value> {
-    value(instance, variable.kind, &[variable.reference])
-        .with_context(|| format!("the value of {} cannot be read", Location::from(variable)))
-}
-
-fn value(instance: &mut Instance, kind: VariableType, reference: &[u32; 1]) -> Result<Value> {
-    let (mut real, mut number) = ([0.0], [0]);
-    Ok(match kind {
-        VariableType::Real => {
-            instance.get_real(reference, &mut real)?;
-            Value::Real(real[0])
-        }
-        VariableType::Integer | VariableType::Enumeration => {
-            instance.get_integer(reference, &mut number)?;
-            Value::Integer(number[0])
-        }
-        VariableType::Boolean => {
-            instance.get_boolean(reference, &mut number)?;
-            Value::Boolean(number[0])
-        }
-        VariableType::String => Value::String(instance.get_string(reference)?.concat()),
-    })
+fn is_discard(failure: &Failure) -> bool {
+    failure.cause == Cause::Returned(Status::Discard)
 }

@@ -1,0 +1,306 @@
+//! The values of variables in a run, and the comparison of runs.
+
+use std::collections::HashSet;
+use std::fmt::Debug;
+
+use anyhow::{Context, Result};
+use fmu_description::{ScalarVariable, VariableType};
+use fmu_file::text::quote;
+use fmu_host::Instance;
+
+/// Maximum number of numbers that a run records; longer runs record fewer points.
+const MAX_VALUES: usize = 1 << 22;
+
+/// Variables that are read together.
+pub struct Observed<'a> {
+    reals: Group<'a>,
+    integers: Group<'a>,
+    booleans: Group<'a>,
+    strings: Group<'a>,
+}
+
+/// Variables of one type.
+#[derive(Default)]
+struct Group<'a> {
+    variables: Vec<&'a ScalarVariable<'a>>,
+    references: Vec<u32>,
+}
+
+/// The values of the observed variables at one time.
+#[derive(Debug, Clone, Default)]
+pub struct Row {
+    /// The Reals.
+    pub reals: Vec<f64>,
+    /// The Integers and Enumerations.
+    pub integers: Vec<i32>,
+    /// The Booleans.
+    pub booleans: Vec<i32>,
+    /// The Strings.
+    pub strings: Vec<String>,
+}
+
+/// The rows of a run, with their times.
+pub type Trajectory = Vec<(f64, Row)>;
+
+impl<'a> Observed<'a> {
+    /// Groups variables.
+    pub fn of<'b>(variables: impl Iterator<Item = &'b ScalarVariable<'a>>) -> Self
+    where
+        'a: 'b,
+        'b: 'a,
+    {
+        let mut observed = Self {
+            reals: Group::default(),
+            integers: Group::default(),
+            booleans: Group::default(),
+            strings: Group::default(),
+        };
+        for variable in variables {
+            let group = match variable.kind {
+                VariableType::Real => &mut observed.reals,
+                VariableType::Integer | VariableType::Enumeration => &mut observed.integers,
+                VariableType::Boolean => &mut observed.booleans,
+                VariableType::String => &mut observed.strings,
+            };
+            group.variables.push(variable);
+            group.references.push(variable.reference);
+        }
+        observed
+    }
+
+    fn groups(&self) -> [&Group<'a>; 4] {
+        [&self.reals, &self.integers, &self.booleans, &self.strings]
+    }
+
+    /// The variables, in the order of [`Row::texts`].
+    pub fn variables(&self) -> impl Iterator<Item = &'a ScalarVariable<'a>> {
+        self.groups()
+            .into_iter()
+            .flat_map(|group| group.variables.iter().copied())
+    }
+
+    /// The Reals, in the order of [`Row::reals`].
+    pub fn reals(&self) -> &[&'a ScalarVariable<'a>] {
+        &self.reals.variables
+    }
+
+    /// The Integers and Enumerations, in the order of [`Row::integers`].
+    pub fn integers(&self) -> &[&'a ScalarVariable<'a>] {
+        &self.integers.variables
+    }
+
+    /// The Booleans, in the order of [`Row::booleans`].
+    pub fn booleans(&self) -> &[&'a ScalarVariable<'a>] {
+        &self.booleans.variables
+    }
+
+    /// The Strings, in the order of [`Row::strings`].
+    pub fn strings(&self) -> &[&'a ScalarVariable<'a>] {
+        &self.strings.variables
+    }
+
+    /// Records every how many steps, so that a run of `steps` steps fits into memory.
+    pub fn stride(&self, steps: usize) -> usize {
+        let values: usize = self.groups().iter().map(|g| g.references.len()).sum();
+        (steps.saturating_mul(values) / MAX_VALUES).max(1)
+    }
+
+    /// Reads the variables, all of one type in one call.
+    pub fn read(&self, instance: &mut Instance) -> Result<Row> {
+        let mut row = Row {
+            reals: vec![0.0; self.reals.references.len()],
+            integers: vec![0; self.integers.references.len()],
+            booleans: vec![0; self.booleans.references.len()],
+            strings: vec![],
+        };
+        if !row.reals.is_empty() {
+            instance.get_real(&self.reals.references, &mut row.reals)?;
+        }
+        if !row.integers.is_empty() {
+            instance.get_integer(&self.integers.references, &mut row.integers)?;
+        }
+        if !row.booleans.is_empty() {
+            instance.get_boolean(&self.booleans.references, &mut row.booleans)?;
+        }
+        if !self.strings.references.is_empty() {
+            row.strings = instance.get_string(&self.strings.references)?;
+        }
+        Ok(row)
+    }
+
+    /// Describes the first difference between two runs at the same times. Real numbers may differ by
+    /// the tolerance, relative to their largest value in the run.
+    pub fn difference(
+        &self,
+        actual: &[(f64, Row)],
+        expected: &[(f64, Row)],
+        tolerance: f64,
+    ) -> Option<String> {
+        let mut scales = vec![1e-9_f64; self.reals.variables.len()];
+        for (_, row) in expected.iter().chain(actual) {
+            for (scale, value) in scales.iter_mut().zip(&row.reals) {
+                if value.is_finite() {
+                    *scale = scale.max(value.abs());
+                }
+            }
+        }
+        actual.iter().zip(expected).find_map(|((time, a), (_, b))| {
+            let same = |i: usize| {
+                let (a, b) = (a.reals[i], b.reals[i]);
+                a == b || (a - b).abs() <= tolerance * scales[i] || (a.is_nan() && b.is_nan())
+            };
+            let (name, actual, expected) = first(&self.reals, same, &a.reals, &b.reals)
+                .or_else(|| equal(&self.integers, &a.integers, &b.integers))
+                .or_else(|| equal(&self.booleans, &a.booleans, &b.booleans))
+                .or_else(|| equal(&self.strings, &a.strings, &b.strings))?;
+            Some(format!(
+                "{} at t = {time} s is {actual}, expected {expected}",
+                quote(name)
+            ))
+        })
+    }
+}
+
+type Different<'a> = (&'a str, String, String);
+
+fn equal<'a, T: PartialEq + Debug>(group: &Group<'a>, a: &[T], b: &[T]) -> Option<Different<'a>> {
+    first(group, |i| a[i] == b[i], a, b)
+}
+
+/// The first variable that differs, with its two values.
+fn first<'a, T: Debug>(
+    group: &Group<'a>,
+    same: impl Fn(usize) -> bool,
+    a: &[T],
+    b: &[T],
+) -> Option<Different<'a>> {
+    let at = (0..a.len().min(b.len())).find(|&i| !same(i))?;
+    let name = group.variables.get(at)?.name;
+    Some((name, format!("{:?}", a[at]), format!("{:?}", b[at])))
+}
+
+/// Reads one variable.
+pub fn read(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Value> {
+    value(instance, variable.kind, &[variable.reference])
+        .with_context(|| format!("{} cannot be read", quote(variable.name)))
+}
+
+/// The value of one variable.
+#[derive(Debug, Clone)]
+pub enum Value {
+    /// Of a Real.
+    Real(f64),
+    /// Of an Integer or Enumeration.
+    Integer(i32),
+    /// Of a Boolean.
+    Boolean(i32),
+    /// Of a String.
+    String(String),
+}
+
+impl PartialEq for Value {
+    /// Compares bits, so that NaN equals itself.
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
+            (Self::Integer(a), Self::Integer(b)) | (Self::Boolean(a), Self::Boolean(b)) => a == b,
+            (Self::String(a), Self::String(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Real(value) => write!(f, "{value}"),
+            Self::Integer(value) => write!(f, "{value}"),
+            Self::Boolean(0) => write!(f, "false"),
+            Self::Boolean(1) => write!(f, "true"),
+            Self::Boolean(value) => write!(f, "{value}, which is not a Boolean"),
+            Self::String(value) => f.write_str(&quote(value)),
+        }
+    }
+}
+
+fn value(instance: &mut Instance, kind: VariableType, reference: &[u32; 1]) -> Result<Value> {
+    let (mut real, mut number) = ([0.0], [0]);
+    Ok(match kind {
+        VariableType::Real => {
+            instance.get_real(reference, &mut real)?;
+            Value::Real(real[0])
+        }
+        VariableType::Integer | VariableType::Enumeration => {
+            instance.get_integer(reference, &mut number)?;
+            Value::Integer(number[0])
+        }
+        VariableType::Boolean => {
+            instance.get_boolean(reference, &mut number)?;
+            Value::Boolean(number[0])
+        }
+        VariableType::String => Value::String(instance.get_string(reference)?.concat()),
+    })
+}
+
+/// Names in a file of the parent, one per line; none if there is no such file.
+pub fn names(file: &std::path::Path) -> HashSet<String> {
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    text.lines().map(str::to_owned).collect()
+}
+
+/// Running digests of all observed variables, to compare runs in different processes.
+pub struct Digests(Vec<u64>);
+
+impl Digests {
+    /// Digests of nothing.
+    pub fn new(observed: &Observed<'_>) -> Self {
+        Self(vec![0xcbf2_9ce4_8422_2325; observed.variables().count()])
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: &Row) {
+        let reals = row.reals.iter().map(|value| value.to_bits());
+        let numbers = row.integers.iter().chain(&row.booleans);
+        let numbers = numbers.map(|value| u64::from(value.cast_unsigned()));
+        let strings = row.strings.iter().map(|text| {
+            let mut digest = Self::mix(0, text.len() as u64);
+            text.bytes()
+                .for_each(|byte| digest = Self::mix(digest, byte.into()));
+            digest
+        });
+        let values = reals.chain(numbers).chain(strings);
+        for (digest, value) in self.0.iter_mut().zip(values) {
+            *digest = Self::mix(*digest, value);
+        }
+    }
+
+    fn mix(digest: u64, value: u64) -> u64 {
+        (digest ^ value)
+            .wrapping_mul(0x0000_0100_0000_01b3)
+            .rotate_left(23)
+    }
+
+    /// A line for each variable: digest, last value, name.
+    pub fn lines(&self, observed: &Observed<'_>, last: &Row) -> Vec<String> {
+        let values = last.texts();
+        (self.0.iter().zip(values).zip(observed.variables()))
+            .map(|((digest, value), variable)| format!("{digest:016x}\t{value}\t{}", variable.name))
+            .collect()
+    }
+}
+
+impl Row {
+    /// All values as texts.
+    fn texts(&self) -> Vec<String> {
+        let reals = self.reals.iter().map(ToString::to_string);
+        let numbers = self
+            .integers
+            .iter()
+            .chain(&self.booleans)
+            .map(ToString::to_string);
+        reals
+            .chain(numbers)
+            .chain(self.strings.iter().map(|text| quote(text)))
+            .collect()
+    }
+}

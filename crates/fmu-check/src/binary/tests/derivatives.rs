@@ -1,0 +1,503 @@
+//! Derivatives, dependencies and events.
+
+use std::collections::{HashMap, HashSet};
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::value::{integer, unsigned};
+use fmu_description::{Capability, Causality, ScalarVariable, Variability, VariableType};
+use fmu_file::text::quote;
+use fmu_host::Kind;
+
+use crate::binary::excitation::{Level, other};
+use crate::binary::record::{Value, read};
+use crate::binary::run::Run;
+use crate::binary::subject::{Setup, Subject};
+
+/// Maximum number of inputs whose effects are tested.
+const MAX_INPUTS: usize = 100;
+/// Changes of an input for difference quotients, relative to its size.
+const CHANGES: [f64; 2] = [1e-4, 1e-5];
+
+fn reals<'a>(subject: &'a Subject<'_>, causality: Causality) -> Vec<&'a ScalarVariable<'a>> {
+    let all = subject.variables(causality);
+    all.filter(|v| v.kind == VariableType::Real).collect()
+}
+
+fn references(variables: &[&ScalarVariable<'_>]) -> Vec<u32> {
+    variables.iter().map(|v| v.reference).collect()
+}
+
+/// A run after some steps, ready for changes of its inputs.
+fn running<'a>(subject: &'a Subject<'a>) -> Result<Run<'a>> {
+    let mut run = Run::begin(subject, &subject.setup())?;
+    for _ in 0..subject.steps.min(15) {
+        run.advance()?;
+    }
+    Ok(run)
+}
+
+/// The effect of an input on the outputs, without a step in between.
+struct Effect {
+    value: f64,
+    before: Vec<f64>,
+}
+
+impl Effect {
+    fn new(run: &mut Run<'_>, input: &ScalarVariable<'_>, outputs: &[u32]) -> Result<Self> {
+        let (mut value, mut before) = ([0.0], vec![0.0; outputs.len()]);
+        run.instance.get_real(&[input.reference], &mut value)?;
+        run.instance.get_real(outputs, &mut before)?;
+        Ok(Self {
+            value: value[0],
+            before,
+        })
+    }
+
+    /// The outputs after the input was changed by this much; `None` if the FMU refuses the value. The
+    /// input is then changed back.
+    fn of(
+        &self,
+        run: &mut Run<'_>,
+        input: &ScalarVariable<'_>,
+        outputs: &[u32],
+        change: f64,
+    ) -> Result<Option<Vec<f64>>> {
+        let reference = [input.reference];
+        if run
+            .instance
+            .set_real(&reference, &[self.value + change])
+            .is_err()
+        {
+            return Ok(None);
+        }
+        let mut after = vec![0.0; outputs.len()];
+        run.instance.get_real(outputs, &mut after)?;
+        run.instance.set_real(&reference, &[self.value])?;
+        let mut again = vec![0.0; outputs.len()];
+        run.instance.get_real(outputs, &mut again)?;
+        Ok(Some(after))
+    }
+
+    fn size(&self) -> f64 {
+        self.value.abs().max(1.0)
+    }
+}
+
+/// Compares directional derivatives of outputs with difference quotients.
+pub fn directional(subject: &Subject<'_>) -> Result<()> {
+    if !subject.claims(Capability::ProvidesDirectionalDerivative) {
+        return Ok(());
+    }
+    let continuous = |v: &&ScalarVariable<'_>| v.variability == Variability::Continuous;
+    let of = |causality| -> Vec<_> {
+        reals(subject, causality)
+            .into_iter()
+            .filter(continuous)
+            .collect()
+    };
+    let (inputs, outputs) = (of(Causality::Input), of(Causality::Output));
+    let allowed = Dependencies::of(subject);
+    let mut run = running(subject)?;
+    // Even if no output depends on an input, the function is there.
+    run.instance
+        .directional_derivative(&[], &[], &[])
+        .context("providesDirectionalDerivative is true, but")?;
+    if run.ended || outputs.is_empty() {
+        return Ok(());
+    }
+    for input in inputs.iter().take(MAX_INPUTS) {
+        let known: Vec<_> = outputs
+            .iter()
+            .copied()
+            .filter(|o| allowed.allow(o, input))
+            .collect();
+        if known.is_empty() {
+            continue;
+        }
+        let unknowns = references(&known);
+        let derivatives = run
+            .instance
+            .directional_derivative(&unknowns, &[input.reference], &[1.0])
+            .context("providesDirectionalDerivative is true, but")?;
+        let effect = Effect::new(&mut run, input, &unknowns)?;
+        let mut quotients = Vec::new();
+        for change in CHANGES {
+            let change = change * effect.size();
+            let Some(after) = effect.of(&mut run, input, &unknowns, change)? else {
+                return Ok(());
+            };
+            let slopes = after
+                .iter()
+                .zip(&effect.before)
+                .map(|(a, b)| (a - b) / change);
+            quotients.push(slopes.collect::<Vec<f64>>());
+        }
+        for (i, output) in known.iter().enumerate() {
+            agree(
+                output,
+                input,
+                derivatives[i],
+                quotients[0][i],
+                quotients[1][i],
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// Compares directional derivatives with respect to the states with difference quotients.
+pub fn of_states(subject: &Subject<'_>) -> Result<()> {
+    let n = subject.states();
+    let claims = subject.claims(Capability::ProvidesDirectionalDerivative);
+    if subject.kind == Kind::CoSimulation || !claims || n == 0 || n > MAX_INPUTS {
+        return Ok(());
+    }
+    let of_derivatives = subject.model.derivatives.iter().map(|unknown| {
+        let derivative = subject.model.variable(unknown.index)?;
+        let state = derivative
+            .value
+            .attribute("derivative")
+            .and_then(unsigned)?;
+        let state = subject.model.variable(state as usize)?;
+        Some((derivative, state))
+    });
+    let Some(pairs) = of_derivatives.collect::<Option<Vec<_>>>() else {
+        return Ok(());
+    };
+    let unknowns: Vec<u32> = pairs
+        .iter()
+        .map(|(derivative, _)| derivative.reference)
+        .collect();
+    let mut run = running(subject)?;
+    if run.ended {
+        return Ok(());
+    }
+    let states = run.instance.continuous_states(n)?;
+    let before = run.instance.derivatives(n)?;
+    for (k, (_, state)) in pairs.iter().enumerate() {
+        let given = run
+            .instance
+            .directional_derivative(&unknowns, &[state.reference], &[1.0])
+            .context("providesDirectionalDerivative is true, but")?;
+        let mut quotients = Vec::new();
+        for change in CHANGES {
+            let mut moved = states.clone();
+            let change = change * moved[k].abs().max(1.0);
+            moved[k] += change;
+            run.instance.set_continuous_states(&moved)?;
+            let after = run.instance.derivatives(n)?;
+            let slopes = after.iter().zip(&before).map(|(a, b)| (a - b) / change);
+            quotients.push(slopes.collect::<Vec<f64>>());
+        }
+        run.instance.set_continuous_states(&states)?;
+        for (i, (derivative, _)) in pairs.iter().enumerate() {
+            agree(
+                derivative,
+                state,
+                given[i],
+                quotients[0][i],
+                quotients[1][i],
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// Checks a directional derivative against two difference quotients, of a large and a small change.
+fn agree(
+    unknown: &ScalarVariable<'_>,
+    known: &ScalarVariable<'_>,
+    given: f64,
+    coarse: f64,
+    fine: f64,
+) -> Result<()> {
+    let (unknown, known) = (quote(unknown.name), quote(known.name));
+    ensure!(
+        given.is_finite(),
+        "the directional derivative of {unknown} with respect to {known} is {given}, expected a finite number"
+    );
+    let scale = coarse.abs().max(fine.abs()).max(given.abs());
+    // Where the function is not smooth, the two quotients differ.
+    let smooth = (coarse - fine).abs() <= 1e-2 * scale;
+    ensure!(
+        !smooth || scale < 1e-6 || (given - fine).abs() <= 5e-2 * scale,
+        "the directional derivative of {unknown} with respect to {known} is {given}, but {unknown} changes by {fine} per unit"
+    );
+    Ok(())
+}
+
+/// What the outputs depend on directly, by the XML.
+struct Dependencies<'a> {
+    indices: HashMap<&'a str, usize>,
+    /// The inputs of each output that lists them.
+    listed: HashMap<usize, HashSet<usize>>,
+}
+
+impl<'a> Dependencies<'a> {
+    fn of(subject: &'a Subject<'_>) -> Self {
+        let outputs = subject.model.outputs.iter().filter_map(|unknown| {
+            let inputs = unknown.dependencies.as_ref()?.iter();
+            Some((unknown.index, inputs.map(|index| *index as usize).collect()))
+        });
+        Self {
+            indices: subject
+                .model
+                .variables()
+                .map(|(index, v)| (v.name, index))
+                .collect(),
+            listed: outputs.collect(),
+        }
+    }
+
+    fn allow(&self, output: &ScalarVariable<'_>, input: &ScalarVariable<'_>) -> bool {
+        let index = |variable: &ScalarVariable<'_>| self.indices.get(variable.name);
+        let listed = index(output).and_then(|output| self.listed.get(output));
+        listed.is_none_or(|listed| index(input).is_none_or(|input| listed.contains(input)))
+    }
+}
+
+/// Changes each input, and looks for outputs that follow though the XML says that they do not.
+pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
+    let (inputs, outputs) = (
+        reals(subject, Causality::Input),
+        reals(subject, Causality::Output),
+    );
+    let allowed = Dependencies::of(subject);
+    let mut run = running(subject)?;
+    if run.ended || outputs.is_empty() {
+        return Ok(());
+    }
+    let unknowns = references(&outputs);
+    for input in inputs.iter().take(MAX_INPUTS) {
+        if subject.kind == Kind::ModelExchange && input.variability != Variability::Continuous {
+            continue;
+        }
+        let effect = Effect::new(&mut run, input, &unknowns)?;
+        let change = 0.1 * effect.size();
+        let Some(after) = effect.of(&mut run, input, &unknowns, change)? else {
+            return Ok(());
+        };
+        for ((output, before), after) in outputs.iter().zip(&effect.before).zip(after) {
+            if *before != after && !allowed.allow(output, input) {
+                bail!(
+                    "{} changes from {before} to {after} with {}, which its dependencies do not list",
+                    quote(output.name),
+                    quote(input.name)
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Passes derivatives of inputs.
+pub fn of_inputs(subject: &Subject<'_>) -> Result<()> {
+    let inputs = references(&reals(subject, Causality::Input));
+    let claims = subject.claims(Capability::CanInterpolateInputs);
+    if subject.kind == Kind::ModelExchange || !claims || inputs.is_empty() {
+        return Ok(());
+    }
+    let mut last = Vec::new();
+    for derivative in [0.0, 1.0] {
+        let mut run = running(subject)?;
+        let values = vec![derivative / subject.step(); inputs.len()];
+        run.instance
+            .set_input_derivatives(&inputs, &values)
+            .context("canInterpolateInputs is true, but")?;
+        run.instance.do_step(run.time(), subject.step())?;
+        last.push(vec![(run.time(), run.observe()?)]);
+    }
+    // An input that changes by 1 during the step must show where an input that is 1 higher does.
+    let mut run = running(subject)?;
+    let mut values = vec![0.0; inputs.len()];
+    run.instance.get_real(&inputs, &mut values)?;
+    values.iter_mut().for_each(|value| *value += 1.0);
+    if run.instance.set_real(&inputs, &values).is_err() {
+        return Ok(());
+    }
+    run.instance.do_step(run.time(), subject.step())?;
+    let higher = vec![(run.time(), run.observe()?)];
+    let differs = |a, b| {
+        subject
+            .observed
+            .difference(a, b, subject.tolerance())
+            .is_some()
+    };
+    ensure!(
+        differs(&last[1], &last[0]) || !differs(&higher, &last[0]),
+        "canInterpolateInputs is true, but derivatives of inputs have no effect"
+    );
+    Ok(())
+}
+
+/// Reads derivatives of outputs.
+pub fn of_outputs(subject: &Subject<'_>) -> Result<()> {
+    let order = subject
+        .element
+        .attribute("maxOutputDerivativeOrder")
+        .and_then(integer);
+    let outputs = references(&reals(subject, Causality::Output));
+    if subject.kind == Kind::ModelExchange
+        || order.is_none_or(|order| order <= 0)
+        || outputs.is_empty()
+    {
+        return Ok(());
+    }
+    // With inputs that do not change.
+    let still = Setup {
+        level: Level::Still,
+        ..subject.setup()
+    };
+    let mut run = Run::begin(subject, &still)?;
+    let (mut wrong, mut judged) = (vec![0; outputs.len()], 0);
+    let mut texts = vec![String::new(); outputs.len()];
+    let mut last: Option<Vec<f64>> = None;
+    for _ in 0..subject.steps.min(10) {
+        let values = run
+            .instance
+            .output_derivatives(&outputs)
+            .context("maxOutputDerivativeOrder is not 0, but")?;
+        ensure!(
+            values.iter().all(|value| value.is_finite()),
+            "maxOutputDerivativeOrder is not 0, but fmi2GetRealOutputDerivatives gave numbers that are not finite"
+        );
+        let mut now = vec![0.0; outputs.len()];
+        run.instance.get_real(&outputs, &mut now)?;
+        if let Some(last) = last {
+            judged += 1;
+            for (i, (now, last)) in now.iter().zip(last).enumerate() {
+                let slope = (now - last) / subject.step();
+                let scale = slope.abs().max(values[i].abs());
+                if (slope - values[i]).abs() > 0.8 * scale && scale > 1e-6 {
+                    wrong[i] += 1;
+                    texts[i] = format!(
+                        "{} while the output changes by {slope} per second",
+                        values[i]
+                    );
+                }
+            }
+        }
+        last = Some(now);
+        run.advance()?;
+        if run.ended {
+            break;
+        }
+    }
+    // Outputs that jump have other slopes now and then.
+    for ((count, text), output) in wrong
+        .iter()
+        .zip(texts)
+        .zip(reals(subject, Causality::Output))
+    {
+        let is_continuous = output.variability == Variability::Continuous;
+        ensure!(
+            *count < judged || judged < 3 || !is_continuous,
+            "maxOutputDerivativeOrder is not 0, but the derivative of {} is {text}",
+            quote(output.name)
+        );
+    }
+    Ok(())
+}
+
+/// In model exchange: what is read twice is the same, and derivatives belong to the states.
+pub fn events(subject: &Subject<'_>) -> Result<()> {
+    let n = subject.states();
+    if subject.kind == Kind::CoSimulation {
+        return Ok(());
+    }
+    let mut run = running(subject)?;
+    if run.ended {
+        return Ok(());
+    }
+    let indicators = subject.model.root.attribute("numberOfEventIndicators");
+    let indicators = indicators.and_then(unsigned).unwrap_or(0);
+    if (1..1 << 20).contains(&indicators) {
+        let first = run.instance.event_indicators(indicators as usize)?;
+        let second = run.instance.event_indicators(indicators as usize)?;
+        ensure!(
+            first.iter().all(|z| z.is_finite()),
+            "fmi2GetEventIndicators gave {first:?}, expected finite numbers"
+        );
+        ensure!(
+            first == second,
+            "fmi2GetEventIndicators gave {second:?} when called again, expected {first:?} as before"
+        );
+    }
+    if n == 0 {
+        return Ok(());
+    }
+    let states = run.instance.continuous_states(n)?;
+    let before = run.instance.derivatives(n)?;
+    let moved: Vec<f64> = states.iter().map(|x| x + 1e-6 * x.abs().max(1.0)).collect();
+    run.instance.set_continuous_states(&moved)?;
+    let read = run.instance.continuous_states(n)?;
+    ensure!(
+        read == moved,
+        "fmi2GetContinuousStates gave {read:?}, expected {moved:?} as they were set"
+    );
+    run.instance.derivatives(n)?;
+    run.instance.set_continuous_states(&states)?;
+    let after = run.instance.derivatives(n)?;
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-9 * a.abs().max(1e-9) || a.is_nan();
+    ensure!(
+        before.iter().zip(&after).all(near),
+        "fmi2GetDerivatives gave {after:?}, expected {before:?} as for the same states before"
+    );
+    continuous_time(subject, &mut run)
+}
+
+/// What must hold in continuous-time mode: solvers go back in time, derivatives follow the inputs at
+/// once, and discrete variables do not change.
+fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
+    let n = subject.states();
+    let discrete = |v: &&ScalarVariable<'_>| {
+        v.variability == Variability::Discrete
+            || v.kind != VariableType::Real && v.causality == Causality::Output
+    };
+    let discrete: Vec<_> = subject.observed.variables().filter(discrete).collect();
+    let values = |run: &mut Run<'_>| -> Result<Vec<Value>> {
+        discrete
+            .iter()
+            .map(|v| read(&mut run.instance, v))
+            .collect()
+    };
+    let (time, step) = (run.time(), subject.step());
+    let before = values(run)?;
+    run.instance.set_time(time + 0.1 * step)?;
+    let states = run.instance.continuous_states(n)?;
+    run.instance.set_continuous_states(&states)?;
+    run.instance.derivatives(n)?;
+    for ((variable, before), after) in discrete.iter().zip(before).zip(values(run)?) {
+        ensure!(
+            before == after,
+            "{} changed from {before} to {after} in continuous-time mode, expected it to change in events only",
+            quote(variable.name)
+        );
+    }
+    run.instance
+        .set_time(time + 0.05 * step)
+        .context("solvers go back in time when they reject a step, but")?;
+    let continuous = |v: &&ScalarVariable<'_>| v.variability == Variability::Continuous;
+    for input in reals(subject, Causality::Input)
+        .into_iter()
+        .filter(continuous)
+    {
+        let Some(Value::Real(value)) = other(input) else {
+            continue;
+        };
+        if run.instance.set_real(&[input.reference], &[value]).is_err() {
+            return Ok(());
+        }
+    }
+    let at_once = run.instance.derivatives(n)?;
+    if run.instance.completed_integrator_step()? {
+        return Ok(());
+    }
+    let later = run.instance.derivatives(n)?;
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-9 * a.abs().max(1e-9) || a.is_nan();
+    ensure!(
+        at_once.iter().zip(&later).all(near),
+        "fmi2GetDerivatives gave {at_once:?} after the inputs were set, expected {later:?} as after fmi2CompletedIntegratorStep"
+    );
+    Ok(())
+}

@@ -1,0 +1,463 @@
+//! Runs of the default experiment, in several ways.
+
+use std::collections::HashSet;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::value::{integer, real};
+use fmu_description::{Capability, Causality, ScalarVariable, Variability, VariableType};
+use fmu_file::text::quote;
+use fmu_host::Kind;
+
+use crate::binary::child::is_refusal;
+use crate::binary::excitation::{Level, other, set};
+use crate::binary::record::{Digests, Row, Trajectory, Value, read};
+use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
+use crate::binary::run::Run;
+use crate::binary::subject::{Setup, Subject};
+
+/// Runs the default experiment to its end, or as far as half of the time limit allows. Reports how many
+/// steps were taken and how long they took, or why the FMU refused the excitation.
+pub fn experiment(subject: &Subject<'_>) -> Result<()> {
+    let begin = Instant::now();
+    let mut watch = Watch::new(subject);
+    match watched(subject, &mut watch) {
+        Ok(steps) => {
+            let seconds = begin.elapsed().as_secs_f64();
+            subject.report.value(&format!("steps {steps} {seconds}"));
+            if subject.level != Level::Still && watch.has_nan {
+                // Inputs outside the model's range of validity; a weaker excitation decides.
+                subject.report.value("refused");
+                return Ok(());
+            }
+            watch.report(subject);
+            Ok(())
+        }
+        Err(error) if subject.level != Level::Still && is_refusal(&error) => {
+            subject.report.value("refused");
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
+}
+
+fn watched(subject: &Subject<'_>, watch: &mut Watch<'_>) -> Result<usize> {
+    let mut run = Run::begin(subject, &subject.setup())?;
+    let constants: Vec<_> = constants(subject).collect();
+    let values = |run: &mut Run<'_>| -> Result<Vec<Value>> {
+        constants
+            .iter()
+            .map(|v| read(&mut run.instance, v))
+            .collect()
+    };
+    let before = values(&mut run)?;
+    let mut times = Vec::new();
+    let steps = run.run_for(subject.all_steps(), subject.time_limit / 2, |time, row| {
+        times.push(Instant::now());
+        watch.push(time, row);
+    })?;
+    slows_down(subject, steps, &times);
+    if !run.ended {
+        for ((variable, before), after) in constants.iter().zip(before).zip(values(&mut run)?) {
+            if before != after {
+                let name = quote(variable.name);
+                watch.found.push((
+                    &CONSTANT,
+                    format!("{name} is {after} at the end of the run, expected {before} as after initialization"),
+                ));
+            }
+        }
+    }
+    run.instance.terminate()?;
+    Ok(steps)
+}
+
+/// Compares the durations of the parts of a run.
+fn slows_down(subject: &Subject<'_>, steps: usize, times: &[Instant]) {
+    const PARTS: usize = 4;
+    /// How much longer the last part must take than the first.
+    const FACTOR: f64 = 4.0;
+    if steps < 20 * PARTS {
+        return;
+    }
+    // The median, since the system may interrupt any step.
+    let median = |part: usize| {
+        let range = part * steps / PARTS..(part + 1) * steps / PARTS;
+        let mut durations: Vec<f64> = range
+            .filter_map(|k| Some(times.get(k + 1)?.duration_since(times[k]).as_secs_f64()))
+            .collect();
+        durations.sort_by(f64::total_cmp);
+        durations.get(durations.len() / 2).copied().unwrap_or(0.0)
+    };
+    let parts: [f64; PARTS] = std::array::from_fn(median);
+    if parts.is_sorted() && parts[PARTS - 1] > FACTOR * parts[0] && parts[PARTS - 1] > 1e-5 {
+        let text = format!(
+            "a step takes {:.1e} s in the last quarter of the run, but {:.1e} s in the first: steps take longer and longer",
+            parts[PARTS - 1],
+            parts[0]
+        );
+        subject.report.find(&STEADY_TIME, text);
+    }
+}
+
+/// Constants and fixed parameters.
+fn constants<'a>(subject: &'a Subject<'_>) -> impl Iterator<Item = &'a ScalarVariable<'a>> {
+    subject.all().filter(|v| {
+        let fixed = matches!(v.variability, Variability::Constant | Variability::Fixed);
+        fixed && v.causality != Causality::Independent
+    })
+}
+
+/// Looks for invalid values in a run.
+struct Watch<'a> {
+    reals: Vec<(&'a ScalarVariable<'a>, f64, f64)>,
+    items: Vec<(&'a ScalarVariable<'a>, HashSet<i32>)>,
+    booleans: Vec<&'a ScalarVariable<'a>>,
+    strings: Vec<&'a ScalarVariable<'a>>,
+    has_nan: bool,
+    found: Vec<(&'static crate::Rule, String)>,
+    seen: HashSet<&'a str>,
+}
+
+impl<'a> Watch<'a> {
+    fn new(subject: &'a Subject<'_>) -> Self {
+        let bound = |v: &ScalarVariable<'_>, name: &str| v.inherited(name).and_then(real);
+        let reals = subject.observed.reals().iter().map(|&v| {
+            let (min, max) = (bound(v, "min"), bound(v, "max"));
+            (
+                v,
+                min.unwrap_or(f64::NEG_INFINITY),
+                max.unwrap_or(f64::INFINITY),
+            )
+        });
+        let items = subject
+            .observed
+            .integers()
+            .iter()
+            .map(|&v| (v, v.items().map(|(_, value)| value).collect()));
+        Self {
+            reals: reals.collect(),
+            items: items.collect(),
+            booleans: subject.observed.booleans().to_vec(),
+            strings: subject.observed.strings().to_vec(),
+            has_nan: false,
+            found: vec![],
+            seen: HashSet::new(),
+        }
+    }
+
+    fn push(&mut self, time: f64, row: &Row) {
+        for (&(variable, min, max), &value) in self.reals.iter().zip(&row.reals) {
+            let slack = 1e-6 * value.abs();
+            if variable.causality != Causality::Output || self.seen.contains(variable.name) {
+                continue;
+            }
+            if !value.is_finite() {
+                self.has_nan = true;
+                self.seen.insert(variable.name);
+                let name = quote(variable.name);
+                let text = format!("{name} is {value} at t = {time} s, expected a finite number");
+                self.found.push((&FINITE, text));
+            } else if value < min - slack || value > max + slack {
+                self.seen.insert(variable.name);
+                let name = quote(variable.name);
+                let text = format!(
+                    "{name} is {value} at t = {time} s, expected a number from {min} to {max} as in the XML"
+                );
+                self.found.push((&BOUNDS, text));
+            }
+        }
+        for ((variable, items), value) in self.items.iter().zip(&row.integers) {
+            let valid = match variable.kind {
+                VariableType::Enumeration => items.is_empty() || items.contains(value),
+                _ => {
+                    let bound = |name: &str| variable.inherited(name).and_then(integer);
+                    bound("min").is_none_or(|min| *value >= min)
+                        && bound("max").is_none_or(|max| *value <= max)
+                }
+            };
+            if !valid && self.seen.insert(variable.name) {
+                let name = quote(variable.name);
+                let text = format!(
+                    "{name} is {value} at t = {time} s, expected a value that the XML allows"
+                );
+                self.found.push((&VALID_VALUES, text));
+            }
+        }
+        for (variable, text) in self.strings.iter().zip(&row.strings) {
+            if text.contains(char::REPLACEMENT_CHARACTER) && self.seen.insert(variable.name) {
+                let name = quote(variable.name);
+                let text = format!(
+                    "{name} is {} at t = {time} s, expected text in UTF-8",
+                    quote(text)
+                );
+                self.found.push((&VALID_VALUES, text));
+            }
+        }
+        for (variable, value) in self.booleans.iter().zip(&row.booleans) {
+            if !matches!(value, 0 | 1) && self.seen.insert(variable.name) {
+                let name = quote(variable.name);
+                let text = format!("{name} is {value} at t = {time} s, expected 0 or 1");
+                self.found.push((&VALID_VALUES, text));
+            }
+        }
+    }
+
+    fn report(&self, subject: &Subject<'_>) {
+        for (rule, text) in &self.found {
+            subject.report.find(rule, text);
+        }
+    }
+}
+
+/// A short run, whose digests the parent compares with those of other processes.
+pub fn trace(subject: &Subject<'_>) -> Result<()> {
+    traced(subject, &subject.setup())
+}
+
+/// As [`trace`], with another name of the instance and with logging.
+pub fn trace_logging(subject: &Subject<'_>) -> Result<()> {
+    let setup = Setup {
+        name: "another_name",
+        logging: true,
+        ..subject.setup()
+    };
+    traced(subject, &setup)
+}
+
+fn traced(subject: &Subject<'_>, setup: &Setup<'_>) -> Result<()> {
+    let mut run = Run::begin(subject, setup)?;
+    let mut digests = Digests::new(&subject.observed);
+    let mut last = Row::default();
+    for (_, row) in run.record(subject.steps)? {
+        digests.push(&row);
+        last = row;
+    }
+    for line in digests.lines(&subject.observed, &last) {
+        subject.report.value(&line);
+    }
+    Ok(())
+}
+
+fn usual(subject: &Subject<'_>) -> Result<Trajectory> {
+    Run::begin(subject, &subject.setup())?.record(subject.steps)
+}
+
+fn check(
+    subject: &Subject<'_>,
+    actual: &Trajectory,
+    expected: &Trajectory,
+    when: &str,
+) -> Result<()> {
+    match subject
+        .observed
+        .difference(actual, expected, subject.tolerance())
+    {
+        Some(text) => bail!("{when}, {text} as in a new instance"),
+        None => Ok(()),
+    }
+}
+
+/// Runs with other parameters, resets, and runs again.
+pub fn reset(subject: &Subject<'_>) -> Result<()> {
+    let expected = usual(subject)?;
+    let mut run = changed(subject)?;
+    if subject.kind == Kind::CoSimulation {
+        run.instance.terminate()?;
+    }
+    subject.report.stage("after fmi2Reset");
+    let mut run = run.reset(subject.setup())?;
+    run.initialize()?;
+    let actual = run.record(subject.steps)?;
+    check(subject, &actual, &expected, "after fmi2Reset")?;
+    run.instance.terminate()?;
+    Ok(())
+}
+
+/// A run that has used other parameters and inputs, if the model allows it.
+fn changed<'a>(subject: &'a Subject<'a>) -> Result<Run<'a>> {
+    let setup = Setup {
+        seed: 2,
+        ..subject.setup()
+    };
+    let other = Setup {
+        parameters: true,
+        ..setup
+    };
+    let run = |setup: &Setup<'a>| -> Result<Run<'a>> {
+        let mut run = Run::begin(subject, setup)?;
+        run.record(subject.steps)?;
+        Ok(run)
+    };
+    run(&other).or_else(|_| {
+        let logged = subject.report;
+        logged.stage("");
+        run(&setup)
+    })
+}
+
+/// Changes the start values of all inputs and parameters, resets, and reads them.
+pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
+    let settable: Vec<_> = (subject.all())
+        .filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
+        .collect();
+    let mut run = Run::instantiate(subject, &subject.setup())?;
+    for variable in &settable {
+        if let Some(value) = other(variable)
+            && set(&mut run.instance, variable.reference, &value).is_err()
+        {
+            return Ok(());
+        }
+    }
+    subject.report.stage("after fmi2Reset");
+    let mut run = run.reset(subject.setup())?;
+    run.enter_initialization()?;
+    let mut new = Run::instantiate(subject, &subject.setup())?;
+    new.enter_initialization()?;
+    for variable in settable {
+        let expected = read(&mut new.instance, variable)?;
+        let actual = read(&mut run.instance, variable)?;
+        let name = quote(variable.name);
+        ensure!(
+            actual == expected,
+            "after fmi2Reset, {name} is {actual}, expected its start value {expected}"
+        );
+    }
+    Ok(())
+}
+
+/// Resets a new instance, and one in initialization mode.
+pub fn reset_early(subject: &Subject<'_>) -> Result<()> {
+    let expected = usual(subject)?;
+    for initializing in [false, true] {
+        let stage = match initializing {
+            false => "after fmi2Reset of a new instance",
+            true => "after fmi2Reset in initialization mode",
+        };
+        let mut run = Run::instantiate(subject, &subject.setup())?;
+        if initializing {
+            run.enter_initialization()?;
+        }
+        subject.report.stage(stage);
+        let mut run = run.reset(subject.setup())?;
+        run.initialize()?;
+        check(subject, &run.record(subject.steps)?, &expected, stage)?;
+    }
+    Ok(())
+}
+
+/// Runs without a stop time, and with a later one.
+pub fn stop_time(subject: &Subject<'_>) -> Result<()> {
+    let expected = usual(subject)?;
+    let later = subject
+        .stop()
+        .map(|stop| stop + 9.0 * (stop - subject.start()));
+    for (stop, when) in [
+        (None, "without a stop time"),
+        (later, "with a later stop time"),
+    ] {
+        let setup = Setup {
+            stop,
+            ..subject.setup()
+        };
+        subject.report.stage(when);
+        let actual = Run::begin(subject, &setup)?.record(subject.steps)?;
+        if let Some(text) = subject
+            .observed
+            .difference(&actual, &expected, subject.tolerance())
+        {
+            bail!("{when}, {text} as with the stop time of the default experiment");
+        }
+    }
+    Ok(())
+}
+
+fn has_variable_step(subject: &Subject<'_>) -> bool {
+    subject.kind == Kind::CoSimulation
+        && subject.claims(Capability::CanHandleVariableCommunicationStepSize)
+}
+
+/// Takes other step sizes, if the FMU declares that it can.
+pub fn step_size(subject: &Subject<'_>) -> Result<()> {
+    if !has_variable_step(subject) {
+        return Ok(());
+    }
+    let mut run = Run::begin(subject, &subject.setup())?;
+    run.record_in(subject.steps.min(10), &[0.5, 0.25, 0.25])
+        .context("canHandleVariableCommunicationStepSize is true, but with other step sizes")?;
+    Ok(())
+}
+
+/// Adds the step size to the time at each step, so that times differ from others in the last digits.
+pub fn summed_times(subject: &Subject<'_>) -> Result<()> {
+    let expected = usual(subject)?;
+    let setup = Setup {
+        summed_times: true,
+        ..subject.setup()
+    };
+    let how = "with times that are rounded in another way";
+    subject.report.stage(how);
+    let actual = Run::begin(subject, &setup)?.record(subject.steps)?;
+    match subject
+        .observed
+        .difference(&actual, &expected, subject.tolerance())
+    {
+        Some(text) => bail!("{how}, {text}"),
+        None => Ok(()),
+    }
+}
+
+/// Splits each step into a large and a tiny one.
+pub fn micro_steps(subject: &Subject<'_>) -> Result<()> {
+    /// The tiny step, as a fraction of the step size.
+    const TINY: f64 = 1e-9;
+    in_parts(
+        subject,
+        &[1.0 - TINY, TINY],
+        "with each step in two parts, the second of 1e-9 of its size",
+    )
+}
+
+/// Splits each step into two halves.
+pub fn half_steps(subject: &Subject<'_>) -> Result<()> {
+    in_parts(subject, &[0.5, 0.5], "with each step in two halves")
+}
+
+fn in_parts(subject: &Subject<'_>, fractions: &[f64], how: &str) -> Result<()> {
+    /// The relative difference that is accepted.
+    const TOLERANCE: f64 = 1e-3;
+    if !has_variable_step(subject) {
+        return Ok(());
+    }
+    let expected = usual(subject)?;
+    subject.report.stage(how);
+    let actual = Run::begin(subject, &subject.setup())?
+        .record_in(subject.steps, fractions)
+        .context("canHandleVariableCommunicationStepSize is true, but")?;
+    match subject
+        .observed
+        .difference(&actual, &expected, TOLERANCE.max(subject.tolerance()))
+    {
+        Some(text) => bail!(
+            "canHandleVariableCommunicationStepSize is true, but {how}, {text} as with whole steps"
+        ),
+        None => Ok(()),
+    }
+}
+
+/// Terminates, and reads the values.
+pub fn end(subject: &Subject<'_>) -> Result<()> {
+    let mut run = Run::begin(subject, &subject.setup())?;
+    let rows = run.record(subject.steps)?;
+    run.instance.terminate()?;
+    subject.report.stage("after fmi2Terminate");
+    let after = vec![(run.time(), run.observe()?)];
+    let last = rows[rows.len() - 1..].to_vec();
+    match subject
+        .observed
+        .difference(&after, &last, subject.tolerance())
+    {
+        Some(text) => bail!("after fmi2Terminate, {text} as before"),
+        None => Ok(()),
+    }
+}
