@@ -552,3 +552,15 @@ def test_nothing_is_left_behind(
     monkeypatch.setenv("TMPDIR", str(folder))
     findings(fmu)
     assert list(folder.iterdir()) == []
+
+
+def test_a_crash_after_a_simulation_does_not_lose_its_results(
+    conformance: Callable[..., Path], tmp_path: Path
+) -> None:
+    fmu = conformance("UNLOAD_CRASHES", CS)
+    system, results = tmp_path / "system.toml", tmp_path / "results.csv"
+    system.write_text(f'stop = 1.0\nstep = 0.1\n[[component]]\nname = "a"\nfmu = "{fmu}"\n')
+    run = cargo_fmu("simulate", system, "--csv", results)
+    assert run.returncode == 0
+    assert "after the simulation" in run.stderr
+    assert len(results.read_text().splitlines()) == 12

@@ -258,6 +258,8 @@ fn work(
     if let (Some(rows), Some(path)) = (rows, &args.csv) {
         writeln!(out, "wrote {}: {rows} rows", path.display())?;
     }
+    // What an FMU does when its binary is unloaded no longer matters.
+    recorder.finish();
     Ok(())
 }
 
