@@ -343,7 +343,7 @@ def test_a_value_rejected_during_the_sweep_ends_it(program, tmp_path):
 def test_invalid_files_are_reported(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     out = tmp_path / "out.csv"
-    assert "no.toml: cannot read" in complaint(distributed(tmp_path / "no.toml", out))
+    assert "cannot read" in complaint(distributed(tmp_path / "no.toml", out))
     assert "expected a file named .csv" in complaint(distributed(sweep, tmp_path / "out.xlsx"))
     assert "make fmus" in complaint(distributed(sweep, out, "--program", tmp_path / "nothing"))
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]

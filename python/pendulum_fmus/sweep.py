@@ -67,6 +67,9 @@ os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 MAX_QUEUED = 1000
 """Maximum number of chunks queued at the scheduler, which limits its memory."""
 
+INTERRUPTED = (130, 143)
+"""Exit codes of the program after Ctrl-C and SIGTERM."""
+
 MAX_CHUNK = 1000
 """Default maximum number of runs per chunk, which a killed worker may have to repeat."""
 
@@ -106,6 +109,8 @@ def call(program: Path, *arguments: object) -> str:
         raise SweepError(
             f"cannot run {program}: {error.strerror}; `make fmus` builds the program"
         ) from error
+    if result.returncode in INTERRUPTED:
+        raise KeyboardInterrupt
     if result.returncode:
         raise SweepError(failure_message(result.stderr, result.returncode))
     return result.stdout
@@ -256,6 +261,8 @@ def simulate(bundle: str, chunk: range) -> subprocess.CompletedProcess[bytes]:
     result = subprocess.run(command, env=environment, capture_output=True, check=False)
     if result.returncode < 0:
         raise ChildProcessError(f"the program was killed by signal {-result.returncode}")
+    if result.returncode in INTERRUPTED:
+        raise ChildProcessError("the program was interrupted")
     return result
 
 

@@ -13,9 +13,7 @@ use fmu_description::guid::checksum;
 use serde::{Deserialize, Serialize};
 
 use crate::workers::{Crash, Outcome, Pool, Workers, serve};
-use crate::{
-    Column, Columns, Ended, Journal, Kind, Metrics, Parameter, Plan, Row, Run, Sample, Summary,
-};
+use crate::{Column, Columns, Journal, Kind, Metrics, Parameter, Plan, Row, Run, Sample, Summary};
 
 /// The name of the last column: why a run failed, empty if it did not.
 pub const FAILURE: &str = "failure";
@@ -86,6 +84,15 @@ pub struct Outline<'a> {
     pub system: &'a Path,
     /// Its FMUs.
     pub fmus: &'a [PathBuf],
+}
+
+/// The outcome of a sweep without errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// All runs are done.
+    Complete,
+    /// The sweep was cancelled before all runs were done.
+    Cancelled,
 }
 
 /// Progress of [`Study::write`].

@@ -4,13 +4,9 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use fmu_sweep::{
-    Cell, Columns, Ended, Error, Journal, Metrics, Options, Plan, Run, Sample, Summary, Value,
-    execute,
-};
+use fmu_sweep::{Cell, Columns, Journal, Metrics, Options, Plan, Run, Sample, Summary, Value};
 
 const PLAN: &str = "
     seed = 7
@@ -70,20 +66,13 @@ fn simulate(run: &Run<'_>) -> [Cell; 9] {
 }
 
 /// Executes the pending runs, pausing before each.
-fn sweep(journal: &Journal, threads: usize, pause: Duration) {
-    let ended = execute(
-        &plan(),
-        journal.pending(0..RUNS),
-        threads,
-        &AtomicBool::new(false),
-        || Ok::<_, Error>(()),
-        |(), run| {
-            std::thread::sleep(pause);
-            Ok(simulate(run))
-        },
-        |row| journal.append(&row),
-    );
-    assert_eq!(ended, Ok(Ended::Complete));
+fn sweep(journal: &Journal, pause: Duration) {
+    let plan = plan();
+    for index in journal.pending(0..RUNS) {
+        std::thread::sleep(pause);
+        let run = plan.run(index).unwrap();
+        journal.append(&run.row(simulate(&run))).unwrap();
+    }
 }
 
 fn open(output: &Path) -> Journal {
@@ -91,11 +80,11 @@ fn open(output: &Path) -> Journal {
 }
 
 /// The bytes of the table of an uninterrupted sweep.
-fn uninterrupted(folder: &Path, name: &str, threads: usize) -> Vec<u8> {
-    let output = folder.join("uninterrupted").join(name);
+fn uninterrupted(folder: &Path) -> Vec<u8> {
+    let output = folder.join("uninterrupted/a.csv");
     fs::create_dir_all(output.parent().unwrap()).unwrap();
     let journal = open(&output);
-    sweep(&journal, threads, Duration::ZERO);
+    sweep(&journal, Duration::ZERO);
     journal.finish().unwrap();
     fs::read(output).unwrap()
 }
@@ -109,7 +98,7 @@ fn process() {
         return;
     };
     let journal = open(Path::new(&output));
-    sweep(&journal, 2, Duration::from_millis(15));
+    sweep(&journal, Duration::from_millis(8));
     journal.finish().unwrap();
 }
 
@@ -170,27 +159,8 @@ fn a_killed_sweep_neither_loses_nor_repeats_runs() {
     }
     assert!(start(&output).wait().unwrap().success());
     assert!(!journal.exists());
-    let expected = uninterrupted(folder.path(), "a.csv", 1);
+    let expected = uninterrupted(folder.path());
     assert!(fs::read(&output).unwrap() == expected);
-}
-
-#[test]
-fn the_table_is_the_same_for_any_number_of_threads() {
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["a.csv", "a.parquet"] {
-        let expected = uninterrupted(folder.path(), name, 1);
-        for threads in [0, 2, 5] {
-            assert!(
-                uninterrupted(folder.path(), name, threads) == expected,
-                "{name}"
-            );
-        }
-    }
-    let text = String::from_utf8(uninterrupted(folder.path(), "a.csv", 1)).unwrap();
-    assert!(
-        text.contains(",true,") && text.contains(",false,"),
-        "some runs diverge, some not"
-    );
 }
 
 /// Imitates a program that distributes ranges of runs to workers and collects their lines.
@@ -208,7 +178,7 @@ fn lines_from_workers_produce_the_same_table() {
     }
     fs::write(journal_of(&output), text).unwrap();
     open(&output).finish().unwrap();
-    assert!(fs::read(&output).unwrap() == uninterrupted(folder.path(), "a.csv", 2));
+    assert!(fs::read(&output).unwrap() == uninterrupted(folder.path()));
 }
 
 /// A worker whose numbers differ because of its program or machine is detected.
