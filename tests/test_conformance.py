@@ -35,7 +35,7 @@ class Defect(NamedTuple):
     kind: str
     description: str
     rule: str | None
-    """None if it cannot be found from outside, or is no violation of a rule."""
+    """None if it cannot be found from outside or only by chance, or is no violation of a rule."""
 
 
 DEFECTS = {
@@ -146,9 +146,7 @@ DEFECTS = {
     "SHARED_STRING_BUFFER": Defect(
         BOTH, "all instances share the buffer of a String output", "string-lifetime"
     ),
-    "TWO_THREADS_RACE": Defect(
-        BOTH, "instances in different threads share a scratch buffer", "any-thread"
-    ),
+    "TWO_THREADS_RACE": Defect(BOTH, "instances in different threads share a scratch buffer", None),
     "SECOND_THREAD_WRONG": Defect(
         BOTH, "y is 0 in threads other than the one that made the last instance", "any-thread"
     ),
@@ -375,7 +373,7 @@ DEFECTS = {
         ME, "fmi2NewDiscreteStates always asks for another call", "runs"
     ),
     "EVENT_INFO_NOT_WRITTEN": Defect(
-        ME, "fmi2NewDiscreteStates does not write the event information", "runs"
+        ME, "fmi2NewDiscreteStates does not write the event information", "event-iteration"
     ),
     "NEXT_EVENT_IN_PAST": Defect(ME, "the next time event is in the past", "runs"),
     "NEXT_EVENT_MISSING": Defect(ME, "the next time event is not announced", None),
@@ -405,7 +403,7 @@ DEFECTS = {
     ),
     "WRONG_STATE_COUNT_TAKEN": Defect(ME, "the number of continuous states is not checked", None),
     "COMPLETED_STEP_MISSING": Defect(
-        ME, "fmi2CompletedIntegratorStep does not write its results", "runs"
+        ME, "fmi2CompletedIntegratorStep does not write its results", "event-iteration"
     ),
     "TIME_BACK_REFUSED": Defect(
         ME, "fmi2SetTime refuses to go back within a step", "event-iteration"

@@ -88,7 +88,7 @@ impl Slave for Instance {
     }
 
     fn enter_initialization(&mut self) {
-        self.setup_experiment(time(0), None).unwrap();
+        self.setup_experiment(time(0), None, None).unwrap();
         self.enter_initialization_mode().unwrap();
     }
 

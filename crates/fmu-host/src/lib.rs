@@ -23,7 +23,7 @@ pub use functions::Functions;
 pub use instance::{Instance, State};
 pub use library::{Instantiation, Kind, Library, LoadError, Treatment};
 pub use logger::{Logged, stray_messages};
-pub use model_exchange::Update;
+pub use model_exchange::{Completed, Update};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use resources::uri;
 pub use shared_memory::SharedMemory;

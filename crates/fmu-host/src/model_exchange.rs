@@ -3,7 +3,7 @@
 use fmu_types::fmi2::{fmi2Boolean, fmi2EventInfo, fmi2False};
 
 use crate::instance::call;
-use crate::{Cause, Failure, Instance, Result};
+use crate::{Instance, Result};
 
 /// The result of an update of discrete states.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,6 +16,17 @@ pub struct Update {
     pub states_changed: bool,
     /// `nextEventTime`, if it is defined.
     pub next_event: Option<f64>,
+    /// Whether the FMU has written all of them.
+    pub is_written: bool,
+}
+
+/// The result of a completed integrator step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Completed {
+    /// `enterEventMode`
+    pub enter_event_mode: bool,
+    /// Whether the FMU has written its results.
+    pub is_written: bool,
 }
 
 /// Defines functions that return `n` numbers.
@@ -35,7 +46,6 @@ macro_rules! numbers {
 impl Instance {
     /// `fmi2NewDiscreteStates`
     pub fn new_discrete_states(&mut self) -> Result<Update> {
-        const NAME: &str = "fmi2NewDiscreteStates";
         let mut info = fmi2EventInfo {
             newDiscreteStatesNeeded: UNWRITTEN,
             terminateSimulation: UNWRITTEN,
@@ -45,11 +55,19 @@ impl Instance {
             nextEventTime: 0.0,
         };
         call!(self.fmi2NewDiscreteStates(&raw mut info))?;
+        let flags = [
+            info.newDiscreteStatesNeeded,
+            info.terminateSimulation,
+            info.valuesOfContinuousStatesChanged,
+            info.nextEventTimeDefined,
+        ];
+        let [again, terminate, states_changed, has_next_event] = flags.map(is_true);
         Ok(Update {
-            again: written(NAME, info.newDiscreteStatesNeeded)?,
-            terminate: written(NAME, info.terminateSimulation)?,
-            states_changed: written(NAME, info.valuesOfContinuousStatesChanged)?,
-            next_event: written(NAME, info.nextEventTimeDefined)?.then_some(info.nextEventTime),
+            again,
+            terminate,
+            states_changed,
+            next_event: has_next_event.then_some(info.nextEventTime),
+            is_written: !flags.contains(&UNWRITTEN),
         })
     }
 
@@ -80,25 +98,20 @@ impl Instance {
         call!(self.fmi2SetContinuousStates(states.as_ptr(), states.len()))
     }
 
-    /// `fmi2CompletedIntegratorStep`; returns `enterEventMode`.
-    pub fn completed_integrator_step(&mut self) -> Result<bool> {
-        const NAME: &str = "fmi2CompletedIntegratorStep";
+    /// `fmi2CompletedIntegratorStep`
+    pub fn completed_integrator_step(&mut self) -> Result<Completed> {
         let (mut event, mut terminate) = (UNWRITTEN, UNWRITTEN);
         call!(self.fmi2CompletedIntegratorStep(1, &raw mut event, &raw mut terminate))?;
-        written(NAME, terminate)?;
-        written(NAME, event)
+        Ok(Completed {
+            enter_event_mode: is_true(event),
+            is_written: event != UNWRITTEN && terminate != UNWRITTEN,
+        })
     }
 }
 
-/// A result that the FMU has not written.
+/// A result that the FMU has not written, which counts as false.
 const UNWRITTEN: fmi2Boolean = -1;
 
-fn written(function: &'static str, value: fmi2Boolean) -> Result<bool> {
-    match value {
-        UNWRITTEN => Err(Failure::new(
-            function,
-            Cause::Broke("did not write its results"),
-        )),
-        value => Ok(value != fmi2False),
-    }
+fn is_true(value: fmi2Boolean) -> bool {
+    value != fmi2False && value != UNWRITTEN
 }

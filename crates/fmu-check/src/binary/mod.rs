@@ -143,11 +143,10 @@ struct Checker<'a> {
 impl Checker<'_> {
     fn run(mut self, is_quick: bool, findings: &mut Findings) -> Result<()> {
         for test in [&IDENTITY, &READABLE] {
-            let errors = findings.errors();
             let outcome = self.test(test, findings)?;
             self.workshop.ignore(&outcome.values)?;
             // An FMU that cannot be loaded or initialized would fail all other tests too.
-            if findings.errors() > errors && outcome.values.is_empty() {
+            if outcome.fails(test) {
                 return Ok(());
             }
         }

@@ -9,6 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use anyhow::{Context, Result};
 
 use super::rules;
+use super::tests::Test;
 use crate::Rule;
 
 /// Maximum number of bytes read of a report.
@@ -189,6 +190,12 @@ impl Outcome {
             }
         }
         outcome
+    }
+
+    /// Whether the test itself has failed, besides what else it has found.
+    pub fn fails(&self, test: &Test) -> bool {
+        let mut found = self.found.iter();
+        found.any(|(rule, _)| *rule == test.rule || *rule == test.crash)
     }
 
     /// The rules of the findings.

@@ -8,12 +8,11 @@ use fmu_host::{Cause, Failure, Instance, Kind, Status};
 
 use super::excitation::change_parameters;
 use super::record::{Row, Trajectory};
+use super::rules::EVENTS;
 use super::subject::{Setup, Subject};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
-/// Steps of an explicit Euler method in a communication step, for model exchange.
-const EULER_STEPS: usize = 10;
 /// In model exchange, every how many steps there is an event.
 const EVENT_EVERY: usize = 10;
 
@@ -29,6 +28,8 @@ pub struct Run<'a> {
     pub ended: bool,
     /// In model exchange, the time of the last step of the integration.
     now: f64,
+    /// Whether unwritten results were reported.
+    has_unwritten: bool,
 }
 
 impl<'a> Run<'a> {
@@ -48,6 +49,7 @@ impl<'a> Run<'a> {
             point: 0,
             ended: false,
             now: subject.start(),
+            has_unwritten: false,
         })
     }
 
@@ -128,6 +130,7 @@ impl<'a> Run<'a> {
         for _ in 0..MAX_ROUNDS {
             let update = self.instance.new_discrete_states()?;
             may_change |= update.states_changed;
+            self.check_written("fmi2NewDiscreteStates", update.is_written);
             if update.terminate {
                 self.ended = true;
                 return Ok(());
@@ -154,6 +157,15 @@ impl<'a> Run<'a> {
         bail!(
             "fmi2NewDiscreteStates still needs new discrete states after {MAX_ROUNDS} calls, expected the event iteration to end"
         )
+    }
+
+    fn check_written(&mut self, function: &str, is_written: bool) {
+        if !is_written && !self.has_unwritten {
+            self.has_unwritten = true;
+            let text =
+                format!("{function} did not write all of its results, expected it to write all");
+            self.subject.report.find(&EVENTS, text);
+        }
     }
 
     /// Advances to the next communication point.
@@ -208,8 +220,9 @@ impl<'a> Run<'a> {
         } else {
             self.set_inputs(|input| input.is_continuous())?;
         }
-        let part = step / EULER_STEPS as f64;
-        for k in 1..=EULER_STEPS {
+        let parts = self.setup.parts;
+        let part = step / parts as f64;
+        for k in 1..=parts {
             if self.ended {
                 break;
             }
@@ -249,7 +262,9 @@ impl<'a> Run<'a> {
         if indicators > 0 {
             self.instance.event_indicators(indicators)?;
         }
-        if self.instance.completed_integrator_step()? {
+        let completed = self.instance.completed_integrator_step()?;
+        self.check_written("fmi2CompletedIntegratorStep", completed.is_written);
+        if completed.enter_event_mode {
             self.instance.enter_event_mode()?;
             self.iterate()?;
         }

@@ -82,6 +82,8 @@ pub struct Setup<'a> {
     pub parameters: bool,
     /// Whether times are sums of step sizes, with rounding errors that add up, instead of products.
     pub summed_times: bool,
+    /// In model exchange, steps of an explicit Euler method in a communication step.
+    pub parts: usize,
 }
 
 impl<'a> Subject<'a> {
@@ -109,6 +111,7 @@ impl<'a> Subject<'a> {
             seed: 1,
             parameters: false,
             summed_times: false,
+            parts: 10,
         }
     }
 

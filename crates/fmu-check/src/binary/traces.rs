@@ -108,11 +108,7 @@ impl Trace {
         findings: &mut Findings,
     ) -> Result<Option<Self>> {
         let outcome = checker.test_with(test, variables, findings)?;
-        if outcome
-            .found
-            .iter()
-            .any(|(rule, _)| *rule == test.rule || *rule == test.crash)
-        {
+        if outcome.fails(test) {
             return Ok(None);
         }
         let lines = outcome.values.iter().filter_map(|line| {

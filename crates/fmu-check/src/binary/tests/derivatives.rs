@@ -490,7 +490,7 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
         }
     }
     let at_once = run.instance.derivatives(n)?;
-    if run.instance.completed_integrator_step()? {
+    if run.instance.completed_integrator_step()?.enter_event_mode {
         return Ok(());
     }
     let later = run.instance.derivatives(n)?;

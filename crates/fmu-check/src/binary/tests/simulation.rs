@@ -19,30 +19,63 @@ use crate::binary::subject::{Setup, Subject};
 /// Runs the default experiment to its end, or as far as half of the time limit allows. Reports how many
 /// steps were taken and how long they took, or why the FMU refused the excitation.
 pub fn experiment(subject: &Subject<'_>) -> Result<()> {
-    let begin = Instant::now();
-    let mut watch = Watch::new(subject);
-    match watched(subject, &mut watch) {
-        Ok(steps) => {
-            let seconds = begin.elapsed().as_secs_f64();
-            subject.report.value(&format!("steps {steps} {seconds}"));
-            if subject.level != Level::Still && watch.has_nan {
-                // Inputs outside the model's range of validity; a weaker excitation decides.
-                subject.report.value("refused");
-                return Ok(());
-            }
-            watch.report(subject);
-            Ok(())
+    /// Euler steps that solve stiffer models.
+    const FINE: usize = 200;
+    let usual = subject.setup();
+    let mut outcome = Outcome::of(subject, &usual);
+    if outcome.is_doubtful() && subject.kind == Kind::ModelExchange && subject.level == Level::Still
+    {
+        let fine = Setup {
+            parts: FINE,
+            ..usual
+        };
+        outcome = Outcome::of(subject, &fine);
+    }
+    if outcome.is_doubtful() && subject.level != Level::Still {
+        // Inputs outside the model's range of validity; a weaker excitation decides.
+        subject.report.value("refused");
+        return Ok(());
+    }
+    let steps = outcome.steps?;
+    let seconds = outcome.seconds;
+    subject.report.value(&format!("steps {steps} {seconds}"));
+    outcome.watch.report(subject);
+    Ok(())
+}
+
+/// The outcome of a run to the end.
+struct Outcome<'a> {
+    watch: Watch<'a>,
+    steps: Result<usize>,
+    seconds: f64,
+}
+
+impl<'a> Outcome<'a> {
+    fn of(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Self {
+        let begin = Instant::now();
+        let mut watch = Watch::new(subject);
+        let steps = watched(subject, setup, &mut watch);
+        let seconds = begin.elapsed().as_secs_f64();
+        Self {
+            watch,
+            steps,
+            seconds,
         }
-        Err(error) if subject.level != Level::Still && is_refusal(&error) => {
-            subject.report.value("refused");
-            Ok(())
-        }
-        Err(error) => Err(error),
+    }
+
+    /// Whether the FMU has refused to go on, or computed what is not a number, which may be due to the
+    /// inputs or to our solver.
+    fn is_doubtful(&self) -> bool {
+        self.watch.has_nan || self.steps.as_ref().is_err_and(is_refusal)
     }
 }
 
-fn watched(subject: &Subject<'_>, watch: &mut Watch<'_>) -> Result<usize> {
-    let mut run = Run::begin(subject, &subject.setup())?;
+fn watched<'a>(
+    subject: &'a Subject<'a>,
+    setup: &Setup<'a>,
+    watch: &mut Watch<'a>,
+) -> Result<usize> {
+    let mut run = Run::begin(subject, setup)?;
     let constants: Vec<_> = constants(subject).collect();
     let values = |run: &mut Run<'_>| -> Result<Vec<Value>> {
         constants
@@ -312,7 +345,11 @@ pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
     subject.report.stage("after fmi2Reset");
     let mut run = run.reset(subject.setup())?;
     run.enter_initialization()?;
-    let mut new = Run::instantiate(subject, &subject.setup())?;
+    let other_name = Setup {
+        name: "other",
+        ..subject.setup()
+    };
+    let mut new = Run::instantiate(subject, &other_name)?;
     new.enter_initialization()?;
     for variable in settable {
         let expected = read(&mut new.instance, variable)?;

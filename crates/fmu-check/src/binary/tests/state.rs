@@ -123,6 +123,7 @@ fn through_bytes(subject: &Subject<'_>) -> Result<()> {
         true => run,
         false => {
             let setup = Setup {
+                name: "other",
                 seed: 2,
                 ..subject.setup()
             };
