@@ -153,7 +153,8 @@ impl Input<'_> {
                 size,
             } => {
                 let value = start + level.gain() * size * signal(key, point);
-                instance.set_real(&reference, &[value.clamp(*min, *max)])?;
+                // Not `clamp`, since the XML may be wrong about which is larger.
+                instance.set_real(&reference, &[value.max(*min).min(*max)])?;
             }
             _ if level == Level::Gentle => {}
             Signal::Integer(values) if values.is_empty() => {}
