@@ -121,8 +121,8 @@ def test_an_fmu_that_ends_the_process_is_named_and_its_rows_are_kept(folder, fau
 def test_an_fmu_that_fills_the_memory_is_killed(folder):
     result = simulated(folder, "FILL", 0.5, "--memory-limit=0.3")
     assert result.returncode == 1
-    said = r"fmi2DoStep used more than 0\.\d GB of memory and was killed; .*out\.csv\.part"
-    assert re.search(said, result.stderr)
+    expected = r"fmi2DoStep used more than 0\.\d GB of memory and was killed; .*out\.csv\.part"
+    assert re.search(expected, result.stderr)
     assert len(read_csv(folder / "out.csv.part")["time"]) == 500
 
 
@@ -151,10 +151,10 @@ def interrupted(folder: Path, number: int, *arguments: object, after: float = 1.
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_simulation_keeps_its_rows(folder, number):
     sets = (f"--set=plant.fault={FAULTS.index('HANG')}", "--set=plant.at=0.5")
-    code, said = interrupted(folder, number, "simulate", "system.toml", "--csv=out.csv", *sets)
+    code, errors = interrupted(folder, number, "simulate", "system.toml", "--csv=out.csv", *sets)
     assert code == 128 + number
     kept = "the rows up to t = 0.499 s are in out.csv.part"
-    assert said == f"interrupted at t = 0.5 s; {kept}\n"
+    assert errors == f"interrupted at t = 0.5 s; {kept}\n"
     assert len(read_csv(folder / "out.csv.part")["time"]) == 500
 
 
@@ -214,7 +214,7 @@ def test_a_sweep_with_one_crashing_run_in_a_thousand_finishes(folder):
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "reason"),
     [
         ("EXIT", "exited with code 0 before it had finished"),
         ("EXIT_AT_ONCE", "exited with code 3 before it had finished"),
@@ -223,12 +223,12 @@ def test_a_sweep_with_one_crashing_run_in_a_thousand_finishes(folder):
         ("FAIL", "returned fmi2Error"),
     ],
 )
-def test_a_failed_run_has_its_reason_in_the_table(folder, fault, told):
+def test_a_failed_run_has_its_reason_in_the_table(folder, fault, reason):
     sweep_file(folder, 5, fault, 0.005)
     limits = ("--call-timeout=0.5", "--memory-limit=0.4")
     result = run("sweep", "sweep.toml", "--out=out.csv", *limits, cwd=folder)
     assert result.returncode == 0, result.stderr
-    assert [row["failure"] for row in table(folder)] == [*4 * [""], STEP + told]
+    assert [row["failure"] for row in table(folder)] == [*4 * [""], STEP + reason]
     assert list((folder / "temporary").iterdir()) == []
 
 
@@ -265,10 +265,10 @@ def test_an_interrupted_sweep_resumes_without_repeating_the_failed_run(folder, n
     fault = f'[[parameter]]\nvariable = "plant.fault"\nvalues = [0, {crash}, {hang}, 0]\n[signals]'
     (folder / "sweep.toml").write_text(text.replace("[signals]", fault))
     arguments = ("sweep", "sweep.toml", "--out=out.csv", "--threads=1")
-    code, said = interrupted(folder, number, *arguments, after=2.0)
+    code, errors = interrupted(folder, number, *arguments, after=2.0)
     assert code == 128 + number
-    kept = "11 of 12 runs" if "11 of" in said else "10 of 12 runs"
-    assert said == f"interrupted; {kept} are in out.csv.part; run the same command to resume\n"
+    kept = "11 of 12 runs" if "11 of" in errors else "10 of 12 runs"
+    assert errors == f"interrupted; {kept} are in out.csv.part; run the same command to resume\n"
     before = (folder / "out.csv.part").read_text()
     assert before.count("signal 11") == 1
 
@@ -297,8 +297,8 @@ def test_a_missing_folder_is_named(folder, arguments):
     sweep_file(folder, 2, "", 0.0)
     result = run(*arguments, "nowhere/a.csv", cwd=folder)
     assert result.returncode == 1
-    said = "error: cannot write nowhere/a.csv: the folder nowhere does not exist\n"
-    assert result.stderr == said
+    expected = "error: cannot write nowhere/a.csv: the folder nowhere does not exist\n"
+    assert result.stderr == expected
 
 
 def test_two_runs_do_not_write_the_same_file(folder):
@@ -313,7 +313,7 @@ def test_two_runs_do_not_write_the_same_file(folder):
 
 
 @pytest.mark.parametrize(
-    ("file", "old", "new", "said"),
+    ("file", "old", "new", "expected"),
     [
         ("system", "stop = 1.0", "stop = inf", ":1: stop = inf, expected a finite time in s"),
         ("system", "step = 0.001", "step = 0", ":2: step = 0.0, expected a positive number of s"),
@@ -328,7 +328,7 @@ def test_two_runs_do_not_write_the_same_file(folder):
         ),
     ],
 )
-def test_a_wrong_value_in_a_file_is_found_by_its_line(folder, file, old, new, said):
+def test_a_wrong_value_in_a_file_is_found_by_its_line(folder, file, old, new, expected):
     sweep_file(folder, 2, "", 0.0)
     path = folder / f"{file}.toml"
     text = path.read_text()
@@ -338,4 +338,4 @@ def test_a_wrong_value_in_a_file_is_found_by_its_line(folder, file, old, new, sa
     result = run(command, path.name, cwd=folder)
     assert result.returncode == 1
     assert result.stderr.startswith(f"error: {path.name}:")
-    assert said in result.stderr
+    assert expected in result.stderr

@@ -268,10 +268,10 @@ mod tests {
         let path = folder.path().join("a.csv");
         let mut failed = Csv::create(&path, &columns()).unwrap();
         failed.push(0.0, &[1.0]).unwrap();
-        let told = failed.keep().unwrap().to_string();
+        let text = failed.keep().unwrap().to_string();
         let part = folder.path().join("a.csv.part");
         let expected = format!("the rows up to t = 0.0 s are in {}", part.display());
-        assert_eq!(told, expected);
+        assert_eq!(text, expected);
         let mut complete = Csv::create(&path, &columns()).unwrap();
         assert!(Csv::create(&path, &columns()).is_err(), "two writers");
         complete.push(0.5, &[1.0]).unwrap();

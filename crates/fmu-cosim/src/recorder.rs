@@ -247,9 +247,9 @@ mod tests {
         worker.at(f64::NAN);
         worker.begin(0, Function::Instantiate);
         let first = supervisor.call();
-        let said = |outcome| supervisor.failure(&names, outcome).unwrap().to_string();
+        let text = |outcome| supervisor.failure(&names, outcome).unwrap().to_string();
         assert_eq!(
-            said("was ended by signal 6, abort"),
+            text("was ended by signal 6, abort"),
             "a (a.fmu), instantiation: fmi2Instantiate was ended by signal 6, abort; \
              the FMU logged no reason"
         );
@@ -258,7 +258,7 @@ mod tests {
         worker.log("too fast: 9 > 8");
         assert_ne!(supervisor.call(), first);
         assert_eq!(
-            said("was ended by signal 6, abort"),
+            text("was ended by signal 6, abort"),
             "b (b.fmu), step of 0.25 s at t = 1.5 s: fmi2DoStep was ended by signal 6, abort: \
              too fast: 9 > 8"
         );

@@ -18,7 +18,7 @@ pub struct Supervised {
     call: u64,
     /// When this call was first seen.
     since: Instant,
-    told: bool,
+    reported: bool,
     memory_checked: Instant,
 }
 
@@ -36,7 +36,7 @@ impl Supervised {
             recorder,
             limits,
             since: Instant::now(),
-            told: false,
+            reported: false,
             memory_checked: Instant::now(),
         }
     }
@@ -56,7 +56,7 @@ impl Supervised {
         }
         let call = self.recorder.call();
         if call != self.call {
-            (self.call, self.since, self.told) = (call, Instant::now(), false);
+            (self.call, self.since, self.reported) = (call, Instant::now(), false);
         }
         let elapsed = self.since.elapsed();
         let hangs = |limit: &Duration| self.recorder.is_in_call() && elapsed >= *limit;
@@ -75,10 +75,10 @@ impl Supervised {
     /// Describes the call in progress, once, if it takes long. `names` are those of the components and
     /// of their FMUs.
     pub fn newly_slow(&mut self, names: &[(String, String)]) -> Option<String> {
-        if self.told || self.since.elapsed() < SLOW {
+        if self.reported || self.since.elapsed() < SLOW {
             return None;
         }
-        self.told = true;
+        self.reported = true;
         let outcome = format!("has not returned for {} s", SLOW.as_secs());
         Some(self.recorder.failure(names, &outcome)?.event())
     }

@@ -104,9 +104,9 @@ mod tests {
     }
 
     #[test]
-    fn every_end_is_told_in_plain_words() {
+    fn every_end_is_described_in_plain_words() {
         let unlimited = Limits::default();
-        for (script, told) in [
+        for (script, text) in [
             ("exit 0", "exited with code 0 before it had finished"),
             ("exit 3", "exited with code 3 before it had finished"),
             (
@@ -115,7 +115,7 @@ mod tests {
             ),
             ("kill -ABRT $$", "was ended by signal 6, abort"),
         ] {
-            assert_eq!(ended(script, &unlimited), told);
+            assert_eq!(ended(script, &unlimited), text);
         }
     }
 
@@ -125,8 +125,8 @@ mod tests {
             time: Some(Duration::from_millis(50)),
             ..Limits::default()
         };
-        let told = "did not return within 0.05 s and was killed";
-        assert_eq!(ended("exec sleep 60", &limits), told);
+        let text = "did not return within 0.05 s and was killed";
+        assert_eq!(ended("exec sleep 60", &limits), text);
     }
 
     #[cfg(target_os = "linux")]
@@ -136,7 +136,7 @@ mod tests {
             time: Some(Duration::from_secs(60)),
             memory: Some(40_000_000),
         };
-        let told = ended("x=aaaaaaaa; while :; do x=$x$x; done", &limits);
-        assert!(told.ends_with("GB of memory and was killed"), "{told}");
+        let text = ended("x=aaaaaaaa; while :; do x=$x$x; done", &limits);
+        assert!(text.ends_with("GB of memory and was killed"), "{text}");
     }
 }

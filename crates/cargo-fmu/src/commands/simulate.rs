@@ -134,7 +134,7 @@ fn supervise(args: &SimulateArgs) -> Result<ExitCode> {
             break ended;
         }
         if let Some(call) = process.newly_slow(&worker::names(folder)) {
-            worker::tell_slow(&call);
+            worker::report_slow(&call);
         }
         thread::sleep(pause);
         pause = (2 * pause).min(WORKER_PERIOD);
@@ -154,8 +154,8 @@ fn supervise(args: &SimulateArgs) -> Result<ExitCode> {
             })
         }
         _ => {
-            let said = worker::explain(&recorder, &worker::names(folder), &ended);
-            bail!("{said}{}", kept(args, rescue(args, folder)?))
+            let text = worker::explain(&recorder, &worker::names(folder), &ended);
+            bail!("{text}{}", kept(args, rescue(args, folder)?))
         }
     }
 }

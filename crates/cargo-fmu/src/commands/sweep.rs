@@ -86,7 +86,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             Ok(command)
         },
         is_cancelled: &|| session.signal().is_some(),
-        slow: &worker::tell_slow,
+        slow: &worker::report_slow,
     };
     workers.limits = args.limited.limits(workers.count())?;
     let interrupted = if let Some(Runs(runs)) = &args.rows {

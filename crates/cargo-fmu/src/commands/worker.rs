@@ -81,7 +81,7 @@ pub fn names(folder: &Path) -> Vec<(String, String)> {
 }
 
 /// Says which call has not returned for long.
-pub fn tell_slow(call: &str) {
+pub fn report_slow(call: &str) {
     anstream::eprintln!("{WARNING}warning:{WARNING:#} still waiting: {call}");
 }
 
