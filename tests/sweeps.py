@@ -38,7 +38,7 @@ normal = [1.096, 0.1]
 """32 runs with values of every type."""
 
 LONG = """
-stop = 60.0
+stop = 180.0
 
 [[parameter]]
 variable = "controller.pid.kp"

@@ -373,7 +373,7 @@ def test_different_fmus_with_the_same_name_are_rejected(program, fmus, tmp_path)
         shutil.copy(fmus / f"{model}.fmu", tmp_path / folder / "Controller.fmu")
     (tmp_path / "system.toml").write_text(text.replace("../../target/fmu", str(fmus)))
     sweep = tmp_path / "sweep.toml"
-    sweep.write_text('system = "system.toml"\n' + LONG.replace("60.0", "0.01") + sweeps.SIGNALS)
+    sweep.write_text('system = "system.toml"\n' + LONG.replace("180.0", "0.01") + sweeps.SIGNALS)
     out = tmp_path / "out.csv"
     message = complaint(distributed(sweep, out))
     assert "b/Controller.fmu are different FMUs; give them different names" in message

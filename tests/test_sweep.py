@@ -345,7 +345,7 @@ def test_a_journal_of_another_sweep_is_not_changed(program, tmp_path):
         process.kill()
     journal = journal_of(out).read_bytes()
     for change in (
-        lambda text: text.replace("stop = 60.0", "stop = 59.0"),
+        lambda text: text.replace("stop = 180.0", "stop = 179.0"),
         lambda text: text.replace("to = 400", "to = 401"),
         lambda text: f"{text}\n[metrics]\nband = 0.004",
         lambda text: f"set = {{ 'plant.M' = 2 }}\n{text}",
