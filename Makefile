@@ -100,7 +100,7 @@ judge: fmus $(VENV)/.judge
 ## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
 importers: ssp $(VENV)/.test $(VENV)/.judge
 	$(WITH_CLANG) cargo install --quiet --root target/tools fmi-sim@$(FMI_SIM)
-	$(UV_SETTINGS) $(RUN) tests/matrix/run.py
+	$(UV_SETTINGS) PYTHONPATH=tests $(RUN) tests/matrix/run.py
 
 ## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable
 portable: $(VENV)/.portable

@@ -145,6 +145,17 @@ impl Initial {
     }
 }
 
+impl VariableType {
+    /// The type whose functions get and set a variable: an Enumeration is accessed as an Integer
+    /// (FMI 2.0.5, section 2.1.7).
+    pub fn accessed_as(self) -> Self {
+        match self {
+            Self::Enumeration => Self::Integer,
+            other => other,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "fmi2.h"
+#include "stubs.h"
 
 enum { X, U, Y, TOLERANCE, STOP, REALS };
 
@@ -15,10 +15,6 @@ typedef struct {
     double reals[REALS];
     double step;
 } Instance;
-
-#define EXPORT __attribute__((visibility("default")))
-#define STUB(name) \
-    EXPORT int name(void) { return ERROR; }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
@@ -101,18 +97,4 @@ STUB(fmi2GetString)
 STUB(fmi2SetInteger)
 STUB(fmi2SetBoolean)
 STUB(fmi2SetString)
-STUB(fmi2GetFMUstate)
-STUB(fmi2SetFMUstate)
-STUB(fmi2FreeFMUstate)
-STUB(fmi2SerializedFMUstateSize)
-STUB(fmi2SerializeFMUstate)
-STUB(fmi2DeSerializeFMUstate)
-STUB(fmi2GetDirectionalDerivative)
-STUB(fmi2SetRealInputDerivatives)
-STUB(fmi2GetRealOutputDerivatives)
-STUB(fmi2CancelStep)
-STUB(fmi2GetStatus)
-STUB(fmi2GetRealStatus)
-STUB(fmi2GetIntegerStatus)
-STUB(fmi2GetBooleanStatus)
-STUB(fmi2GetStringStatus)
+OPTIONAL_STUBS

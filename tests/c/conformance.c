@@ -14,10 +14,9 @@
  */
 #define _GNU_SOURCE
 #include "conformance.h"
-#include "fmi2.h"
+#include "stubs.h"
 
 #define GUID "{conformance}"
-#define EXPORT __attribute__((visibility("default")))
 #define TOLERANCE 1e-9        /* of times [s] */
 #define STEP 1e-3             /* of the integrator [s] */
 #define LONGEST_STEP 1e3      /* that fmi2DoStep takes [s] */

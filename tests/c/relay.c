@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmi2.h"
+#include "stubs.h"
 
 enum { TIME, U, Y, GAIN, STATUS_TIME, NUMBER, U_MAX, REALS };
 enum { COUNT, N, M, ADD, STATUS, LOGGED, SHAPE, CHOICE, INTEGERS };
@@ -33,10 +33,6 @@ typedef struct {
 } Instance;
 
 static int fatal;
-
-#define EXPORT __attribute__((visibility("default")))
-#define STUB(name) \
-    EXPORT int name(void) { return ERROR; }
 
 static void say(const Instance *c, int status, const char *text, const char *detail) {
     c->callbacks->logger(c->callbacks->environment, c->name, status, "relay", text, detail);
@@ -192,18 +188,4 @@ EXPORT int fmi2DoStep(Instance *c, double time, double step) {
 }
 #endif
 
-STUB(fmi2GetFMUstate)
-STUB(fmi2SetFMUstate)
-STUB(fmi2FreeFMUstate)
-STUB(fmi2SerializedFMUstateSize)
-STUB(fmi2SerializeFMUstate)
-STUB(fmi2DeSerializeFMUstate)
-STUB(fmi2GetDirectionalDerivative)
-STUB(fmi2SetRealInputDerivatives)
-STUB(fmi2GetRealOutputDerivatives)
-STUB(fmi2CancelStep)
-STUB(fmi2GetStatus)
-STUB(fmi2GetRealStatus)
-STUB(fmi2GetIntegerStatus)
-STUB(fmi2GetBooleanStatus)
-STUB(fmi2GetStringStatus)
+OPTIONAL_STUBS

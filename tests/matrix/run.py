@@ -19,17 +19,15 @@ from typing import NamedTuple
 import fmpy
 import numpy as np
 
+import importers
+import reference
+from native import run, simulate
+from pendulum_fmus.loop import Loop
+from pendulum_fmus.master import simulate as couple
+from pendulum_fmus.project import FMUS, ROOT
+from test_container import Inside, container
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
-
-import importers  # noqa: E402
-import reference  # noqa: E402
-from native import run, simulate  # noqa: E402
-from pendulum_fmus.loop import Loop  # noqa: E402
-from pendulum_fmus.master import simulate as couple  # noqa: E402
-from pendulum_fmus.project import FMUS, ROOT  # noqa: E402
-from test_container import Inside, container  # noqa: E402
-
 FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 PAGE = ROOT / "docs" / "importers.md"
 STEP = 0.001

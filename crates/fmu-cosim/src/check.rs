@@ -6,7 +6,6 @@ use anyhow::{Result, bail, ensure};
 use fmu_description::{Causality, VariableType};
 
 use crate::system::{Link, Planned, Port};
-use crate::wiring::channel;
 
 /// Checks that every connection leads from an output to a matching input, and that no input is
 /// connected twice.
@@ -26,7 +25,7 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             );
         }
         ensure!(
-            channel(from.kind) == channel(to.kind),
+            from.kind.accessed_as() == to.kind.accessed_as(),
             "{} ({:?}) cannot feed {} ({:?}): the types differ",
             name(link.from),
             from.kind,

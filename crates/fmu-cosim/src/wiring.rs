@@ -24,14 +24,6 @@ pub(crate) struct Record {
     pub(crate) columns: Vec<usize>,
 }
 
-/// The type whose get and set functions are used: an Enumeration is accessed as an Integer.
-pub(crate) fn channel(kind: VariableType) -> VariableType {
-    match kind {
-        VariableType::Enumeration => VariableType::Integer,
-        other => other,
-    }
-}
-
 const CHANNELS: [VariableType; 3] = [
     VariableType::Real,
     VariableType::Integer,
@@ -44,7 +36,7 @@ pub(crate) fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
         let of_kind = |kind: VariableType| {
             let mut groups: BTreeMap<usize, (Group, Group, Vec<Option<Scale>>)> = BTreeMap::new();
             for link in links.iter().filter(|link| {
-                link.to.component == fed && channel(link.to.of(components).kind) == kind
+                link.to.component == fed && link.to.of(components).kind.accessed_as() == kind
             }) {
                 let (outputs, inputs, scales) = groups.entry(link.from.component).or_default();
                 push(outputs, components, link.from);
@@ -87,7 +79,7 @@ pub(crate) fn records(components: &[Planned], ports: &[Port]) -> Vec<Record> {
                 columns: Vec::new(),
             };
             for (column, port) in ports.iter().enumerate() {
-                if port.component == component && channel(port.of(components).kind) == kind {
+                if port.component == component && port.of(components).kind.accessed_as() == kind {
                     push(&mut record.group, components, *port);
                     record.columns.push(column);
                 }

@@ -218,7 +218,7 @@ pub fn start(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenSt
         _ => quote!(#expression),
     };
     let is_array = matches!(expression, Expr::Array(_) | Expr::Repeat(_));
-    // An item cannot be told from a constant array, and a constant array of items is unusual.
+    // An item cannot be distinguished from a constant array, and a constant array of items is unusual.
     let is_scalar = !is_array && (is_literal(&expression) || is_choice(variable));
     if field.dimensions().is_empty() {
         quote!(&[#value])

@@ -138,16 +138,11 @@ impl Instance {
 
     /// `fmi2GetString`
     pub fn get_string(&mut self, references: &[u32]) -> Result<Vec<String>> {
-        let mut values: Vec<fmi2String> = vec![ptr::null(); references.len()];
-        call!(self.fmi2GetString(references.as_ptr(), references.len(), values.as_mut_ptr()))?;
-        values
-            .into_iter()
-            // SAFETY: by the standard, the FMU's strings are valid until its next call.
-            .map(|value| unsafe { text(value) })
-            .collect::<Option<_>>()
-            .ok_or_else(|| {
-                Failure::new("fmi2GetString", Cause::Broke("returned NULL for a string"))
-            })
+        let texts = self.get_string_late(references, || ())?;
+        let texts: Option<_> = texts.into_iter().collect();
+        texts.ok_or_else(|| {
+            Failure::new("fmi2GetString", Cause::Broke("returned NULL for a string"))
+        })
     }
 
     /// `fmi2GetString`, whose strings are copied only after `between` was called, which is not to call

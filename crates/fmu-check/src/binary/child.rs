@@ -17,9 +17,11 @@ use super::report::Report;
 use super::subject::Subject;
 use super::tests::{self, Test};
 
-/// The folders next to each other in which tests run.
+// These folders are next to each other.
+
+/// The folder of the unpacked FMU.
 pub const FMU: &str = "fmu";
-/// The reports.
+/// The folder of the reports.
 pub const REPORT: &str = "report";
 /// The working directory of the child process.
 pub const WORK: &str = "work";

@@ -1,6 +1,7 @@
 //! The inputs and parameters of test runs: steps, sines and random numbers, the same in every run.
 
 use std::ffi::CString;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
@@ -120,13 +121,13 @@ impl Signal {
             }
             VariableType::Integer => {
                 let start = variable.start().and_then(integer).unwrap_or(0);
-                let bound = |name: &str| variable.inherited(name).and_then(integer);
-                let inside = |value: &i32| {
-                    bound("min").is_none_or(|min| *value >= min)
-                        && bound("max").is_none_or(|max| *value <= max)
-                };
                 let near = [start, start.saturating_add(1), start.saturating_sub(1)];
-                Self::Integer(near.into_iter().filter(inside).collect())
+                let range = integer_range(variable);
+                Self::Integer(
+                    near.into_iter()
+                        .filter(|value| range.contains(value))
+                        .collect(),
+                )
             }
             VariableType::String => Self::None,
         }
@@ -176,6 +177,12 @@ impl Input<'_> {
         self.variable.kind == VariableType::Real
             && self.variable.variability == Variability::Continuous
     }
+}
+
+/// The values between the min and max of an Integer.
+pub fn integer_range(variable: &ScalarVariable<'_>) -> RangeInclusive<i32> {
+    let bound = |name: &str| variable.inherited(name).and_then(integer);
+    bound("min").unwrap_or(i32::MIN)..=bound("max").unwrap_or(i32::MAX)
 }
 
 /// A step, a sine and random numbers, between -1 and 1.

@@ -194,7 +194,8 @@ impl Checker<'_> {
         Ok(false)
     }
 
-    /// The number of steps of a short run, of which two fit into the default experiment, given that some steps took this many seconds.
+    /// The number of steps of a short run, given that some steps took this many seconds. Two short runs
+    /// fit into the default experiment.
     fn short(&self, is_quick: bool, steps: usize, seconds: f64) -> usize {
         if is_quick {
             return FEW_STEPS.min(steps / 2).max(1);

@@ -44,11 +44,7 @@ pub type Trajectory = Vec<(f64, Row)>;
 
 impl<'a> Observed<'a> {
     /// Groups variables.
-    pub fn of<'b>(variables: impl Iterator<Item = &'b ScalarVariable<'a>>) -> Self
-    where
-        'a: 'b,
-        'b: 'a,
-    {
+    pub fn of(variables: impl Iterator<Item = &'a ScalarVariable<'a>>) -> Self {
         let mut observed = Self {
             reals: Group::default(),
             integers: Group::default(),
@@ -177,6 +173,11 @@ fn first<'a, T: Debug>(
     let at = (0..a.len().min(b.len())).find(|&i| !same(i))?;
     let name = group.variables.get(at)?.name;
     Some((name, format!("{:?}", a[at]), format!("{:?}", b[at])))
+}
+
+/// The value references of variables.
+pub fn references(variables: &[&ScalarVariable<'_>]) -> Vec<u32> {
+    variables.iter().map(|v| v.reference).collect()
 }
 
 /// Reads one variable.

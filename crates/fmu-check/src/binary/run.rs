@@ -3,10 +3,9 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::value::unsigned;
 use fmu_host::{Cause, Failure, Instance, Kind, Status};
 
-use super::excitation::change_parameters;
+use super::excitation::{Input, change_parameters};
 use super::record::{Row, Trajectory};
 use super::rules::EVENTS;
 use super::subject::{Setup, Subject};
@@ -38,6 +37,20 @@ impl<'a> Run<'a> {
         let mut run = Self::instantiate(subject, setup)?;
         run.initialize()?;
         Ok(run)
+    }
+
+    /// A usual run after some steps, fewer if the FMU is slow.
+    pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
+        let mut run = Self::begin(subject, &subject.setup())?;
+        for _ in 0..subject.steps.min(steps) {
+            run.advance()?;
+        }
+        Ok(run)
+    }
+
+    /// The rows of a short run.
+    pub fn recorded(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Trajectory> {
+        Self::begin(subject, setup)?.record(subject.steps)
     }
 
     /// Instantiates.
@@ -110,7 +123,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn set_inputs(&mut self, which: impl Fn(&super::excitation::Input<'_>) -> bool) -> Result<()> {
+    fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
             let Setup { level, seed, .. } = self.setup;
             input.set(&mut self.instance, level, seed, self.point)?;
@@ -253,8 +266,7 @@ impl<'a> Run<'a> {
         } else {
             self.instance.set_time(end)?;
         }
-        let indicators = self.subject.model.root.attribute("numberOfEventIndicators");
-        let indicators = indicators.and_then(unsigned).unwrap_or(0) as usize;
+        let indicators = self.subject.indicators();
         ensure!(
             indicators <= 1 << 20,
             "numberOfEventIndicators is {indicators}, which is more than can be tested"
@@ -283,10 +295,19 @@ impl<'a> Run<'a> {
 
     /// Like [`Run::record`], with each step in parts.
     pub fn record_in(&mut self, steps: usize, fractions: &[f64]) -> Result<Trajectory> {
+        self.record_by(steps, |run| run.advance_in(fractions))
+    }
+
+    /// Like [`Run::record`]; `advance` takes each step.
+    pub fn record_by(
+        &mut self,
+        steps: usize,
+        mut advance: impl FnMut(&mut Self) -> Result<()>,
+    ) -> Result<Trajectory> {
         let stride = self.subject.observed.stride(steps);
         let mut rows = vec![(self.time(), self.observe()?)];
         for k in 1..=steps {
-            self.advance_in(fractions)?;
+            advance(self)?;
             if self.ended {
                 break;
             }

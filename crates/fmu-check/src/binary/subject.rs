@@ -5,13 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use fmu_description::value::unsigned;
 use fmu_description::xml::Element;
-use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable};
+use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
 use fmu_host::{Instance, Instantiation, Kind, Library, Status, Treatment};
 
 use super::excitation::{Input, Level};
-use super::record::Observed;
+use super::record::{Observed, Row};
 use super::report::Report;
 
 /// The FMU under test.
@@ -112,6 +113,14 @@ impl<'a> Subject<'a> {
             parameters: false,
             summed_times: false,
             parts: 10,
+        }
+    }
+
+    /// The usual setup, with inputs that keep their start values.
+    pub fn still(&self) -> Setup<'static> {
+        Setup {
+            level: Level::Still,
+            ..self.setup()
         }
     }
 
@@ -219,8 +228,41 @@ impl<'a> Subject<'a> {
         self.all().filter(move |v| v.causality == causality)
     }
 
+    /// The Reals of a causality that can be read.
+    pub fn reals(&self, causality: Causality) -> Vec<&ScalarVariable<'a>> {
+        let all = self.variables(causality);
+        all.filter(|v| v.kind == VariableType::Real).collect()
+    }
+
     /// Number of continuous states.
     pub fn states(&self) -> usize {
         self.model.derivatives.len()
+    }
+
+    /// Number of event indicators.
+    pub fn indicators(&self) -> usize {
+        let indicators = self.model.root.attribute("numberOfEventIndicators");
+        indicators.and_then(unsigned).unwrap_or(0) as usize
+    }
+
+    /// Whether a process may have only one instance.
+    pub fn is_only_once(&self) -> bool {
+        self.claims(Capability::CanBeInstantiatedOnlyOncePerProcess)
+    }
+
+    /// Checks that two runs are the same up to a tolerance, relative to the largest value of each
+    /// variable. `when` tells what the actual run does, `like` what the expected one has done.
+    pub fn ensure_same(
+        &self,
+        actual: &[(f64, Row)],
+        expected: &[(f64, Row)],
+        tolerance: f64,
+        when: &str,
+        like: &str,
+    ) -> Result<()> {
+        match self.observed.difference(actual, expected, tolerance) {
+            Some(text) => bail!("{when}, {text}{like}"),
+            None => Ok(()),
+        }
     }
 }

@@ -204,12 +204,8 @@ fn model_exchange_only(
 fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut sets: HashMap<(VariableType, u32), Vec<&ScalarVariable<'_>>> = HashMap::new();
     for (_, variable) in model.variables() {
-        // Enumerations are read and set as Integers.
-        let kind = match variable.kind {
-            VariableType::Enumeration => VariableType::Integer,
-            kind => kind,
-        };
-        let set = sets.entry((kind, variable.reference)).or_default();
+        let key = (variable.kind.accessed_as(), variable.reference);
+        let set = sets.entry(key).or_default();
         set.push(variable);
     }
     let mut sets: Vec<_> = sets.into_values().filter(|set| set.len() > 1).collect();

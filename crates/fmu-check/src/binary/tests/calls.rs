@@ -115,9 +115,9 @@ fn report(subject: &Subject<'_>, rule: &crate::Rule, accepted: &[String]) {
     }
 }
 
-type Get = fn(&mut Instance, u32) -> fmu_host::Result;
+type Access = fn(&mut Instance, u32) -> fmu_host::Result;
 
-const GET: [(&str, VariableType, Get); 3] = [
+const GET: [(&str, VariableType, Access); 3] = [
     ("fmi2GetReal", VariableType::Real, |i, r| {
         i.get_real(&[r], &mut [0.0])
     }),
@@ -129,7 +129,7 @@ const GET: [(&str, VariableType, Get); 3] = [
     }),
 ];
 
-const SET: [(&str, VariableType, Get); 3] = [
+const SET: [(&str, VariableType, Access); 3] = [
     ("fmi2SetReal", VariableType::Real, |i, r| {
         i.set_real(&[r], &[0.0])
     }),
@@ -144,19 +144,15 @@ const SET: [(&str, VariableType, Get); 3] = [
 /// Reads value references that do not exist, or have another type.
 pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
     let mut accepted = with_unknown(subject, &GET)?;
+    let variables = subject.model.variables();
+    let known: HashSet<_> = variables
+        .map(|(_, v)| (v.kind.accessed_as(), v.reference))
+        .collect();
     for (function, kind, get) in GET {
-        let has = |kind: VariableType, reference: u32| {
-            subject.model.variables().any(|(_, v)| {
-                let own = match v.kind {
-                    VariableType::Enumeration => VariableType::Integer,
-                    own => own,
-                };
-                own == kind && v.reference == reference
-            })
-        };
         let others = subject.model.variables().map(|(_, v)| v).filter(|v| {
-            let (own, this) = (v.kind, kind);
-            own != this && own != VariableType::Enumeration && !has(this, v.reference)
+            v.kind != kind
+                && v.kind != VariableType::Enumeration
+                && !known.contains(&(kind, v.reference))
         });
         for variable in first_of_types(others) {
             let name = quote(variable.name);
@@ -193,7 +189,10 @@ pub fn unknown_set(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn with_unknown(subject: &Subject<'_>, calls: &[(&str, VariableType, Get)]) -> Result<Vec<String>> {
+fn with_unknown(
+    subject: &Subject<'_>,
+    calls: &[(&str, VariableType, Access)],
+) -> Result<Vec<String>> {
     let reference = unknown(subject);
     let mut accepted = Vec::new();
     for (function, _, call) in calls {

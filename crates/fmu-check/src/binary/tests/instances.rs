@@ -4,8 +4,8 @@ use std::ffi::CString;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow, bail, ensure};
-use fmu_description::{Capability, Causality, VariableType};
+use anyhow::{Result, anyhow, ensure};
+use fmu_description::{Causality, ScalarVariable, VariableType};
 
 use crate::binary::record::Trajectory;
 use crate::binary::run::Run;
@@ -14,22 +14,17 @@ use crate::binary::subject::{Setup, Subject};
 /// Relative difference of results that must be equal but for the rounding of vectorized loops.
 const ROUNDING: f64 = 1e-9;
 
-const ONLY_ONCE: Capability = Capability::CanBeInstantiatedOnlyOncePerProcess;
-
 fn usual(subject: &Subject<'_>) -> Result<Trajectory> {
-    Run::begin(subject, &subject.setup())?.record(subject.steps)
+    Run::recorded(subject, &subject.setup())
 }
 
-fn check(
+fn as_alone(
     subject: &Subject<'_>,
     actual: &Trajectory,
     expected: &Trajectory,
     when: &str,
 ) -> Result<()> {
-    match subject.observed.difference(actual, expected, ROUNDING) {
-        Some(text) => bail!("{when}, {text} as alone"),
-        None => Ok(()),
-    }
+    subject.ensure_same(actual, expected, ROUNDING, when, " as alone")
 }
 
 /// Another excitation than the usual one.
@@ -43,7 +38,7 @@ fn other<'a>(subject: &Subject<'_>) -> Setup<'a> {
 
 /// Runs an instance alone, and again next to a second instance with other inputs and parameters.
 pub fn beside(subject: &Subject<'_>) -> Result<()> {
-    if subject.claims(ONLY_ONCE) {
+    if subject.is_only_once() {
         return Ok(());
     }
     let expected = usual(subject)?;
@@ -56,19 +51,13 @@ pub fn beside(subject: &Subject<'_>) -> Result<()> {
     let mut one = Run::begin(subject, &subject.setup())?;
     let mut two =
         Run::begin(subject, &changed).or_else(|_| Run::begin(subject, &other(subject)))?;
-    let stride = subject.observed.stride(subject.steps);
-    let mut rows = vec![(one.time(), one.observe()?)];
-    for k in 1..=subject.steps {
+    let rows = one.record_by(subject.steps, |one| {
         two.advance()?;
         one.advance()?;
-        if one.ended || two.ended {
-            break;
-        }
-        if k % stride == 0 || k == subject.steps {
-            rows.push((one.time(), one.observe()?));
-        }
-    }
-    check(subject, &rows, &expected, when)
+        one.ended |= two.ended;
+        Ok(())
+    })?;
+    as_alone(subject, &rows, &expected, when)
 }
 
 /// Runs a new instance after another one was freed.
@@ -78,7 +67,7 @@ pub fn after(subject: &Subject<'_>) -> Result<()> {
     run.record(subject.steps)?;
     drop(run);
     subject.report.stage("after another instance was freed");
-    check(
+    as_alone(
         subject,
         &usual(subject)?,
         &expected,
@@ -96,16 +85,16 @@ pub fn on_another_thread(subject: &Subject<'_>) -> Result<()> {
         rows.join()
             .map_err(|_| anyhow!("the thread has ended early"))?
     })?;
-    check(subject, &actual, &expected, "on another thread")
+    as_alone(subject, &actual, &expected, "on another thread")
 }
 
 /// Runs two instances on two threads at the same time, again and again for a while.
 pub fn at_the_same_time(subject: &Subject<'_>) -> Result<()> {
     const DURATION: Duration = Duration::from_millis(500);
-    if subject.claims(ONLY_ONCE) {
+    if subject.is_only_once() {
         return Ok(());
     }
-    let alone = |setup: &Setup<'static>| Run::begin(subject, setup)?.record(subject.steps);
+    let alone = |setup: &Setup<'static>| Run::recorded(subject, setup);
     let setups = [subject.setup(), other(subject)];
     let expected = [alone(&setups[0])?, alone(&setups[1])?];
     subject
@@ -119,7 +108,7 @@ pub fn at_the_same_time(subject: &Subject<'_>) -> Result<()> {
         });
         for (actual, expected) in actual.into_iter().zip(&expected) {
             let actual = actual.map_err(|_| anyhow!("a thread has ended early"))??;
-            check(
+            as_alone(
                 subject,
                 &actual,
                 expected,
@@ -132,10 +121,10 @@ pub fn at_the_same_time(subject: &Subject<'_>) -> Result<()> {
 
 /// The strings of an instance stay when another instance sets and gets its own.
 pub fn strings(subject: &Subject<'_>) -> Result<()> {
-    let is_string = |v: &&fmu_description::ScalarVariable<'_>| v.kind == VariableType::String;
+    let is_string = |v: &&ScalarVariable<'_>| v.kind == VariableType::String;
     let readable = subject.observed.variables().filter(|v| is_string(v));
     let references: Vec<u32> = readable.map(|v| v.reference).collect();
-    if references.is_empty() || subject.claims(ONLY_ONCE) {
+    if references.is_empty() || subject.is_only_once() {
         return Ok(());
     }
     let mut one = Run::begin(subject, &subject.setup())?;

@@ -1,16 +1,17 @@
 //! Runs of the default experiment, in several ways.
 
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
-use fmu_description::value::{integer, real};
+use anyhow::{Context, Result, ensure};
+use fmu_description::value::real;
 use fmu_description::{Capability, Causality, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
 use crate::binary::child::is_refusal;
-use crate::binary::excitation::{Level, other, set};
+use crate::binary::excitation::{Level, integer_range, other, set};
 use crate::binary::record::{Digests, Row, Trajectory, Value, read};
 use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
 use crate::binary::run::Run;
@@ -141,10 +142,34 @@ fn constants<'a>(subject: &'a Subject<'_>) -> impl Iterator<Item = &'a ScalarVar
     })
 }
 
+/// The values that the XML allows for an Integer or an Enumeration.
+enum Allowed {
+    Range(RangeInclusive<i32>),
+    Items(HashSet<i32>),
+}
+
+impl Allowed {
+    fn of(variable: &ScalarVariable<'_>) -> Self {
+        match variable.kind {
+            VariableType::Enumeration => {
+                Self::Items(variable.items().map(|(_, value)| value).collect())
+            }
+            _ => Self::Range(integer_range(variable)),
+        }
+    }
+
+    fn contain(&self, value: &i32) -> bool {
+        match self {
+            Self::Range(range) => range.contains(value),
+            Self::Items(items) => items.is_empty() || items.contains(value),
+        }
+    }
+}
+
 /// Looks for invalid values in a run.
 struct Watch<'a> {
     reals: Vec<(&'a ScalarVariable<'a>, f64, f64)>,
-    items: Vec<(&'a ScalarVariable<'a>, HashSet<i32>)>,
+    integers: Vec<(&'a ScalarVariable<'a>, Allowed)>,
     booleans: Vec<&'a ScalarVariable<'a>>,
     strings: Vec<&'a ScalarVariable<'a>>,
     has_nan: bool,
@@ -163,14 +188,10 @@ impl<'a> Watch<'a> {
                 max.unwrap_or(f64::INFINITY),
             )
         });
-        let items = subject
-            .observed
-            .integers()
-            .iter()
-            .map(|&v| (v, v.items().map(|(_, value)| value).collect()));
+        let integers = subject.observed.integers().iter();
         Self {
             reals: reals.collect(),
-            items: items.collect(),
+            integers: integers.map(|&v| (v, Allowed::of(v))).collect(),
             booleans: subject.observed.booleans().to_vec(),
             strings: subject.observed.strings().to_vec(),
             has_nan: false,
@@ -200,16 +221,8 @@ impl<'a> Watch<'a> {
                 self.found.push((&BOUNDS, text));
             }
         }
-        for ((variable, items), value) in self.items.iter().zip(&row.integers) {
-            let valid = match variable.kind {
-                VariableType::Enumeration => items.is_empty() || items.contains(value),
-                _ => {
-                    let bound = |name: &str| variable.inherited(name).and_then(integer);
-                    bound("min").is_none_or(|min| *value >= min)
-                        && bound("max").is_none_or(|max| *value <= max)
-                }
-            };
-            if !valid && self.seen.insert(variable.name) {
+        for ((variable, allowed), value) in self.integers.iter().zip(&row.integers) {
+            if !allowed.contain(value) && self.seen.insert(variable.name) {
                 let name = quote(variable.name);
                 let text = format!(
                     "{name} is {value} at t = {time} s, expected a value that the XML allows"
@@ -273,22 +286,22 @@ fn traced(subject: &Subject<'_>, setup: &Setup<'_>) -> Result<()> {
 }
 
 fn usual(subject: &Subject<'_>) -> Result<Trajectory> {
-    Run::begin(subject, &subject.setup())?.record(subject.steps)
+    Run::recorded(subject, &subject.setup())
 }
 
-fn check(
+fn as_new(
     subject: &Subject<'_>,
     actual: &Trajectory,
     expected: &Trajectory,
     when: &str,
 ) -> Result<()> {
-    match subject
-        .observed
-        .difference(actual, expected, subject.tolerance())
-    {
-        Some(text) => bail!("{when}, {text} as in a new instance"),
-        None => Ok(()),
-    }
+    subject.ensure_same(
+        actual,
+        expected,
+        subject.tolerance(),
+        when,
+        " as in a new instance",
+    )
 }
 
 /// Runs with other parameters, resets, and runs again.
@@ -302,7 +315,7 @@ pub fn reset(subject: &Subject<'_>) -> Result<()> {
     let mut run = run.reset(subject.setup())?;
     run.initialize()?;
     let actual = run.record(subject.steps)?;
-    check(subject, &actual, &expected, "after fmi2Reset")?;
+    as_new(subject, &actual, &expected, "after fmi2Reset")?;
     run.instance.terminate()?;
     Ok(())
 }
@@ -322,11 +335,7 @@ fn changed<'a>(subject: &'a Subject<'a>) -> Result<Run<'a>> {
         run.record(subject.steps)?;
         Ok(run)
     };
-    run(&other).or_else(|_| {
-        let logged = subject.report;
-        logged.stage("");
-        run(&setup)
-    })
+    run(&other).or_else(|_| run(&setup))
 }
 
 /// Changes the start values of all inputs and parameters, resets, and reads them.
@@ -378,7 +387,7 @@ pub fn reset_early(subject: &Subject<'_>) -> Result<()> {
         subject.report.stage(stage);
         let mut run = run.reset(subject.setup())?;
         run.initialize()?;
-        check(subject, &run.record(subject.steps)?, &expected, stage)?;
+        as_new(subject, &run.record(subject.steps)?, &expected, stage)?;
     }
     Ok(())
 }
@@ -398,13 +407,9 @@ pub fn stop_time(subject: &Subject<'_>) -> Result<()> {
             ..subject.setup()
         };
         subject.report.stage(when);
-        let actual = Run::begin(subject, &setup)?.record(subject.steps)?;
-        if let Some(text) = subject
-            .observed
-            .difference(&actual, &expected, subject.tolerance())
-        {
-            bail!("{when}, {text} as with the stop time of the default experiment");
-        }
+        let actual = Run::recorded(subject, &setup)?;
+        let like = " as with the stop time of the default experiment";
+        subject.ensure_same(&actual, &expected, subject.tolerance(), when, like)?;
     }
     Ok(())
 }
@@ -434,14 +439,8 @@ pub fn summed_times(subject: &Subject<'_>) -> Result<()> {
     };
     let how = "with times that are rounded in another way";
     subject.report.stage(how);
-    let actual = Run::begin(subject, &setup)?.record(subject.steps)?;
-    match subject
-        .observed
-        .difference(&actual, &expected, subject.tolerance())
-    {
-        Some(text) => bail!("{how}, {text}"),
-        None => Ok(()),
-    }
+    let actual = Run::recorded(subject, &setup)?;
+    subject.ensure_same(&actual, &expected, subject.tolerance(), how, "")
 }
 
 /// Splits each step into a large and a tiny one.
@@ -471,15 +470,9 @@ fn in_parts(subject: &Subject<'_>, fractions: &[f64], how: &str) -> Result<()> {
     let actual = Run::begin(subject, &subject.setup())?
         .record_in(subject.steps, fractions)
         .context("canHandleVariableCommunicationStepSize is true, but")?;
-    match subject
-        .observed
-        .difference(&actual, &expected, TOLERANCE.max(subject.tolerance()))
-    {
-        Some(text) => bail!(
-            "canHandleVariableCommunicationStepSize is true, but {how}, {text} as with whole steps"
-        ),
-        None => Ok(()),
-    }
+    let tolerance = TOLERANCE.max(subject.tolerance());
+    let when = format!("canHandleVariableCommunicationStepSize is true, but {how}");
+    subject.ensure_same(&actual, &expected, tolerance, &when, " as with whole steps")
 }
 
 /// Terminates, and reads the values.
@@ -489,12 +482,12 @@ pub fn end(subject: &Subject<'_>) -> Result<()> {
     run.instance.terminate()?;
     subject.report.stage("after fmi2Terminate");
     let after = vec![(run.time(), run.observe()?)];
-    let last = rows[rows.len() - 1..].to_vec();
-    match subject
-        .observed
-        .difference(&after, &last, subject.tolerance())
-    {
-        Some(text) => bail!("after fmi2Terminate, {text} as before"),
-        None => Ok(()),
-    }
+    let last = &rows[rows.len() - 1..];
+    subject.ensure_same(
+        &after,
+        last,
+        subject.tolerance(),
+        "after fmi2Terminate",
+        " as before",
+    )
 }

@@ -1,6 +1,6 @@
 //! Saving and restoring the state of an instance.
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::Capability::{CanGetAndSetFMUstate, CanSerializeFMUstate};
 use fmu_description::{Causality, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
@@ -51,12 +51,8 @@ fn save_and_restore<'a>(subject: &'a Subject<'a>, run: &mut Run<'a>) -> Result<(
             );
         }
         let actual = run.record(subject.steps)?;
-        if let Some(text) = subject
-            .observed
-            .difference(&actual, &expected, subject.tolerance())
-        {
-            bail!("after steps from the restored state, {text} as before");
-        }
+        let when = "after steps from the restored state";
+        subject.ensure_same(&actual, &expected, subject.tolerance(), when, " as before")?;
     }
     run.instance.free_state(saved)?;
     Ok(())
@@ -118,8 +114,7 @@ fn through_bytes(subject: &Subject<'_>) -> Result<()> {
     if run.ended {
         return Ok(());
     }
-    let only_once = fmu_description::Capability::CanBeInstantiatedOnlyOncePerProcess;
-    let mut other = match subject.claims(only_once) {
+    let mut other = match subject.is_only_once() {
         true => run,
         false => {
             let setup = Setup {
@@ -138,15 +133,14 @@ fn through_bytes(subject: &Subject<'_>) -> Result<()> {
     other.instance.free_state(state)?;
     other.point = point;
     let actual = other.record(subject.steps)?;
-    match subject
-        .observed
-        .difference(&actual, &expected, subject.tolerance())
-    {
-        Some(text) => {
-            bail!("after steps from the state restored from bytes, {text} as in the first instance")
-        }
-        None => Ok(()),
-    }
+    let when = "after steps from the state restored from bytes";
+    subject.ensure_same(
+        &actual,
+        &expected,
+        subject.tolerance(),
+        when,
+        " as in the first instance",
+    )
 }
 
 fn bytes(run: &mut Run<'_>) -> Result<Vec<u8>> {

@@ -3,17 +3,17 @@
 use std::collections::HashMap;
 use std::hint::black_box;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::value::{boolean, integer, real};
 use fmu_description::{Causality, Initial, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
-use crate::binary::excitation::{Level, other, set};
-use crate::binary::record::{Row, Trajectory, Value, read};
+use crate::binary::excitation::{other, set};
+use crate::binary::record::{Row, Trajectory, Value, read, references};
 use crate::binary::rules::{READABLE, START, WRITES_INSIDE};
 use crate::binary::run::Run;
-use crate::binary::subject::{Setup, Subject};
+use crate::binary::subject::Subject;
 
 /// Maximum number of variables that are reported as unreadable.
 const MAX_UNREADABLE: usize = 20;
@@ -26,7 +26,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
         .collect();
     let (mut next, mut refused) = (0, 0);
     while next < all.len() && refused < MAX_UNREADABLE {
-        let mut run = Run::begin(subject, &still(subject))?;
+        let mut run = Run::begin(subject, &subject.still())?;
         for variable in &all[next..] {
             next += 1;
             if let Err(error) = read(&mut run.instance, variable) {
@@ -40,16 +40,9 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-fn still(subject: &Subject<'_>) -> Setup<'static> {
-    Setup {
-        level: Level::Still,
-        ..subject.setup()
-    }
-}
-
 /// Compares the start values of the XML with those of the binary in initialization mode.
 pub fn start(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Run::instantiate(subject, &still(subject))?;
+    let mut run = Run::instantiate(subject, &subject.still())?;
     run.enter_initialization()?;
     for variable in subject.all() {
         let exact =
@@ -93,21 +86,15 @@ fn is_start(value: &Value, start: &str) -> bool {
 
 /// Reads all variables together, one by one in the opposite order, and together again.
 pub fn get(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Run::begin(subject, &subject.setup())?;
-    for _ in 0..subject.steps.min(20) {
-        run.advance()?;
-    }
+    let mut run = Run::after(subject, 20)?;
     let together = run.observe()?;
     let again = run.observe()?;
     let at = |row| vec![(run.time(), row)];
     let (together, again) = (at(together), at(again));
-    if let Some(text) = subject.observed.difference(&again, &together, 0.0) {
-        bail!("read a second time, {text}");
-    }
+    subject.ensure_same(&again, &together, 0.0, "read a second time", "")?;
     let alone = one_by_one(subject, &mut run)?;
-    if let Some(text) = subject.observed.difference(&alone, &together, 0.0) {
-        bail!("read alone, {text} as when it is read with all others");
-    }
+    let like = " as when it is read with all others";
+    subject.ensure_same(&alone, &together, 0.0, "read alone", like)?;
     guarded(subject, &mut run)?;
     unwritten(subject, &mut run)?;
     backwards(subject, &mut run, &together)
@@ -115,10 +102,7 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
 
 /// Sets inputs to the values that they have, from an array that must not be written.
 fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
-    let inputs = subject.variables(Causality::Input);
-    let references: Vec<u32> = (inputs.filter(|v| v.kind == VariableType::Real))
-        .map(|v| v.reference)
-        .collect();
+    let references = references(&subject.reals(Causality::Input));
     if references.is_empty() || subject.kind == Kind::ModelExchange {
         return Ok(());
     }
@@ -142,23 +126,16 @@ fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
 
 /// Reads the Reals together in the opposite order.
 fn backwards(subject: &Subject<'_>, run: &mut Run<'_>, expected: &Trajectory) -> Result<()> {
-    let references: Vec<u32> = subject
-        .observed
-        .reals()
-        .iter()
-        .map(|v| v.reference)
-        .rev()
-        .collect();
+    let mut references = references(subject.observed.reals());
+    references.reverse();
     if references.is_empty() {
         return Ok(());
     }
     let (time, mut row) = expected[0].clone();
     run.instance.get_real(&references, &mut row.reals)?;
     row.reals.reverse();
-    match subject.observed.difference(&[(time, row)], expected, 0.0) {
-        Some(text) => bail!("read together in another order, {text}"),
-        None => Ok(()),
-    }
+    let when = "read together in another order";
+    subject.ensure_same(&[(time, row)], expected, 0.0, when, "")
 }
 
 fn one_by_one(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<Trajectory> {
@@ -182,12 +159,7 @@ fn one_by_one(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<Trajectory> {
 /// Reads the Reals into a buffer that is longer than needed.
 fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     const GUARD: f64 = 1.234_567_89e300;
-    let references: Vec<u32> = subject
-        .observed
-        .reals()
-        .iter()
-        .map(|v| v.reference)
-        .collect();
+    let references = references(subject.observed.reals());
     let n = references.len();
     if n > 0 {
         let mut values = vec![GUARD; n + 8];
@@ -216,10 +188,7 @@ pub fn aliases(subject: &Subject<'_>) -> Result<()> {
         let key = (variable.kind, variable.reference);
         sets.entry(key).or_default().push(variable);
     }
-    let mut run = Run::begin(subject, &subject.setup())?;
-    for _ in 0..subject.steps.min(20) {
-        run.advance()?;
-    }
+    let mut run = Run::after(subject, 20)?;
     for set in sets.values().filter(|set| set.len() > 1) {
         let first = read(&mut run.instance, set[0])?;
         for other in &set[1..] {
@@ -237,7 +206,7 @@ pub fn aliases(subject: &Subject<'_>) -> Result<()> {
 /// Sets inputs and parameters before initialization, inputs in initialization mode, and inputs between
 /// steps, and reads them back.
 pub fn kept(subject: &Subject<'_>) -> Result<()> {
-    let setup = still(subject);
+    let setup = subject.still();
     let mut run = Run::instantiate(subject, &setup)?;
     for variable in subject.variables(Causality::Parameter) {
         // Before initialization, FMUs need not let values be read.
@@ -316,12 +285,9 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
             continuous && v.causality == Causality::Output
         })
         .collect();
-    let mut run = Run::instantiate(subject, &still(subject))?;
+    let mut run = Run::instantiate(subject, &subject.still())?;
     run.enter_initialization()?;
-    for variable in subject
-        .variables(Causality::Input)
-        .filter(|v| v.kind == VariableType::Real)
-    {
+    for variable in subject.reals(Causality::Input) {
         if let Some(value) = other(variable)
             && set(&mut run.instance, variable.reference, &value).is_err()
         {
