@@ -273,7 +273,7 @@ DEFECTS = {
     "ONE_STEP_SIZE_ONLY": Defect(
         CS, "fmi2DoStep refuses steps other than 0.01 s", "variable-step-size"
     ),
-    "SAMPLES_OVERFLOW": Defect(BOTH, "the samples overflow a buffer of 16 on the heap", "survives"),
+    "SAMPLES_OVERFLOW": Defect(BOTH, "the samples overflow a buffer of 16 on the heap", "heap"),
     "CRASH_IN_STEP": Defect(BOTH, "the first step crashes", "survives"),
     "CRASH_LATER": Defect(BOTH, "a step after 0.5 s crashes", "survives"),
     "ABORT_LATER": Defect(BOTH, "a step after 0.5 s calls abort", "survives"),

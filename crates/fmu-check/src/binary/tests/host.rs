@@ -180,12 +180,15 @@ fn settled(expected: &Process) -> Process {
     }
 }
 
-/// Creates and frees instances, between which memory is used again.
+/// Creates and frees instances, between which memory is used again, and one more after a run to the end
+/// of the default experiment, since some buffers overflow late.
 pub fn lives(subject: &Subject<'_>) -> Result<()> {
     for _ in 0..5 {
         cycle(subject, subject.steps)?;
         drop(black_box(vec![1_u8; 1000]));
     }
+    let mut run = Run::begin(subject, &subject.setup())?;
+    run.run_for(subject.all_steps(), subject.time_limit / 2, |_, _| {})?;
     Ok(())
 }
 
