@@ -1,7 +1,8 @@
 //! The mathematics of H. Gao, X. Li, C. Gao, J. Wu, "Neural Network Supervision Control Strategy for
 //! Inverted Pendulum Tracking Control" (Discrete Dynamics in Nature and Society, 2021), and nothing
 //! else: no FMI, no I/O, no allocation. It runs on a microcontroller as well as inside an FMU, and
-//! gives the same bits on every platform (transcendental functions come from `libm`).
+//! gives the same bits on every platform: transcendental functions are its own [`exp`](exp::exp) and those
+//! of `libm`.
 //!
 //! The plant is a cart (mass `M`, friction `b`, driven by the force `u`) with a pendulum (mass `m`,
 //! inertia `I`, distance `l` to its centre of mass) pivoted on it at the angle `theta`:
@@ -26,18 +27,24 @@
 //! | [`plant`] | linear, nonlinear and transfer-function model of the pendulum | (7) to (11), (40), (41) |
 //! | [`pid`] | the terms of the error and the [`Pid`] | (20), (25), (26) |
 //! | [`rbf`] | the network and its learning rule | (12) to (14), (18), (19) |
+//! | [`exp`] | the exponential function, for the Gaussians (12) | |
 //! | [`learning`] | [`PidRbf`] and [`IpidRbf`] | (23), (24), (28), (29) |
 //! | [`signal`] | set-points and the disturbance | section 4 |
 //! | [`closed_loop`] | plant and controller together, with the paper's settings | section 4 |
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "std")]
+extern crate std;
+
 pub mod closed_loop;
+pub mod exp;
 pub mod learning;
 pub mod pid;
 pub mod plant;
 pub mod rbf;
 pub mod signal;
+mod vector;
 
 pub use learning::{IpidRbf, PidRbf, Target};
 pub use pid::Pid;

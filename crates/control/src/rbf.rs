@@ -1,5 +1,7 @@
 //! The radial-basis-function network (12) to (14) and its learning rule (18), (19).
 
+use crate::vector::{self, Weights};
+
 /// A network of `N` Gaussian nodes with one input, the set-point.
 ///
 /// Parameters may be changed between samples; after a change of `centres` or `widths`, call
@@ -55,6 +57,8 @@ pub struct Rbf<const N: usize> {
     weights_before: [f64; N],
     /// The input of `activations`; NaN if there is none yet.
     input: f64,
+    /// -1/(2 b_j^2) of the nodes (1/rad^2), if there is an input.
+    factors: [f64; N],
 }
 
 /// Centres as in section 4: whole numbers on both sides of zero, -2, -1, 1, 2 for 4 nodes.
@@ -86,6 +90,7 @@ impl<const N: usize> Default for Rbf<N> {
             activations: [0.0; N],
             weights_before: [0.0; N],
             input: f64::NAN,
+            factors: [0.0; N],
         }
     }
 }
@@ -108,23 +113,19 @@ impl<const N: usize> Rbf<N> {
         }
     }
 
-    #[inline(never)]
+    #[inline(always)]
     fn compute_activations(&mut self, r: f64) {
-        for j in 0..N {
-            let (distance, b) = (r - self.centres[j], self.widths[j]);
-            self.activations[j] = libm::exp(-(distance * distance) / (2.0 * b * b));
+        if self.input.is_nan() {
+            self.factors = self.widths.map(|b| -1.0 / (2.0 * b * b));
         }
+        vector::gaussians(&mut self.activations, r, &self.centres, &self.factors);
         self.input = r;
     }
 
     /// The output u_n = sum w_j h_j, equation (14).
     #[inline(always)]
     pub fn output(&self) -> f64 {
-        let mut sum = -0.0; // the neutral element of float addition
-        for j in 0..N {
-            sum += self.weights[j] * self.activations[j];
-        }
-        sum
+        vector::dot(&self.weights, &self.activations)
     }
 
     /// One step of gradient descent on (u_n - target)^2 / 2 with momentum, (18), (19):
@@ -136,12 +137,11 @@ impl<const N: usize> Rbf<N> {
     /// As [`learn`](Self::learn), with `gradient` = u_n - target already known.
     #[inline(always)]
     pub(crate) fn descend(&mut self, gradient: f64) {
-        for j in 0..N {
-            let weight = self.weights[j];
-            self.weights[j] = weight - self.eta * gradient * self.activations[j]
-                + self.alpha * (weight - self.weights_before[j]);
-            self.weights_before[j] = weight;
-        }
+        let weights = Weights {
+            now: &mut self.weights,
+            before: &mut self.weights_before,
+        };
+        vector::learn(weights, &self.activations, -self.eta * gradient, self.alpha);
     }
 }
 

@@ -1,0 +1,179 @@
+//! Loops over the nodes of a network. A loop over many nodes uses the longest vectors that the processor
+//! has, which is found out at run time. Their length does not change the bits.
+
+use core::hint::black_box;
+
+use multiversion::multiversion;
+
+use crate::exp::exp_to_highest;
+
+/// Up to this number of nodes, a loop without a call is faster.
+const FEW: usize = 16;
+
+/// The number of partial sums of a scalar product.
+const LANES: usize = 8;
+
+/// Sets `values[j]` to exp(factor_j (x - centre_j)^2), where all factors are negative.
+#[inline(always)]
+pub(crate) fn gaussians<const N: usize>(
+    values: &mut [f64; N],
+    x: f64,
+    centres: &[f64; N],
+    factors: &[f64; N],
+) {
+    if N > FEW {
+        many_gaussians(values, x, centres, factors);
+    } else {
+        // The compiler vectorizes loops, but unrolls those of few iterations if it knows their number.
+        let (values, centres, factors) = black_box((&mut values[..], &centres[..], &factors[..]));
+        few_gaussians(values, x, centres, factors);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn many_gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
+    each_gaussian(values, x, centres, factors);
+}
+
+#[multiversion(targets("x86_64+avx2"))]
+fn few_gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
+    each_gaussian(values, x, centres, factors);
+}
+
+#[inline(always)]
+fn each_gaussian(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
+    for ((value, centre), factor) in values.iter_mut().zip(centres).zip(factors) {
+        let distance = x - centre;
+        *value = exp_to_highest(distance * distance * factor);
+    }
+}
+
+/// The scalar product, summed in an order that is the same for all vectors.
+#[inline(always)]
+pub(crate) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    if N > FEW {
+        dot_many(a, b)
+    } else {
+        dot_few(a, b)
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn dot_many<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    dot_few(a, b)
+}
+
+#[inline(always)]
+fn dot_few<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    let mut sums = [-0.0; LANES]; // the neutral element of addition
+    let (blocks, rest) = a.as_chunks::<LANES>();
+    let (blocks_of_b, rest_of_b) = b.as_chunks::<LANES>();
+    for (a, b) in blocks.iter().zip(blocks_of_b) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    for ((sum, a), b) in sums.iter_mut().zip(rest).zip(rest_of_b) {
+        *sum += a * b;
+    }
+    let [s0, s1, s2, s3, s4, s5, s6, s7] = sums;
+    ((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7))
+}
+
+/// Weights, and those of one sample before.
+pub(crate) struct Weights<'a, const N: usize> {
+    pub(crate) now: &'a mut [f64; N],
+    pub(crate) before: &'a mut [f64; N],
+}
+
+/// Adds `rate` times the direction and `momentum` times the last change to the weights.
+#[inline(always)]
+pub(crate) fn learn<const N: usize>(
+    weights: Weights<'_, N>,
+    direction: &[f64; N],
+    rate: f64,
+    momentum: f64,
+) {
+    if N > FEW {
+        learn_many(weights, direction, rate, momentum);
+    } else {
+        learn_few(weights, direction, rate, momentum);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn learn_many<const N: usize>(
+    weights: Weights<'_, N>,
+    direction: &[f64; N],
+    rate: f64,
+    momentum: f64,
+) {
+    learn_few(weights, direction, rate, momentum);
+}
+
+#[inline(always)]
+fn learn_few<const N: usize>(
+    Weights { now, before }: Weights<'_, N>,
+    direction: &[f64; N],
+    rate: f64,
+    momentum: f64,
+) {
+    for j in 0..N {
+        let weight = now[j];
+        now[j] = (weight + momentum * (weight - before[j])) + rate * direction[j];
+        before[j] = weight;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::array::from_fn;
+
+    use super::*;
+    use crate::exp::exp;
+
+    /// Numbers between -1 and 1 without a pattern.
+    fn numbers<const N: usize>(seed: f64) -> [f64; N] {
+        from_fn(|j| libm::sin(1e3 * libm::sin(seed + j as f64)))
+    }
+
+    /// Compares with loops over single numbers, whose bits cannot depend on vectors.
+    fn check<const N: usize>() {
+        let [a, b, c] = [1.0, 2.0, 3.0].map(numbers::<N>);
+        let factors = b.map(|b| -1e3 * b * b);
+
+        let mut values = [0.0; N];
+        gaussians(&mut values, 0.5, &a, &factors);
+        let expected = from_fn(|j| exp((0.5 - a[j]) * (0.5 - a[j]) * factors[j]));
+        assert_eq!(values, expected);
+
+        let (mut now, mut before) = (a, b);
+        let weights = Weights {
+            now: &mut now,
+            before: &mut before,
+        };
+        learn(weights, &c, 0.1, 0.7);
+        assert_eq!(now, from_fn(|j| (a[j] + 0.7 * (a[j] - b[j])) + 0.1 * c[j]));
+        assert_eq!(before, a);
+
+        let mut sums = [-0.0; LANES];
+        for j in 0..N {
+            sums[j % LANES] += a[j] * b[j];
+        }
+        let [s0, s1, s2, s3, s4, s5, s6, s7] = sums;
+        let expected = ((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7));
+        assert_eq!(dot(&a, &b).to_bits(), expected.to_bits());
+    }
+
+    #[test]
+    fn loops_have_the_bits_of_single_operations() {
+        check::<0>();
+        check::<1>();
+        check::<4>();
+        check::<7>();
+        check::<16>();
+        check::<17>();
+        check::<64>();
+        check::<103>();
+    }
+}
