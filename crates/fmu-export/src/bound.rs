@@ -129,9 +129,12 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     /// Checks that all Real outputs are finite.
     #[inline(always)]
     fn check_outputs(model: &mut M) -> Result<(), ModelError> {
-        match model.add_outputs(0.0).is_finite() {
-            true => Ok(()),
-            false => Self::find_not_finite(model),
+        let sum = model.add_outputs(-0.0); // the neutral element of addition
+        // As `is_finite`, in fewer instructions: zero times infinity is NaN.
+        if 0.0 * sum == 0.0 {
+            Ok(())
+        } else {
+            Self::find_not_finite(model)
         }
     }
 
@@ -158,44 +161,56 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
     #[inline(always)]
     pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        let is_real = |&reference: &u32| Self::place(reference).is_some();
+        let is_real = |&reference: &u32| {
+            Self::PLACES
+                .get(reference as usize)
+                .is_some_and(|place| place.offset != Place::NONE)
+        };
         // All references are checked before the first value is written.
-        let all_are_real = references.len() == 1 || references.iter().all(is_real);
-        all_are_real
-            && (references.iter().zip(values)).all(|(&reference, value)| {
-                let real = self.real(reference).map(|real| *value = *real);
-                real.is_some()
-            })
+        if !references.iter().all(is_real) {
+            return false;
+        }
+        for (&reference, value) in references.iter().zip(values) {
+            // SAFETY: the reference is that of a Real, by the check.
+            *value = unsafe { *self.real(reference) };
+        }
+        true
     }
 
     /// Writes Reals that may be set between steps. Returns false and writes nothing if a variable or
     /// value is not allowed.
     #[inline(always)]
     pub(crate) fn set_reals(&mut self, references: &[u32], values: &[f64]) -> bool {
-        let mut all = references.iter().zip(values);
-        all.clone().all(|(&reference, value)| {
-            let place = Self::place(reference);
-            place.is_some_and(|place| place.min <= *value && *value <= place.max)
-        }) && all.all(|(&reference, &value)| {
-            let real = self.real(reference).map(|real| *real = value);
-            real.is_some()
-        })
-    }
-
-    /// The place of a Real.
-    #[inline(always)]
-    fn place(reference: u32) -> Option<&'static Place> {
-        let place = Self::PLACES.get(reference as usize)?;
-        (place.offset != Place::NONE).then_some(place)
+        // The range is empty unless the variable is a Real that may be set.
+        let is_allowed = |(&reference, value): (&u32, &f64)| {
+            Self::PLACES
+                .get(reference as usize)
+                .is_some_and(|place| place.min <= *value && *value <= place.max)
+        };
+        let all = references.iter().zip(values);
+        if !all.clone().all(is_allowed) {
+            return false;
+        }
+        for (&reference, &value) in all {
+            // SAFETY: the reference is that of a Real, by the check.
+            unsafe { *self.real(reference) = value };
+        }
+        true
     }
 
     /// The Real with the given reference.
+    ///
+    /// # Safety
+    /// The reference is that of a Real.
     #[inline(always)]
-    fn real(&mut self, reference: u32) -> Option<&mut f64> {
-        let place = Self::place(reference)?;
+    unsafe fn real(&mut self, reference: u32) -> &mut f64 {
         let model = &raw mut self.state.model;
-        // SAFETY: `Variables` promises an `f64` at this offset of the model, which is borrowed mutably.
-        Some(unsafe { &mut *model.byte_add(place.offset).cast::<f64>() })
+        // SAFETY: the caller's promise; `Variables` promises an `f64` at this offset of the model, which
+        // is borrowed mutably.
+        unsafe {
+            let place = Self::PLACES.get_unchecked(reference as usize);
+            &mut *model.byte_add(place.offset).cast::<f64>()
+        }
     }
 }
 
@@ -205,15 +220,18 @@ impl<M: Simulate> State<M> {
     fn sample(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         let before = self.clock;
         let due = self.clock.due(time, step)?;
-        let sample_time = self.model.sample_time();
-        for (taken, instant) in self.clock.last_instants(due, sample_time).enumerate() {
+        let mut remaining = due;
+        while remaining > 0 {
+            let sample_time = self.model.sample_time();
+            let instant = self.clock.instant_before(remaining, sample_time);
             if let Err(error) = self.model.step(instant, sample_time) {
-                if taken > 0 {
+                if remaining < due {
                     return Err(error.broken()); // earlier samples have changed the model
                 }
                 self.clock = before;
                 return Err(error);
             }
+            remaining -= 1;
         }
         Ok(())
     }

@@ -30,8 +30,9 @@ pub struct SampleClock {
     start: f64,
     /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
     rate: f64,
-    /// Index of the next instant, `None` before the first step: a whole number, exact up to 2^53.
-    next: Option<f64>,
+    /// Index of the next instant: a whole number, exact up to 2^53, or minus infinity before the first
+    /// step.
+    next: f64,
 }
 
 /// An unset clock, for which every step has too many samples.
@@ -40,7 +41,7 @@ impl Default for SampleClock {
         Self {
             start: 0.0,
             rate: f64::INFINITY,
-            next: None,
+            next: f64::NEG_INFINITY,
         }
     }
 }
@@ -60,7 +61,7 @@ impl SampleClock {
         Ok(Self {
             start,
             rate,
-            next: None,
+            next: f64::NEG_INFINITY,
         })
     }
 
@@ -71,22 +72,20 @@ impl SampleClock {
     #[inline]
     pub fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
         let end = self.samples_to(time + step);
-        match self.next {
-            // The common case, without the cost of rounding.
-            Some(next) if next < end && end <= next + 1.0 => {
-                self.next = Some(next + 1.0);
-                Ok(1)
-            }
-            _ => self.count(time, end),
+        // The common case, without the cost of rounding.
+        if self.next < end && end <= self.next + 1.0 {
+            self.next += 1.0;
+            return Ok(1);
         }
+        self.count(time, end)
     }
 
     /// The general case of [`due`](Self::due), for any number of instants.
     #[inline(never)]
     fn count(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
         let next = match self.next {
-            Some(next) => next,
-            None => libm::ceil(self.samples_to(time)).max(0.0),
+            f64::NEG_INFINITY => libm::ceil(self.samples_to(time)).max(0.0),
+            next => next,
         };
         let samples = libm::ceil(end - next).max(0.0);
         if samples > MAX_SAMPLES {
@@ -94,16 +93,15 @@ impl SampleClock {
                 "the communication step contains {samples} sample instants, more than the maximum of {MAX_SAMPLES}"
             )));
         }
-        self.next = Some(next + samples);
+        self.next = next + samples;
         Ok(samples as u32)
     }
 
-    /// The last `count` instants that were counted, for the sample time `ts` (s).
+    /// The instant that is the `count`-th from the end of those that were counted, for the sample time
+    /// `ts` (s).
     #[inline]
-    pub(crate) fn last_instants(&self, count: u32, ts: f64) -> impl Iterator<Item = f64> + use<> {
-        let first = self.next.unwrap_or_default() - f64::from(count);
-        let start = self.start;
-        (0..count).map(move |k| start + (first + f64::from(k)) * ts)
+    pub(crate) fn instant_before(&self, count: u32, ts: f64) -> f64 {
+        self.start + (self.next - f64::from(count)) * ts
     }
 
     /// The time since the start in sample times, minus the tolerance. Rounded up, it is the number of
@@ -184,11 +182,13 @@ mod tests {
     }
 
     #[test]
-    fn the_last_instants_are_those_just_counted() {
+    fn instants_are_counted_from_the_last() {
         let mut clock = SampleClock::new(1.0, 0.5).unwrap();
         assert_eq!(clock.due(1.0, 1.2), Ok(3));
-        let instants: Vec<f64> = clock.last_instants(3, 0.5).collect();
-        assert_eq!(instants, [1.0, 1.5, 2.0]);
+        assert_eq!(
+            [3, 2, 1].map(|k| clock.instant_before(k, 0.5)),
+            [1.0, 1.5, 2.0]
+        );
     }
 
     #[test]

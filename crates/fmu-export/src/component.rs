@@ -189,7 +189,7 @@ impl Component {
                 .into());
             }
             c.lifecycle.start_time = start;
-            c.lifecycle.stop_time = stop;
+            c.lifecycle.stop_time = stop.unwrap_or(f64::MAX);
             c.lifecycle.stale = true;
             Ok(())
         })
@@ -327,7 +327,14 @@ impl Component {
 
     /// The end of the last successful step (s).
     pub(crate) fn time(&self) -> f64 {
-        self.lifecycle.time.unwrap_or(self.lifecycle.start_time)
+        let Lifecycle {
+            time, start_time, ..
+        } = self.lifecycle;
+        if time == f64::NEG_INFINITY {
+            start_time
+        } else {
+            time
+        }
     }
 
     /// Computes the outputs from the start values and inputs.

@@ -14,9 +14,10 @@ const MIN_TOLERANCE: f64 = 1e-9;
 pub(crate) struct Lifecycle {
     pub(crate) phase: Phase,
     pub(crate) start_time: f64,
-    pub(crate) stop_time: Option<f64>,
-    /// The current communication point (s); `None` before the first step.
-    pub(crate) time: Option<f64>,
+    /// `f64::MAX` if there is none.
+    pub(crate) stop_time: f64,
+    /// The current communication point (s); minus infinity before the first step.
+    pub(crate) time: f64,
     /// Whether values were set since the outputs were last computed.
     pub(crate) stale: bool,
     /// Whether an input has a time derivative for the next step.
@@ -27,8 +28,8 @@ impl Lifecycle {
     pub(crate) const NEW: Self = Self {
         phase: Phase::Instantiated,
         start_time: 0.0,
-        stop_time: None,
-        time: None,
+        stop_time: f64::MAX,
+        time: f64::NEG_INFINITY,
         stale: true,
         has_input_derivatives: false,
     };
@@ -44,9 +45,8 @@ impl Lifecycle {
     pub(crate) fn is_next_step(&self, time: f64, step: f64) -> bool {
         self.phase == Phase::StepComplete
             && 0.0 < step
-            && step <= f64::MAX
-            && (self.time).is_some_and(|end| (time - end).abs() <= MIN_TOLERANCE)
-            && (self.stop_time).is_none_or(|stop| time + step <= stop)
+            && (time - self.time).abs() <= MIN_TOLERANCE
+            && time + step <= self.stop_time
     }
 
     /// Checks a step, and logs a warning if it is unusual.
@@ -63,22 +63,21 @@ impl Lifecycle {
         }
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
-        match self.time {
-            Some(end) if (time - end).abs() > tolerance => {
-                return Err(reason!(
-                    "the communication point is {time:?}; expected {end}, where the last step ended"
-                ));
-            }
-            Some(_) => {}
-            None => self.check_first_step(time, step, tolerance, log)?,
+        let (end, stop) = (self.time, self.stop_time);
+        if end == f64::NEG_INFINITY {
+            self.check_first_step(time, step, tolerance, log)?;
+        } else if (time - end).abs() > tolerance {
+            return Err(reason!(
+                "the communication point is {time:?}; expected {end}, where the last step ended"
+            ));
         }
-        match self.stop_time {
-            Some(stop) if time + step > stop + tolerance => Err(reason!(
+        if time + step > stop + tolerance {
+            return Err(reason!(
                 "the step ends at {:?}, past the stop time {stop:?}",
                 time + step
-            )),
-            _ => Ok(()),
+            ));
         }
+        Ok(())
     }
 
     /// Allows a late first step: a sampled loop may start at its first sample.
@@ -114,8 +113,8 @@ mod tests {
     /// An instance whose last step ended at 1 s and whose stop time is 2 s.
     const RUNNING: Lifecycle = Lifecycle {
         phase: Phase::StepComplete,
-        stop_time: Some(2.0),
-        time: Some(1.0),
+        stop_time: 2.0,
+        time: 1.0,
         ..Lifecycle::NEW
     };
 
@@ -137,11 +136,10 @@ mod tests {
         let others = [f64::INFINITY, f64::NAN, -1.0, f64::MIN];
         let numbers: Vec<f64> = extremes.into_iter().chain(others).collect();
         for &end in &numbers {
-            for stop_time in [None, Some(2.0), Some(f64::MAX)] {
-                let time = Some(end);
+            for stop_time in [2.0, f64::MAX] {
                 let lifecycle = Lifecycle {
                     stop_time,
-                    time,
+                    time: end,
                     ..RUNNING
                 };
                 for (&time, &step) in numbers
@@ -160,7 +158,7 @@ mod tests {
     #[test]
     fn the_first_step_and_other_states_take_the_slow_path() {
         let first = Lifecycle {
-            time: None,
+            time: f64::NEG_INFINITY,
             ..RUNNING
         };
         assert!(!first.is_next_step(0.0, 0.1));

@@ -2,7 +2,7 @@
 
 use super::{
     NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
-    fmi2ValueReference, instance, slice, slice_mut, text, with,
+    fmi2ValueReference, instance::functions, slice, slice_mut, text, with,
 };
 use crate::component::{Component, Outcome};
 use crate::phase::{self, Call};
@@ -18,8 +18,8 @@ pub unsafe extern "C" fn fmi2GetReal(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        match instance(c) {
-            Some(instance) => instance.get_reals(references, n, values),
+        match functions(c) {
+            Some(functions) => (functions.get_reals)(c, references, n, values),
             None => fmi2Status::fmi2Error,
         }
     }
@@ -35,8 +35,8 @@ pub unsafe extern "C" fn fmi2SetReal(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        match instance(c) {
-            Some(instance) => instance.set_reals(references, n, values),
+        match functions(c) {
+            Some(functions) => (functions.set_reals)(c, references, n, values),
             None => fmi2Status::fmi2Error,
         }
     }

@@ -4,8 +4,8 @@ use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{
-    Handle, fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, slice, text,
-    with,
+    fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, instance::functions,
+    slice, text, with,
 };
 use crate::component::Component;
 
@@ -24,14 +24,12 @@ pub extern "C" fn fmi2GetVersion() -> fmi2String {
 /// `fmi2FreeInstance`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2FreeInstance(c: fmi2Component) {
-    if c.is_null() {
-        return;
+    // SAFETY: the caller's promise: NULL or an instance that is not freed.
+    if let Some(functions) = unsafe { functions(c) } {
+        // If the model's destructor panics, its memory leaks, but the host keeps running.
+        // SAFETY: the functions are those of the instance.
+        let _ = catch_unwind(AssertUnwindSafe(|| unsafe { (functions.free)(c) }));
     }
-    // SAFETY: not NULL, so by the caller's promise an instance that is not freed; `instantiate`
-    // created the pointer from a box.
-    let handle = unsafe { Box::from_raw(c.cast::<Handle>()) };
-    // If the model's destructor panics, its memory leaks, but the host keeps running.
-    let _ = catch_unwind(AssertUnwindSafe(|| drop(handle)));
 }
 
 /// `fmi2SetDebugLogging`

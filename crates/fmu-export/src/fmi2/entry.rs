@@ -4,7 +4,7 @@ use fmu_description::guid::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
-use super::Instance;
+use super::{fmi2Component, instance};
 use crate::Simulate;
 use crate::bound::Bound;
 use crate::component::Component;
@@ -18,7 +18,7 @@ pub struct Entry {
     /// Start values of a variant.
     overrides: Overrides,
     pub(crate) guid: Guid,
-    create: fn(&'static Self, Log, Folder) -> Box<dyn Instance>,
+    create: fn(&'static Self, Log, Folder) -> fmi2Component,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
     _embedded: &'static [u8],
 }
@@ -61,7 +61,7 @@ impl Entry {
             overrides: interface.overrides,
             guid: guid(&interface),
             create: |entry, log, resources| {
-                Box::new(Component::new(log, resources, Bound::<M, N>::new(entry)))
+                instance::create(Component::new(log, resources, Bound::<M, N>::new(entry)))
             },
             _embedded: embedded,
         }
@@ -81,7 +81,7 @@ impl Entry {
         self.overrides
     }
 
-    pub(super) fn create(&'static self, log: Log, resources: Folder) -> Box<dyn Instance> {
+    pub(super) fn create(&'static self, log: Log, resources: Folder) -> fmi2Component {
         (self.create)(self, log, resources)
     }
 }

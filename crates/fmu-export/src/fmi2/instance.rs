@@ -1,4 +1,4 @@
-//! The type behind the host's pointer, and the three functions that a host calls at every step.
+//! What the host's pointer points to, and the three functions that a host calls at every step.
 //!
 //! These functions are generic over the model, so that the compiler inlines its step and variable
 //! access: an entry point is a jump to the function of its model with the arguments unchanged. They
@@ -8,58 +8,120 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
-use super::{access, fmi2Real, fmi2Status, fmi2ValueReference};
+use super::{access, fmi2Component, fmi2Real, fmi2Status, fmi2ValueReference};
 use crate::Simulate;
 use crate::bound::Bound;
 use crate::component::Component;
 use crate::phase::{self, Phase};
 use crate::slave::Slave;
 
-/// An instance of any model.
-///
-/// The functions have the C ABI and never unwind, so that an entry point can end in a jump.
-pub(crate) trait Instance {
+/// The functions that depend on the model. The first argument is the host's pointer to an instance of
+/// this model, which is not used concurrently; the others are those of the standard. They never unwind.
+pub(super) struct Functions {
     /// The component, which handles all other calls.
-    fn component(&mut self) -> &mut Component;
-
+    pub(super) component: unsafe fn(fmi2Component) -> *mut Component,
     /// `fmi2GetReal`
-    ///
-    /// # Safety
-    /// `references` and `values` are NULL or hold `n` elements.
-    unsafe extern "C" fn get_reals(
-        &mut self,
-        references: *const fmi2ValueReference,
-        n: usize,
-        values: *mut fmi2Real,
-    ) -> fmi2Status;
-
+    pub(super) get_reals: unsafe extern "C" fn(
+        fmi2Component,
+        *const fmi2ValueReference,
+        usize,
+        *mut fmi2Real,
+    ) -> fmi2Status,
     /// `fmi2SetReal`
-    ///
-    /// # Safety
-    /// `references` and `values` are NULL or hold `n` elements.
-    unsafe extern "C" fn set_reals(
-        &mut self,
-        references: *const fmi2ValueReference,
-        n: usize,
-        values: *const fmi2Real,
-    ) -> fmi2Status;
-
+    pub(super) set_reals: unsafe extern "C" fn(
+        fmi2Component,
+        *const fmi2ValueReference,
+        usize,
+        *const fmi2Real,
+    ) -> fmi2Status,
     /// `fmi2DoStep`
-    extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status;
+    pub(super) do_step: unsafe extern "C" fn(fmi2Component, fmi2Real, fmi2Real) -> fmi2Status,
+    /// `fmi2FreeInstance`
+    pub(super) free: unsafe fn(fmi2Component),
 }
 
-impl<M: Simulate, const N: usize> Instance for Component<Bound<M, N>> {
-    fn component(&mut self) -> &mut Component {
-        self
+/// An instance of a model. The table of functions comes first, so that it can be found without knowing
+/// the model.
+#[repr(C)]
+struct Instance<M, const N: usize> {
+    functions: &'static Functions,
+    component: Component<Bound<M, N>>,
+}
+
+/// Moves a component to the heap and returns the host's pointer to it.
+pub(super) fn create<M: Simulate, const N: usize>(
+    component: Component<Bound<M, N>>,
+) -> fmi2Component {
+    let functions = &Instance::<M, N>::FUNCTIONS;
+    Box::into_raw(Box::new(Instance {
+        functions,
+        component,
+    }))
+    .cast()
+}
+
+/// The functions of the instance behind the host's pointer; `None` for NULL.
+///
+/// # Safety
+/// `c` is NULL or came from [`create`], and is not freed.
+#[inline(always)]
+pub(super) unsafe fn functions(c: fmi2Component) -> Option<&'static Functions> {
+    // SAFETY: every instance begins with a pointer to its functions.
+    unsafe { c.cast::<&'static Functions>().as_ref().copied() }
+}
+
+/// The component behind the host's pointer; `None` for NULL.
+///
+/// # Safety
+/// As [`functions`], and the instance is not used otherwise during the lifetime of the component.
+#[inline(always)]
+pub(super) unsafe fn component<'a>(c: fmi2Component) -> Option<&'a mut Component> {
+    // SAFETY: the caller's promise; the functions are those of the instance.
+    unsafe { functions(c).map(|functions| &mut *(functions.component)(c)) }
+}
+
+impl<M: Simulate, const N: usize> Instance<M, N> {
+    const FUNCTIONS: Functions = Functions {
+        component: Self::component,
+        get_reals: Self::get_reals,
+        set_reals: Self::set_reals,
+        do_step: Self::do_step,
+        free: Self::free,
+    };
+
+    /// # Safety
+    /// As for all [`Functions`].
+    #[inline(always)]
+    unsafe fn of<'a>(c: fmi2Component) -> &'a mut Component<Bound<M, N>> {
+        // SAFETY: the pointer is that of an instance of this model.
+        unsafe { &mut (*c.cast::<Self>()).component }
     }
 
+    /// # Safety
+    /// As for all [`Functions`].
+    unsafe fn component(c: fmi2Component) -> *mut Component {
+        // SAFETY: the caller's promise.
+        unsafe { Self::of(c) }
+    }
+
+    /// # Safety
+    /// As for all [`Functions`].
+    unsafe fn free(c: fmi2Component) {
+        // SAFETY: `create` made the pointer from a box.
+        drop(unsafe { Box::from_raw(c.cast::<Self>()) });
+    }
+
+    /// # Safety
+    /// As for all [`Functions`].
     unsafe extern "C" fn get_reals(
-        &mut self,
+        c: fmi2Component,
         references: *const fmi2ValueReference,
         n: usize,
         values: *mut fmi2Real,
     ) -> fmi2Status {
-        if self.is_fast(references, n, values) {
+        // SAFETY: the caller's promise.
+        let component = unsafe { Self::of(c) };
+        if component.is_fast(references, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
                 (
@@ -67,21 +129,25 @@ impl<M: Simulate, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts_mut(values, n),
                 )
             };
-            if self.slave.get_reals(references, values) {
+            if component.slave.get_reals(references, values) {
                 return fmi2Status::fmi2OK;
             }
         }
         // SAFETY: the caller's promise.
-        unsafe { get_slowly(self, references, n, values) }
+        unsafe { get_slowly(c, references, n, values) }
     }
 
+    /// # Safety
+    /// As for all [`Functions`].
     unsafe extern "C" fn set_reals(
-        &mut self,
+        c: fmi2Component,
         references: *const fmi2ValueReference,
         n: usize,
         values: *const fmi2Real,
     ) -> fmi2Status {
-        if self.is_fast(references, n, values) {
+        // SAFETY: the caller's promise.
+        let component = unsafe { Self::of(c) };
+        if component.is_fast(references, values) {
             // SAFETY: not NULL by the check, and arrays of `n` elements by the caller's promise.
             let (references, values) = unsafe {
                 (
@@ -89,82 +155,97 @@ impl<M: Simulate, const N: usize> Instance for Component<Bound<M, N>> {
                     slice::from_raw_parts(values, n),
                 )
             };
-            if self.slave.set_reals(references, values) {
+            if component.slave.set_reals(references, values) {
                 return fmi2Status::fmi2OK;
             }
         }
         // SAFETY: the caller's promise.
-        unsafe { set_slowly(self, references, n, values) }
+        unsafe { set_slowly(c, references, n, values) }
     }
 
-    extern "C" fn do_step(&mut self, time: fmi2Real, step: fmi2Real) -> fmi2Status {
-        if !self.lifecycle.is_next_step(time, step)
-            && let Some(outcome) = self.component().refuse_step(time, step)
+    /// # Safety
+    /// As for all [`Functions`].
+    unsafe extern "C" fn do_step(c: fmi2Component, time: fmi2Real, step: fmi2Real) -> fmi2Status {
+        // SAFETY: the caller's promise.
+        let component = unsafe { Self::of(c) };
+        if !component.lifecycle.is_next_step(time, step)
+            && let Some(outcome) = component.shared().refuse_step(time, step)
         {
             return outcome.into();
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
-            self.slave.step(time, step)?;
-            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.lifecycle.has_input_derivatives {
-                self.slave.clear_input_derivatives();
-                self.lifecycle.has_input_derivatives = false;
+            component.slave.step(time, step)?;
+            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && component.lifecycle.has_input_derivatives {
+                component.slave.clear_input_derivatives();
+                component.lifecycle.has_input_derivatives = false;
             }
             Ok(())
         }));
         match taken {
             Ok(Ok(())) => {
-                self.lifecycle.time = Some(time + step);
+                component.lifecycle.time = time + step;
                 fmi2Status::fmi2OK
             }
-            Ok(Err(error)) => self.component().fail_step(error, time, step).into(),
+            Ok(Err(error)) => component.shared().fail_step(error, time, step).into(),
             Err(panic) => {
-                let component = self.component();
+                let component = component.shared();
                 component.fail_by_panic(phase::DO_STEP.name, panic).into()
             }
         }
     }
 }
 
+/// `fmi2GetReal` for the cases that are not fast.
+///
 /// # Safety
-/// As [`Instance::get_reals`].
+/// As for all [`Functions`].
 #[cold]
 #[inline(never)]
-unsafe fn get_slowly(
-    component: &mut Component,
+unsafe extern "C" fn get_slowly(
+    c: fmi2Component,
     references: *const fmi2ValueReference,
     n: usize,
     values: *mut fmi2Real,
 ) -> fmi2Status {
+    let call = &phase::GET_REAL;
     // SAFETY: the caller's promise.
-    unsafe { access::get(component, &phase::GET_REAL, references, n, values) }.into()
+    unsafe {
+        super::with(c, |component| {
+            access::get(component, call, references, n, values)
+        })
+    }
 }
 
+/// `fmi2SetReal` for the cases that are not fast.
+///
 /// # Safety
-/// As [`Instance::set_reals`].
+/// As for all [`Functions`].
 #[cold]
 #[inline(never)]
-unsafe fn set_slowly(
-    component: &mut Component,
+unsafe extern "C" fn set_slowly(
+    c: fmi2Component,
     references: *const fmi2ValueReference,
     n: usize,
     values: *const fmi2Real,
 ) -> fmi2Status {
+    let call = &phase::SET_REAL;
     // SAFETY: the caller's promise.
-    unsafe { access::set(component, &phase::SET_REAL, references, n, values) }.into()
+    unsafe {
+        super::with(c, |component| {
+            access::set(component, call, references, n, values)
+        })
+    }
 }
 
 impl<M: Simulate, const N: usize> Component<Bound<M, N>> {
-    /// Whether a get or set may take the fast path: between steps, with arrays that are not empty.
+    /// The component without its type.
+    fn shared(&mut self) -> &mut Component {
+        self
+    }
+
+    /// Whether a get or set may take the fast path: between steps, with arrays that are not NULL.
     #[inline(always)]
-    fn is_fast<V>(
-        &self,
-        references: *const fmi2ValueReference,
-        n: usize,
-        values: *const V,
-    ) -> bool {
-        self.lifecycle.phase == Phase::StepComplete
-            && n != 0
-            && !references.is_null()
-            && !values.is_null()
+    fn is_fast<V>(&self, references: *const fmi2ValueReference, values: *const V) -> bool {
+        self.lifecycle.phase == Phase::StepComplete && !references.is_null() && !values.is_null()
     }
 }

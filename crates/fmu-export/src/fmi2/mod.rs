@@ -28,7 +28,6 @@ pub use common::*;
 pub use derivatives::*;
 pub use entry::{Entry, interface};
 pub use fmu_types::fmi2::*;
-pub(crate) use instance::Instance;
 pub use slave::*;
 pub use state::*;
 pub use unsupported::*;
@@ -48,27 +47,14 @@ impl From<Outcome> for fmi2Status {
     }
 }
 
-/// What the host's pointer points to.
-type Handle = Box<dyn Instance>;
-
-/// The instance behind the host's pointer; `None` for NULL.
-///
-/// # Safety
-/// `component` is NULL or came from [`instantiate`], is not freed, and is not used concurrently.
-#[inline(always)]
-unsafe fn instance<'a>(component: fmi2Component) -> Option<&'a mut Handle> {
-    // SAFETY: the caller's promise; `instantiate` created the pointer from a `Box<Handle>`.
-    unsafe { component.cast::<Handle>().as_mut() }
-}
-
 /// Calls the component behind the host's pointer. NULL has no logger, so it only returns an error.
 ///
 /// # Safety
-/// As [`instance`].
+/// As [`instance::component`].
 unsafe fn with(pointer: fmi2Component, call: impl FnOnce(&mut Component) -> Outcome) -> fmi2Status {
     // SAFETY: the caller's promise.
-    match unsafe { instance(pointer) } {
-        Some(instance) => call(instance.component()).into(),
+    match unsafe { instance::component(pointer) } {
+        Some(component) => call(component).into(),
         None => fmi2Status::fmi2Error,
     }
 }
@@ -143,7 +129,7 @@ pub unsafe fn instantiate(
                     Ok(location) => resources::path(location),
                     Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
                 };
-                Some(Box::new(model.create(log, resources)))
+                Some(model.create(log, resources))
             }
             Err(reason) => {
                 log.send(Category::Error, || format!("fmi2Instantiate: {reason}"));
@@ -152,7 +138,7 @@ pub unsafe fn instantiate(
         }
     }));
     match made {
-        Ok(Some(handle)) => Box::into_raw(handle).cast(),
+        Ok(Some(instance)) => instance,
         _ => std::ptr::null_mut(),
     }
 }

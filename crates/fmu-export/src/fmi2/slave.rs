@@ -2,7 +2,7 @@
 
 use super::{
     fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,
-    fmi2StatusKind, fmi2Terminated, instance, with,
+    fmi2StatusKind, fmi2Terminated, instance::functions, with,
 };
 use crate::component::{Component, Failure};
 use crate::phase::{self, Call};
@@ -16,9 +16,13 @@ pub unsafe extern "C" fn fmi2DoStep(
     _no_set_fmu_state_prior_to_current_point: fmi2Boolean,
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
-    match unsafe { instance(c) } {
-        Some(instance) => instance.do_step(current_communication_point, communication_step_size),
-        None => fmi2Status::fmi2Error,
+    unsafe {
+        match functions(c) {
+            Some(functions) => {
+                (functions.do_step)(c, current_communication_point, communication_step_size)
+            }
+            None => fmi2Status::fmi2Error,
+        }
     }
 }
 
