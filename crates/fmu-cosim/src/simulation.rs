@@ -154,20 +154,21 @@ impl<'a> Simulation<'a> {
     #[inline]
     fn step(&mut self, time: f64, step: f64) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
-        let is_parallel = self.plan.order == Order::Parallel;
-        if is_parallel {
-            for component in components.iter_mut() {
+        match self.plan.order {
+            Order::Sequential => components.iter_mut().try_for_each(|component| {
                 component.write(outputs)?;
+                component.instance.step(time, step)?;
+                component.read(outputs)
+            }),
+            Order::Parallel => {
+                let mut all = components.iter_mut();
+                all.try_for_each(|component| component.write(outputs))?;
+                components.iter_mut().try_for_each(|component| {
+                    component.instance.step(time, step)?;
+                    component.read(outputs)
+                })
             }
         }
-        for component in components {
-            if !is_parallel {
-                component.write(outputs)?;
-            }
-            component.instance.step(time, step)?;
-            component.read(outputs)?;
-        }
-        Ok(())
     }
 }
 

@@ -92,6 +92,8 @@ pub(crate) struct Component<'a> {
     pub(crate) instance: Instance,
     ports: &'a ByType<Ports>,
     inputs: Inputs,
+    /// Whether other types than Real are transferred, which is rare.
+    has_others: bool,
 }
 
 impl Outputs {
@@ -124,20 +126,31 @@ impl<'a> Component<'a> {
             integers: vec![0; ports.integers.sources.len()],
             booleans: vec![0; ports.booleans.sources.len()],
         };
+        let others = [&ports.integers, &ports.booleans];
+        let is_empty =
+            |ports: &&Ports| ports.sources.is_empty() && ports.outputs.references.is_empty();
         Self {
             instance,
             ports,
             inputs,
+            has_others: !others.iter().all(is_empty),
         }
     }
 
     /// Reads its outputs, each once.
     #[inline(always)]
     pub(crate) fn read(&mut self, outputs: &mut Outputs) -> Called {
-        let Self {
-            instance, ports, ..
-        } = self;
-        read::<Real>(instance, &ports.reals, &mut outputs.reals)?;
+        let ports = &self.ports.reals;
+        read::<Real>(&mut self.instance, ports, &mut outputs.reals)?;
+        match self.has_others {
+            false => Ok(()),
+            true => self.read_others(outputs),
+        }
+    }
+
+    #[inline(never)]
+    fn read_others(&mut self, outputs: &mut Outputs) -> Called {
+        let (instance, ports) = (&mut self.instance, self.ports);
         read::<Integer>(instance, &ports.integers, &mut outputs.integers)?;
         read::<Boolean>(instance, &ports.booleans, &mut outputs.booleans)
     }
@@ -145,24 +158,21 @@ impl<'a> Component<'a> {
     /// Writes its inputs.
     #[inline(always)]
     pub(crate) fn write(&mut self, outputs: &Outputs) -> Called {
-        let Self {
-            instance,
-            ports,
-            inputs,
-        } = self;
-        write::<Real>(instance, &ports.reals, &outputs.reals, &mut inputs.reals)?;
-        write::<Integer>(
-            instance,
-            &ports.integers,
-            &outputs.integers,
-            &mut inputs.integers,
-        )?;
-        write::<Boolean>(
-            instance,
-            &ports.booleans,
-            &outputs.booleans,
-            &mut inputs.booleans,
-        )
+        let (ports, values) = (&self.ports.reals, &mut self.inputs.reals);
+        write::<Real>(&mut self.instance, ports, &outputs.reals, values)?;
+        match self.has_others {
+            false => Ok(()),
+            true => self.write_others(outputs),
+        }
+    }
+
+    #[inline(never)]
+    fn write_others(&mut self, outputs: &Outputs) -> Called {
+        let (instance, values) = (&mut self.instance, &mut self.inputs);
+        let ports = &self.ports.integers;
+        write::<Integer>(instance, ports, &outputs.integers, &mut values.integers)?;
+        let ports = &self.ports.booleans;
+        write::<Boolean>(instance, ports, &outputs.booleans, &mut values.booleans)
     }
 }
 
@@ -185,11 +195,12 @@ pub(crate) fn propagate(
 #[inline(always)]
 fn read<T: Type>(instance: &mut Instance, ports: &Ports, outputs: &mut [T::Value]) -> Called {
     let Variables { references, names } = &ports.outputs;
+    let references = references.as_slice();
     if references.is_empty() {
         return Ok(());
     }
     let values = &mut outputs[ports.first..][..references.len()];
-    let what = || names.join(", ");
+    let what = move || names.join(", ");
     instance.call(T::GET, what, |s| T::get(s, references, values))
 }
 
@@ -226,17 +237,20 @@ fn write<T: Type>(
     values: &mut [T::Value],
 ) -> Called {
     let Variables { references, names } = &ports.inputs;
+    let references = references.as_slice();
     if references.is_empty() {
         return Ok(());
     }
-    for (value, source) in values.iter_mut().zip(&ports.sources) {
+    let values = &mut values[..references.len()];
+    for (value, source) in values.iter_mut().zip(&ports.sources[..references.len()]) {
         let output = outputs[source.output];
         *value = source
             .scale
             .map_or(output, |scale| T::scaled(output, scale));
     }
-    let what = || {
-        let pairs = names.iter().zip(&*values);
+    let values = &*values;
+    let what = move || {
+        let pairs = names.iter().zip(values);
         let texts: Vec<_> = pairs
             .map(|(name, value)| format!("{name} = {value:?}"))
             .collect();
