@@ -119,10 +119,11 @@ impl<'a> Pool<'a> {
             for index in (0..self.workers.len()).rev() {
                 let worker = &mut self.workers[index];
                 worker.collect(&mut keep)?;
-                if worker.tasks.is_empty() {
+                let was_idle = worker.tasks.is_empty();
+                worker.hand_out(&mut tasks)?;
+                if was_idle && !worker.tasks.is_empty() {
                     pause = IDLE_PERIOD;
                 }
-                worker.hand_out(&mut tasks)?;
                 if let Some(call) = worker.process.newly_slow(&self.names) {
                     (self.setup.slow)(&call);
                 }
