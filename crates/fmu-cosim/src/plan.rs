@@ -8,7 +8,7 @@ use fmu_description::{Causality, VariableType};
 
 use crate::system::{Link, Planned, Port, planned, port, start};
 use crate::value::Typed;
-use crate::wiring::{Record, Wire, records, wires};
+use crate::wiring::Wiring;
 use crate::{Description, Experiment, Order, Value, Variable, check};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -16,9 +16,7 @@ pub struct Plan {
     pub(crate) components: Vec<Planned>,
     pub(crate) order: Order,
     pub(crate) experiment: Experiment,
-    /// The connections to each component.
-    pub(crate) wires: Vec<Vec<Wire>>,
-    pub(crate) records: Vec<Record>,
+    pub(crate) wiring: Wiring,
     columns: Vec<Column>,
 }
 
@@ -118,8 +116,7 @@ impl Plan {
         Ok(Self {
             order: description.order,
             experiment: description.experiment(),
-            wires: wires(&components, &links),
-            records: records(&components, &recorded),
+            wiring: Wiring::new(&components, &links, &recorded),
             columns: recorded
                 .iter()
                 .map(|port| column(&components, *port))
@@ -207,8 +204,7 @@ impl Plan {
 
     /// Whether a step from the stop time is needed, because a recorded component is sampled.
     pub(crate) fn steps_from_stop(&self) -> bool {
-        let sampled = |record: &Record| self.components[record.group.component].sampled;
-        self.records.iter().any(sampled)
+        self.wiring.records_after_step()
     }
 }
 

@@ -1,119 +1,18 @@
 //! One run of a system.
 
 use anyhow::Result;
-use fmu_description::VariableType;
 
 use crate::instance::{Called, Instance};
-use crate::transfer::{Boolean, Integer, Reader, Real, Transfer, Type};
-use crate::wiring::{Record, Wire};
+use crate::transfer::{Component, Outputs, propagate};
 use crate::{Failure, Message, Messages, Order, Plan, Start};
 
 /// An initialized run of a system.
 pub struct Simulation<'a> {
     plan: &'a Plan,
-    instances: Vec<Instance>,
-    /// The connections to each component.
-    inputs: Vec<Inputs>,
-    /// Continuous components, which are read before a step.
-    before: Readers,
-    /// Sampled components, which are read after a step.
-    after: Readers,
+    components: Vec<Component<'a>>,
+    outputs: Outputs,
     row: Vec<f64>,
     messages: Messages,
-}
-
-#[derive(Default)]
-struct Inputs {
-    reals: Vec<Transfer<Real>>,
-    integers: Vec<Transfer<Integer>>,
-    booleans: Vec<Transfer<Boolean>>,
-}
-
-#[derive(Default)]
-struct Readers {
-    reals: Vec<Reader<Real>>,
-    integers: Vec<Reader<Integer>>,
-    booleans: Vec<Reader<Boolean>>,
-}
-
-impl Inputs {
-    fn new(wires: &[Wire]) -> Self {
-        fn transfer<T: Type>(wire: &Wire) -> Transfer<T> {
-            Transfer::new(
-                wire.outputs.clone(),
-                wire.inputs.clone(),
-                wire.scales.clone(),
-            )
-        }
-        let mut inputs = Self::default();
-        for wire in wires {
-            match wire.kind {
-                VariableType::Real => inputs.reals.push(transfer(wire)),
-                VariableType::Boolean => inputs.booleans.push(transfer(wire)),
-                _ => inputs.integers.push(transfer(wire)),
-            }
-        }
-        inputs
-    }
-
-    #[inline]
-    fn fetch(&mut self, instances: &mut [Instance]) -> Called {
-        self.reals.iter_mut().try_for_each(|t| t.fetch(instances))?;
-        self.integers
-            .iter_mut()
-            .try_for_each(|t| t.fetch(instances))?;
-        self.booleans
-            .iter_mut()
-            .try_for_each(|t| t.fetch(instances))
-    }
-
-    #[inline]
-    fn deliver(&self, instances: &mut [Instance]) -> Called {
-        self.reals.iter().try_for_each(|t| t.deliver(instances))?;
-        self.integers
-            .iter()
-            .try_for_each(|t| t.deliver(instances))?;
-        self.booleans.iter().try_for_each(|t| t.deliver(instances))
-    }
-
-    /// Fetches inputs; returns whether a value has changed.
-    fn fetch_changes(&mut self, instances: &mut [Instance]) -> Result<bool, Box<Failure>> {
-        let mut changed = false;
-        for transfer in &mut self.reals {
-            changed |= transfer.fetch_changes(instances)?;
-        }
-        for transfer in &mut self.integers {
-            changed |= transfer.fetch_changes(instances)?;
-        }
-        for transfer in &mut self.booleans {
-            changed |= transfer.fetch_changes(instances)?;
-        }
-        Ok(changed)
-    }
-}
-
-impl Readers {
-    fn push(&mut self, record: &Record) {
-        let (group, columns) = (record.group.clone(), record.columns.clone());
-        match record.kind {
-            VariableType::Real => self.reals.push(Reader::new(group, columns)),
-            VariableType::Boolean => self.booleans.push(Reader::new(group, columns)),
-            _ => self.integers.push(Reader::new(group, columns)),
-        }
-    }
-
-    #[inline]
-    fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Called {
-        self.reals
-            .iter_mut()
-            .try_for_each(|r| r.read(instances, row))?;
-        self.integers
-            .iter_mut()
-            .try_for_each(|r| r.read(instances, row))?;
-        self.booleans
-            .iter_mut()
-            .try_for_each(|r| r.read(instances, row))
-    }
 }
 
 impl Plan {
@@ -139,22 +38,19 @@ impl<'a> Simulation<'a> {
     fn new(plan: &'a Plan, starts: &[Start], messages: &Messages) -> Result<Self> {
         messages.recorder().at(f64::NAN);
         messages.recorder().step(plan.experiment.step);
-        let (mut before, mut after) = (Readers::default(), Readers::default());
-        for record in &plan.records {
-            let sampled = plan.components[record.group.component].sampled;
-            if sampled { &mut after } else { &mut before }.push(record);
-        }
-        let instances = plan
+        let components = plan
             .components
             .iter()
+            .zip(&plan.wiring.components)
             .enumerate()
-            .map(|(index, c)| Instance::new(index, &c.name, &c.fmu, messages));
+            .map(|(index, (c, ports))| {
+                let instance = Instance::new(index, &c.name, &c.fmu, messages)?;
+                Ok(Component::new(instance, ports))
+            });
         let mut simulation = Self {
             plan,
-            instances: instances.collect::<Result<_>>()?,
-            inputs: plan.wires.iter().map(|wires| Inputs::new(wires)).collect(),
-            before,
-            after,
+            components: components.collect::<Result<_>>()?,
+            outputs: Outputs::new(&plan.wiring),
             row: vec![0.0; plan.columns().len()],
             messages: messages.clone(),
         };
@@ -166,7 +62,8 @@ impl<'a> Simulation<'a> {
     fn initialize(&mut self, starts: &[Start]) -> Called {
         let (start, end) = (self.plan.experiment.start, self.plan.end());
         self.messages.recorder().at(start);
-        for (index, instance) in self.instances.iter_mut().enumerate() {
+        for (index, component) in self.components.iter_mut().enumerate() {
+            let instance = &mut component.instance;
             instance.set_up(start, end, self.plan.components[index].tolerance)?;
             for (variable, value) in self.plan.starts(index, starts) {
                 instance.set(variable, value)?;
@@ -176,22 +73,23 @@ impl<'a> Simulation<'a> {
     }
 
     fn initialize_all(&mut self) -> Called {
-        self.instances
-            .iter_mut()
-            .try_for_each(Instance::enter_initialization)?;
+        self.call_all(Instance::enter_initialization)?;
         self.propagate()?;
-        self.instances
-            .iter_mut()
-            .try_for_each(Instance::exit_initialization)
+        self.call_all(Instance::exit_initialization)
+    }
+
+    fn call_all(&mut self, call: impl Fn(&mut Instance) -> Called) -> Called {
+        let components = self.components.iter_mut();
+        let mut instances = components.map(|component| &mut component.instance);
+        instances.try_for_each(call)
     }
 
     /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs.
     fn propagate(&mut self) -> Called {
-        for _ in 0..=self.inputs.len() {
+        for _ in 0..=self.components.len() {
             let mut changed = false;
-            for inputs in &mut self.inputs {
-                changed |= inputs.fetch_changes(&mut self.instances)?;
-                inputs.deliver(&mut self.instances)?;
+            for fed in 0..self.components.len() {
+                changed |= propagate(&mut self.components, fed, &mut self.outputs)?;
             }
             if !changed {
                 break;
@@ -229,60 +127,55 @@ impl<'a> Simulation<'a> {
             true => steps,
             false => steps.saturating_sub(1),
         };
+        let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
+        self.read_all().map_err(failed_at(experiment.start))?;
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.recorder().at(time);
-            let row = match k < last {
-                true => self.step(time, experiment.step),
-                false => self.before.read(&mut self.instances, &mut self.row),
-            };
-            row.map_err(|failure| failure.at(time))?;
+            self.outputs.record(&self.plan.wiring.before, &mut self.row);
+            if k < last {
+                self.step(time, experiment.step).map_err(failed_at(time))?;
+                self.outputs.record(&self.plan.wiring.after, &mut self.row);
+            }
             if !observe(time, &self.row) {
                 break;
             }
         }
-        self.instances.iter_mut().try_for_each(Instance::terminate)
+        self.call_all(Instance::terminate)
     }
 
-    /// Steps from one communication point to the next and fills the row.
+    /// Reads all outputs; later, those of a component are read after each of its steps.
+    fn read_all(&mut self) -> Called {
+        let mut components = self.components.iter_mut();
+        components.try_for_each(|component| component.read(&mut self.outputs))
+    }
+
+    /// Steps from one communication point to the next.
     #[inline]
     fn step(&mut self, time: f64, step: f64) -> Called {
-        self.before.read(&mut self.instances, &mut self.row)?;
+        let (components, outputs) = (&mut self.components, &mut self.outputs);
         match self.plan.order {
-            Order::Sequential => self.step_sequentially(time, step)?,
-            Order::Parallel => self.step_in_parallel(time, step)?,
+            Order::Sequential => components.iter_mut().try_for_each(|component| {
+                component.write(outputs)?;
+                component.instance.step(time, step)?;
+                component.read(outputs)
+            }),
+            Order::Parallel => {
+                let mut all = components.iter_mut();
+                all.try_for_each(|component| component.write(outputs))?;
+                components.iter_mut().try_for_each(|component| {
+                    component.instance.step(time, step)?;
+                    component.read(outputs)
+                })
+            }
         }
-        self.after.read(&mut self.instances, &mut self.row)
-    }
-
-    #[inline]
-    fn step_sequentially(&mut self, time: f64, step: f64) -> Called {
-        for (index, inputs) in self.inputs.iter_mut().enumerate() {
-            inputs.fetch(&mut self.instances)?;
-            inputs.deliver(&mut self.instances)?;
-            self.instances[index].step(time, step)?;
-        }
-        Ok(())
-    }
-
-    #[inline]
-    fn step_in_parallel(&mut self, time: f64, step: f64) -> Called {
-        for inputs in &mut self.inputs {
-            inputs.fetch(&mut self.instances)?;
-        }
-        for inputs in &self.inputs {
-            inputs.deliver(&mut self.instances)?;
-        }
-        self.instances
-            .iter_mut()
-            .try_for_each(|instance| instance.step(time, step))
     }
 }
 
 impl Drop for Simulation<'_> {
     /// Frees the instances, and records that no call is in progress.
     fn drop(&mut self) {
-        self.instances.clear();
+        self.components.clear();
         self.messages.recorder().end_call();
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::instance::{Called, Instance};
 use crate::recorder::Function;
+use crate::wiring::{ByType, Ports, Record, Variables, Wiring};
 use crate::{Failure, Scale};
 
 /// An FMI type with its get and set functions.
@@ -12,6 +13,8 @@ pub(crate) trait Type {
     fn get(s: &mut Slave, references: &[u32], values: &mut [Self::Value]) -> fmu_host::Result;
     fn set(s: &mut Slave, references: &[u32], values: &[Self::Value]) -> fmu_host::Result;
     fn number(value: Self::Value) -> f64;
+    /// The part of this type.
+    fn of<P>(parts: &ByType<P>) -> &P;
     /// The value of an input whose output has this value; only Reals are scaled.
     fn scaled(value: Self::Value, _scale: Scale) -> Self::Value {
         value
@@ -22,7 +25,7 @@ type Slave = fmu_host::Instance;
 
 macro_rules! types {
     ($(
-        $name:ident: $value:ty, $get:ident $recorded_get:ident, $set:ident $recorded_set:ident
+        $name:ident $parts:ident: $value:ty, $get:ident $recorded_get:ident, $set:ident $recorded_set:ident
         $(, $scaled:item)?;
     )*) => {
         $(
@@ -48,6 +51,11 @@ macro_rules! types {
                     f64::from(value)
                 }
 
+                #[inline]
+                fn of<P>(parts: &ByType<P>) -> &P {
+                    &parts.$parts
+                }
+
                 $($scaled)?
             }
         )*
@@ -55,118 +63,198 @@ macro_rules! types {
 }
 
 types! {
-    Real: f64, get_real GetReal, set_real SetReal,
+    Real reals: f64, get_real GetReal, set_real SetReal,
         #[inline]
         fn scaled(value: f64, Scale { factor, offset }: Scale) -> f64 {
             factor * value + offset
         };
-    Integer: i32, get_integer GetInteger, set_integer SetInteger;
-    Boolean: i32, get_boolean GetBoolean, set_boolean SetBoolean;
+    Integer integers: i32, get_integer GetInteger, set_integer SetInteger;
+    Boolean booleans: i32, get_boolean GetBoolean, set_boolean SetBoolean;
 }
 
-/// Variables of one component and type.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Group {
-    /// Index of the component.
-    pub(crate) component: usize,
-    pub(crate) references: Vec<u32>,
-    pub(crate) names: Vec<String>,
+/// The values of one component that were written last.
+#[derive(Clone, PartialEq)]
+struct Inputs {
+    reals: Vec<f64>,
+    integers: Vec<i32>,
+    booleans: Vec<i32>,
 }
 
-impl Group {
-    #[inline]
-    fn get<T: Type>(&self, instances: &mut [Instance], values: &mut [T::Value]) -> Called {
-        let what = || self.names.join(", ");
-        instances[self.component].call(T::GET, what, |s| T::get(s, &self.references, values))
+/// The values of all components that were read last.
+pub(crate) struct Outputs {
+    reals: Vec<f64>,
+    integers: Vec<i32>,
+    booleans: Vec<i32>,
+}
+
+/// A component and what is transferred from and to it.
+pub(crate) struct Component<'a> {
+    pub(crate) instance: Instance,
+    ports: &'a ByType<Ports>,
+    inputs: Inputs,
+    /// Whether other types than Real are transferred, which is rare.
+    has_others: bool,
+}
+
+impl Outputs {
+    pub(crate) fn new(wiring: &Wiring) -> Self {
+        Self {
+            reals: vec![0.0; wiring.outputs.reals],
+            integers: vec![0; wiring.outputs.integers],
+            booleans: vec![0; wiring.outputs.booleans],
+        }
     }
 
+    /// Copies recorded variables to a row.
     #[inline]
-    fn set<T: Type>(&self, instances: &mut [Instance], values: &[T::Value]) -> Called {
-        let what = || {
-            let pairs = self.names.iter().zip(values);
-            let texts: Vec<_> = pairs
-                .map(|(name, value)| format!("{name} = {value:?}"))
-                .collect();
-            texts.join(", ")
+    pub(crate) fn record(&self, records: &ByType<Vec<Record>>, row: &mut [f64]) {
+        fn copy<T: Type>(values: &[T::Value], records: &[Record], row: &mut [f64]) {
+            for Record { column, output } in records {
+                row[*column] = T::number(values[*output]);
+            }
+        }
+        copy::<Real>(&self.reals, &records.reals, row);
+        copy::<Integer>(&self.integers, &records.integers, row);
+        copy::<Boolean>(&self.booleans, &records.booleans, row);
+    }
+}
+
+impl<'a> Component<'a> {
+    pub(crate) fn new(instance: Instance, ports: &'a ByType<Ports>) -> Self {
+        let inputs = Inputs {
+            reals: vec![0.0; ports.reals.sources.len()],
+            integers: vec![0; ports.integers.sources.len()],
+            booleans: vec![0; ports.booleans.sources.len()],
         };
-        instances[self.component].call(T::SET, what, |s| T::set(s, &self.references, values))
-    }
-}
-
-/// The inputs of one component and type, and the outputs that feed them, in the same order.
-pub(crate) struct Transfer<T: Type> {
-    outputs: Vec<Group>,
-    inputs: Group,
-    scales: Vec<(usize, Scale)>,
-    values: Vec<T::Value>,
-}
-
-impl<T: Type> Transfer<T> {
-    pub(crate) fn new(outputs: Vec<Group>, inputs: Group, scales: Vec<(usize, Scale)>) -> Self {
-        let values = vec![T::Value::default(); inputs.references.len()];
+        let others = [&ports.integers, &ports.booleans];
+        let is_empty =
+            |ports: &&Ports| ports.sources.is_empty() && ports.outputs.references.is_empty();
         Self {
-            outputs,
+            instance,
+            ports,
             inputs,
-            scales,
-            values,
+            has_others: !others.iter().all(is_empty),
         }
     }
 
-    /// Reads the outputs; returns whether one has changed.
-    pub(crate) fn fetch_changes(
-        &mut self,
-        instances: &mut [Instance],
-    ) -> Result<bool, Box<Failure>> {
-        let before = self.values.clone();
-        self.fetch(instances)?;
-        Ok(self.values != before)
+    /// Reads its outputs, each once.
+    #[inline(always)]
+    pub(crate) fn read(&mut self, outputs: &mut Outputs) -> Called {
+        let ports = &self.ports.reals;
+        read::<Real>(&mut self.instance, ports, &mut outputs.reals)?;
+        match self.has_others {
+            false => Ok(()),
+            true => self.read_others(outputs),
+        }
     }
 
-    /// Reads the outputs.
-    #[inline]
-    pub(crate) fn fetch(&mut self, instances: &mut [Instance]) -> Called {
-        let mut rest = self.values.as_mut_slice();
-        for group in &self.outputs {
-            let (values, others) = rest.split_at_mut(group.references.len());
-            group.get::<T>(instances, values)?;
-            rest = others;
-        }
-        for (position, scale) in &self.scales {
-            self.values[*position] = T::scaled(self.values[*position], *scale);
-        }
-        Ok(())
+    #[inline(never)]
+    fn read_others(&mut self, outputs: &mut Outputs) -> Called {
+        let (instance, ports) = (&mut self.instance, self.ports);
+        read::<Integer>(instance, &ports.integers, &mut outputs.integers)?;
+        read::<Boolean>(instance, &ports.booleans, &mut outputs.booleans)
     }
 
-    /// Writes the inputs.
-    #[inline]
-    pub(crate) fn deliver(&self, instances: &mut [Instance]) -> Called {
-        self.inputs.set::<T>(instances, &self.values)
+    /// Writes its inputs.
+    #[inline(always)]
+    pub(crate) fn write(&mut self, outputs: &Outputs) -> Called {
+        let (ports, values) = (&self.ports.reals, &mut self.inputs.reals);
+        write::<Real>(&mut self.instance, ports, &outputs.reals, values)?;
+        match self.has_others {
+            false => Ok(()),
+            true => self.write_others(outputs),
+        }
+    }
+
+    #[inline(never)]
+    fn write_others(&mut self, outputs: &Outputs) -> Called {
+        let (instance, values) = (&mut self.instance, &mut self.inputs);
+        let ports = &self.ports.integers;
+        write::<Integer>(instance, ports, &outputs.integers, &mut values.integers)?;
+        let ports = &self.ports.booleans;
+        write::<Boolean>(instance, ports, &outputs.booleans, &mut values.booleans)
     }
 }
 
-/// Variables of one component and type that are recorded, and their columns.
-pub(crate) struct Reader<T: Type> {
-    group: Group,
-    columns: Vec<usize>,
-    values: Vec<T::Value>,
+/// Reads the outputs that feed a component, and writes its inputs; returns whether one has changed.
+pub(crate) fn propagate(
+    components: &mut [Component],
+    fed: usize,
+    outputs: &mut Outputs,
+) -> Result<bool, Box<Failure>> {
+    let ports = components[fed].ports;
+    read_sources::<Real>(components, &ports.reals, &mut outputs.reals)?;
+    read_sources::<Integer>(components, &ports.integers, &mut outputs.integers)?;
+    read_sources::<Boolean>(components, &ports.booleans, &mut outputs.booleans)?;
+    let component = &mut components[fed];
+    let before = component.inputs.clone();
+    component.write(outputs)?;
+    Ok(component.inputs != before)
 }
 
-impl<T: Type> Reader<T> {
-    pub(crate) fn new(group: Group, columns: Vec<usize>) -> Self {
-        let values = vec![T::Value::default(); columns.len()];
-        Self {
-            group,
-            columns,
-            values,
-        }
+#[inline(always)]
+fn read<T: Type>(instance: &mut Instance, ports: &Ports, outputs: &mut [T::Value]) -> Called {
+    let Variables { references, names } = &ports.outputs;
+    let references = references.as_slice();
+    if references.is_empty() {
+        return Ok(());
     }
+    let values = &mut outputs[ports.first..][..references.len()];
+    let what = move || names.join(", ");
+    instance.call(T::GET, what, |s| T::get(s, references, values))
+}
 
-    #[inline]
-    pub(crate) fn read(&mut self, instances: &mut [Instance], row: &mut [f64]) -> Called {
-        self.group.get::<T>(instances, &mut self.values)?;
-        for (&column, &value) in self.columns.iter().zip(&self.values) {
-            row[column] = T::number(value);
+/// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
+/// during the initialization.
+fn read_sources<T: Type>(
+    components: &mut [Component],
+    fed: &Ports,
+    outputs: &mut [T::Value],
+) -> Called {
+    for sources in fed.sources.chunk_by(|a, b| a.component == b.component) {
+        let Component {
+            instance, ports, ..
+        } = &mut components[sources[0].component];
+        let ports = T::of(ports);
+        let positions = || sources.iter().map(|source| source.output - ports.first);
+        let references: Vec<_> = positions().map(|i| ports.outputs.references[i]).collect();
+        let names = || positions().map(|i| ports.outputs.names[i].as_str());
+        let what = || names().collect::<Vec<_>>().join(", ");
+        let mut values = vec![T::Value::default(); sources.len()];
+        instance.call(T::GET, what, |s| T::get(s, &references, &mut values))?;
+        for (source, value) in sources.iter().zip(values) {
+            outputs[source.output] = value;
         }
-        Ok(())
     }
+    Ok(())
+}
+
+#[inline(always)]
+fn write<T: Type>(
+    instance: &mut Instance,
+    ports: &Ports,
+    outputs: &[T::Value],
+    values: &mut [T::Value],
+) -> Called {
+    let Variables { references, names } = &ports.inputs;
+    let references = references.as_slice();
+    if references.is_empty() {
+        return Ok(());
+    }
+    let values = &mut values[..references.len()];
+    for (value, source) in values.iter_mut().zip(&ports.sources[..references.len()]) {
+        let output = outputs[source.output];
+        *value = source
+            .scale
+            .map_or(output, |scale| T::scaled(output, scale));
+    }
+    let values = &*values;
+    let what = move || {
+        let pairs = names.iter().zip(values);
+        let texts: Vec<_> = pairs
+            .map(|(name, value)| format!("{name} = {value:?}"))
+            .collect();
+        texts.join(", ")
+    };
+    instance.call(T::SET, what, |s| T::set(s, references, values))
 }

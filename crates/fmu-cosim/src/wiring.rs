@@ -1,100 +1,151 @@
 //! Connections and recorded variables, grouped by component and type for reading and writing.
 
-use std::collections::BTreeMap;
+use std::collections::{HashMap, HashSet};
 
 use fmu_description::VariableType;
 
 use crate::Scale;
 use crate::system::{Link, Planned, Port};
-use crate::transfer::Group;
 
-/// The inputs of one component and type, and the outputs that feed them, in the same order.
-pub(crate) struct Wire {
-    pub(crate) kind: VariableType,
-    pub(crate) outputs: Vec<Group>,
-    pub(crate) inputs: Group,
-    /// The inputs whose values are scaled, by position.
-    pub(crate) scales: Vec<(usize, Scale)>,
+/// What is transferred between the components and into rows.
+pub(crate) struct Wiring {
+    /// For each component.
+    pub(crate) components: Vec<ByType<Ports>>,
+    /// The number of outputs of all components.
+    pub(crate) outputs: ByType<usize>,
+    /// The recorded variables of continuous components, whose values before a step are recorded.
+    pub(crate) before: ByType<Vec<Record>>,
+    /// The recorded variables of sampled components, whose values after a step are recorded.
+    pub(crate) after: ByType<Vec<Record>>,
 }
 
-/// Variables of one component and type that are recorded, and their columns.
+/// Something for each type.
+#[derive(Default)]
+pub(crate) struct ByType<T> {
+    pub(crate) reals: T,
+    pub(crate) integers: T,
+    pub(crate) booleans: T,
+}
+
+/// Variables of one component and type.
+#[derive(Default)]
+pub(crate) struct Ports {
+    /// The connected inputs.
+    pub(crate) inputs: Variables,
+    /// What feeds each of them.
+    pub(crate) sources: Vec<Source>,
+    /// The variables that are connected or recorded, once each.
+    pub(crate) outputs: Variables,
+    /// The index of the first of them among the outputs of all components.
+    pub(crate) first: usize,
+}
+
+#[derive(Default)]
+pub(crate) struct Variables {
+    pub(crate) references: Vec<u32>,
+    pub(crate) names: Vec<String>,
+}
+
+/// The output that feeds an input.
+pub(crate) struct Source {
+    pub(crate) component: usize,
+    /// Its index among the outputs of all components.
+    pub(crate) output: usize,
+    pub(crate) scale: Option<Scale>,
+}
+
+/// A recorded variable.
 pub(crate) struct Record {
-    pub(crate) kind: VariableType,
-    pub(crate) group: Group,
-    pub(crate) columns: Vec<usize>,
+    pub(crate) column: usize,
+    /// Its index among the outputs of all components.
+    pub(crate) output: usize,
 }
 
-const CHANNELS: [VariableType; 3] = [
-    VariableType::Real,
-    VariableType::Integer,
-    VariableType::Boolean,
-];
-
-/// Groups the connections by the component that they feed, the type, and the component they come from.
-pub(crate) fn wires(components: &[Planned], links: &[Link]) -> Vec<Vec<Wire>> {
-    let of_component = |fed: usize| {
-        let of_kind = |kind: VariableType| {
-            let mut groups: BTreeMap<usize, (Group, Group, Vec<Option<Scale>>)> = BTreeMap::new();
-            for link in links.iter().filter(|link| {
-                link.to.component == fed && link.to.of(components).kind.accessed_as() == kind
-            }) {
-                let (outputs, inputs, scales) = groups.entry(link.from.component).or_default();
-                push(outputs, components, link.from);
-                push(inputs, components, link.to);
-                scales.push(link.scale);
-            }
-            let mut all = Group {
-                component: fed,
-                ..Group::default()
-            };
-            let (mut outputs, mut scales) = (Vec::new(), Vec::new());
-            for (group, inputs, of_group) in groups.into_values() {
-                let positions = all.references.len()..;
-                let scaled = positions.zip(of_group);
-                scales.extend(scaled.filter_map(|(position, scale)| Some((position, scale?))));
-                outputs.push(group);
-                all.references.extend(inputs.references);
-                all.names.extend(inputs.names);
-            }
-            (!outputs.is_empty()).then_some(Wire {
-                kind,
-                outputs,
-                inputs: all,
-                scales,
-            })
-        };
-        CHANNELS.into_iter().filter_map(of_kind).collect()
-    };
-    (0..components.len()).map(of_component).collect()
-}
-
-/// Groups the recorded variables by component and type.
-pub(crate) fn records(components: &[Planned], ports: &[Port]) -> Vec<Record> {
-    let mut records = Vec::new();
-    for component in 0..components.len() {
-        for kind in CHANNELS {
-            let mut record = Record {
-                kind,
-                group: Group::default(),
-                columns: Vec::new(),
-            };
-            for (column, port) in ports.iter().enumerate() {
-                if port.component == component && port.of(components).kind.accessed_as() == kind {
-                    push(&mut record.group, components, *port);
-                    record.columns.push(column);
-                }
-            }
-            if !record.columns.is_empty() {
-                records.push(record);
-            }
+impl<T> ByType<T> {
+    /// The thing for an Integer or an Enumeration is the same.
+    fn of(&mut self, kind: VariableType) -> &mut T {
+        match kind {
+            VariableType::Real => &mut self.reals,
+            VariableType::Boolean => &mut self.booleans,
+            _ => &mut self.integers,
         }
     }
-    records
 }
 
-fn push(group: &mut Group, components: &[Planned], port: Port) {
-    let variable = port.of(components);
-    group.component = port.component;
-    group.references.push(variable.reference);
-    group.names.push(variable.name.clone());
+impl Wiring {
+    pub(crate) fn new(components: &[Planned], links: &[Link], recorded: &[Port]) -> Self {
+        let mut wiring = Self {
+            components: components.iter().map(|_| ByType::default()).collect(),
+            outputs: ByType::default(),
+            before: ByType::default(),
+            after: ByType::default(),
+        };
+        let output = wiring.add_outputs(components, links, recorded);
+        for (column, port) in recorded.iter().enumerate() {
+            let records = match components[port.component].sampled {
+                true => &mut wiring.after,
+                false => &mut wiring.before,
+            };
+            let output = output[port];
+            let records = records.of(port.of(components).kind);
+            records.push(Record { column, output });
+        }
+        let mut links: Vec<_> = links.iter().collect();
+        links.sort_by_key(|link| link.from.component);
+        for Link { from, to, scale } in links {
+            let variable = to.of(components);
+            let ports = wiring.components[to.component].of(variable.kind);
+            ports.inputs.push(components, *to);
+            ports.sources.push(Source {
+                component: from.component,
+                output: output[from],
+                scale: *scale,
+            });
+        }
+        wiring
+    }
+
+    /// Adds all variables that are read; returns their indices.
+    fn add_outputs(
+        &mut self,
+        components: &[Planned],
+        links: &[Link],
+        recorded: &[Port],
+    ) -> HashMap<Port, usize> {
+        let mut seen = HashSet::new();
+        let connected = links.iter().map(|link| link.from);
+        let mut outputs: Vec<Port> = recorded.iter().copied().chain(connected).collect();
+        outputs.retain(|port| seen.insert(*port));
+        outputs.sort_by_key(|port| port.component);
+        let mut add = |port: Port| {
+            let kind = port.of(components).kind;
+            let count = self.outputs.of(kind);
+            let ports = self.components[port.component].of(kind);
+            if ports.outputs.references.is_empty() {
+                ports.first = *count;
+            }
+            ports.outputs.push(components, port);
+            *count += 1;
+            (port, *count - 1)
+        };
+        outputs.into_iter().map(&mut add).collect()
+    }
+
+    /// Whether a variable of a sampled component is recorded.
+    pub(crate) fn records_after_step(&self) -> bool {
+        let ByType {
+            reals,
+            integers,
+            booleans,
+        } = &self.after;
+        [reals, integers, booleans].iter().any(|r| !r.is_empty())
+    }
+}
+
+impl Variables {
+    fn push(&mut self, components: &[Planned], port: Port) {
+        let variable = port.of(components);
+        self.references.push(variable.reference);
+        self.names.push(variable.name.clone());
+    }
 }

@@ -16,15 +16,15 @@ use crate::{Cause, Failure, Library, Result};
 macro_rules! call {
     ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {{
         const NAME: &str = stringify!($name);
-        let library = &*$instance.library;
         // SAFETY: the type is that of the standard, the instance is not freed, and every pointer is
         // valid for the length passed with it. The rest depends on the foreign binary, as described
         // in the crate documentation.
         let status = unsafe {
+            let library = &*$instance.library;
             let function = library.function(library.functions().$name, NAME)?;
             function($instance.component $(, $value)*)
         };
-        library.outcome(NAME, status)
+        $instance.library.outcome(NAME, status)
     }};
 }
 pub(crate) use call;

@@ -31,16 +31,17 @@
 //!
 //! # Durability
 //!
-//! However the process ends, only the runs in progress are lost. Rows are synced to disk when a row is
-//! appended, at most once a second, and by [`Journal::sync`]: a power failure loses the rows of about
-//! the last second, and these runs are repeated.
+//! However the process ends, only the runs in progress are lost. Rows are synced to disk in the
+//! background when a row is appended, at most once a second, and by [`Journal::sync`]: a power failure
+//! loses the rows of about the last second, and these runs are repeated.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
+use std::io::{self, Read, Seek, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::{Columns, Error, Row, table};
@@ -63,6 +64,40 @@ pub struct Journal {
 struct End {
     length: u64,
     synced: Instant,
+    /// The last sync, on a thread of its own, as a disk may take long.
+    sync: Option<JoinHandle<io::Result<()>>>,
+}
+
+impl End {
+    fn new(length: u64) -> Self {
+        Self {
+            length,
+            synced: Instant::now(),
+            sync: None,
+        }
+    }
+
+    /// Starts to sync the file if it is time, unless the last sync is still in progress; returns the
+    /// error of the last one.
+    fn sync(&mut self, file: &File) -> io::Result<()> {
+        let is_busy = self.sync.as_ref().is_some_and(|sync| !sync.is_finished());
+        if is_busy || self.synced.elapsed() < SYNC_EVERY {
+            return Ok(());
+        }
+        self.wait()?;
+        self.synced = Instant::now();
+        let file = file.try_clone()?;
+        self.sync = Some(thread::spawn(move || file.sync_data()));
+        Ok(())
+    }
+
+    /// Waits for the last sync.
+    fn wait(&mut self) -> io::Result<()> {
+        match self.sync.take() {
+            Some(sync) => sync.join().expect("a sync does not panic"),
+            None => Ok(()),
+        }
+    }
 }
 
 const SYNC_EVERY: Duration = Duration::from_secs(1);
@@ -105,18 +140,13 @@ impl Journal {
             columns,
             runs,
             done: BTreeSet::new(),
-            end: Mutex::new(End {
-                length: 0,
-                synced: Instant::now(),
-            }),
+            end: Mutex::new(End::new(0)),
         };
         journal.cut_torn_line()?;
         let text = journal.read()?;
-        journal.done = journal.rows(&text)?.into_keys().collect();
-        journal.end = Mutex::new(End {
-            length: text.len() as u64,
-            synced: Instant::now(),
-        });
+        let index = |line: &str| Ok(journal.columns.parse(line)?.index);
+        journal.done = journal.rows(&text, index)?.into_keys().collect();
+        journal.end = Mutex::new(End::new(text.len() as u64));
         Ok(journal)
     }
 
@@ -139,18 +169,28 @@ impl Journal {
     pub fn append(&self, row: &Row) -> Result<(), Error> {
         let line = self.columns.line(row)?;
         self.check(row.index)?;
+        self.write(&line)
+    }
+
+    /// Like [`Journal::append`], for a row that another process has already written as a line.
+    ///
+    /// # Errors
+    /// As for [`Journal::append`].
+    pub fn append_line(&self, line: &str) -> Result<(), Error> {
+        let row = self.columns.parse(line.trim_end_matches('\n'))?;
+        self.check(row.index)?;
+        self.write(line)
+    }
+
+    fn write(&self, line: &str) -> Result<(), Error> {
         let mut end = self.end.lock().expect("no panic while a row is written");
         if let Err(error) = (&self.file).write_all(line.as_bytes()) {
             let _ = self.file.set_len(end.length); // the first error is more useful
             return Err(Error::file("write", &self.path)(error));
         }
         end.length += line.len() as u64;
-        let sync = end.synced.elapsed() >= SYNC_EVERY;
-        if sync {
-            end.synced = Instant::now();
-        }
-        drop(end); // the other threads need not wait for the disk
-        if sync { self.sync() } else { Ok(()) }
+        end.sync(&self.file)
+            .map_err(Error::file("write", &self.path))
     }
 
     /// Waits until all rows are on disk.
@@ -158,8 +198,9 @@ impl Journal {
     /// # Errors
     /// If they cannot be written.
     pub fn sync(&self) -> Result<(), Error> {
-        self.file
-            .sync_data()
+        let mut end = self.end.lock().expect("no panic while a row is written");
+        end.wait()
+            .and_then(|()| self.file.sync_data())
             .map_err(Error::file("write", &self.path))
     }
 
@@ -170,7 +211,8 @@ impl Journal {
     /// the journal is then kept.
     pub fn finish(self) -> Result<(), Error> {
         let text = self.read()?;
-        let rows = self.rows(&text)?;
+        // The rest of each line is parsed when it is written.
+        let rows = self.rows(&text, |line| self.columns.index(line))?;
         let missing = self.runs - rows.len() as u64;
         if missing > 0 {
             let first = (0..self.runs).find(|index| !rows.contains_key(index));
@@ -228,8 +270,12 @@ impl Journal {
         Ok(text)
     }
 
-    /// The lines of the runs, without duplicates.
-    fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>, Error> {
+    /// The lines of the runs, without duplicates; `index` returns the index of the run of a line.
+    fn rows<'a>(
+        &self,
+        text: &'a str,
+        index: impl Fn(&str) -> Result<u64, Error>,
+    ) -> Result<BTreeMap<u64, &'a str>, Error> {
         let mut rows = BTreeMap::new();
         let headers = self.header.lines().count();
         for (number, line) in text.lines().enumerate().skip(headers) {
@@ -238,15 +284,16 @@ impl Journal {
                 let file = self.path.display();
                 Error::new(format!("{file}:{}: {error}; {advice}", number + 1))
             };
-            let row = self.columns.parse(line).map_err(invalid)?;
-            self.check(row.index).map_err(invalid)?;
-            let Some(other) = rows.insert(row.index, line) else {
+            let index = index(line).map_err(invalid)?;
+            self.check(index).map_err(invalid)?;
+            let Some(other) = rows.insert(index, line) else {
                 continue;
             };
             // Compared as text, since NaN differs from itself.
+            let row = self.columns.parse(line).map_err(invalid)?;
             let other = self.columns.parse(other).map_err(invalid)?;
             if self.columns.line(&row)? != self.columns.line(&other)? {
-                let message = format!("another row of run {}, expected the same one", row.index);
+                let message = format!("another row of run {index}, expected the same one");
                 return Err(invalid(Error::new(message)));
             }
         }

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
-use std::fmt;
+use std::fmt::{self, Write as _};
 
 use serde::Deserialize;
 
@@ -185,17 +185,26 @@ impl Columns {
     /// If the row does not fit the columns, see [`Columns::check`].
     pub fn line(&self, row: &Row) -> Result<String, Error> {
         self.check(row)?;
-        let mut line = row.index.to_string();
+        // Most cells are numbers, which have less than 24 characters.
+        let mut line = String::with_capacity(24 * (row.cells.len() + 1));
+        push(&mut line, row.index);
         for cell in &row.cells {
             line.push(',');
             match cell {
                 None => {}
                 Some(Value::Text(text)) => push_text(&mut line, text),
-                Some(value) => line += &value.to_string(),
+                Some(value) => push(&mut line, value),
             }
         }
         line.push('\n');
         Ok(line)
+    }
+
+    /// The index of the run of a line written by [`Columns::line`].
+    pub(crate) fn index(&self, line: &str) -> Result<u64, Error> {
+        let (index, _) = line.split_once(',').unwrap_or((line, ""));
+        let index = index.parse();
+        index.map_err(|_| Error::new(format!("{line:?}, expected the number of a run")))
     }
 
     /// Parses a line written by [`Columns::line`], without its line feed.
@@ -208,10 +217,7 @@ impl Columns {
         if fields.len() != self.0.len() + 1 {
             return Err(damaged(&format!("{} fields", self.0.len() + 1)));
         }
-        let index = fields[0]
-            .as_ref()
-            .and_then(|field| field.parse().ok())
-            .ok_or_else(|| damaged("the number of a run"))?;
+        let index = self.index(line)?;
         let cells = self.0.iter().zip(&fields[1..]).map(|(column, field)| {
             let value = match (field, column.kind) {
                 (None, _) if column.optional => return Ok(None),
@@ -238,6 +244,10 @@ impl Column {
             self.name, self.kind
         ))
     }
+}
+
+fn push(line: &mut String, value: impl fmt::Display) {
+    write!(line, "{value}").expect("a String takes any text");
 }
 
 /// Appends a string as a field. An empty string is quoted, as an empty field is a missing value.

@@ -354,7 +354,7 @@ impl Study {
         };
         report(&progress);
         let all = self.execute(pending.into_iter(), pool, |index, reply| {
-            journal.append(&self.columns.parse(reply.line.trim_end())?)?;
+            journal.append_line(&reply.line)?;
             progress.count(index, reply.failure);
             report(&progress);
             Ok(())

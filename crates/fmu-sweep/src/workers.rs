@@ -66,8 +66,13 @@ const REPLIES: &str = "replies";
 
 /// Interval between looks at the workers.
 const PERIOD: Duration = Duration::from_millis(4);
-/// Interval between looks of an idle worker at its tasks.
+/// Interval between looks of an idle worker at its tasks, and the first one between looks at it.
 const IDLE_PERIOD: Duration = Duration::from_micros(250);
+/// The tasks of a worker are to take less than about this time, so that at the end, no other worker has
+/// to wait for long.
+const AHEAD: Duration = Duration::from_millis(32);
+/// Maximum number of tasks of a worker, whose answers the channel can hold.
+const MAX_AHEAD: usize = 256;
 /// The time that workers have to free their FMUs at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
 
@@ -101,6 +106,7 @@ impl<'a> Pool<'a> {
         mut keep: impl FnMut(u64, Outcome) -> Result<()>,
     ) -> Result<bool> {
         let mut tasks = Tasks::new(tasks);
+        let mut pause = IDLE_PERIOD;
         loop {
             if (self.setup.is_cancelled)() {
                 return Ok(false);
@@ -109,11 +115,15 @@ impl<'a> Pool<'a> {
                 let worker = self.start()?;
                 self.workers.push(worker);
             }
-            let mut idle = true;
+            pause = (2 * pause).min(PERIOD);
             for index in (0..self.workers.len()).rev() {
                 let worker = &mut self.workers[index];
-                idle &= !worker.collect(&mut keep)?;
+                worker.collect(&mut keep)?;
+                let was_idle = worker.tasks.is_empty();
                 worker.hand_out(&mut tasks)?;
+                if was_idle && !worker.tasks.is_empty() {
+                    pause = IDLE_PERIOD;
+                }
                 if let Some(call) = worker.process.newly_slow(&self.names) {
                     (self.setup.slow)(&call);
                 }
@@ -124,9 +134,7 @@ impl<'a> Pool<'a> {
             if !tasks.is_left() && self.workers.iter().all(|worker| worker.tasks.is_empty()) {
                 return Ok(true);
             }
-            if idle {
-                thread::sleep(PERIOD);
-            }
+            thread::sleep(pause);
         }
     }
 
@@ -200,8 +208,10 @@ struct Worker {
     from: Channel,
     /// What it has been asked to do and has not yet answered, in order.
     tasks: VecDeque<u64>,
-    /// The number of answers at each look, averaged.
-    rate: f64,
+    /// The number of tasks that it gets ahead.
+    ahead: usize,
+    /// When it last got its first task, or answered.
+    since: Instant,
     folder: PathBuf,
 }
 
@@ -219,28 +229,37 @@ impl Worker {
             to,
             from,
             tasks: VecDeque::new(),
-            rate: 0.0,
+            ahead: 1,
+            since: Instant::now(),
             folder,
         })
     }
 
-    /// Passes on the answers; returns whether there were any.
-    fn collect(&mut self, keep: &mut impl FnMut(u64, Outcome) -> Result<()>) -> Result<bool> {
-        let mut count = 0;
+    /// Passes on the answers. A worker that has soon done more than half of its tasks gets twice as many
+    /// from now on; one whose tasks take long gets one at a time.
+    fn collect(&mut self, keep: &mut impl FnMut(u64, Outcome) -> Result<()>) -> Result<()> {
+        let tasks = self.tasks.len();
         while let Some(reply) = self.from.receive() {
             let task = self.tasks.pop_front().context("a worker answers unasked")?;
             keep(task, Outcome::Reply(reply))?;
-            count += 1;
         }
-        self.rate = 0.9 * self.rate + 0.1 * f64::from(count);
-        Ok(count > 0)
+        let is_soon = self.since.elapsed() < AHEAD;
+        if self.tasks.len() < tasks {
+            if is_soon && 2 * self.tasks.len() < self.ahead {
+                self.ahead = (2 * self.ahead).min(MAX_AHEAD);
+            }
+            self.since = Instant::now();
+        } else if !is_soon {
+            self.ahead = 1;
+        }
+        Ok(())
     }
 
-    /// Gives the worker several times what it does between two looks, so that it need not wait, but
-    /// only one task at a time if these take long, so that another worker can take the next one.
     fn hand_out<I: Iterator<Item = u64>>(&mut self, tasks: &mut Tasks<I>) -> Result<()> {
-        let enough = 1 + (8.0 * self.rate) as usize;
-        while self.tasks.len() < enough {
+        if self.tasks.is_empty() {
+            self.since = Instant::now();
+        }
+        while self.tasks.len() < self.ahead {
             let Some(task) = tasks.next() else { break };
             if !self.to.send(&task.to_le_bytes()) {
                 bail!("a worker does not take its tasks");

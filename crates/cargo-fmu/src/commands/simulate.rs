@@ -219,19 +219,22 @@ fn work(
         plan.experiment().start,
         vec![f64::NAN; plan.columns().len()],
     );
-    let begin = Instant::now();
+    let mut begin = Instant::now();
     let messages = Messages::recorded(recorder.clone());
     let mut written = Ok(());
     let outcome = plan
         .simulate_with(&starts, &messages)
         .and_then(|simulation| {
+            // Loading the binaries does not count as simulating.
+            begin = Instant::now();
             simulation.run_while(|time, row| {
                 if let Some(csv) = &mut csv {
                     written = csv.push(time, row);
                 }
-                last.0 = time;
-                last.1.copy_from_slice(row);
                 progress.tick(time);
+                if progress.is_complete() {
+                    last = (time, row.to_vec());
+                }
                 written.is_ok()
             })
         });
@@ -339,7 +342,9 @@ fn speed(factor: f64) -> String {
 struct Progress {
     bar: ProgressBar,
     experiment: Experiment,
+    /// The number of rows so far, and of all.
     steps: u64,
+    all: u64,
     /// The step of the next update.
     next: u64,
     begin: Instant,
@@ -347,7 +352,8 @@ struct Progress {
 
 impl Progress {
     fn new(experiment: Experiment) -> Result<Self> {
-        let bar = ProgressBar::new(experiment.steps()?);
+        let all = experiment.steps()?;
+        let bar = ProgressBar::new(all);
         bar.set_style(
             ProgressStyle::with_template("[{bar:40}] {percent:>3} %  {msg}  {eta} left")?
                 .progress_chars("=> "),
@@ -356,22 +362,35 @@ impl Progress {
             bar,
             experiment,
             steps: 0,
+            all,
             next: 1,
             begin: Instant::now(),
         })
     }
 
+    #[inline]
     fn tick(&mut self, time: f64) {
         self.steps += 1;
         if self.steps == self.next {
-            let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
-            let rate = self.steps as f64 / elapsed;
-            self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
-            let stop = self.experiment.stop;
-            let speed = speed(rate * self.experiment.step);
-            self.bar
-                .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
-            self.bar.set_position(self.steps);
+            self.update(time);
         }
+    }
+
+    #[cold]
+    fn update(&mut self, time: f64) {
+        let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
+        let rate = self.steps as f64 / elapsed;
+        self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
+        let stop = self.experiment.stop;
+        let speed = speed(rate * self.experiment.step);
+        self.bar
+            .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
+        self.bar.set_position(self.steps);
+    }
+
+    /// Whether the last row has been counted.
+    #[inline]
+    fn is_complete(&self) -> bool {
+        self.steps == self.all
     }
 }
