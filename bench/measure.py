@@ -24,6 +24,7 @@ from subjects import (
     Case,
     Host,
     alone,
+    by_name,
     run,
     standing,
 )
@@ -52,6 +53,8 @@ class Effort:
     long_rounds: int = 10
     """Rounds of whole runs and sweeps."""
     instances: int = 10_000
+    thread_cycles: int = 500_000
+    """Cycles of each thread: so many that the start of the threads does not matter."""
     lengths: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000)
     """Steps of a run."""
     sizes: Sequence[int] = (2, 10, 100, 1000)
@@ -62,7 +65,7 @@ class Effort:
     """Whether to run the whole sweep, not a few loops of it."""
 
 
-QUICK = Effort(PROGRAM, False, 5, 2, 100, (1_000, 10_000), (2, 10), 10_000, False)
+QUICK = Effort(PROGRAM, False, 5, 2, 100, 10_000, (1_000, 10_000), (2, 10), 10_000, False)
 """Shows that everything works; the times mean nothing."""
 
 
@@ -74,11 +77,12 @@ def measure(effort: Effort, folder: Path, log: Log) -> dict:
     results["cycle"] = cycles(host, effort)
     results["python"] = against_python(host, effort)
     log("instances, threads")
-    moving = [REFERENCE, *MODELS[:4]]
+    moving = [REFERENCE, *(by_name(name) for name in ("Pid", "PidRbf", "Pendulum, linear"))]
     short = max(effort.rounds // 10, 3)
     results["life"] = host.measure("life", effort.instances, short // 2 + 1, moving)
     results["many"] = host.measure("many", 20_000, short, moving)
-    results["threads"] = host.measure("threads", 20_000, 2 * short, moving)
+    controllers = moving[:-1]  # the plant would overflow
+    results["threads"] = host.measure("threads", effort.thread_cycles, short, controllers)
     log("a coupled pair")
     results["pair"] = pair(host, effort)
     log("runs of several lengths, systems of several sizes")
@@ -118,7 +122,7 @@ def cycles(host: Host, effort: Effort) -> list[dict]:
     """Measure a cycle of each FMU; the reference and PID-RBF twice, for the noise."""
     cases: list[tuple[str, Case]] = []
     for kind in ("stand", "move"):
-        models = [REFERENCE, *MODELS, REFERENCE, next(m for m in MODELS if m.name == "PidRbf")]
+        models = [REFERENCE, *MODELS, REFERENCE, by_name("PidRbf")]
         source = replace(SOURCE, start=SINE if kind == "move" else {})
         of_kind = models if kind == "move" else [standing(case) for case in models]
         cases += [(kind, case) for case in [*of_kind, source]]
@@ -130,7 +134,7 @@ def against_python(host: Host, effort: Effort) -> list[dict]:
     """Measure the PID of PythonFMU and ours in turn; return nothing if it cannot run here."""
     if not host.build_python_fmu():
         return []
-    pid = next(case for case in MODELS if case.name == "Pid")
+    pid = by_name("Pid")
     cases = [pid, replace(pid, name="PythonFMU", model="PythonPid")]
     return host.measure("cycle", CYCLES // 2, max(effort.rounds // 25, 3), cases)
 
@@ -187,7 +191,7 @@ def pair(host: Host, effort: Effort) -> dict[str, Rounds]:
         "native": lambda: natively(effort.program, system, steps) / steps,
         "FMPy": lambda: by_fmpy(fmpy_steps) / fmpy_steps,
     }
-    return alternate(2 * effort.long_rounds, subjects)
+    return alternate(3 * effort.long_rounds, subjects)
 
 
 def by_fmpy(steps: int) -> float:
@@ -214,18 +218,19 @@ def lengths(effort: Effort) -> dict[int, Rounds]:
 
 
 def systems(effort: Effort, folder: Path) -> dict[str, dict[str, Rounds]]:
-    """Measure systems of several sizes: a step of one FMU, and loading."""
+    """Measure systems of several sizes: a step of one FMU, and a command that takes one step."""
     results: dict[str, dict[str, Rounds]] = {}
     files = {size: write_system(folder / f"{size}.toml", size // 2) for size in effort.sizes}
     for _ in range(effort.long_rounds):
         for size, file in files.items():
-            steps = max(effort.system_steps // size, 1)
+            steps = effort.system_steps // size
             begin = time.perf_counter_ns()
-            run_time = natively(effort.program, file, steps)
-            loading = time.perf_counter_ns() - begin - run_time
+            first = natively(effort.program, file, 1)
+            command = time.perf_counter_ns() - begin
+            rest = natively(effort.program, file, steps + 1) - first
             rounds = results.setdefault(str(size), {"step": [], "load": []})
-            rounds["step"].append(run_time / (steps * size))
-            rounds["load"].append(loading)
+            rounds["step"].append(rest / (steps * size))
+            rounds["load"].append(command)
     return results
 
 

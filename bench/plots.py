@@ -9,7 +9,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from subjects import REFERENCE
 from tables import node_costs
@@ -28,7 +28,8 @@ STYLE = {
     "figure.titlesize": "large",
     "font.size": 10,
     "grid.alpha": 0.3,
-    "legend.frameon": False,
+    "legend.edgecolor": "none",
+    "legend.framealpha": 0.8,
     "lines.markersize": 5,
     "svg.hashsalt": "speed",  # the same picture gives the same file
 }
@@ -100,7 +101,8 @@ def cores(results: Mapping) -> plt.Figure:
         for line in axes.get_lines():
             ideal = line.get_ydata()[0]
             axes.plot(counts, [n * ideal for n in counts], ":", marker="", color=line.get_color())
-        axes.set(xticks=list(counts), ylim=(0, None))
+        highest = max(max(line.get_ydata()) for line in axes.get_lines())
+        axes.set(xticks=list(counts), ylim=(0, 1.05 * highest))
         axes.margins(x=0.1)
     right.plot([], [], "k:", marker="", label="twice the cores, twice the speed")
     right.legend(loc="lower right")
@@ -124,8 +126,8 @@ def systems(results: Mapping) -> plt.Figure:
     plot(left, step, "FMUs of the system", "time per FMU and step [ns]")
     logarithmic(left, 10)
     load = curves_by({size: [t / 1e6 for t in r["load"]] for size, r in rounds.items()})
-    plot(right, load, "FMUs of the system", "time before and after the steps [ms]")
-    logarithmic(right, 10, y=True)
+    plot(right, load, "FMUs of the system", "time of a run of one step [ms]")
+    logarithmic(right, 10)
     return figure
 
 
@@ -154,7 +156,7 @@ def logarithmic(axes: Axes, base: int, y: bool = False) -> None:
     axes.set_xscale("log", base=base)
     ticks = sorted({x for line in axes.get_lines() for x in line.get_xdata()})
     axes.set_xticks(ticks, [plain(tick) for tick in ticks])
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_minor_locator(NullLocator())
     if not y:
         return
     axes.set_ylim(None, None)
@@ -162,7 +164,7 @@ def logarithmic(axes: Axes, base: int, y: bool = False) -> None:
     axes.autoscale(axis="y")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def plain(value: float) -> str:

@@ -75,6 +75,11 @@ PAIR = [
 """bench/coupled.toml."""
 
 
+def by_name(name: str) -> Case:
+    """Return a case of the project's FMUs."""
+    return next(case for case in MODELS if case.name == name)
+
+
 def standing(case: Case) -> Case:
     """Return a case with all inputs standing."""
     return replace(case, inputs={name: STANDING[name] for name in case.inputs})
