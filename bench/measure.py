@@ -189,6 +189,7 @@ def pair(host: Host, effort: Effort) -> dict[str, Rounds]:
         "own": own,
         "C": lambda: host.measure("loop", steps, 1, PAIR)[0]["ns"][0],
         "native": lambda: natively(effort.program, system, steps) / steps,
+        "own again": own,  # for the noise
         "FMPy": lambda: by_fmpy(fmpy_steps) / fmpy_steps,
     }
     return alternate(3 * effort.long_rounds, subjects)

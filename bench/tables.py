@@ -1,68 +1,10 @@
 """The text of docs/speed.md that depends on measurements, by the name of its place in the page."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median, quantiles
 
+from ratios import AIMS, Ratio, again, cycle_ratio, host_ratios, slope, thread_times
 from subjects import MODELS, REFERENCE, SOURCE
-
-AIMS = {
-    ("Pid", "stand"): 1.3,
-    ("Pid", "move"): 1.3,
-    ("PidRbf", "move"): 2.5,
-    ("IpidRbf", "move"): 2.5,
-    ("Pendulum, linear", "stand"): 2.0,
-    ("Pendulum, linear", "move"): 2.0,
-}
-"""Upper limits of a cycle, as multiples of that of the bare PID in C."""
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """Two costs that were measured in the same rounds."""
-
-    ours: Sequence[float]
-    other: Sequence[float]
-    most: float | None = None
-    """The aim, if the ratio has an upper limit."""
-    least: float | None = None
-    """The aim, if it has a lower limit."""
-
-    @property
-    def rounds(self) -> list[float]:
-        """The ratio in each round."""
-        return [a / b for a, b in zip(self.ours, self.other, strict=True)]
-
-    @property
-    def median(self) -> float:
-        """The median of the ratios of the rounds, which is compared with the aim."""
-        return median(self.rounds)
-
-    @property
-    def of_minima(self) -> float:
-        """The ratio of the minima."""
-        return min(self.ours) / min(self.other)
-
-    @property
-    def aim(self) -> str:
-        """The aim as text."""
-        if self.most is not None:
-            return f"at most {self.most:g}"
-        return f"at least {self.least:g}" if self.least is not None else ""
-
-    @property
-    def verdict(self) -> str:
-        """Whether the ratio is as aimed for."""
-        if self.most is not None:
-            return "met" if self.median <= self.most else "missed"
-        if self.least is not None:
-            return "met" if self.median >= self.least else "missed"
-        return ""
-
-    def cells(self) -> list[str]:
-        """Return the last four cells of a row."""
-        return [number(self.median), number(self.of_minima), self.aim, self.verdict]
 
 
 def blocks(results: Mapping) -> dict[str, str]:
@@ -76,57 +18,6 @@ def blocks(results: Mapping) -> dict[str, str]:
         "noise": noise(results),
         "machine": machine(results),
     }
-
-
-# --- ratios -------------------------------------------------------------------------------
-
-
-def lines_of(results: Mapping, name: str, inputs: str) -> list[list[float]]:
-    """Return the measurements of a cycle; two if it was measured twice, for the noise."""
-    key = (name, inputs)
-    return [line["ns"] for line in results["cycle"] if (line["fmu"], line["inputs"]) == key]
-
-
-def cycle_ratio(results: Mapping, name: str, inputs: str) -> Ratio:
-    """Return the cost of a cycle relative to the bare PID in C."""
-    ours, reference = (lines_of(results, n, inputs)[0] for n in (name, REFERENCE.name))
-    return Ratio(ours, reference, most=AIMS.get((name, inputs)))
-
-
-def host_ratios(results: Mapping) -> dict[str, Ratio]:
-    """Return the costs of the native master relative to others."""
-    pair, sweeps = results["pair"], results["sweeps"]
-    ratios = {
-        "own": Ratio(pair["native"], pair["own"], most=1.3),
-        "C": Ratio(pair["native"], pair["C"]),
-        "FMPy": Ratio(pair["FMPy"], pair["native"], least=150),
-        "sweep": Ratio(sweeps["1"], sweeps["C"], most=1.5),
-    }
-    for processes in map(str, range(2, results["machine"]["cores"] + 1)):
-        aim = 1.85 if processes == "2" else None
-        ratios[processes] = Ratio(sweeps["1"], sweeps[processes], least=aim)
-    return ratios
-
-
-def again(results: Mapping) -> Iterator[Ratio]:
-    """Yield the ratios of FMUs to themselves."""
-    for name in (REFERENCE.name, "PidRbf"):
-        for inputs in ("stand", "move"):
-            yield Ratio(*lines_of(results, name, inputs))
-
-
-def slope(results: Mapping, inputs: str) -> float:
-    """Return the cost (ns) of one more node of a large network."""
-    nodes = node_costs(results, inputs)
-    (fewer, less), (more, cost) = list(pairwise(nodes))[-1]
-    return (cost - less) / (more - fewer)
-
-
-def node_costs(results: Mapping, inputs: str) -> list[tuple[float, float]]:
-    """Return the cost (ns) of a sample, by number of nodes in ascending order."""
-    names = (name.split("/") for name in results["rust"] if name.startswith("nodes/"))
-    counts = sorted(int(name.split()[0]) for _, name in names if name.endswith(inputs))
-    return [(n, results["rust"][f"nodes/{n} {inputs}"]["min"]) for n in counts]
 
 
 # --- tables -------------------------------------------------------------------------------
@@ -157,7 +48,7 @@ def care(results: Mapping) -> str:
 
 
 def missed(results: Mapping) -> str:
-    """Return what misses its aim."""
+    """Return what misses its aim, at least by one of both ratios."""
     names = {
         "own": "a native step of the coupled pair, relative to the cycles of its FMUs",
         "FMPy": "the native master, relative to FMPy",
@@ -171,9 +62,9 @@ def missed(results: Mapping) -> str:
     host = host_ratios(results)
     ratios += [(text, host[name]) for name, text in names.items() if name in host]
     items = [
-        f"- {name}: {number(ratio.median)} instead of {ratio.aim}"
+        f"- {name}: {number(ratio.median)}, of minima {number(ratio.of_minima)}; aim: {ratio.aim}"
         for name, ratio in ratios
-        if ratio.verdict == "missed"
+        if ratio.verdict != "met"
     ]
     return "\n".join(items) or "All aims are met."
 
@@ -193,7 +84,7 @@ def cycle(results: Mapping) -> str:
                     ns(min(ratio.ours)),
                     ns(median(ratio.ours)),
                     ns(inside["min"]) if inside else "",
-                    *(ratio.cells() if model != REFERENCE else [""] * 4),
+                    *(last_cells(ratio) if model != REFERENCE else [""] * 4),
                 ]
             )
     return markdown(rows)
@@ -206,7 +97,7 @@ def host(results: Mapping) -> str:
     rows = [["What", "Median", "Against", "Median", "Ratio", "Of minima", "Aim", ""]]
 
     def add(what: str, ours: Sequence[float], to: str, other: Sequence[float], name: str) -> None:
-        cells = ratios[name].cells()
+        cells = last_cells(ratios[name])
         rows.append([what, ns(median(ours)), to, ns(median(other)), *cells])
 
     step = "a step of the coupled pair, natively"
@@ -220,12 +111,6 @@ def host(results: Mapping) -> str:
         ratios["threads"] = Ratio(one, more)
         add("a cycle of `PidRbf` from C, 1 thread", one, f"{n} threads", more, "threads")
     return markdown(rows)
-
-
-def thread_times(results: Mapping, threads: int) -> list[float]:
-    """Return the times of a cycle of PID-RBF, which show what the machine's cores can bring."""
-    lines = {(line["fmu"], line["threads"]): line["ns"] for line in results["threads"]}
-    return lines["PidRbf", threads]
 
 
 def other(results: Mapping) -> str:
@@ -249,17 +134,29 @@ def other(results: Mapping) -> str:
 def noise(results: Mapping) -> str:
     """Return how far measurements of the same FMU are apart."""
     ratios = list(again(results))
-    all_ratios = [value for ratio in ratios for value in (ratio.median, ratio.of_minima)]
-    single = quantiles((value for ratio in ratios for value in ratio.rounds), n=20)
-    limit = max(abs(value - 1) for value in all_ratios)
+    pair = Ratio(results["pair"]["own again"], results["pair"]["own"])
+    limits = [noise_limit(ratios), noise_limit([pair])]
     spreads = [median(line["ns"]) / min(line["ns"]) for line in results["cycle"]]
-    return (
-        f"The same FMU, measured twice in the same {len(ratios[0].ours)} rounds, has ratios from "
-        f"{min(all_ratios):.3f} to\n{max(all_ratios):.3f} to itself, and in nine of ten single "
-        f"rounds from {single[0]:.2f} to {single[-1]:.2f}. Ratios of cycles that\ndiffer from "
-        f"another, or from an aim, by less than {max(limit, 0.005):.1%} are noise. The median of "
-        f"a cycle is {min(spreads):.2f}\nto {max(spreads):.2f} times its minimum."
-    )
+    items = [
+        f"- Cycles: from {single_rounds(ratios)} in nine of ten rounds. Ratios that differ from",
+        f"  each other or from an aim by less than {limits[0]:.1%} are noise. The median of a",
+        f"  cycle is {min(spreads):.2f} to {max(spreads):.2f} times its minimum.",
+        "- The native master, where each measurement is a process of its own: from",
+        f"  {single_rounds([pair])} in nine of ten rounds; less than {limits[1]:.1%} is noise.",
+    ]
+    return "\n".join(items)
+
+
+def noise_limit(ratios: Sequence[Ratio]) -> float:
+    """Return how far the ratios of FMUs to themselves are from 1."""
+    values = [value for ratio in ratios for value in (ratio.median, ratio.of_minima)]
+    return max(0.005, *(abs(value - 1) for value in values))
+
+
+def single_rounds(ratios: Sequence[Ratio]) -> str:
+    """Return the range of nine of ten rounds."""
+    single = quantiles((value for ratio in ratios for value in ratio.rounds), n=20)
+    return f"{single[0]:.2f} to {single[-1]:.2f}"
 
 
 def machine(results: Mapping) -> str:
@@ -285,6 +182,11 @@ def markdown(rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(
         "|" + "".join(f" {cell} |" if cell else " |" for cell in line) for line in lines
     )
+
+
+def last_cells(ratio: Ratio) -> list[str]:
+    """Return the last four cells of a row."""
+    return [number(ratio.median), number(ratio.of_minima), ratio.aim, ratio.verdict]
 
 
 def code(name: str) -> str:
