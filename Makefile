@@ -75,9 +75,9 @@ msrv:
 report: fmus $(VENV)/.test
 	$(RUN) -m pendulum_fmus.report --out $(REPORT)
 
-## bench: measure the speed of the FMUs and the native master; table and plots in target/bench
+## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
 bench: fmus native $(VENV)/.test $(VENV)/.bench
-	$(RUN) bench/run.py
+	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
 ## fmus: export the FMUs to target/fmu
 fmus:

@@ -8,43 +8,53 @@
  *     binary=FILE       its binary, for dlopen
  *     guid=TEXT         its GUID, as in its modelDescription.xml
  *     resources=URI     its resource location; default: empty
- *     in=REF[:VALUE]    a real input that a cycle sets, to VALUE or to a varying signal
+ *     in=REF            a real input that a cycle sets to another value each time
+ *     in=REF:VALUE      a real input that a cycle sets to the same value each time
+ *     in=REF:NAME.I     mode loop: a real input that receives output I, from 0, of the FMU NAME
  *     out=REF           a real output that a cycle reads
- *     real=REF:VALUE    a real parameter, set before the initialization
+ *     real=REF:VALUE    a real parameter or start value, set before the initialization
  *     integer=REF:VALUE an Integer or Enumeration parameter, likewise
+ *     boolean=REF:VALUE a Boolean parameter, likewise
  *
  * MODE is one of
  *
  *     cycle   COUNT cycles of one instance: fmi2SetReal of all inputs in one call, fmi2DoStep by
  *             1 ms, fmi2GetReal of all outputs in one call
  *     many    the same cycles, distributed over 1, 10, 100, 1000, 10000 instances in turn
+ *     threads COUNT cycles in each of 1, 2, ... threads, one per core at most; each thread has an
+ *             instance of its own; the time is the duration of all, divided by all cycles
+ *     loop    COUNT steps of all FMUs, coupled: in each step one cycle of each, in their order
  *     life    COUNT simultaneous instances: time from fmi2Instantiate to fmi2FreeInstance and
  *             memory of one, with and without initialization
  *
  * Every repeat measures all FMUs in turn, so that a temporary slowdown of the machine affects all of
  * them; and it creates new instances, so that unstable models do not overflow if COUNT is small
  * enough. The first error ends the run.
- * The output is one JSON object per line. Build: cc -O2 -o cycle cycle.c -ldl */
+ * The output is one JSON object per line, with the times (ns) of the repeats in their order.
+ * Build: cc -O2 -o cycle cycle.c -ldl -lm -lpthread */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <malloc.h>
 #include <math.h>
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "../tests/c/fmi2.h"
 
 /* --- the FMUs of the command line ------------------------------------------------------------- */
 
-enum { MAX_REFERENCES = 64, MAX_FMUS = 32 };
+enum { MAX_REFERENCES = 64, MAX_FMUS = 64 };
 
 typedef struct {
     unsigned reference;
-    double value; /* NAN: the signal */
+    double value;     /* NAN: the signal, or that of the source */
+    const char *from; /* the source, NAME.I, or NULL */
 } Assignment;
 
 typedef struct {
@@ -54,10 +64,10 @@ typedef struct {
 
 typedef struct {
     const char *name, *binary, *guid, *resources;
-    Assignments in, out, reals, integers;
+    Assignments in, out, reals, integers, booleans;
     double *times;  /* ns, one per repeat */
     double *others; /* ns, second measurement of a mode */
-    double last;    /* the last output, so that results can be compared */
+    double last;    /* the first output after the last cycle, so that results can be compared */
 #define MEMBER(type, name, arguments) type(*name) arguments;
     FUNCTIONS(MEMBER)
 } Fmu;
@@ -80,8 +90,13 @@ static void append(Fmu *fmu, Assignments *list, const char *text, int needs_valu
     if (list->n == MAX_REFERENCES) fail(fmu->name, "too many variables");
     char *end;
     Assignment item = {.reference = (unsigned)strtoul(text, &end, 10), .value = NAN};
-    if (*end == ':') item.value = strtod(end + 1, &end);
-    if (end == text || *end || (needs_value && isnan(item.value))) fail(text, "not a variable");
+    if (*end == ':') {
+        const char *rest = end + 1;
+        item.value = strtod(rest, &end);
+        if (end == rest && !needs_value) item = (Assignment){item.reference, NAN, rest};
+    }
+    if (end == text || (*end && !item.from) || (needs_value && isnan(item.value)))
+        fail(text, "not a variable");
     list->items[list->n++] = item;
 }
 
@@ -98,8 +113,12 @@ static void option(Fmu *fmu, const char *word) {
     else if (IS("out")) append(fmu, &fmu->out, value, 0);
     else if (IS("real")) append(fmu, &fmu->reals, value, 1);
     else if (IS("integer")) append(fmu, &fmu->integers, value, 1);
+    else if (IS("boolean")) append(fmu, &fmu->booleans, value, 1);
     else fail(word, "unknown key");
 }
+
+/* The step (s), and the time at the start, as in the loops of the paper. */
+static const double TS = 0.001;
 
 /* --- an instance ------------------------------------------------------------------------------ */
 
@@ -139,7 +158,12 @@ static void initialize(const Fmu *fmu, Component c) {
         int value = (int)item.value;
         must(fmu, fmu->SetInteger(c, &item.reference, 1, &value), "fmi2SetInteger");
     }
-    must(fmu, fmu->SetupExperiment(c, 0, 0, 0, 0, 0), "fmi2SetupExperiment");
+    for (size_t i = 0; i < fmu->booleans.n; i++) {
+        Assignment item = fmu->booleans.items[i];
+        int value = item.value != 0;
+        must(fmu, fmu->SetBoolean(c, &item.reference, 1, &value), "fmi2SetBoolean");
+    }
+    must(fmu, fmu->SetupExperiment(c, 0, 0, TS, 0, 0), "fmi2SetupExperiment");
     must(fmu, fmu->EnterInitializationMode(c), "fmi2EnterInitializationMode");
     must(fmu, fmu->ExitInitializationMode(c), "fmi2ExitInitializationMode");
 }
@@ -174,7 +198,7 @@ static void make_signal(void) {
 /* PERIOD precomputed rows of inputs, so that little more than the FMU is measured. */
 typedef struct {
     unsigned in[MAX_REFERENCES], out[MAX_REFERENCES];
-    double inputs[PERIOD][MAX_REFERENCES];
+    double inputs[PERIOD][MAX_REFERENCES], outputs[MAX_REFERENCES];
 } Plan;
 
 static Plan *prepare(const Fmu *fmu) {
@@ -189,24 +213,23 @@ static Plan *prepare(const Fmu *fmu) {
     return plan;
 }
 
-/* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
- * combined status of all calls. */
-static Status run(Fmu *fmu, const Plan *plan, Component *instances, size_t n, size_t first,
-                  size_t last) {
-    double outputs[MAX_REFERENCES] = {0};
+/* One cycle; returns the combined status of its calls. Hosts make no call without variables. */
+static inline Status cycle(Fmu *fmu, Plan *plan, Component c, size_t k, const double *inputs) {
     size_t n_in = fmu->in.n, n_out = fmu->out.n;
     unsigned status = OK;
-    for (size_t k = first; k < last; k++) {
-        const double *inputs = plan->inputs[k % PERIOD];
-        double time = 0.001 * (double)k;
-        for (size_t i = 0; i < n; i++) {
-            Component c = instances[i];
-            status |= fmu->SetReal(c, plan->in, n_in, inputs);
-            status |= fmu->DoStep(c, time, 0.001, 1);
-            status |= fmu->GetReal(c, plan->out, n_out, outputs);
-        }
-    }
-    fmu->last = outputs[0];
+    if (n_in) status |= fmu->SetReal(c, plan->in, n_in, inputs);
+    status |= fmu->DoStep(c, TS * (double)(k + 1), TS, 1);
+    if (n_out) status |= fmu->GetReal(c, plan->out, n_out, plan->outputs);
+    return status;
+}
+
+/* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
+ * combined status of all calls. */
+static Status run(Fmu *fmu, Plan *plan, Component *instances, size_t n, size_t first, size_t last) {
+    unsigned status = OK;
+    for (size_t k = first; k < last; k++)
+        for (size_t i = 0; i < n; i++)
+            status |= cycle(fmu, plan, instances[i], k, plan->inputs[k % PERIOD]);
     return status;
 }
 
@@ -221,22 +244,18 @@ static double cycle_time(Fmu *fmu, size_t n, size_t count) {
     Status status = run(fmu, plan, instances, n, warm, warm + steps);
     double time = (now() - begin) / (double)(n * steps);
     must(fmu, status, "a cycle");
+    fmu->last = plan->outputs[0];
     for (size_t i = 0; i < n; i++) end(fmu, instances[i]);
     free(instances);
     free(plan);
     return time;
 }
 
-static int ascending(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* Prints a member of a JSON object for the minimum and one for the median of the repeats. */
-static void print_times(const char *what, double *times, size_t repeats) {
-    qsort(times, repeats, sizeof *times, ascending);
-    printf(", \"%smin_ns\": %.3f, \"%smedian_ns\": %.3f", what, times[0], what,
-           (times[(repeats - 1) / 2] + times[repeats / 2]) / 2);
+/* Prints a member of a JSON object: the times of the repeats. */
+static void print_times(const char *name, const double *times, size_t repeats) {
+    printf(", \"%s\": [", name);
+    for (size_t i = 0; i < repeats; i++) printf("%s%.3f", i ? ", " : "", times[i]);
+    printf("]");
 }
 
 static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t n, size_t count, size_t repeats) {
@@ -244,13 +263,142 @@ static void measure_cycles(Fmu *fmus, size_t n_fmus, size_t n, size_t count, siz
         for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++)
             fmu->times[repeat] = cycle_time(fmu, n, count);
     for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++) {
-        printf("{\"fmu\": \"%s\", \"mode\": \"cycle\", \"instances\": %zu, \"cycles\": %zu, "
-               "\"repeats\": %zu",
-               fmu->name, n, count, repeats);
-        print_times("", fmu->times, repeats);
-        printf(", \"last_output\": %.17g}\n", fmu->last);
+        printf("{\"fmu\": \"%s\", \"instances\": %zu, \"last_output\": %.17g", fmu->name, n,
+               fmu->last);
+        print_times("ns", fmu->times, repeats);
+        printf("}\n");
     }
 }
+
+/* --- threads ---------------------------------------------------------------------------------- */
+
+typedef struct {
+    pthread_t thread;
+    pthread_barrier_t *start;
+    Fmu *fmu;
+    size_t count;
+    double begin, end;
+} Worker;
+
+static void *work(void *argument) {
+    Worker *worker = argument;
+    Fmu *fmu = worker->fmu;
+    Plan *plan = prepare(fmu);
+    Component c = instantiate(fmu);
+    initialize(fmu, c);
+    size_t warm = 1 + worker->count / 8;
+    must(fmu, run(fmu, plan, &c, 1, 0, warm), "a warm-up cycle");
+    pthread_barrier_wait(worker->start);
+    worker->begin = now();
+    Status status = run(fmu, plan, &c, 1, warm, warm + worker->count);
+    worker->end = now();
+    must(fmu, status, "a cycle");
+    end(fmu, c);
+    free(plan);
+    return NULL;
+}
+
+/* The time (ns) from the first cycle of any thread to the last one, per cycle of all threads. */
+static double threads_time(Fmu *fmu, size_t n, size_t count) {
+    Worker *workers = calloc(n, sizeof *workers);
+    pthread_barrier_t start;
+    pthread_barrier_init(&start, NULL, (unsigned)n);
+    for (Worker *worker = workers; worker < workers + n; worker++) {
+        *worker = (Worker){.start = &start, .fmu = fmu, .count = count};
+        if (pthread_create(&worker->thread, NULL, work, worker)) fail(fmu->name, "no thread");
+    }
+    double begin = INFINITY, end = 0;
+    for (Worker *worker = workers; worker < workers + n; worker++) {
+        pthread_join(worker->thread, NULL);
+        begin = fmin(begin, worker->begin);
+        end = fmax(end, worker->end);
+    }
+    pthread_barrier_destroy(&start);
+    free(workers);
+    return (end - begin) / (double)(n * count);
+}
+
+static void measure_threads(Fmu *fmus, size_t n_fmus, size_t count, size_t repeats) {
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    if (cores < 1) fail("threads", "the number of cores is unknown");
+    size_t n_cores = (size_t)cores;
+    /* In alternation, too, as ratios of numbers of threads are of interest. */
+    double *times = calloc(n_fmus * n_cores * repeats, sizeof *times);
+    for (size_t repeat = 0; repeat < repeats; repeat++)
+        for (size_t f = 0; f < n_fmus; f++)
+            for (size_t n = 1; n <= n_cores; n++)
+                times[(f * n_cores + n - 1) * repeats + repeat] = threads_time(&fmus[f], n, count);
+    for (size_t f = 0; f < n_fmus; f++)
+        for (size_t n = 1; n <= n_cores; n++) {
+            printf("{\"fmu\": \"%s\", \"threads\": %zu", fmus[f].name, n);
+            print_times("ns", times + (f * n_cores + n - 1) * repeats, repeats);
+            printf("}\n");
+        }
+    free(times);
+}
+
+/* --- coupled FMUs ----------------------------------------------------------------------------- */
+
+/* The output that an input NAME.I receives. */
+static const double *source(const char *from, const Fmu *fmus, Plan *const *plans, size_t n_fmus) {
+    const char *dot = strrchr(from, '.');
+    for (size_t f = 0; dot && f < n_fmus; f++) {
+        size_t length = strlen(fmus[f].name), i = strtoul(dot + 1, NULL, 10);
+        if ((size_t)(dot - from) == length && !strncmp(from, fmus[f].name, length) &&
+            i < fmus[f].out.n)
+            return &plans[f]->outputs[i];
+    }
+    fail(from, "no such output");
+    return NULL;
+}
+
+/* The time (ns) per step of `count` steps of all FMUs, coupled. */
+static double loop_time(Fmu *fmus, size_t n_fmus, size_t count) {
+    Plan *plans[MAX_FMUS];
+    Component instances[MAX_FMUS];
+    const double *sources[MAX_FMUS][MAX_REFERENCES];
+    for (size_t f = 0; f < n_fmus; f++) {
+        Fmu *fmu = &fmus[f];
+        plans[f] = prepare(fmu);
+        initialize(fmu, instances[f] = instantiate(fmu));
+        if (!fmu->out.n) continue;
+        Plan *plan = plans[f];
+        must(fmu, fmu->GetReal(instances[f], plan->out, fmu->out.n, plan->outputs), "fmi2GetReal");
+    }
+    for (size_t f = 0; f < n_fmus; f++)
+        for (size_t i = 0; i < fmus[f].in.n; i++) {
+            const char *from = fmus[f].in.items[i].from;
+            sources[f][i] = from ? source(from, fmus, plans, n_fmus) : &plans[f]->inputs[0][i];
+        }
+    unsigned status = OK;
+    double inputs[MAX_REFERENCES], begin = now();
+    for (size_t k = 0; k < count; k++)
+        for (size_t f = 0; f < n_fmus; f++) {
+            for (size_t i = 0; i < fmus[f].in.n; i++) inputs[i] = *sources[f][i];
+            status |= cycle(&fmus[f], plans[f], instances[f], k, inputs);
+        }
+    double time = (now() - begin) / (double)count;
+    must(fmus, status, "a step");
+    for (size_t f = 0; f < n_fmus; f++) {
+        fmus[f].last = plans[f]->outputs[0];
+        end(&fmus[f], instances[f]);
+        free(plans[f]);
+    }
+    return time;
+}
+
+static void measure_loop(Fmu *fmus, size_t n_fmus, size_t count, size_t repeats) {
+    for (size_t repeat = 0; repeat < repeats; repeat++)
+        fmus->times[repeat] = loop_time(fmus, n_fmus, count);
+    printf("{\"last_outputs\": {");
+    for (size_t f = 0; f < n_fmus; f++)
+        printf("%s\"%s\": %.17g", f ? ", " : "", fmus[f].name, fmus[f].last);
+    printf("}");
+    print_times("ns", fmus->times, repeats);
+    printf("}\n");
+}
+
+/* --- instances -------------------------------------------------------------------------------- */
 
 static double allocated(void) {
     struct mallinfo2 info = mallinfo2();
@@ -281,11 +429,11 @@ static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
         }
     }
     for (size_t f = 0; f < n_fmus; f++) {
-        printf("{\"fmu\": \"%s\", \"mode\": \"life\", \"instances\": %zu, \"repeats\": %zu",
-               fmus[f].name, n, repeats);
-        print_times("", fmus[f].times, repeats);
-        print_times("initialized_", fmus[f].others, repeats);
-        printf(", \"bytes\": %.1f, \"initialized_bytes\": %.1f}\n", bytes[f], bytes_ready[f]);
+        printf("{\"fmu\": \"%s\", \"bytes\": %.1f, \"initialized_bytes\": %.1f", fmus[f].name,
+               bytes[f], bytes_ready[f]);
+        print_times("ns", fmus[f].times, repeats);
+        print_times("initialized_ns", fmus[f].others, repeats);
+        printf("}\n");
     }
     free(instances);
 }
@@ -312,6 +460,8 @@ int main(int n_words, char **words) {
     else if (!strcmp(mode, "life")) measure_lives(fmus, n_fmus, count, repeats);
     else if (!strcmp(mode, "many"))
         for (size_t n = 1; n <= 10000; n *= 10) measure_cycles(fmus, n_fmus, n, count, repeats);
-    else fail(mode, "the modes are cycle, many, life");
+    else if (!strcmp(mode, "threads")) measure_threads(fmus, n_fmus, count, repeats);
+    else if (!strcmp(mode, "loop")) measure_loop(fmus, n_fmus, count, repeats);
+    else fail(mode, "the modes are cycle, many, threads, loop, life");
     return 0;
 }

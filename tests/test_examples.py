@@ -1,12 +1,8 @@
-"""The examples: the FMU in plain C matches the Rust one, the benchmarks step as documented."""
+"""The example in plain C: its FMU matches the one in Rust."""
 
-import json
-import os
-import runpy
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -37,19 +33,3 @@ def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: P
     ours = simulate(loop, folders[1], "--set", "controller.previous_sample_terms=false")
     for name, values in in_c.items():
         assert values.tobytes() == ours[name].tobytes(), name
-
-
-def test_the_c_host_of_the_benchmarks_steps_as_documented(own_fmu: Path, tmp_path: Path) -> None:
-    # One host, two FMUs with the same law and variables: the outputs must be equal.
-    bench = SimpleNamespace(**runpy.run_path(str(ROOT / "bench" / "run.py")))
-    host = tmp_path / "cycle"
-    source = ROOT / "bench" / "cycle.c"
-    compiler = os.environ.get("CC", "cc")
-    subprocess.run([compiler, "-O2", "-o", host, source, "-ldl", "-lm"], check=True)
-    fmus = [bench.unpack(file, tmp_path) for file in (own_fmu, bench.FMUS / "Pid.fmu")]
-    command = [host, "cycle", "1000", "3", *fmus[0].words(), "--", *fmus[1].words()]
-    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
-    results = [json.loads(line) for line in lines]
-    assert [line["fmu"] for line in results] == ["CPid", "Pid"]
-    assert results[0]["last_output"] == results[1]["last_output"] != 0
-    assert all(0 < line["min_ns"] <= line["median_ns"] for line in results)

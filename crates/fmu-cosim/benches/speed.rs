@@ -1,36 +1,166 @@
 //! The cost of a step in process, and of opening an FMU. `bench/run.py` compares it with the C
-//! interface and prints the table of docs/speed.md. Needs the FMUs: `cargo fmu export`.
+//! interface for docs/speed.md. Needs the FMUs: `cargo fmu export`.
 
 use std::hint::black_box;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
 use fmu_cosim::Fmu;
-use pendulum_control::closed_loop::{TS, pid};
+use pendulum_control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
 use pendulum_control::pid::Integral;
-use pendulum_control::plant::{Linear, Parameters, State};
-use pendulum_control::{IpidRbf, PidRbf, Rbf};
+use pendulum_control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
+use pendulum_control::{PidRbf, Rbf, Target, signal};
 
-/// A signal that always changes and is large enough to avoid denormal numbers.
-struct Signal {
-    values: [f64; 64],
+type Group<'a> = BenchmarkGroup<'a, WallTime>;
+
+/// The inputs of successive steps: r, y, d, `u_supervisor` of a controller, or u of the plant.
+struct Inputs {
+    rows: [[f64; 4]; 64],
     next: usize,
 }
 
-impl Signal {
-    fn new(offset: f64) -> Self {
-        let value = |k: usize| offset + 0.01 * libm::sin(0.7 * k as f64);
+impl Inputs {
+    fn standing(row: [f64; 4]) -> Self {
+        let rows = [row; 64];
+        Self { rows, next: 0 }
+    }
+
+    /// Values with mean zero, which always change and are large enough to avoid denormal numbers.
+    fn moving() -> Self {
+        let value = |k: usize| 0.1 * libm::sin(core::f64::consts::TAU * (k as f64 + 0.5) / 64.0);
         Self {
-            values: std::array::from_fn(value),
+            rows: std::array::from_fn(|k| std::array::from_fn(|i| value(k + i))),
             next: 0,
         }
     }
 
-    fn next(&mut self) -> f64 {
-        self.next = (self.next + 1) % self.values.len();
-        self.values[self.next]
+    #[inline]
+    fn next(&mut self) -> [f64; 4] {
+        self.next = (self.next + 1) % self.rows.len();
+        self.rows[self.next]
     }
+}
+
+const CONTROLLER: [f64; 4] = [1.0, 0.99, 0.0, 10.0];
+/// So small that the plant stays upright until it is reset.
+const FORCE: [f64; 4] = [1e-4; 4];
+/// Steps after which the plant, which has no controller, is reset.
+const UPRIGHT: u32 = 2048;
+
+/// A model with inputs that stand, and with inputs that move.
+fn both<Step: FnMut([f64; 4]) -> f64>(
+    group: &mut Group<'_>,
+    name: &str,
+    standing: [f64; 4],
+    model: impl Fn() -> Step,
+) {
+    for (kind, mut inputs) in [
+        ("stand", Inputs::standing(standing)),
+        ("move", Inputs::moving()),
+    ] {
+        let mut step = model();
+        group.bench_function(format!("{name} {kind}"), |b| {
+            b.iter(|| step(black_box(inputs.next())));
+        });
+    }
+}
+
+/// Each controller, called in process.
+fn controllers(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("in process");
+    both(&mut group, "Pid", CONTROLLER, || {
+        let mut c = pid(Integral::Sum, false);
+        move |[r, y, d, _]| c.sample(r, y, d)
+    });
+    both(&mut group, "PidRbf", CONTROLLER, || {
+        let mut c = pid_rbf(false, [0.0; 4]);
+        move |[r, y, d, _]| c.sample(r, y, d)
+    });
+    both(&mut group, "IpidRbf", CONTROLLER, || {
+        let mut c = ipid_rbf(Target::Own, [0.0; 4]);
+        move |[r, y, d, u_supervisor]| c.sample(r, y, d, u_supervisor)
+    });
+    group.finish();
+}
+
+/// Each form of the plant, and the source.
+fn others(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("in process");
+    both(&mut group, "Pendulum, linear", FORCE, || {
+        let mut plant = Linear::new(&Parameters::PAPER);
+        let advance = move |state: &mut State, u: f64| plant.advance(state, u, TS);
+        from_upright(State::default(), advance, |state| state.theta)
+    });
+    both(&mut group, "Pendulum, nonlinear", FORCE, || {
+        let advance = |state: &mut State, u: f64| {
+            nonlinear::advance(&Parameters::PAPER, state, u, TS).unwrap();
+        };
+        from_upright(State::default(), advance, |state| state.theta)
+    });
+    both(&mut group, "Pendulum, transfer function", FORCE, || {
+        let plant = TransferFunction::new(&Parameters::PAPER, TS, State::default());
+        from_upright(plant, |plant, u| _ = plant.advance(u), |p| p.theta())
+    });
+    let mut time = 0.0;
+    group.bench_function("Source stand", |b| {
+        b.iter(|| {
+            time += TS;
+            black_box(1.0) + signal::pulse(5.0, 0.5, time)
+        });
+    });
+    let mut time = 0.0;
+    group.bench_function("Source move", |b| {
+        b.iter(|| {
+            time += TS;
+            signal::sine(0.2, time) + signal::pulse(5.0, 0.5, time)
+        });
+    });
+    group.finish();
+}
+
+/// The steps of an unstable plant, which starts anew before it falls over.
+fn from_upright<P: Clone>(
+    upright: P,
+    mut advance: impl FnMut(&mut P, f64),
+    theta: impl Fn(&P) -> f64,
+) -> impl FnMut([f64; 4]) -> f64 {
+    let mut plant = upright.clone();
+    let mut steps = 0;
+    move |[u, ..]| {
+        steps += 1;
+        if steps % UPRIGHT == 0 {
+            plant = upright.clone();
+        }
+        advance(&mut plant, u);
+        theta(&plant)
+    }
+}
+
+/// The cost of a sample as a function of the number of network nodes.
+fn nodes(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("nodes");
+    nodes_of::<1>(&mut group);
+    nodes_of::<2>(&mut group);
+    nodes_of::<4>(&mut group);
+    nodes_of::<8>(&mut group);
+    nodes_of::<16>(&mut group);
+    nodes_of::<32>(&mut group);
+    nodes_of::<64>(&mut group);
+    nodes_of::<128>(&mut group);
+    nodes_of::<256>(&mut group);
+    group.finish();
+}
+
+fn nodes_of<const N: usize>(group: &mut Group<'_>) {
+    both(group, &N.to_string(), CONTROLLER, || {
+        let mut c = PidRbf {
+            pid: pid(Integral::Sum, false),
+            network: network::<N>(),
+            ..PidRbf::default()
+        };
+        move |[r, y, d, _]| c.sample(r, y, d)
+    });
 }
 
 /// Nodes spread evenly over -2 to 2.
@@ -44,116 +174,13 @@ fn network<const N: usize>() -> Rbf<N> {
     network
 }
 
-fn pid_rbf<const N: usize>() -> PidRbf<N> {
-    PidRbf {
-        pid: pid(Integral::Sum, false),
-        network: network(),
-        ..PidRbf::default()
-    }
-}
-
-fn fmu_file(model: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../target/fmu")
-        .join(format!("{model}.fmu"))
-}
-
-type Group<'a> = BenchmarkGroup<'a, WallTime>;
-
-/// Each controller and the plant, called in process.
-fn steps(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("Pid");
-    let (mut c, mut y) = (pid(Integral::Sum, false), Signal::new(0.99));
-    group.bench_function("in process", |b| {
-        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
-    });
-    group.finish();
-
-    let mut group = criterion.benchmark_group("PidRbf");
-    let (mut c, mut y) = (pid_rbf::<4>(), Signal::new(0.99));
-    group.bench_function("in process", |b| {
-        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
-    });
-    group.finish();
-
-    let mut group = criterion.benchmark_group("IpidRbf");
-    let (mut c, mut y) = (IpidRbf::default(), Signal::new(0.99));
-    c.law = PidRbf {
-        pid: pid(Integral::Leaky, false),
-        network: network::<4>(),
-        ..c.law
-    };
-    group.bench_function("in process", |b| {
-        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0), black_box(10.0)));
-    });
-    group.finish();
-
-    let mut group = criterion.benchmark_group("Pendulum");
-    let mut plant = Linear::new(&Parameters::PAPER);
-    let (mut state, mut balance) = (State::default(), Balance::default());
-    group.bench_function("in process", |b| {
-        b.iter(|| {
-            let force = balance.force(state.theta);
-            plant.advance(&mut state, black_box(force), TS);
-            state.theta
-        });
-    });
-    group.finish();
-}
-
-/// A force that balances the unstable pendulum and keeps it moving.
-#[derive(Default)]
-struct Balance {
-    before: f64,
-    samples: u32,
-}
-
-impl Balance {
-    fn force(&mut self, theta: f64) -> f64 {
-        self.samples = self.samples.wrapping_add(1);
-        let target = if self.samples & 1024 == 0 {
-            0.01
-        } else {
-            -0.01
-        };
-        let force = 300.0 * (target - theta) - 1e5 * (theta - self.before);
-        self.before = theta;
-        force
-    }
-}
-
-/// The cost of a sample as a function of the number of network nodes.
-fn nodes(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("nodes");
-    nodes_of::<1>(&mut group);
-    nodes_of::<4>(&mut group);
-    nodes_of::<16>(&mut group);
-    nodes_of::<64>(&mut group);
-    nodes_of::<256>(&mut group);
-    group.finish();
-}
-
-fn nodes_of<const N: usize>(group: &mut Group<'_>) {
-    let (mut c, mut y) = (pid_rbf::<N>(), Signal::new(0.99));
-    group.bench_function(format!("{N} constant"), |b| {
-        b.iter(|| c.sample(black_box(1.0), y.next(), black_box(0.0)));
-    });
-    let (mut c, mut r) = (pid_rbf::<N>(), Signal::new(1.0));
-    group.bench_function(format!("{N} moving"), |b| {
-        b.iter(|| {
-            let r = r.next();
-            c.sample(r, black_box(0.99), black_box(0.0))
-        });
-    });
-}
-
 /// Opening an FMU file, which includes unpacking.
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
-    let file = fmu_file("PidRbf");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/fmu/PidRbf.fmu");
     group.bench_function("open", |b| b.iter(|| Fmu::open(&file).unwrap()));
     group.finish();
 }
 
-criterion_group!(benches, steps, nodes, loading);
+criterion_group!(benches, controllers, others, nodes, loading);
 criterion_main!(benches);

@@ -1,0 +1,276 @@
+"""All measurements: times in ns, in lists with one item per round."""
+
+import json
+import os
+import platform
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+from pendulum_fmus.master import Component, System, simulate
+from pendulum_fmus.project import FMUS, PROGRAM, ROOT
+from subjects import (
+    BENCH,
+    LOOP,
+    MODELS,
+    PAIR,
+    REFERENCE,
+    SINE,
+    SOURCE,
+    Case,
+    Host,
+    alone,
+    by_name,
+    run,
+    standing,
+)
+
+NATIVE = ROOT / "target" / "native" / "cargo-fmu"
+CRITERION = ROOT / "target" / "criterion"
+SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
+SWEPT = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
+CORES = os.cpu_count() or 1
+LOOP_STEPS = 2000
+"""Steps of one loop of the sweep."""
+
+Rounds = list[float]
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured, and with which program."""
+
+    program: Path = NATIVE
+    rust: bool = True
+    """Whether to run the benchmarks in Rust."""
+    rounds: int = 500
+    """Rounds of cycles, which are short."""
+    long_rounds: int = 10
+    """Rounds of whole runs and sweeps."""
+    instances: int = 10_000
+    thread_cycles: int = 500_000
+    """Cycles of each thread: so many that the start of the threads does not matter."""
+    lengths: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000)
+    """Steps of a run."""
+    sizes: Sequence[int] = (2, 10, 100, 1000)
+    """Numbers of FMUs in a system."""
+    system_steps: int = 2_000_000
+    """Steps of all FMUs of a system together."""
+    sweep: bool = True
+    """Whether to run the whole sweep, not a few loops of it."""
+
+
+QUICK = Effort(PROGRAM, False, 5, 2, 100, 10_000, (1_000, 10_000), (2, 10), 10_000, False)
+"""Shows that everything works; the times mean nothing."""
+
+
+def measure(effort: Effort, folder: Path, log: Log) -> dict:
+    """Measure everything, with temporary files in a folder."""
+    results: dict = {"machine": machine(), "program": effort.program.parent.name}
+    host = Host(folder)
+    log("cycles")
+    results["cycle"] = cycles(host, effort)
+    results["python"] = against_python(host, effort)
+    log("instances, threads")
+    moving = [REFERENCE, *(by_name(name) for name in ("Pid", "PidRbf", "Pendulum, linear"))]
+    short = max(effort.rounds // 10, 3)
+    results["life"] = host.measure("life", effort.instances, short // 2 + 1, moving)
+    results["many"] = host.measure("many", 20_000, short, moving)
+    controllers = moving[:-1]  # the plant would overflow
+    results["threads"] = host.measure("threads", effort.thread_cycles, short, controllers)
+    log("a coupled pair")
+    results["pair"] = pair(host, effort)
+    log("runs of several lengths, systems of several sizes")
+    results["lengths"] = lengths(effort)
+    results["systems"] = systems(effort, folder)
+    log("sweeps")
+    results["sweeps"] = sweeps(host, effort, folder)
+    if effort.rust:
+        log("in process")
+        results["rust"] = rust()
+    results["sizes"] = {file.stem: file.stat().st_size for file in sorted(FMUS.glob("*.fmu"))}
+    return results
+
+
+def machine() -> dict[str, str | int]:
+    """Describe the machine."""
+    names: Iterable[str] = ()
+    if (info := Path("/proc/cpuinfo")).exists():
+        names = re.findall(r"^model name\s*: (.*)$", info.read_text(), re.MULTILINE)
+    return {
+        "processor": next(iter(names), platform.processor() or "unknown processor"),
+        "cores": CORES,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "rustc": run(["rustc", "--version"]).split(" (")[0].strip(),
+        "cc": run([os.environ.get("CC", "cc"), "--version"]).splitlines()[0],
+    }
+
+
+# --- an FMU, from C and in process --------------------------------------------------------
+
+CYCLES = 2000
+"""Cycles of one round: so few that the plant, without a controller, is still upright."""
+
+
+def cycles(host: Host, effort: Effort) -> list[dict]:
+    """Measure a cycle of each FMU; the reference and PID-RBF twice, for the noise."""
+    cases: list[tuple[str, Case]] = []
+    for kind in ("stand", "move"):
+        models = [REFERENCE, *MODELS, REFERENCE, by_name("PidRbf")]
+        source = replace(SOURCE, start=SINE if kind == "move" else {})
+        of_kind = models if kind == "move" else [standing(case) for case in models]
+        cases += [(kind, case) for case in [*of_kind, source]]
+    lines = host.measure("cycle", CYCLES, effort.rounds, [case for _, case in cases])
+    return [line | {"inputs": kind} for line, (kind, _) in zip(lines, cases, strict=True)]
+
+
+def against_python(host: Host, effort: Effort) -> list[dict]:
+    """Measure the PID of PythonFMU and ours in turn; return nothing if it cannot run here."""
+    if not host.build_python_fmu():
+        return []
+    pid = by_name("Pid")
+    cases = [pid, replace(pid, name="PythonFMU", model="PythonPid")]
+    return host.measure("cycle", CYCLES // 2, max(effort.rounds // 25, 3), cases)
+
+
+def rust() -> dict[str, dict[str, float]]:
+    """Run the benchmarks in Rust; return minimum and median by group and function."""
+    brief = ["--noplot", "--warm-up-time", "0.5", "--measurement-time", "1"]
+    bench = ["cargo", "bench", "--locked", "--quiet", "--profile", "native"]
+    begin = time.time()
+    run([*bench, "--package", "fmu-cosim", "--bench", "speed", "--", *brief])
+    results = {}
+    for file in CRITERION.glob("*/*/new/sample.json"):
+        if file.stat().st_mtime < begin:
+            continue  # of a benchmark that no longer exists
+        name = json.loads(file.with_name("benchmark.json").read_text())["full_id"]
+        sample = json.loads(file.read_text())
+        times = [t / n for t, n in zip(sample["times"], sample["iters"], strict=True)]
+        results[name] = {"min": min(times), "median": median(times)}
+    return results
+
+
+# --- the native master --------------------------------------------------------------------
+
+
+def alternate(rounds: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, Rounds]:
+    """Measure all subjects in turn, in each round."""
+    times: dict[str, Rounds] = {name: [] for name in subjects}
+    for _ in range(rounds):
+        for name, subject in subjects.items():
+            times[name].append(subject())
+    return times
+
+
+def natively(program: Path, system: Path, steps: int) -> float:
+    """Return the time of a run, with instantiation, as the program reports it."""
+    stop = 0.001 * (steps + 0.5)  # half a step more, as the last digits of `stop` may be rounded
+    text = run([program, "simulate", system, "--stop", f"{stop:.4f}"])
+    return 1e6 * float(text.split(" s in ")[1].split(" ms")[0])
+
+
+def pair(host: Host, effort: Effort) -> dict[str, Rounds]:
+    """Measure a step of bench/coupled.toml in each master, and the cycles of its FMUs alone."""
+    system = BENCH / "coupled.toml"
+    steps, fmpy_steps = (10_000, 1_000) if effort == QUICK else (200_000, 20_000)
+    apart = [alone(case) for case in PAIR]
+
+    def own() -> float:
+        lines = host.measure("cycle", CYCLES, steps // CYCLES, apart)
+        return sum(median(line["ns"]) for line in lines)
+
+    subjects = {
+        "own": own,
+        "C": lambda: host.measure("loop", steps, 1, PAIR)[0]["ns"][0],
+        "native": lambda: natively(effort.program, system, steps) / steps,
+        "own again": own,  # for the noise
+        "FMPy": lambda: by_fmpy(fmpy_steps) / fmpy_steps,
+    }
+    return alternate(3 * effort.long_rounds, subjects)
+
+
+def by_fmpy(steps: int) -> float:
+    """Return the time of a run with the FMPy master."""
+    components = [
+        Component("controller", FMUS / "PidRbf.fmu", {"r": 0.01}, sampled=True),
+        Component("plant", FMUS / "Pendulum.fmu"),
+    ]
+    connections = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
+    with System(components, connections) as system:
+        begin = time.perf_counter_ns()
+        simulate(system, 0.001, 0.001, steps, record=["controller.e"])
+        return time.perf_counter_ns() - begin
+
+
+def lengths(effort: Effort) -> dict[int, Rounds]:
+    """Measure a step of the coupled pair in runs of several lengths."""
+    system = BENCH / "coupled.toml"
+    subjects = {
+        str(steps): lambda steps=steps: natively(effort.program, system, steps) / steps
+        for steps in effort.lengths
+    }
+    return alternate(effort.long_rounds, subjects)
+
+
+def systems(effort: Effort, folder: Path) -> dict[str, dict[str, Rounds]]:
+    """Measure systems of several sizes: a step of one FMU, and a command that takes one step."""
+    results: dict[str, dict[str, Rounds]] = {}
+    files = {size: write_system(folder / f"{size}.toml", size // 2) for size in effort.sizes}
+    for _ in range(effort.long_rounds):
+        for size, file in files.items():
+            steps = effort.system_steps // size
+            begin = time.perf_counter_ns()
+            first = natively(effort.program, file, 1)
+            command = time.perf_counter_ns() - begin
+            rest = natively(effort.program, file, steps + 1) - first
+            rounds = results.setdefault(str(size), {"step": [], "load": []})
+            rounds["step"].append(rest / (steps * size))
+            rounds["load"].append(command)
+    return results
+
+
+def write_system(file: Path, loops: int) -> Path:
+    """Write a system of closed loops with a PID controller each."""
+    connections, components = [], []
+    for i in range(loops):
+        connections += [f"plant{i}.theta -> controller{i}.y", f"controller{i}.u -> plant{i}.u"]
+        for name, model, start in (("controller", "Pid", "r = 0.01"), ("plant", "Pendulum", "")):
+            fmu = json.dumps(str(FMUS / f"{model}.fmu"))
+            text = f'[[component]]\nname = "{name}{i}"\nfmu = {fmu}\nstart = {{ {start} }}\n'
+            components.append(text)
+    head = f"start = 0.001\nstop = 1.0\nstep = 0.001\nconnections = {json.dumps(connections)}\n"
+    file.write_text(head + 'outputs = ["controller0.e"]\n' + "".join(components), encoding="utf-8")
+    return file
+
+
+def sweeps(host: Host, effort: Effort, folder: Path) -> dict[str, Rounds]:
+    """Measure a loop of the sweep in 1, 2, ... processes, and the bare loop in C."""
+    text = SWEEP.read_text(encoding="utf-8")
+    file = folder / "sweep.toml"
+    file.write_text(text if effort.sweep else re.sub(r"count = \d+", "count = 2", text))
+
+    def sweep(processes: int) -> float:
+        out = folder / "sweep.csv"
+        out.unlink(missing_ok=True)
+        options = ["--system", SWEPT, "--threads", str(processes), "--out", out]
+        words = run([effort.program, "sweep", file, *options]).split()
+        loops, seconds = float(words[0]), float(words[words.index("in") + 1])
+        return 1e9 * seconds / loops
+
+    def bare() -> float:
+        times = host.measure("loop", LOOP_STEPS, 5 * effort.long_rounds, LOOP)[0]["ns"]
+        return LOOP_STEPS * median(times)
+
+    subjects = {"C": bare} | {str(n): lambda n=n: sweep(n) for n in range(1, CORES + 1)}
+    return alternate(effort.long_rounds, subjects)
+
+
+def say(what: str) -> None:
+    """Print the current measurement."""
+    print(f"measuring: {what}", file=sys.stderr)

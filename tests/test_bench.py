@@ -1,0 +1,69 @@
+"""The benchmarks: the C host steps as documented, and the page gets what was measured."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from native import ROOT, simulate
+
+PAGE = ROOT / "docs" / "speed.md"
+
+PLACE = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- / -->", re.DOTALL)
+"""A part of the page that is generated."""
+
+
+@pytest.fixture(scope="module")
+def subjects(fmus: Path):
+    """Import the module of the benchmarks that runs the C host."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "bench")
+        import subjects
+
+        yield subjects
+
+
+def test_the_c_host_steps_as_documented(subjects, tmp_path: Path) -> None:
+    # One host, two FMUs with the same law and variables: the outputs must be equal.
+    models = [subjects.REFERENCE, subjects.MODELS[0]]
+    for cases in (models, [subjects.standing(case) for case in models]):
+        lines = subjects.Host(tmp_path).measure("cycle", 1000, 3, cases)
+        assert [line["fmu"] for line in lines] == ["bare PID in C", "Pid"]
+        assert lines[0]["last_output"] == lines[1]["last_output"] != 0
+        assert all(len(line["ns"]) == 3 and min(line["ns"]) > 0 for line in lines)
+
+
+@pytest.mark.parametrize("file", ["examples/closed-loop/pid-rbf.toml", "bench/coupled.toml"])
+def test_the_master_in_c_gives_the_same_bits(subjects, file: str, tmp_path: Path) -> None:
+    cases = subjects.LOOP if "examples" in file else subjects.PAIR
+    (line,) = subjects.Host(tmp_path).measure("loop", 500, 2, cases)
+    ours = simulate(ROOT / file, tmp_path, "--stop", "0.5", "--output", "controller.u")
+    assert ours["controller.u"][-1] == line["last_outputs"]["controller"] != 0
+
+
+def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
+    page = shutil.copy(PAGE, tmp_path)
+    command = [ROOT / "bench" / "run.py", "--quick", "--out", tmp_path, "--publish", page]
+    subprocess.run([sys.executable, *command], check=True, capture_output=True)
+    before, after = (path.read_text(encoding="utf-8") for path in (PAGE, Path(page)))
+    assert PLACE.sub("", before) == PLACE.sub("", after)
+    texts = {name: text.strip() for name, text in PLACE.findall(after)}
+    table = (tmp_path / "table.md").read_text(encoding="utf-8")
+    assert table.strip() == "\n\n".join(texts[name] for name in texts_in(table, texts))
+    assert "with `--quick`" in texts["machine"]
+    for model in fmus.glob("*.fmu"):
+        assert f"| `{model.stem}`" in texts["cycle"]
+    assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
+
+
+def texts_in(table: str, texts: dict[str, str]) -> list[str]:
+    """Return the names of the texts in the order of the table."""
+    return sorted(texts, key=lambda name: table.index(texts[name]))
+
+
+def test_numbers_of_the_page_are_measured() -> None:
+    prose = PLACE.sub("", PAGE.read_text(encoding="utf-8")).replace("PUBLISH=1", "")
+    assert not re.findall(r".*\d.*", prose)
