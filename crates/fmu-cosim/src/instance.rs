@@ -6,9 +6,9 @@ use std::sync::Arc;
 use anyhow::Result;
 use fmu_host::Success;
 
-use crate::recorder::Function;
+use crate::recorder::{Calls, Function};
 use crate::value::Typed;
-use crate::{Fmu, Messages, Recorder, Variable};
+use crate::{Fmu, Messages, Variable};
 
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
@@ -69,15 +69,12 @@ pub(crate) type Called = Result<(), Box<Failure>>;
 
 /// A running FMU.
 pub(crate) struct Instance {
-    /// The index of its component.
-    component: usize,
     name: String,
     /// Must be dropped before the FMU, which removes its files.
     slave: fmu_host::Instance,
     fmu: Arc<Fmu>,
     messages: Messages,
-    /// That of the messages, to be reached without a detour.
-    recorder: Recorder,
+    calls: Calls,
 }
 
 impl Instance {
@@ -88,12 +85,11 @@ impl Instance {
         messages: &Messages,
     ) -> Result<Self> {
         Ok(Self {
-            component,
             name: name.to_owned(),
             slave: fmu.instantiate(component, name, messages)?,
             fmu: fmu.clone(),
             messages: messages.clone(),
-            recorder: messages.recorder().clone(),
+            calls: messages.recorder().calls(component),
         })
     }
 
@@ -105,17 +101,31 @@ impl Instance {
         what: impl FnOnce() -> String,
         call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
     ) -> Called {
-        self.recorder.begin(self.component, function);
-        match call(&mut self.slave) {
+        match self.try_call(function, call) {
             Ok(Success::Ok) => Ok(()),
             outcome => self.explain(what, outcome),
         }
     }
 
+    /// Calls a function. Everything but [`Success::Ok`] is to be explained.
+    #[inline(always)]
+    pub(crate) fn try_call(
+        &mut self,
+        function: Function,
+        call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
+    ) -> fmu_host::Result {
+        self.calls.begin(function);
+        call(&mut self.slave)
+    }
+
     /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
-    fn explain(&mut self, what: impl FnOnce() -> String, outcome: fmu_host::Result) -> Called {
+    pub(crate) fn explain(
+        &mut self,
+        what: impl FnOnce() -> String,
+        outcome: fmu_host::Result,
+    ) -> Called {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
@@ -173,8 +183,10 @@ impl Instance {
 
     #[inline]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
-        let what = || format!("step of {step:?} s");
-        self.call(Function::DoStep, what, |slave| slave.do_step(time, step))
+        match self.try_call(Function::DoStep, |slave| slave.do_step(time, step)) {
+            Ok(Success::Ok) => Ok(()),
+            outcome => self.explain(|| format!("step of {step:?} s"), outcome),
+        }
     }
 
     pub(crate) fn terminate(&mut self) -> Called {
@@ -186,6 +198,6 @@ impl Instance {
 impl Drop for Instance {
     /// Records that the FMU is about to be called; the field `slave` frees it.
     fn drop(&mut self) {
-        self.recorder.begin(self.component, Function::FreeInstance);
+        self.calls.begin(Function::FreeInstance);
     }
 }

@@ -116,13 +116,17 @@ impl Recorder {
     }
 
     /// Records that a function of a component is about to be called.
-    #[inline]
     pub(crate) fn begin(&self, component: usize, function: Function) {
-        let call = &self.words()[word::CALL];
-        // All calls of a simulation come from one thread, so load and store need not be atomic together.
-        let next = (call.load(Relaxed) | NOT_NUMBER).wrapping_add(1);
-        let id = (component as u64) << FUNCTION_BITS | function as u64;
-        call.store(next | id & NOT_NUMBER, Relaxed);
+        self.calls(component).begin(function);
+    }
+
+    /// Records calls of a component.
+    pub(crate) fn calls(&self, component: usize) -> Calls {
+        let id = (component as u64) << FUNCTION_BITS & NOT_NUMBER;
+        Calls {
+            recorder: self.clone(),
+            word: self.call() & !NOT_NUMBER | id,
+        }
     }
 
     /// Records that no call is in progress.
@@ -221,6 +225,25 @@ impl Recorder {
             outcome: outcome.to_owned(),
             message: self.reason(),
         })
+    }
+}
+
+/// Records calls of a component. They are numbered without reading the record, so that no call waits for
+/// the one before it; the numbers of different components differ, since the words contain the component.
+#[derive(Debug)]
+pub(crate) struct Calls {
+    recorder: Recorder,
+    /// The word `CALL` of the newest call, without its function.
+    word: u64,
+}
+
+impl Calls {
+    /// Records that a function is about to be called.
+    #[inline]
+    pub(crate) fn begin(&mut self, function: Function) {
+        self.word = self.word.wrapping_add(NOT_NUMBER + 1);
+        let word = self.word | function as u64;
+        self.recorder.words()[word::CALL].store(word, Relaxed);
     }
 }
 

@@ -1,5 +1,9 @@
 //! The transfer of values from outputs to inputs and into rows.
 
+use std::fmt::Debug;
+
+use fmu_host::Success;
+
 use crate::instance::{Called, Instance};
 use crate::recorder::Function;
 use crate::wiring::{ByType, Ports, Record, Variables, Wiring};
@@ -200,8 +204,11 @@ fn read<T: Type>(instance: &mut Instance, ports: &Ports, outputs: &mut [T::Value
         return Ok(());
     }
     let values = &mut outputs[ports.first..][..references.len()];
-    let what = move || names.join(", ");
-    instance.call(T::GET, what, |s| T::get(s, references, values))
+    // The closure that explains a failure is made after the call, so that nothing is stored for it before.
+    match instance.try_call(T::GET, |s| T::get(s, references, values)) {
+        Ok(Success::Ok) => Ok(()),
+        outcome => instance.explain(|| names.join(", "), outcome),
+    }
 }
 
 /// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
@@ -249,12 +256,17 @@ fn write<T: Type>(
             .map_or(output, |scale| T::scaled(output, scale));
     }
     let values = &*values;
-    let what = move || {
-        let pairs = names.iter().zip(values);
-        let texts: Vec<_> = pairs
-            .map(|(name, value)| format!("{name} = {value:?}"))
-            .collect();
-        texts.join(", ")
-    };
-    instance.call(T::SET, what, |s| T::set(s, references, values))
+    match instance.try_call(T::SET, |s| T::set(s, references, values)) {
+        Ok(Success::Ok) => Ok(()),
+        outcome => instance.explain(|| assignments(names, values), outcome),
+    }
+}
+
+/// Describes variables and their values.
+fn assignments<V: Debug>(names: &[String], values: &[V]) -> String {
+    let pairs = names.iter().zip(values);
+    let texts: Vec<_> = pairs
+        .map(|(name, value)| format!("{name} = {value:?}"))
+        .collect();
+    texts.join(", ")
 }
