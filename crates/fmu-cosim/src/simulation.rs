@@ -120,7 +120,10 @@ impl<'a> Simulation<'a> {
     }
 
     fn steps(&mut self, mut observe: impl FnMut(f64, &[f64]) -> bool) -> Called {
-        let experiment = self.plan.experiment;
+        let Plan {
+            experiment, wiring, ..
+        } = self.plan;
+        let others = wiring.records_others;
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
         let last = match self.plan.steps_from_stop() {
@@ -132,10 +135,10 @@ impl<'a> Simulation<'a> {
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.recorder().at(time);
-            self.outputs.record(&self.plan.wiring.before, &mut self.row);
+            self.outputs.record(&wiring.before, others, &mut self.row);
             if k < last {
                 self.step(time, experiment.step).map_err(failed_at(time))?;
-                self.outputs.record(&self.plan.wiring.after, &mut self.row);
+                self.outputs.record(&wiring.after, others, &mut self.row);
             }
             if !observe(time, &self.row) {
                 break;

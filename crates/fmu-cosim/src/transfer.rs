@@ -111,15 +111,24 @@ impl Outputs {
 
     /// Copies recorded variables to a row.
     #[inline]
-    pub(crate) fn record(&self, records: &ByType<Vec<Record>>, row: &mut [f64]) {
-        fn copy<T: Type>(values: &[T::Value], records: &[Record], row: &mut [f64]) {
-            for Record { column, output } in records {
-                row[*column] = T::number(values[*output]);
-            }
+    pub(crate) fn record(&self, records: &ByType<Vec<Record>>, others: bool, row: &mut [f64]) {
+        record::<Real>(&self.reals, &records.reals, row);
+        if others {
+            self.record_others(records, row);
         }
-        copy::<Real>(&self.reals, &records.reals, row);
-        copy::<Integer>(&self.integers, &records.integers, row);
-        copy::<Boolean>(&self.booleans, &records.booleans, row);
+    }
+
+    #[inline(never)]
+    fn record_others(&self, records: &ByType<Vec<Record>>, row: &mut [f64]) {
+        record::<Integer>(&self.integers, &records.integers, row);
+        record::<Boolean>(&self.booleans, &records.booleans, row);
+    }
+}
+
+#[inline]
+fn record<T: Type>(values: &[T::Value], records: &[Record], row: &mut [f64]) {
+    for Record { column, output } in records {
+        row[*column] = T::number(values[*output]);
     }
 }
 

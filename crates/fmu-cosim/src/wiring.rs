@@ -17,6 +17,8 @@ pub(crate) struct Wiring {
     pub(crate) before: ByType<Vec<Record>>,
     /// The recorded variables of sampled components, whose values after a step are recorded.
     pub(crate) after: ByType<Vec<Record>>,
+    /// Whether variables of other types than Real are recorded, which is rare.
+    pub(crate) records_others: bool,
 }
 
 /// Something for each type.
@@ -79,6 +81,9 @@ impl Wiring {
             outputs: ByType::default(),
             before: ByType::default(),
             after: ByType::default(),
+            records_others: recorded
+                .iter()
+                .any(|port| port.of(components).kind != VariableType::Real),
         };
         let output = wiring.add_outputs(components, links, recorded);
         for (column, port) in recorded.iter().enumerate() {
