@@ -118,12 +118,17 @@ class Host:
 
     def measure(self, mode: str, count: int, repeats: int, cases: Sequence[Case]) -> list[dict]:
         """Run a mode of the C host, which measures the cases in turn."""
-        words = [mode, str(count), str(repeats)]
+        in_python = any(case.model == "PythonPid" for case in cases)
+        command = self.command(mode, count, repeats, cases)
+        lines = run(command, python_environment() if in_python else {})
+        return [json.loads(line) for line in lines.splitlines()]
+
+    def command(self, mode: str, count: int, repeats: int, cases: Sequence[Case]) -> list[str]:
+        """Return the command that runs a mode of the C host."""
+        words = [str(self.program), mode, str(count), str(repeats)]
         for index, case in enumerate(cases):
             words += ["--"] * (index > 0) + self._words(case)
-        in_python = any(case.model == "PythonPid" for case in cases)
-        lines = run([self.program, *words], python_environment() if in_python else {})
-        return [json.loads(line) for line in lines.splitlines()]
+        return words
 
     def _words(self, case: Case) -> list[str]:
         """Return the arguments that describe a case."""

@@ -6,6 +6,8 @@ from statistics import median, quantiles
 from ratios import AIMS, Ratio, again, cycle_ratio, host_ratios, slope, thread_times
 from subjects import MODELS, REFERENCE, SOURCE
 
+FMU_NAMES = {case.model for case in MODELS}
+
 
 def blocks(results: Mapping) -> dict[str, str]:
     """Return all texts by their name."""
@@ -14,6 +16,7 @@ def blocks(results: Mapping) -> dict[str, str]:
         "missed": missed(results),
         "cycle": cycle(results),
         "host": host(results),
+        "counts": counts(results),
         "other": other(results),
         "noise": noise(results),
         "machine": machine(results),
@@ -111,6 +114,17 @@ def host(results: Mapping) -> str:
         ratios["threads"] = Ratio(one, more)
         add("a cycle of `PidRbf` from C, 1 thread", one, f"{n} threads", more, "threads")
     return markdown(rows)
+
+
+def counts(results: Mapping) -> str:
+    """Return the table of instructions."""
+    rows = [["A cycle or step of", "Instructions", "Reads and writes", "Cache misses"]]
+    for name, of in results["counts"].items():
+        fmu, comma, rest = name.partition(", ")
+        shown = f"{code(fmu)}{comma}{rest}" if fmu in FMU_NAMES else name
+        cells = [f"{of['instructions']:.0f}", f"{of['accesses']:.0f}", f"{of['misses']:.2f}"]
+        rows.append([shown, *cells])
+    return markdown(rows) if results["counts"] else "Not counted: valgrind is not installed."
 
 
 def other(results: Mapping) -> str:
