@@ -141,7 +141,7 @@ impl<const N: usize> Rbf<N> {
             now: &mut self.weights,
             before: &mut self.weights_before,
         };
-        vector::learn(weights, &self.activations, -self.eta * gradient, self.alpha);
+        vector::learn(weights, &self.activations, gradient, self.eta, self.alpha);
     }
 }
 

@@ -86,18 +86,20 @@ pub(crate) struct Weights<'a, const N: usize> {
     pub(crate) before: &'a mut [f64; N],
 }
 
-/// Adds `rate` times the direction and `momentum` times the last change to the weights.
+/// Takes `gradient rate direction` from the weights, and adds `momentum` times their last change. The
+/// gradient, which is known last, is used last.
 #[inline(always)]
 pub(crate) fn learn<const N: usize>(
     weights: Weights<'_, N>,
     direction: &[f64; N],
+    gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
     if N > FEW {
-        learn_many(weights, direction, rate, momentum);
+        learn_many(weights, direction, gradient, rate, momentum);
     } else {
-        learn_few(weights, direction, rate, momentum);
+        learn_few(weights, direction, gradient, rate, momentum);
     }
 }
 
@@ -105,22 +107,24 @@ pub(crate) fn learn<const N: usize>(
 fn learn_many<const N: usize>(
     weights: Weights<'_, N>,
     direction: &[f64; N],
+    gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
-    learn_few(weights, direction, rate, momentum);
+    learn_few(weights, direction, gradient, rate, momentum);
 }
 
 #[inline(always)]
 fn learn_few<const N: usize>(
     Weights { now, before }: Weights<'_, N>,
     direction: &[f64; N],
+    gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
     for j in 0..N {
         let weight = now[j];
-        now[j] = (weight + momentum * (weight - before[j])) + rate * direction[j];
+        now[j] = (weight + momentum * (weight - before[j])) - gradient * (rate * direction[j]);
         before[j] = weight;
     }
 }
@@ -152,8 +156,9 @@ mod tests {
             now: &mut now,
             before: &mut before,
         };
-        learn(weights, &c, 0.1, 0.7);
-        assert_eq!(now, from_fn(|j| (a[j] + 0.7 * (a[j] - b[j])) + 0.1 * c[j]));
+        learn(weights, &c, 0.3, 0.1, 0.7);
+        let expected = from_fn(|j| (a[j] + 0.7 * (a[j] - b[j])) - 0.3 * (0.1 * c[j]));
+        assert_eq!(now, expected);
         assert_eq!(before, a);
 
         let mut sums = [-0.0; LANES];

@@ -289,9 +289,7 @@ pub fn add_outputs(field: &Field, krate: &TokenStream) -> Option<TokenStream> {
                 0 => quote!(let sum = sum + self.#ident;),
                 _ => {
                     let flatten = (1..dimensions).map(|_| quote!(.as_flattened()));
-                    quote! {
-                        let sum = self.#ident #(#flatten)* .iter().fold(sum, |sum, value| sum + value);
-                    }
+                    quote!(let sum = sum + #krate::sum(&self.#ident #(#flatten)*);)
                 }
             })
         }
