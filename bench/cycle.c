@@ -38,6 +38,7 @@
 #include <malloc.h>
 #include <math.h>
 #include <pthread.h>
+#include <sched.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -276,13 +277,22 @@ typedef struct {
     pthread_t thread;
     pthread_barrier_t *start;
     Fmu *fmu;
-    size_t count;
+    size_t count, core;
     double begin, end;
 } Worker;
+
+/* Moves the thread to a core, as the system may take longer than a measurement to spread threads. */
+static void move_to(size_t core) {
+    cpu_set_t cores;
+    CPU_ZERO(&cores);
+    CPU_SET(core, &cores);
+    pthread_setaffinity_np(pthread_self(), sizeof cores, &cores); /* not allowed everywhere */
+}
 
 static void *work(void *argument) {
     Worker *worker = argument;
     Fmu *fmu = worker->fmu;
+    move_to(worker->core);
     Plan *plan = prepare(fmu);
     Component c = instantiate(fmu);
     initialize(fmu, c);
@@ -304,7 +314,8 @@ static double threads_time(Fmu *fmu, size_t n, size_t count) {
     pthread_barrier_t start;
     pthread_barrier_init(&start, NULL, (unsigned)n);
     for (Worker *worker = workers; worker < workers + n; worker++) {
-        *worker = (Worker){.start = &start, .fmu = fmu, .count = count};
+        size_t core = (size_t)(worker - workers);
+        *worker = (Worker){.start = &start, .fmu = fmu, .count = count, .core = core};
         if (pthread_create(&worker->thread, NULL, work, worker)) fail(fmu->name, "no thread");
     }
     double begin = INFINITY, end = 0;

@@ -76,8 +76,7 @@ types! {
     Boolean booleans: i32, get_boolean GetBoolean, set_boolean SetBoolean;
 }
 
-/// The values of one component that were written last.
-#[derive(Clone, PartialEq)]
+/// Space for the values of one component that are written.
 struct Inputs {
     reals: Vec<f64>,
     integers: Vec<i32>,
@@ -196,13 +195,11 @@ pub(crate) fn propagate(
     outputs: &mut Outputs,
 ) -> Result<bool, Box<Failure>> {
     let ports = components[fed].ports;
-    read_sources::<Real>(components, &ports.reals, &mut outputs.reals)?;
-    read_sources::<Integer>(components, &ports.integers, &mut outputs.integers)?;
-    read_sources::<Boolean>(components, &ports.booleans, &mut outputs.booleans)?;
-    let component = &mut components[fed];
-    let before = component.inputs.clone();
-    component.write(outputs)?;
-    Ok(component.inputs != before)
+    let mut changed = read_sources::<Real>(components, &ports.reals, &mut outputs.reals)?;
+    changed |= read_sources::<Integer>(components, &ports.integers, &mut outputs.integers)?;
+    changed |= read_sources::<Boolean>(components, &ports.booleans, &mut outputs.booleans)?;
+    components[fed].write(outputs)?;
+    Ok(changed)
 }
 
 #[inline(always)]
@@ -221,12 +218,13 @@ fn read<T: Type>(instance: &mut Instance, ports: &Ports, outputs: &mut [T::Value
 }
 
 /// Reads the outputs that feed a component, and only these, as not every recorded variable can be read
-/// during the initialization.
+/// during the initialization. Returns whether one has changed.
 fn read_sources<T: Type>(
     components: &mut [Component],
     fed: &Ports,
     outputs: &mut [T::Value],
-) -> Called {
+) -> Result<bool, Box<Failure>> {
+    let mut changed = false;
     for sources in fed.sources.chunk_by(|a, b| a.component == b.component) {
         let Component {
             instance, ports, ..
@@ -239,10 +237,11 @@ fn read_sources<T: Type>(
         let mut values = vec![T::Value::default(); sources.len()];
         instance.call(T::GET, what, |s| T::get(s, &references, &mut values))?;
         for (source, value) in sources.iter().zip(values) {
+            changed |= outputs[source.output] != value;
             outputs[source.output] = value;
         }
     }
-    Ok(())
+    Ok(changed)
 }
 
 #[inline(always)]
@@ -257,18 +256,30 @@ fn write<T: Type>(
     if references.is_empty() {
         return Ok(());
     }
-    let values = &mut values[..references.len()];
-    for (value, source) in values.iter_mut().zip(&ports.sources[..references.len()]) {
+    let values = match ports.run {
+        Some(first) => &outputs[first..][..references.len()],
+        None => gather::<T>(ports, outputs, values),
+    };
+    match instance.try_call(T::SET, |s| T::set(s, references, values)) {
+        Ok(Success::Ok) => Ok(()),
+        outcome => instance.explain(|| assignments(names, values), outcome),
+    }
+}
+
+/// Collects the values of inputs.
+#[inline]
+fn gather<'v, T: Type>(
+    ports: &Ports,
+    outputs: &[T::Value],
+    values: &'v mut [T::Value],
+) -> &'v [T::Value] {
+    for (value, source) in values.iter_mut().zip(&ports.sources) {
         let output = outputs[source.output];
         *value = source
             .scale
             .map_or(output, |scale| T::scaled(output, scale));
     }
-    let values = &*values;
-    match instance.try_call(T::SET, |s| T::set(s, references, values)) {
-        Ok(Success::Ok) => Ok(()),
-        outcome => instance.explain(|| assignments(names, values), outcome),
-    }
+    values
 }
 
 /// Describes variables and their values.

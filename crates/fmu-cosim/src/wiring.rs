@@ -36,6 +36,9 @@ pub(crate) struct Ports {
     pub(crate) inputs: Variables,
     /// What feeds each of them.
     pub(crate) sources: Vec<Source>,
+    /// The first of the outputs that feed them, if these follow each other and none is scaled: their values
+    /// need not be collected.
+    pub(crate) run: Option<usize>,
     /// The variables that are connected or recorded, once each.
     pub(crate) outputs: Variables,
     /// The index of the first of them among the outputs of all components.
@@ -107,6 +110,15 @@ impl Wiring {
                 scale: *scale,
             });
         }
+        for of_type in &mut wiring.components {
+            for ports in [
+                &mut of_type.reals,
+                &mut of_type.integers,
+                &mut of_type.booleans,
+            ] {
+                ports.run = run(&ports.sources);
+            }
+        }
         wiring
     }
 
@@ -145,6 +157,14 @@ impl Wiring {
         } = &self.after;
         [reals, integers, booleans].iter().any(|r| !r.is_empty())
     }
+}
+
+/// See [`Ports::run`].
+fn run(sources: &[Source]) -> Option<usize> {
+    let first = sources.first()?.output;
+    let mut all = sources.iter().zip(first..);
+    all.all(|(source, output)| source.output == output && source.scale.is_none())
+        .then_some(first)
 }
 
 impl Variables {
