@@ -39,7 +39,6 @@ normal = [1.096, 0.1]
 
 LONG = """
 stop = 180.0
-step = 0.0004
 
 [[parameter]]
 variable = "controller.pid.kp"

@@ -44,6 +44,8 @@ def begun(sweep: Path, out: Path, *options: object) -> Iterator[subprocess.Popen
     """Start a long sweep on two workers, and wait for some additional rows."""
     before = len(done(out))
     words = command(sweep, out, "--chunk", 5, "--workers", 2, *options)
+    # A program in the background ignores SIGINT, and so do the programs that it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # In its own process group, as in a terminal
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0
