@@ -33,11 +33,11 @@ const Q: [f64; 10] = [
     2.497_921_296_432_225e-8,
 ];
 
-/// Twice the bias of the exponent of a number.
-const BIAS: f64 = 2046.0;
+/// Twice the bias of the exponent of a number: one for each of two powers.
+const BIASES: f64 = 2046.0;
 /// Where the spacing of numbers is 1, so that a sum with a small number is rounded to a whole one, whose
-/// lowest bits are n + `BIAS`.
-const ROUND: f64 = 1.5 / f64::EPSILON + BIAS;
+/// lowest bits are n + `BIASES`.
+const ROUND: f64 = 1.5 / f64::EPSILON + BIASES;
 
 /// exp(x) with an error below 1 ulp (unit in the last place), also where the result is denormal, and
 /// infinity where it overflows. NaN stays NaN.

@@ -3,14 +3,15 @@
 use anyhow::Result;
 
 use crate::instance::{Called, Instance};
-use crate::transfer::{Component, Outputs, propagate};
+use crate::transfer::{Component, Values, propagate};
 use crate::{Failure, Message, Messages, Order, Plan, Start};
 
 /// An initialized run of a system.
 pub struct Simulation<'a> {
     plan: &'a Plan,
     components: Vec<Component<'a>>,
-    outputs: Outputs,
+    /// The outputs of all components that were read last.
+    outputs: Values,
     row: Vec<f64>,
     messages: Messages,
 }
@@ -50,7 +51,7 @@ impl<'a> Simulation<'a> {
         let mut simulation = Self {
             plan,
             components: components.collect::<Result<_>>()?,
-            outputs: Outputs::new(&plan.wiring),
+            outputs: Values::zeros(&plan.wiring.outputs),
             row: vec![0.0; plan.columns().len()],
             messages: messages.clone(),
         };

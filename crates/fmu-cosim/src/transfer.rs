@@ -6,7 +6,7 @@ use fmu_host::Success;
 
 use crate::instance::{Called, Instance};
 use crate::recorder::Function;
-use crate::wiring::{ByType, Ports, Record, Variables, Wiring};
+use crate::wiring::{ByType, Ports, Record, Variables};
 use crate::{Failure, Scale};
 
 /// An FMI type with its get and set functions.
@@ -76,15 +76,8 @@ types! {
     Boolean booleans: i32, get_boolean GetBoolean, set_boolean SetBoolean;
 }
 
-/// Space for the values of one component that are written.
-struct Inputs {
-    reals: Vec<f64>,
-    integers: Vec<i32>,
-    booleans: Vec<i32>,
-}
-
-/// The values of all components that were read last.
-pub(crate) struct Outputs {
+/// Values of each type.
+pub(crate) struct Values {
     reals: Vec<f64>,
     integers: Vec<i32>,
     booleans: Vec<i32>,
@@ -94,17 +87,19 @@ pub(crate) struct Outputs {
 pub(crate) struct Component<'a> {
     pub(crate) instance: Instance,
     ports: &'a ByType<Ports>,
-    inputs: Inputs,
+    /// Space for the values of its inputs.
+    inputs: Values,
     /// Whether other types than Real are transferred, which is rare.
     has_others: bool,
 }
 
-impl Outputs {
-    pub(crate) fn new(wiring: &Wiring) -> Self {
+impl Values {
+    /// This many zeros.
+    pub(crate) fn zeros(count: &ByType<usize>) -> Self {
         Self {
-            reals: vec![0.0; wiring.outputs.reals],
-            integers: vec![0; wiring.outputs.integers],
-            booleans: vec![0; wiring.outputs.booleans],
+            reals: vec![0.0; count.reals],
+            integers: vec![0; count.integers],
+            booleans: vec![0; count.booleans],
         }
     }
 
@@ -133,11 +128,11 @@ fn record<T: Type>(values: &[T::Value], records: &[Record], row: &mut [f64]) {
 
 impl<'a> Component<'a> {
     pub(crate) fn new(instance: Instance, ports: &'a ByType<Ports>) -> Self {
-        let inputs = Inputs {
-            reals: vec![0.0; ports.reals.sources.len()],
-            integers: vec![0; ports.integers.sources.len()],
-            booleans: vec![0; ports.booleans.sources.len()],
-        };
+        let inputs = Values::zeros(&ByType {
+            reals: ports.reals.sources.len(),
+            integers: ports.integers.sources.len(),
+            booleans: ports.booleans.sources.len(),
+        });
         let others = [&ports.integers, &ports.booleans];
         let is_empty =
             |ports: &&Ports| ports.sources.is_empty() && ports.outputs.references.is_empty();
@@ -151,7 +146,7 @@ impl<'a> Component<'a> {
 
     /// Reads its outputs, each once.
     #[inline(always)]
-    pub(crate) fn read(&mut self, outputs: &mut Outputs) -> Called {
+    pub(crate) fn read(&mut self, outputs: &mut Values) -> Called {
         let ports = &self.ports.reals;
         read::<Real>(&mut self.instance, ports, &mut outputs.reals)?;
         match self.has_others {
@@ -161,7 +156,7 @@ impl<'a> Component<'a> {
     }
 
     #[inline(never)]
-    fn read_others(&mut self, outputs: &mut Outputs) -> Called {
+    fn read_others(&mut self, outputs: &mut Values) -> Called {
         let (instance, ports) = (&mut self.instance, self.ports);
         read::<Integer>(instance, &ports.integers, &mut outputs.integers)?;
         read::<Boolean>(instance, &ports.booleans, &mut outputs.booleans)
@@ -169,7 +164,7 @@ impl<'a> Component<'a> {
 
     /// Writes its inputs.
     #[inline(always)]
-    pub(crate) fn write(&mut self, outputs: &Outputs) -> Called {
+    pub(crate) fn write(&mut self, outputs: &Values) -> Called {
         let (ports, values) = (&self.ports.reals, &mut self.inputs.reals);
         write::<Real>(&mut self.instance, ports, &outputs.reals, values)?;
         match self.has_others {
@@ -179,7 +174,7 @@ impl<'a> Component<'a> {
     }
 
     #[inline(never)]
-    fn write_others(&mut self, outputs: &Outputs) -> Called {
+    fn write_others(&mut self, outputs: &Values) -> Called {
         let (instance, values) = (&mut self.instance, &mut self.inputs);
         let ports = &self.ports.integers;
         write::<Integer>(instance, ports, &outputs.integers, &mut values.integers)?;
@@ -192,7 +187,7 @@ impl<'a> Component<'a> {
 pub(crate) fn propagate(
     components: &mut [Component],
     fed: usize,
-    outputs: &mut Outputs,
+    outputs: &mut Values,
 ) -> Result<bool, Box<Failure>> {
     let ports = components[fed].ports;
     let mut changed = read_sources::<Real>(components, &ports.reals, &mut outputs.reals)?;

@@ -11,6 +11,9 @@ const TOLERANCE: f64 = 1e-6;
 /// Maximum number of samples in one communication step; more would take minutes to compute.
 const MAX_SAMPLES: f64 = 1e8;
 
+/// The index of the next instant before the first step, which leads to the general case of `due`.
+const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
+
 /// The clock of a sampled system, with the instants `start + k ts`, k = 0, 1, ...
 ///
 /// A model with one sample time needs no clock of its own: `#[model(sample_time = ...)]` calls its step
@@ -30,8 +33,7 @@ pub struct SampleClock {
     start: f64,
     /// Sample instants per second; multiplying by the rate is cheaper than dividing by `ts`.
     rate: f64,
-    /// Index of the next instant: a whole number, exact up to 2^53, or minus infinity before the first
-    /// step.
+    /// Index of the next instant: a whole number, exact up to 2^53, or `BEFORE_FIRST_STEP`.
     next: f64,
 }
 
@@ -41,7 +43,7 @@ impl Default for SampleClock {
         Self {
             start: 0.0,
             rate: f64::INFINITY,
-            next: f64::NEG_INFINITY,
+            next: BEFORE_FIRST_STEP,
         }
     }
 }
@@ -61,7 +63,7 @@ impl SampleClock {
         Ok(Self {
             start,
             rate,
-            next: f64::NEG_INFINITY,
+            next: BEFORE_FIRST_STEP,
         })
     }
 
@@ -84,7 +86,7 @@ impl SampleClock {
     #[inline(never)]
     fn count(&mut self, time: f64, end: f64) -> Result<u32, ModelError> {
         let next = match self.next {
-            f64::NEG_INFINITY => libm::ceil(self.samples_to(time)).max(0.0),
+            BEFORE_FIRST_STEP => libm::ceil(self.samples_to(time)).max(0.0),
             next => next,
         };
         let samples = libm::ceil(end - next).max(0.0);

@@ -325,18 +325,6 @@ impl Component {
         &self.slave
     }
 
-    /// The end of the last successful step (s).
-    pub(crate) fn time(&self) -> f64 {
-        let Lifecycle {
-            time, start_time, ..
-        } = self.lifecycle;
-        if time == f64::NEG_INFINITY {
-            start_time
-        } else {
-            time
-        }
-    }
-
     /// Computes the outputs from the start values and inputs.
     fn refresh(&mut self) -> Result<(), Failure> {
         let start = Start {

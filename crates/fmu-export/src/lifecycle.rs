@@ -9,6 +9,9 @@ use crate::reason::{Reason, reason};
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
 
+/// The communication point before the first step: no step continues from it.
+const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
+
 /// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lifecycle {
@@ -16,7 +19,7 @@ pub(crate) struct Lifecycle {
     pub(crate) start_time: f64,
     /// `f64::MAX` if there is none.
     pub(crate) stop_time: f64,
-    /// The current communication point (s); minus infinity before the first step.
+    /// The current communication point (s); `BEFORE_FIRST_STEP` until there is one.
     pub(crate) time: f64,
     /// Whether values were set since the outputs were last computed.
     pub(crate) stale: bool,
@@ -29,7 +32,7 @@ impl Lifecycle {
         phase: Phase::Instantiated,
         start_time: 0.0,
         stop_time: f64::MAX,
-        time: f64::NEG_INFINITY,
+        time: BEFORE_FIRST_STEP,
         stale: true,
         has_input_derivatives: false,
     };
@@ -37,6 +40,14 @@ impl Lifecycle {
     /// Whether the state can be saved: after a fatal error, no call is allowed.
     pub(crate) fn can_be_saved(&self) -> bool {
         self.phase != Phase::Fatal
+    }
+
+    /// The end of the last successful step, or the start (s).
+    pub(crate) fn last_point(&self) -> f64 {
+        match self.time {
+            BEFORE_FIRST_STEP => self.start_time,
+            time => time,
+        }
     }
 
     /// Quickly checks for a regular step from the end of the last one. It implies that
@@ -64,7 +75,7 @@ impl Lifecycle {
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         let (end, stop) = (self.time, self.stop_time);
-        if end == f64::NEG_INFINITY {
+        if end == BEFORE_FIRST_STEP {
             self.check_first_step(time, step, tolerance, log)?;
         } else if (time - end).abs() > tolerance {
             return Err(reason!(
@@ -158,7 +169,7 @@ mod tests {
     #[test]
     fn the_first_step_and_other_states_take_the_slow_path() {
         let first = Lifecycle {
-            time: f64::NEG_INFINITY,
+            time: BEFORE_FIRST_STEP,
             ..RUNNING
         };
         assert!(!first.is_next_step(0.0, 0.1));

@@ -225,7 +225,7 @@ fn work(
     let outcome = plan
         .simulate_with(&starts, &messages)
         .and_then(|simulation| {
-            // Loading the binaries does not count as simulating.
+            // Loading the binaries and initializing the FMUs do not count as simulating.
             begin = Instant::now();
             simulation.run_while(|time, row| {
                 if let Some(csv) = &mut csv {

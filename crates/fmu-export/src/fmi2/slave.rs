@@ -66,7 +66,7 @@ pub unsafe extern "C" fn fmi2GetRealStatus(
     // SAFETY: the caller's promise.
     unsafe {
         answer(&phase::REAL_STATUS, c, value, |component| {
-            (kind == fmi2LastSuccessfulTime).then(|| component.time())
+            (kind == fmi2LastSuccessfulTime).then(|| component.lifecycle.last_point())
         })
     }
 }
