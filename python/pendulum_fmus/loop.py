@@ -103,7 +103,7 @@ class Loop:
         for name, model in models.items():
             if model == "Pendulum":
                 starts[name]["model"] = self.plant_model
-            elif model != "Source":
+            elif model in PREVIOUS_SAMPLE_TERMS:
                 default = PREVIOUS_SAMPLE_TERMS[model]
                 starts[name]["previous_sample_terms"] = default if late is None else late
         _add_weights(starts, "controller", self.w0)
@@ -115,6 +115,14 @@ class Loop:
                 raise MasterError(f"{name}: there is no component {component!r}, only {known}")
             starts[component][variable] = value
         return starts
+
+    def connections(self) -> list[tuple[str, str]]:
+        """Return pairs of output and input, by full name."""
+        connections = _closed("controller", "plant")
+        if self.target == "supervisor":
+            connections += _closed("supervisor", "supervisor_plant")
+            connections.append(("supervisor.u", "controller.u_supervisor"))
+        return connections
 
     def system(self, fmus: str | os.PathLike = FMUS) -> System:
         """Instantiate the FMUs of a folder; if one fails, the earlier ones are freed."""
@@ -131,9 +139,18 @@ class Loop:
                 )
                 for name, model in models.items()
             ]
-            system = System(components, _connections("supervisor" in models))
+            system = System(components, self.connections())
             stack.pop_all()
         return system
+
+
+def _closed(controller: str, plant: str) -> list[tuple[str, str]]:
+    return [
+        ("source.r", f"{controller}.r"),
+        ("source.d", f"{controller}.d"),
+        (f"{plant}.theta", f"{controller}.y"),
+        (f"{controller}.u", f"{plant}.u"),
+    ]
 
 
 def _add_weights(starts: dict[str, dict], component: str, w0: Sequence[float] | None) -> None:
@@ -142,22 +159,6 @@ def _add_weights(starts: dict[str, dict], component: str, w0: Sequence[float] | 
     if component not in starts:
         raise MasterError(f"there is no {component} to give initial weights to")
     starts[component] |= {f"rbf.w0[{j}]": weight for j, weight in enumerate(w0, start=1)}
-
-
-def _connections(supervised: bool) -> list[tuple[str, str]]:
-    def loop(controller: str, plant: str) -> list[tuple[str, str]]:
-        return [
-            ("source.r", f"{controller}.r"),
-            ("source.d", f"{controller}.d"),
-            (f"{plant}.theta", f"{controller}.y"),
-            (f"{controller}.u", f"{plant}.u"),
-        ]
-
-    connections = loop("controller", "plant")
-    if supervised:
-        connections += loop("supervisor", "supervisor_plant")
-        connections.append(("supervisor.u", "controller.u_supervisor"))
-    return connections
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, band: float = SETTLING_BAND) -> float:
@@ -187,7 +188,7 @@ def execute(loop: Loop, fmus: Path = FMUS) -> dict[str, np.ndarray]:
 def workers() -> Iterator[Pool]:
     """Return a pool of as many processes as there are cores."""
     # Spawned, not forked: a fork would copy the locks of a threaded parent
-    with multiprocessing.get_context("spawn").Pool(_cores()) as pool:
+    with multiprocessing.get_context("spawn").Pool(cores()) as pool:
         yield pool
         # Leaving the context kills the workers, which leaks semaphores unless they have finished
         pool.close()
@@ -205,7 +206,7 @@ def _cost(loop: Loop) -> tuple[int, str]:
     return loop.steps * len(loop.models()), repr(loop)
 
 
-def _cores() -> int:
+def cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -7,6 +7,9 @@ ROOT = Path(__file__).resolve().parents[2]
 FMUS = ROOT / "target" / "fmu"
 """Folder to which `cargo fmu export` writes the FMUs."""
 
+SENSOR = ROOT / "target" / "examples" / "Sensor.fmu"
+"""The example of a sensor, exported by `make fmus`."""
+
 REPORT = ROOT / "target" / "report"
 """Folder for Table 1 and the figures."""
 

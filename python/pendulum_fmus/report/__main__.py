@@ -2,17 +2,21 @@
 
 import argparse
 import sys
+import time
 from collections.abc import Sequence
 from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
+
+from tqdm import tqdm
 
 from .. import loop, table1
 from ..master import MasterError
 from ..project import REPORT
 from . import overview
-from .beyond import noise, sections
+from .beyond import sections
 from .claims import judged
 from .data import Data
+from .native import simulate_all
 from .page import Part, part_of, render
 from .paper import conclusions, figures, table
 from .printed import start as start_figures
@@ -21,30 +25,34 @@ from .scenarios import paper_loops
 
 def run(options: argparse.Namespace) -> bool:
     """Write the report; return whether all of Table 1 is reproduced."""
+    started = time.monotonic()
+    loops = paper_loops() | sections.loops()
+    say(f"simulating {len(loops)} loops ...")
+    data = Data(simulate_all(loops, options.fmus))
+    text, all_hold = table1.report(data.results, colour=table1.colourful())
+    say(f"{text}\n")
     with loop.workers() as pool:
-        data = Data(results(pool, options.fmus))
-        text, all_hold = table1.report(data.results, colour=table1.colourful())
-        print(f"{text}\n\ndrawing ...", flush=True)
         parts = [part_of(entry) for entry in figures.entries(data)]
+        drawing = start_writing(parts, options.out / "figures", pool)
+        say("sweeping parameters for the sections beyond the paper ...")
+        bar = tqdm(sections.MODULES, unit="section", leave=False, disable=None)
+        beyond = [module.part(data, options.fmus) for module in bar]
+        drawing += start_writing(beyond, options.out / "figures", pool)
+        say(f"drawing {len(drawing)} figures ...")
         end = Part("conclusions", "Section 5", "", (), None, judged(conclusions.claims(data)))
-        drawing = [start_writing(parts, options.out / "figures", pool)]
-        beyond = sections.parts(data, options.fmus)
-        drawing.append(start_writing(beyond, options.out / "figures", pool))
         page = options.out / "index.html"
         page.write_text(render(parts, end, table.lines(data), beyond), encoding="utf-8")
         overview.write(data.results, options.out)
-        paths = [path for jobs in drawing for job in jobs for path in job.get()]
-    print(f"wrote {page}\nand {len(paths)} files to {options.out / 'figures'}")
+        bar = tqdm(drawing, unit="figure", leave=False, disable=None)
+        files = sum(len(job.get()) for job in bar)
+    seconds = time.monotonic() - started
+    say(f"wrote {page}\nand {files} files to {options.out / 'figures'} in {seconds:.0f} s")
     return all_hold
 
 
-def results(pool: Pool, fmus: Path) -> dict:
-    """Co-simulate all loops of the report."""
-    started: dict = loop.start(pool, paper_loops() | sections.loops(), fmus)
-    for job in noise.jobs():
-        started[job] = pool.apply_async(noise.execute, (job, fmus))
-    print(f"co-simulating {len(started)} loops with FMPy ...", flush=True)
-    return {key: run.get() for key, run in started.items()}
+def say(text: str) -> None:
+    """Print a line at once."""
+    print(text, flush=True)
 
 
 def start_writing(parts: Sequence[Part], folder: Path, pool: Pool) -> list[AsyncResult]:

@@ -30,6 +30,9 @@ RC = {
 WIDTH, ROW = 7.0, 2.1
 """Width of a figure, height of a row of panels [inch]."""
 
+DPI = 72
+"""Resolution of the layout, that of SVG and PDF in Matplotlib."""
+
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one panel."""
@@ -94,7 +97,8 @@ def legend(figure: Figure) -> list[Line2D]:
 
 def sheet(figure: Figure) -> Sheet:
     """Draw a figure."""
-    drawn = Sheet(figsize=(WIDTH, ROW * len(figure.rows) + 0.3), layout="constrained")
+    size = (WIDTH, ROW * len(figure.rows) + 0.3)
+    drawn = Sheet(figsize=size, dpi=DPI, layout="constrained")
     rows = drawn.subfigures(len(figure.rows), 1, squeeze=False)[:, 0]
     for row, panels in zip(rows, figure.rows, strict=True):
         weights = [panel.weight for panel in panels]
@@ -107,11 +111,18 @@ def sheet(figure: Figure) -> Sheet:
     return drawn
 
 
+def arrange(drawn: Sheet) -> None:
+    """Compute the layout once, rather than for every file."""
+    drawn.get_layout_engine().execute(drawn)
+    drawn.set_layout_engine(None)
+
+
 def write(figure: Figure, folder: Path) -> list[Path]:
     """Write a figure as SVG and PDF; return their paths."""
     paths = [folder / f"{figure.name}.{kind}" for kind in ("svg", "pdf")]
     with rc_context(RC):
         drawn = sheet(figure)
+        arrange(drawn)
         drawn.savefig(paths[0], metadata={"Date": None, "Title": figure.title})
         drawn.savefig(paths[1], metadata={"CreationDate": None, "Title": figure.title})
     return paths

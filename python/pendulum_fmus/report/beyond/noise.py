@@ -1,21 +1,19 @@
 """Noise and delay in the measured angle."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...loop import TS, Loop
-from ...master import Component, System, simulate
 from ..claims import Finding, Table, judge
-from ..data import Data, Trace, trace_of
+from ..data import Data, Trace
 from ..figure import Curve, Figure, Panel
 from ..metrics import largest, rms
 from ..numbers import listing, number
 from ..page import Part
 from .learning import RINGING
-from .measurement import Measurement
 from .section import section, statement
 
 MODELS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF own": "IpidRbf"}
@@ -33,79 +31,65 @@ LATE = 3.0
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A step response with a noisy or delayed measurement.
+class Measured(Loop):
+    """A loop with the sensor of `examples/sensor` between plant and controller.
 
     Parameters
     ----------
-    kind
-        Key of MODELS; the controllers use current terms.
-    deviation
+    noise
         Standard deviation of the noise [rad].
     delay
         Delay in samples.
     """
 
-    kind: str
-    deviation: float = 0.0
+    noise: float = 0.0
     delay: int = 0
-    steps: int = STEPS
+
+    def models(self) -> dict[str, str]:
+        """Return the FMUs; the sensor measures first."""
+        return {"sensor": "Sensor", **super().models()}
+
+    def starts(self) -> dict[str, dict[str, Any]]:
+        """Return the start values."""
+        starts = super().starts()
+        starts["sensor"] |= {"noise": self.noise, "delay": self.delay}
+        return starts
+
+    def connections(self) -> list[tuple[str, str]]:
+        """Return the connections, through the sensor."""
+        direct = super().connections()
+        direct.remove(("plant.theta", "controller.y"))
+        return [*direct, ("plant.theta", "sensor.theta"), ("sensor.y", "controller.y")]
+
+
+def measured(kind: str, noise: float = 0.0, delay: int = 0) -> Measured:
+    """Return the step response of a controller, a key of MODELS, with current terms."""
+    return Measured(
+        MODELS[kind], previous_sample_terms=False, steps=STEPS, noise=noise, delay=delay
+    )
 
 
 def loops() -> list[Loop]:
-    """Return no loops: those of this section contain a measurement, and `jobs` returns them."""
-    return []
-
-
-def jobs() -> list[Measured]:
     """Return all step responses of the section."""
-    noisy = [Measured(kind, deviation) for kind in MODELS for deviation in DEVIATIONS]
-    return noisy + [Measured(kind, delay=delay) for kind in MODELS for delay in DELAYS]
+    noisy = [measured(kind, deviation) for kind in MODELS for deviation in DEVIATIONS]
+    return noisy + [measured(kind, delay=delay) for kind in MODELS for delay in DELAYS]
 
 
-def execute(job: Measured, fmus: Path) -> dict[str, np.ndarray]:
-    """Co-simulate the FMUs and the measurement."""
-    with ExitStack() as stack:
-
-        def fmu(name: str, model: str, sampled: bool = False) -> Component:
-            path = fmus / f"{model}.fmu"
-            return stack.enter_context(Component(name, path, sampled=sampled))
-
-        components = [
-            Measurement("measurement", job.deviation, job.delay),
-            fmu("controller", MODELS[job.kind], sampled=True),
-            fmu("plant", "Pendulum"),
-            fmu("source", "Source"),
-        ]
-        connections = [
-            ("plant.theta", "measurement.theta"),
-            ("measurement.y", "controller.y"),
-            ("source.r", "controller.r"),
-            ("controller.u", "plant.u"),
-        ]
-        system = System(components, connections)
-        record = [f"controller.{name}" for name in ("u", "u_p", "e")]
-        record += ["plant.theta", "source.r", "source.d"]
-        return simulate(system, TS, TS, job.steps, record=record)
-
-
-def late(results: dict, job: Measured) -> Trace:
+def late(data: Data, loop: Loop) -> Trace:
     """Return the evaluated part of a run."""
-    return trace_of(repr(job), results[job]).part(LATE, np.inf)
+    return data.loop(loop).part(LATE, np.inf)
 
 
 def part(data: Data, fmus: Path) -> Part:
     """Return the section."""
-    results = data.results
     noise = {
-        kind: [late(results, Measured(kind, deviation)) for deviation in DEVIATIONS]
-        for kind in MODELS
+        kind: [late(data, measured(kind, deviation)) for deviation in DEVIATIONS] for kind in MODELS
     }
-    quiet = {kind: late(results, Measured(kind)) for kind in MODELS}
+    quiet = {kind: late(data, measured(kind)) for kind in MODELS}
     off = {kind: [rms(t.theta - quiet[kind].theta) for t in noise[kind]] for kind in MODELS}
     force = {kind: [rms(np.diff(t.u)) for t in noise[kind]] for kind in MODELS}
     ring = {
-        kind: [largest(np.diff(late(results, Measured(kind, delay=n)).u)) for n in DELAYS]
+        kind: [largest(np.diff(late(data, measured(kind, delay=n)).u)) for n in DELAYS]
         for kind in MODELS
     }
     tolerated = {kind: sum(1 for _ in _until_ringing(values)) - 1 for kind, values in ring.items()}

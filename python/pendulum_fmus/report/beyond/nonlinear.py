@@ -9,10 +9,10 @@ from ...loop import Loop
 from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import ANGLE, Curve, Figure, Panel
+from ..native import both_plants, sweep
 from ..page import Part
 from ..paper.compare import COLUMNS
 from ..scenarios import KINDS
-from .native import both_plants, sweep
 from .section import section, statement
 
 FALLEN = math.pi

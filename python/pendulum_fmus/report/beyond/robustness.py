@@ -9,11 +9,11 @@ from ..claims import Finding, Table, judge
 from ..data import Data
 from ..figure import Curve, Figure, Panel
 from ..metrics import HOLD
+from ..native import both_plants, sweep
 from ..page import Part
 from ..paper.compare import COLUMNS
 from ..paper.curves import END
 from ..scenarios import KINDS
-from .native import both_plants, sweep
 from .section import section, statement
 
 FACTORS = np.geomspace(0.25, 4, 33)
@@ -31,7 +31,7 @@ Swept = dict[str, dict[str, np.ndarray]]
 
 
 def loops() -> list[Loop]:
-    """Return no loops: the native master runs the sweeps."""
+    """Return no loops: all results are from sweeps."""
     return []
 
 

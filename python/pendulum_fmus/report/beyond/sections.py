@@ -1,6 +1,6 @@
 """All sections beyond the paper, in the order of the page.
 
-A section is a module with `loops()`, the loops that it needs from the FMPy master, and
+A section is a module with `loops()`, the loops that it needs, and
 `part(data, fmus)`.
 """
 
@@ -15,7 +15,7 @@ MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)
 
 
 def loops() -> set[Loop]:
-    """Return the loops that the sections need from the FMPy master."""
+    """Return the loops that the sections need."""
     return {loop for module in MODULES for loop in module.loops()}
 
 
