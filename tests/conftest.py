@@ -13,7 +13,7 @@ import pytest
 from pendulum_fmus import table1
 from pendulum_fmus.loop import Columns, Loop
 from pendulum_fmus.master import Component
-from pendulum_fmus.project import FMUS, PROGRAM, ROOT
+from pendulum_fmus.project import FMUS, PROGRAM, ROOT, SENSOR
 
 
 @pytest.fixture(scope="session")
@@ -45,6 +45,14 @@ def variant(fmus: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
+def sensor(fmus: Path) -> Path:
+    """Export the example of a sensor; return its file."""
+    command = [PROGRAM, "export", "--package", "sensor", "--out", str(SENSOR.parent)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return SENSOR
+
+
+@pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     if not PROGRAM.exists():
@@ -72,7 +80,7 @@ def table_results(fmus: Path) -> dict[Loop, Columns]:
 
 
 @pytest.fixture(scope="session")
-def report_folder(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report_folder(program: Path, sensor: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a report generated for the tests."""
     folder = tmp_path_factory.mktemp("report")
     command = [sys.executable, "-m", "pendulum_fmus.report", "--out", str(folder)]

@@ -15,12 +15,11 @@ from lxml import etree, html
 
 import reference
 from pendulum_fmus import table1
-from pendulum_fmus.loop import TS, Loop
-from pendulum_fmus.master import simulate
+from pendulum_fmus.loop import TS, Loop, execute
+from pendulum_fmus.master import MasterError, simulate
+from pendulum_fmus.report import native
 from pendulum_fmus.report.beyond.eigenvalues import DELAYS, matrix
-from pendulum_fmus.report.beyond.measurement import Measurement
-from pendulum_fmus.report.beyond.native import SYSTEMS, both_plants, sweep
-from pendulum_fmus.report.beyond.noise import Measured, execute
+from pendulum_fmus.report.beyond.noise import Measured
 from pendulum_fmus.report.claims import Verdict, judge
 from pendulum_fmus.report.data import Trace
 from pendulum_fmus.report.metrics import (
@@ -33,6 +32,7 @@ from pendulum_fmus.report.metrics import (
     settling,
     tone,
 )
+from pendulum_fmus.report.native import SYSTEMS, both_plants, sweep
 from pendulum_fmus.report.numbers import number
 from pendulum_fmus.report.thin import thinned
 
@@ -215,24 +215,39 @@ def test_sweep_gives_the_numbers_of_the_figures(page, fmus):
         assert metrics["iae"][0] == pytest.approx(areas[heads.get(kind, kind)], rel=1e-3)
 
 
-def test_measurement_without_delay_and_noise_changes_nothing(fmus):
-    job = Measured("PID-RBF", steps=500)
-    measured = execute(job, fmus)
-    with Loop("PidRbf", previous_sample_terms=False).system(fmus) as system:
-        plain = simulate(system, TS, TS, 500, record=["plant.theta"])
-    assert np.array_equal(measured["plant.theta"], plain["plant.theta"])
+def test_both_masters_give_the_same_bits(fmus):
+    overrides = (("controller.pid.kp", 250.0), ("source.disturbance.start", 0.1))
+    loop = Loop(
+        "IpidRbf", "sine", 1.0, "supervisor",
+        w0=(0.1, -0.2, 0.3, -0.4), plant_model="nonlinear", overrides=overrides, steps=300,
+    )  # fmt: skip
+    computed, expected = native.simulate(loop, fmus), execute(loop, fmus)
+    assert np.any(computed["source.d"])
+    assert set(computed) > set(expected)
+    for name, column in expected.items():
+        assert computed[name].tobytes() == column.tobytes(), name
 
 
-def test_measurement_delays_by_whole_samples():
-    measurement = Measurement("m", delay=2)
-    seen = []
-    for k in range(5):
-        measurement.slave.fmi2SetReal(None, [0], 1, [float(k + 1)])
-        measurement.step(k * TS, TS)
-        values = [0.0]
-        measurement.slave.fmi2GetReal(None, [1], 1, values)
-        seen += values
-    assert seen == [0, 0, 1, 2, 3]
+def test_a_failed_run_names_its_loop(fmus):
+    loop = Loop("Pid", overrides=(("plant.M", -1.0),))
+    with pytest.raises(MasterError, match=r"Loop\(controller='Pid'.*plant.M"):
+        native.simulate_all([loop], fmus)
+
+
+def test_a_missing_program_says_what_to_do(fmus, monkeypatch):
+    monkeypatch.setattr(native, "PROGRAM", ROOT / "nowhere")
+    with pytest.raises(MasterError, match="run `make fmus` first"):
+        native.simulate(Loop("Pid"), fmus)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_the_sensor_delays_the_measured_angle(delay, fmus, sensor):
+    columns = native.simulate(Measured("PidRbf", steps=500, delay=delay), fmus)
+    shown, angle = columns["sensor.y"], columns["plant.theta"]
+    assert np.array_equal(shown[delay:], angle[: len(angle) - delay])
+    assert not np.any(shown[:delay])
+    plain = native.simulate(Loop("PidRbf", steps=500), fmus)
+    assert np.array_equal(angle, plain["plant.theta"]) == (delay == 0)
 
 
 # --- files --------------------------------------------------------------------------------------

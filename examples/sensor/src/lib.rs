@@ -4,8 +4,8 @@
 //! cargo fmu export --package sensor --out target/examples
 //! ```
 //!
-//! It shows a sampled model with internal state, a delay line and random numbers. Equal seeds give
-//! the same bits on every machine, also after a state is restored.
+//! It is a sampled model whose internal state, a delay line and the number of samples, is restored
+//! with the state of an FMU. Equal seeds give the same bits on every machine.
 #![forbid(unsafe_code)]
 
 use std::f64::consts::TAU;

@@ -1,6 +1,7 @@
 """Loops and sweeps with the native master, which computes the same bits as FMPy's, but faster."""
 
 import csv
+import io
 import json
 import math
 import subprocess
@@ -64,10 +65,11 @@ def simulate(loop: Loop, fmus: Path) -> dict[str, np.ndarray]:
     """
     names = [f"{name}.{output}" for name, fmu in loop.models().items() for output in RECORDED[fmu]]
     with tempfile.TemporaryDirectory(prefix="loop-") as folder:
-        system, out = Path(folder) / "system.toml", Path(folder) / "out.csv"
+        system = Path(folder) / "system.toml"
         system.write_text(_system(loop, fmus, names), encoding="utf-8")
-        _run(repr(loop), "simulate", system, "--csv", out)
-        rows = np.loadtxt(out, delimiter=",", skiprows=1, ndmin=2)
+        # Rather than a file, which would have to reach the disk; a summary follows the rows
+        text = _run(repr(loop), "simulate", system, "--csv", "/dev/stdout")
+    rows = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, max_rows=loop.steps, ndmin=2)
     return dict(zip(["time", *names], np.ascontiguousarray(rows.T), strict=True))
 
 
@@ -111,13 +113,14 @@ def sweep(
     return {name: np.array([_number(row[name]) for row in rows]) for name in names}
 
 
-def _run(what: str, *arguments: str | Path) -> None:
-    """Run the program."""
+def _run(what: str, *arguments: str | Path) -> str:
+    """Run the program; return what it prints."""
     if not PROGRAM.is_file():
         raise MasterError(f"{PROGRAM} does not exist; run `make fmus` first")
     run = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)
     if run.returncode:
         raise MasterError(f"{what}: {run.stderr.strip().removeprefix('error: ')}")
+    return run.stdout
 
 
 # --- files --------------------------------------------------------------------------------------
