@@ -1,4 +1,4 @@
-"""The example in plain C: its FMU matches the one in Rust."""
+"""The examples: the FMU in plain C matches the one in Rust, the sensor is valid."""
 
 import subprocess
 import sys
@@ -33,3 +33,8 @@ def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: P
     ours = simulate(loop, folders[1], "--set", "controller.previous_sample_terms=false")
     for name, values in in_c.items():
         assert values.tobytes() == ours[name].tobytes(), name
+
+
+def test_the_sensor_is_valid_and_exported_by_itself(sensor: Path, fmus: Path) -> None:
+    assert "no error, no warning" in run("validate", sensor).stdout
+    assert not (fmus / sensor.name).exists(), "it is no default member of the workspace"

@@ -89,7 +89,7 @@ impl Selection {
     }
 
     /// The libraries with models: of the given packages, else of the package of the current folder, else
-    /// of all packages of the workspace.
+    /// of the default members of the workspace, else of all its packages.
     ///
     /// # Errors
     /// A given package cannot have models, or no package has. The message says what to write.
@@ -111,7 +111,12 @@ impl Selection {
         {
             return Ok(vec![library(root, metadata)?]);
         }
-        let users: Vec<_> = members.into_iter().filter(|p| uses_fmu_export(p)).collect();
+        let default = metadata.workspace_default_packages();
+        let chosen = match default.iter().any(|package| uses_fmu_export(package)) {
+            true => default,
+            false => members,
+        };
+        let users: Vec<_> = chosen.into_iter().filter(|p| uses_fmu_export(p)).collect();
         let found: Vec<_> = users
             .iter()
             .filter(|package| cdylib(package).is_some())
