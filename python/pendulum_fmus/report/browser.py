@@ -1,4 +1,4 @@
-"""Figures for the page: curves thinned to screen resolution, as JSON for plotly."""
+"""Figures for the page: curves thinned to screen resolution, as JSON for its script."""
 
 import base64
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from .figure import Curve, Figure, Panel
 from .style import STYLES
 from .thin import thinned
 
-RESOLUTION = 2000
+RESOLUTION = 1000
 """Maximum error of a thinned curve, as a fraction of a panel's height of about 250 pixels."""
 
 
@@ -21,20 +21,40 @@ class Columns:
         self.curves: dict[str, Curve] = {}
         self.kept: dict[str, np.ndarray] = {}
 
-    def add(self, panel: Panel, curve: Curve) -> None:
-        """Keep the samples of a curve that another panel needs."""
-        kept = needed(panel, curve)
+    def add(self, panel: Panel, index: int) -> None:
+        """Keep the samples of curve `index` that another panel needs."""
+        curve = panel.curves[index]
+        kept = np.union1d(needed(panel, curve), panel.markers(index))
         if curve.key in self.kept:
             kept = np.union1d(self.kept[curve.key], kept)
-        self.kept[curve.key] = kept
+        self.kept[curve.key] = kept.astype(int)
         self.curves[curve.key] = curve
 
-    def packed(self) -> dict[str, dict[str, str]]:
-        """Return {key: {x, y}} with full-precision doubles in base64."""
-        return {
-            key: {"x": pack(curve.x[self.kept[key]]), "y": pack(curve.y[self.kept[key]])}
-            for key, curve in self.curves.items()
-        }
+    def number(self, curve: Curve) -> int:
+        """Return the position of a curve in the page's list of columns."""
+        return list(self.curves).index(curve.key)
+
+    def marks(self, panel: Panel, index: int) -> list[int]:
+        """Return the positions of the markers among the kept samples of curve `index`."""
+        kept = self.kept[panel.curves[index].key]
+        return np.searchsorted(kept, panel.markers(index)).tolist()
+
+    def packed(self) -> dict[str, list]:
+        """Return the columns in full precision, and the clocks that most of them share.
+
+        A clock holds the x of all samples that any curve keeps; each curve has positions in it.
+        """
+        clocks: dict[bytes, list[str]] = {}
+        for key, curve in self.curves.items():
+            clocks.setdefault(curve.x.tobytes(), []).append(key)
+        times, columns = [], {}
+        for clock, keys in enumerate(clocks.values()):
+            kept = np.unique(np.concatenate([self.kept[key] for key in keys]))
+            times.append(pack(self.curves[keys[0]].x[kept], "<f8"))
+            for key in keys:
+                at, y = np.searchsorted(kept, self.kept[key]), self.curves[key].y[self.kept[key]]
+                columns[key] = {"clock": clock, "at": pack(at, "<u4"), "y": pack(y, "<f8")}
+        return {"clocks": times, "columns": [columns[key] for key in self.curves]}
 
 
 def needed(panel: Panel, curve: Curve) -> np.ndarray:
@@ -56,24 +76,14 @@ def needed(panel: Panel, curve: Curve) -> np.ndarray:
     return part.start + kept
 
 
-def pack(column: np.ndarray) -> str:
-    """Return a column as base64 of little-endian doubles."""
-    return base64.b64encode(np.ascontiguousarray(column, dtype="<f8").tobytes()).decode()
+def pack(column: np.ndarray, kind: str) -> str:
+    """Return a column as base64 of little-endian numbers."""
+    return base64.b64encode(np.ascontiguousarray(column, dtype=kind).tobytes()).decode()
 
 
-def figure_json(figure: Figure) -> dict[str, Any]:
-    """Return the data from which the page's script draws a figure."""
+def panel_json(panel: Panel, columns: Columns) -> dict[str, Any]:
+    """Return the data from which the page's script draws a panel."""
     return {
-        "name": figure.name,
-        "rows": [[panel_json(panel) for panel in row] for row in figure.rows],
-        "legend": [[style, name or STYLES[style].name] for style, name in figure.styles()],
-    }
-
-
-def panel_json(panel: Panel) -> dict[str, Any]:
-    """Return the data of a panel."""
-    return {
-        "title": panel.title,
         "xLabel": panel.x_label,
         "yLabel": panel.y_label,
         "x": panel.x_range(),
@@ -81,13 +91,12 @@ def panel_json(panel: Panel) -> dict[str, Any]:
         "logX": panel.log_x,
         "logY": panel.log_y,
         "frame": panel.frame,
-        "weight": panel.weight,
         "curves": [
             {
-                "key": curve.key,
+                "column": columns.number(curve),
                 "style": curve.style,
                 "name": curve.name or STYLES[curve.style].name,
-                "marks": [[float(curve.x[k]), float(curve.y[k])] for k in panel.markers(index)],
+                "marks": columns.marks(panel, index) if STYLES[curve.style].marker else [],
             }
             for index, curve in enumerate(panel.curves)
         ],
@@ -95,29 +104,28 @@ def panel_json(panel: Panel) -> dict[str, Any]:
 
 
 def styles_json() -> dict[str, Any]:
-    """Return the styles of the curves."""
+    """Return the styles of the curves, with dashes in pixels."""
     return {
         key: {
             "light": style.light,
             "dark": style.dark,
-            "dash": ",".join(f"{part * style.width:g}px" for part in style.dash) or "solid",
+            "dash": [round(part * style.width, 2) for part in style.dash],
             "width": style.width,
-            "symbol": style.symbol,
+            "marker": style.marker,
         }
         for key, style in STYLES.items()
     }
 
 
 def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
-    """Return all data for the page's script."""
-    figures, columns = list(figures), Columns()
-    for figure in figures:
-        for row in figure.rows:
-            for panel in row:
-                for curve in panel.curves:
-                    columns.add(panel, curve)
+    """Return all data for the page's script; the panels in the order of the page."""
+    panels = [panel for figure in figures for row in figure.rows for panel in row]
+    columns = Columns()
+    for panel in panels:
+        for index in range(len(panel.curves)):
+            columns.add(panel, index)
     return {
-        "columns": columns.packed(),
-        "figures": [figure_json(figure) for figure in figures],
+        **columns.packed(),
+        "panels": [panel_json(panel, columns) for panel in panels],
         "styles": styles_json(),
     }

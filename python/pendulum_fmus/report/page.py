@@ -1,4 +1,4 @@
-"""The page: one HTML file with its styles, its script, the plotting library and all data."""
+"""The page: one HTML file with its styles, its scripts, the plotting library and all data."""
 
 import json
 from collections.abc import Sequence
@@ -7,16 +7,24 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from plotly.offline import get_plotlyjs
+from markupsafe import Markup
 
+from . import layout
 from .browser import RESOLUTION, page_json
 from .claims import Judged, Verdict, judged
 from .figure import Figure
 from .numbers import number
 from .paper.entry import Entry
 from .paper.table import Line
+from .style import STYLES
 
 ASSETS = Path(__file__).parent / "assets"
+
+SCRIPTS = ["data", "ticks", "panel", "page", "contents"]
+"""The page's scripts, in order."""
+
+MOST = 90
+"""No table needs as much [em]."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,11 @@ def part_of(entry: Entry) -> Part:
     )
 
 
+def asset(name: str) -> Markup:
+    """Return a file that becomes part of the page as it is."""
+    return Markup((ASSETS / name).read_text(encoding="utf-8"))
+
+
 def script_safe(value: Any) -> str:
     """Return JSON that can be embedded in a script element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
@@ -71,7 +84,12 @@ def render(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["number"] = number
+    environment.filters |= {
+        "number": number,
+        "unbroken": layout.unbroken,
+        "needed_width": layout.needed_width,
+        "in_threes": layout.in_threes,
+    }
     everything = [*parts, conclusions, *beyond]
     figures = [part.figure for part in everything if part.figure]
     return environment.get_template("page.html.j2").render(
@@ -81,10 +99,11 @@ def render(
         beyond=beyond,
         verdicts=list(Verdict),
         counts=_counts([*parts, conclusions]),
-        style=(ASSETS / "style.css").read_text(encoding="utf-8"),
-        script=(ASSETS / "page.js").read_text(encoding="utf-8"),
-        loop_svg=(ASSETS / "loop.svg").read_text(encoding="utf-8"),
-        plotly=get_plotlyjs().replace("</script", "<\\/script"),
+        beside=layout.beside,
+        widths=range(layout.STEP, MOST, layout.STEP),
+        styles=STYLES,
+        asset=asset,
+        scripts=SCRIPTS,
         data=script_safe(page_json(figures)),
         resolution=RESOLUTION,
     )

@@ -19,8 +19,6 @@ class Style:
         Line width [pt].
     marker
         Matplotlib marker; "" for none.
-    symbol
-        The same marker in plotly.
     """
 
     name: str
@@ -29,24 +27,23 @@ class Style:
     dash: tuple[float, ...]
     width: float
     marker: str = ""
-    symbol: str = ""
 
 
 STYLES = {
     "r": Style("reference r", "#a0a0a0", "#7d7d7d", (), 3.4),
-    "PID": Style("PID", "#d07a00", "#f0a030", (6, 2), 1.5, "s", "square-open"),
-    "PID-RBF": Style("PID-RBF", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o", "circle-open"),
-    "IPID-RBF": Style("IPID-RBF", "#7a0f3c", "#f29bc0", (), 1.3, "^", "triangle-up"),
+    "PID": Style("PID", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
+    "PID-RBF": Style("PID-RBF", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o"),
+    "IPID-RBF": Style("IPID-RBF", "#7a0f3c", "#f29bc0", (), 1.3, "^"),
     "IPID-RBF own": Style(
-        "IPID-RBF, own target", "#00805a", "#3fd3a4", (7, 2, 1.5, 2), 1.5, "D", "diamond"
+        "IPID-RBF, own target", "#00805a", "#3fd3a4", (7, 2, 1.5, 2), 1.5, "D"
     ),
     "u": Style("u", "#202020", "#e8e8e8", (), 1.2),
-    "u_n": Style("u_n", "#0072b2", "#56b4e9", (5, 2), 1.5, "o", "circle-open"),
-    "u_p": Style("u_p", "#d07a00", "#f0a030", (1.6, 1.4), 1.5, "s", "square-open"),
-    "half": Style("half", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o", "circle-open"),
+    "u_n": Style("u_n", "#0072b2", "#56b4e9", (5, 2), 1.5, "o"),
+    "u_p": Style("u_p", "#d07a00", "#f0a030", (1.6, 1.4), 1.5, "s"),
+    "half": Style("half", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o"),
     "one": Style("as in the paper", "#202020", "#e8e8e8", (), 1.3),
-    "double": Style("double", "#d07a00", "#f0a030", (6, 2), 1.5, "s", "square-open"),
-    "winding": Style("without anti-windup", "#d07a00", "#f0a030", (6, 2), 1.5, "s", "square-open"),
-    "held": Style("with anti-windup", "#0072b2", "#56b4e9", (), 1.4, "o", "circle-open"),
+    "double": Style("double", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
+    "winding": Style("without anti-windup", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
+    "held": Style("with anti-windup", "#0072b2", "#56b4e9", (), 1.4, "o"),
     "limit": Style("limit", "#a0a0a0", "#7d7d7d", (), 1.4),
 }
