@@ -8,8 +8,8 @@ from markupsafe import Markup, escape
 from .claims import Judged, Table
 from .figure import Figure
 
-POWER = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
-"""A number that must not be broken at its spaces."""
+UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
+"""What must not be broken into two lines: numbers with powers of ten, names of controllers."""
 
 STEP = 3
 """Tables are distinguished by the width that they need, in steps [em]."""
@@ -22,13 +22,13 @@ LINE = 60
 
 
 def unbroken(text: str) -> Markup:
-    """Return text as HTML in which no number is broken into two lines."""
-    return Markup(POWER.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
+    """Return text as HTML in which UNBROKEN stays on one line."""
+    return Markup(UNBROKEN.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
 
 
 def _longest_word(texts: Iterable[str]) -> int:
     """Return the length of the longest part that is never broken, in characters."""
-    joined = " ".join(POWER.sub(lambda found: found[0].replace(" ", "_"), text) for text in texts)
+    joined = " ".join(UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), text) for text in texts)
     return max(map(len, joined.split()))
 
 

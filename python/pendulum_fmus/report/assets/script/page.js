@@ -14,33 +14,35 @@ async function inSlices(list, action) {
   }
 }
 
-function fit(element) {
-  const { width, height } = sizeOf(element), plot = element.plot;
-  if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
+// Returns the plots whose elements have another size, with that size.
+function outgrown() {
+  const all = elements.map((element) => [element.plot, sizeOf(element)]);
+  return all.filter(([plot, size]) => plot.width !== size.width || plot.height !== size.height);
 }
+
+const fit = ([plot, size]) => plot.setSize(size);
 
 function recolour() {
   colours = null;
-  return inSlices(elements, (element) => element.plot?.redraw(false));
+  return inSlices(elements, (element) => element.plot.redraw(false));
 }
 
 function reprint() {
   colours = null;
-  for (const element of elements) {
-    fit(element);
-    element.plot.redraw(false);
-  }
+  outgrown().forEach(fit);
+  for (const element of elements) element.plot.redraw(false);
 }
 
 let timer;
 const resized = new ResizeObserver(() => {
   clearTimeout(timer);
-  timer = setTimeout(() => inSlices(elements, fit), 100);
+  timer = setTimeout(() => inSlices(outgrown(), fit), 100);
 });
 
 async function first() {
-  await inSlices(elements, (element) => {
-    element.plot = draw(element, panels[elements.indexOf(element)]);
+  const found = elements.map((element, k) => [element, panels[k], sizeOf(element)]);
+  await inSlices(found, ([element, panel, size]) => {
+    element.plot = draw(element, panel, size);
   });
   for (const element of elements) resized.observe(element);
   dark.addEventListener("change", recolour);

@@ -40,18 +40,35 @@ function axis(key, log) {
 const widest = (texts) =>
   Math.max(24, ...(texts ?? []).map((text) => measure.measureText(text).width));
 
+// The line through a curve's own samples; without the parts that lie off the panel.
+function pathOf(u, { x, y }) {
+  const stroke = new Path2D(), { left, top, width, height } = u.bbox;
+  const side = (value, low, size) => (value < low ? -1 : value > low + size ? 1 : 0);
+  let before = null;
+  for (let k = 0; k < x.length; k++) {
+    const px = u.valToPos(x[k], "x", true), py = u.valToPos(y[k], "y", true);
+    const now = { px, py, across: side(px, left, width), up: side(py, top, height) };
+    const off = !before || (now.across && now.across === before.across)
+      || (now.up && now.up === before.up);
+    if (!off && before.off) stroke.moveTo(before.px, before.py);
+    if (!off) stroke.lineTo(px, py);
+    before = { ...now, off };
+  }
+  return { stroke, fill: null, clip: null, band: null, gaps: null, flags: 1 };
+}
+
 // The options of uPlot for a panel that shows the ranges in `view`.
 function options(panel, view, curves, size, actions) {
   const scale = (key, log) => ({
     time: false, auto: false, distr: log ? 3 : 1, range: () => view[key],
   });
-  const series = curves.map(({ style }) => ({
-    stroke: () => styles[style][palette().name], width: styles[style].width,
-    dash: styles[style].dash.map((part) => part * devicePixelRatio),
-    spanGaps: true, points: { show: false },
+  const series = curves.map((curve) => ({
+    paths: (u) => pathOf(u, curve), stroke: () => styles[curve.style][palette().name], width: styles[curve.style].width,
+    dash: styles[curve.style].dash.map((part) => part * devicePixelRatio),
+    points: { show: false },
   }));
   return {
-    ...size, padding: [8, 12, 0, 0], legend: { show: false },
+    ...size, padding: [8, 18, 0, 0], legend: { show: false },
     scales: { x: scale("x", panel.logX), y: scale("y", panel.logY) },
     axes: [axis("x", panel.logX), axis("y", panel.logY)],
     series: [{}, ...series],
@@ -136,8 +153,8 @@ function reader(element, panel, curves) {
   };
 }
 
-// Draws a panel in its element; returns the plot.
-function draw(element, panel) {
+// Draws a panel in its element, of the given size; returns the plot.
+function draw(element, panel, size) {
   const view = { x: panel.x, y: panel.y };
   const curves = panel.curves.map((curve) => ({ ...curve, ...column(curve.column) }));
   const show = (u) =>
@@ -161,8 +178,8 @@ function draw(element, panel) {
       show(u);
     },
   };
-  const data = uPlot.join(curves.map(({ x, y }) => [x, y]));
-  const plot = new uPlot(options(panel, view, curves, sizeOf(element), actions), data, element);
+  const data = [panel.x, ...curves.map(() => panel.y)]; // as each curve has its own samples
+  const plot = new uPlot(options(panel, view, curves, size, actions), data, element);
   plot.curves = curves;
   return plot;
 }
