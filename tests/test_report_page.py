@@ -1,6 +1,7 @@
 """The report's page in a real browser: its figures, and the absence of network requests."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from itertools import pairwise
@@ -33,8 +34,11 @@ def browser(chromium: str) -> Iterator[Browser]:
         browser.close()
 
 
-TITLES = ".infolayer > [class^='g-x'] text, .infolayer > [class^='g-y'] text"
-"""Selector of the titles of all axes."""
+WIDTHS = [390, 768, 1024, 1400, 1600]
+"""Widths of windows: a phone, tablets and desktops."""
+
+MOST = 3_000_000
+"""The page's largest size [B]."""
 
 
 class Opened:
@@ -51,79 +55,166 @@ class Opened:
         page.goto(self.url)
         page.wait_for_selector(DRAWN, state="attached", timeout=120_000)
 
+    def resize(self, width: int) -> None:
+        """Give the window a width; return when all panels fit it."""
+        self.page.set_viewport_size({"width": width, "height": 900})
+        self.page.wait_for_function("""() => [...document.querySelectorAll(".drawing")].every(
+            (drawing) => drawing.plot.width === drawing.clientWidth)""")
 
-@pytest.fixture(scope="module", params=["desktop", "phone", "dark"])
-def opened(request, browser: Browser, report_folder: Path) -> Iterator[Opened]:
-    width = 390 if request.param == "phone" else 1400
-    scheme = "dark" if request.param == "dark" else "light"
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+
+@pytest.fixture(scope="module")
+def opened(browser: Browser, report_folder: Path) -> Iterator[Opened]:
+    context = browser.new_context(viewport={"width": 1400, "height": 900}, color_scheme="light")
     yield Opened(context.new_page(), report_folder)
     context.close()
 
 
-def plots(page: Page) -> list[dict]:
-    """Return the drawn elements and the data of every plot."""
-    return page.evaluate(
-        """() => [...document.querySelectorAll(".plot")].map((plot) => ({
-        name: plot.id,
-        paths: [...plot.querySelectorAll(".scatterlayer path.js-line")]
-            .map((path) => path.getAttribute("d").length),
-        axes: [...plot.querySelectorAll("%s")].map((title) => title.textContent),
-        panels: plot.querySelectorAll(".cartesianlayer .subplot").length,
-        legend: [...plot.querySelectorAll(".legendtext")].map((text) => text.textContent),
-        traces: plot.data.filter((trace) => trace.mode === "lines" && trace.x[0] !== null).length,
-        width: plot.querySelector("svg").getBoundingClientRect().width,
-        room: plot.getBoundingClientRect().width,
-    }))""".replace("%s", TITLES)
-    )
+@pytest.fixture(params=WIDTHS)
+def resized(request, opened: Opened) -> Page:
+    """Return the page in a window of each width."""
+    opened.resize(request.param)
+    return opened.page
 
 
-def test_there_are_no_errors_and_no_requests(opened):
+@pytest.fixture
+def wide(opened: Opened) -> Page:
+    """Return the page in a wide window."""
+    opened.resize(1400)
+    return opened.page
+
+
+def test_is_small_and_has_no_errors_and_no_requests(opened, report_folder):
+    assert (report_folder / "index.html").stat().st_size < MOST
     assert opened.said == []
     assert opened.asked == [opened.url]
 
 
-def test_every_figure_is_drawn(opened):
-    found = plots(opened.page)
-    assert len(found) == int(opened.page.get_attribute("body", "data-drawn")) >= 19
-    for plot in found:
-        assert plot["traces"] > 0, plot
-        assert len([length for length in plot["paths"] if length > 10]) >= plot["traces"], plot
-        assert plot["width"] <= plot["room"] + 1, plot
+COLOURS = """() => [...document.querySelectorAll(".drawing")].map((drawing) => {
+    const { ctx, bbox, series } = drawing.plot;
+    const { data } = ctx.getImageData(bbox.left, bbox.top, bbox.width, bbox.height);
+    const probe = document.createElement("canvas").getContext("2d");
+    const found = new Set();
+    for (let k = 0; k < data.length; k += 4) {
+        if (data[k + 3] > 250) found.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
+    }
+    return series.slice(1).map((one) => {
+        probe.fillStyle = one.stroke();
+        probe.fillRect(0, 0, 1, 1);
+        return found.has(probe.getImageData(0, 0, 1, 1).data.slice(0, 3).join());
+    });
+})"""
+"""For each panel, whether it has pixels in the colour of each curve."""
 
 
-def test_every_axis_has_a_title_with_its_unit_and_every_figure_a_legend(opened):
-    for plot in plots(opened.page):
-        assert len(plot["axes"]) == 2 * plot["panels"], plot
-        assert all("[" in title and title.endswith("]") for title in plot["axes"]), plot
-        assert len(plot["legend"]) >= 2, plot
+def test_draws_every_curve_of_every_panel_in_both_schemes(wide):
+    figures = wide.locator("figure .plots").count()
+    assert figures == int(wide.get_attribute("body", "data-drawn")) >= 19
+    for scheme in ("dark", "light"):
+        wide.emulate_media(color_scheme=scheme)
+        wide.wait_for_timeout(2000)
+        drawn = wide.evaluate(COLOURS)
+        assert len(drawn) > 2 * figures
+        assert all(any(panel) for panel in drawn)
+        # Curves can hide behind each other or lie off the scale of a panel
+        assert sum(map(sum, drawn)) > 0.9 * sum(map(len, drawn))
 
 
-def test_the_page_is_no_wider_than_the_window(opened):
-    wide, window = opened.page.evaluate(
-        "[document.documentElement.scrollWidth, document.documentElement.clientWidth]"
-    )
-    assert wide <= window
+def test_every_axis_has_a_title_with_its_unit_and_every_figure_a_legend(wide):
+    titles = wide.locator(".x-title, .y-title").all_text_contents()
+    assert len(titles) == 2 * wide.locator(".drawing").count()
+    assert all("[" in title and title.endswith("]") for title in titles)
+    for plots in wide.locator(".plots").all():
+        assert plots.locator(".legend li").count() >= 2
 
 
-def test_labels_of_axes_do_not_overlap(opened):
-    overlaps = opened.page.evaluate(
-        """() => {
-        const cross = (a, b) =>
-            a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
-        return [...document.querySelectorAll(".plot")].filter((plot) => {
-            const labels = plot.querySelectorAll(
-                ".xtick text, .ytick text, .legendtext, .annotation-text, %s");
-            const boxes = [...labels].map((label) => label.getBoundingClientRect());
-            return boxes.some((a, i) => boxes.slice(i + 1).some((b) => cross(a, b)));
-        }).map((plot) => plot.id);
-    }""".replace("%s", TITLES)
-    )
-    assert overlaps == []
+def test_nothing_is_wider_than_its_container(resized):
+    cut = resized.evaluate("""() => [...document.querySelectorAll("html, body *")]
+        .filter((element) => !element.closest("svg, .uplot, .skip, summary"))
+        .filter((element) => getComputedStyle(element).display !== "inline")
+        .filter((element) => element.scrollWidth > Math.max(element.clientWidth, 1) + 1)
+        .map((element) => element.outerHTML.slice(0, 80))""")
+    assert cut == []
 
 
-def test_headings_do_not_skip_a_level(opened):
-    levels = opened.page.evaluate(
+def test_text_in_the_diagram_is_legible(resized):
+    smallest = resized.evaluate("""() => {
+        const diagram = [...document.querySelectorAll(".diagram")].find((d) => d.clientWidth);
+        const scale = diagram.getScreenCTM().a;
+        const texts = [...diagram.querySelectorAll("text, tspan")];
+        const size = (text) => parseFloat(getComputedStyle(text).fontSize);
+        return Math.min(...texts.map(size)) * scale;
+    }""")
+    assert smallest >= 11
+
+
+def test_statements_stand_beside_figures_and_fill_the_height(wide):
+    """Neither the figure nor the statements end far above the other."""
+    for gaps in wide.evaluate("""() => [...document.querySelectorAll(".pair")].map((pair) => {
+        const [figure, claims] = [...pair.children].map((part) => part.getBoundingClientRect());
+        const last = (part) => pair.querySelector(part).getBoundingClientRect().bottom;
+        const bottom = pair.getBoundingClientRect().bottom;
+        return [claims.left - figure.right,
+            bottom - last("figcaption"), bottom - last(".claim:last-child")];
+    })"""):
+        assert 0 < gaps[0] < 40
+        assert max(gaps[1:]) < 60
+
+
+LABELS = """() => [...document.querySelectorAll(".drawing")].flatMap(({ plot }) => {
+    const context = document.createElement("canvas").getContext("2d");
+    return ["x", "y"].map((key, k) => {
+        const axis = plot.axes[k];
+        context.font = axis.font[0].replace(/[\\d.]+px/, "11px");
+        const half = (text) => key === "x" ? context.measureText(text).width / 2 : 6;
+        return {
+            log: plot.scales[key].distr === 3, texts: axis._values,
+            decades: Math.log10(plot.scales[key].max / plot.scales[key].min),
+            spans: axis._splits.map((at, i) => {
+                const middle = plot.valToPos(at, key), size = half(axis._values[i]);
+                return [middle - size, middle + size];
+            }),
+        };
+    });
+})"""
+"""For each axis, its labels and the pixels that they cover."""
+
+
+def test_labels_of_axes_are_readable_and_do_not_overlap(resized):
+    axes = resized.evaluate(LABELS)
+    assert any(axis["log"] for axis in axes)
+    for axis in axes:
+        assert len(axis["texts"]) >= 2, axis
+        spans = sorted(axis["spans"])
+        assert all(a[1] < b[0] for a, b in pairwise(spans)), axis
+        powers = axis["log"] and axis["decades"] > 2.2
+        wanted = r"10⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+" if powers else r"−?\d+(\.\d+)?"
+        assert all(re.fullmatch(wanted, text) for text in axis["texts"]), axis
+
+
+def test_contents_follow_the_section(wide):
+    wide.add_style_tag(content="html { scroll-behavior: auto !important; }")
+    for name in ("table-1", "figure-6", "conclusions", "figure-21"):
+        wide.locator(f".contents a[href='#{name}']").click()
+        wide.wait_for_selector(f".contents a[href='#{name}'][aria-current]")
+        assert wide.locator(".contents [aria-current]").count() == 1
+
+
+def test_contents_of_a_phone_fold_away_and_cover_no_heading(opened):
+    opened.resize(390)
+    page = opened.page
+    page.locator(".contents summary").click()
+    page.locator(".contents a[href='#figure-9']").click()
+    page.wait_for_selector(".contents a[href='#figure-9'][aria-current]", state="attached")
+    assert page.locator(".contents details[open]").count() == 0
+    assert "9. Sine" in page.locator(".contents .here").text_content()
+    bar = page.locator(".contents").bounding_box()
+    heading = page.locator("#figure-9 h3").bounding_box()
+    assert bar["y"] == 0
+    assert bar["height"] <= heading["y"] < 200
+
+
+def test_headings_do_not_skip_a_level(wide):
+    levels = wide.evaluate(
         "[...document.querySelectorAll('h1, h2, h3, h4')].map((h) => Number(h.tagName[1]))"
     )
     assert levels[0] == 1
@@ -131,30 +222,60 @@ def test_headings_do_not_skip_a_level(opened):
     assert all(b <= a + 1 for a, b in pairwise(levels))
 
 
-def test_hovering_shows_numbers_as_computed(browser, report_folder, table_results):
-    """The drawn points equal samples to the last bit."""
-    context = browser.new_context(viewport={"width": 1400, "height": 900})
-    opened = Opened(context.new_page(), report_folder)
+def test_hovering_shows_numbers_as_computed(wide, table_results):
+    """The drawn points equal samples to the last bit, and the readout shows one of them."""
+    drawing = wide.locator("#plot-figure-6 .drawing").first
     drawn = json.loads(
-        opened.page.evaluate("""() => {
-            const plot = document.getElementById("plot-figure-6");
-            const lines = plot.data.filter((t) => t.mode === "lines" && t.x[0] !== null);
-            const trace = lines.find((t) => t.name === "PID");
-            return JSON.stringify({x: [...trace.x], y: [...trace.y]});
+        drawing.evaluate("""({ plot }) => {
+            const curve = plot.curves.find((curve) => curve.name === "PID");
+            return JSON.stringify({ x: [...curve.x], y: [...curve.y] });
         }""")
     )
-    context.close()
     run = table_results[Loop("Pid", "step", 0.0)]
     exact = dict(zip(run["time"].tolist(), run["plant.theta"].tolist(), strict=True))
     assert len(drawn["x"]) > 100
     assert all(exact[x] == y for x, y in zip(drawn["x"], drawn["y"], strict=True))
     assert max(drawn["y"]) == run["plant.theta"].max()
 
+    top = drawing.evaluate("""({ plot }) => {
+        const { x, y } = plot.curves.find((curve) => curve.name === "PID");
+        const k = y.indexOf(Math.max(...y));
+        return { x: plot.valToPos(x[k], "x"), y: plot.valToPos(y[k], "y") - 2 };
+    }""")
+    drawing.locator(".u-over").hover(position=top)
+    shown = drawing.locator(".readout").text_content().splitlines()
+    assert shown[0] == "PID"
+    assert exact[float(shown[1].split(" = ")[1])] == float(shown[2].split(" = ")[1])
 
-def test_prints_to_pages(browser, report_folder):
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
-    opened = Opened(context.new_page(), report_folder)
-    pdf = opened.page.pdf(prefer_css_page_size=True)
+
+def test_dragging_zooms_and_a_double_click_shows_everything(wide):
+    drawing = wide.locator("#plot-figure-6 .drawing").first
+    ranges = "({ plot: { scales: { x, y } } }) => [x.min, x.max, y.min, y.max]"
+    drawing.scroll_into_view_if_needed()
+    whole, box = drawing.evaluate(ranges), drawing.locator(".u-over").bounding_box()
+    x, y, width, height = (box[key] for key in ("x", "y", "width", "height"))
+    wide.mouse.move(x + width / 4, y + height / 4)
+    wide.mouse.down()
+    wide.mouse.move(x + width / 2, y + height / 2, steps=3)
+    wide.mouse.up()
+    expected = [whole[0] + (whole[1] - whole[0]) * share for share in (0.25, 0.5)]
+    assert drawing.evaluate(ranges)[:2] == pytest.approx(expected, abs=0.2)
+    wide.mouse.dblclick(x + width / 2, y + height / 2)
+    assert drawing.evaluate(ranges) == whole
+
+
+def test_shows_images_without_scripts(browser, report_folder):
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto((report_folder / "index.html").as_uri())
+    shown = page.locator("figure img:visible").count()
+    blank = page.locator(".plots:visible").count()
     context.close()
+    assert shown >= 19
+    assert blank == 0
+
+
+def test_prints_to_pages(opened):
+    pdf = opened.page.pdf(prefer_css_page_size=True)
     assert pdf.startswith(b"%PDF-")
     assert opened.said == []

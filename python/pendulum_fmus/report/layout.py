@@ -28,8 +28,8 @@ def unbroken(text: str) -> Markup:
 
 def _longest_word(texts: Iterable[str]) -> int:
     """Return the length of the longest part that is never broken, in characters."""
-    joined = " ".join(UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), text) for text in texts)
-    return max(map(len, joined.split()))
+    words = UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), " ".join(texts)).split()
+    return max(map(len, words))
 
 
 def needed_width(table: Table) -> int:

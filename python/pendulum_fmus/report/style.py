@@ -34,9 +34,7 @@ STYLES = {
     "PID": Style("PID", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
     "PID-RBF": Style("PID-RBF", "#0072b2", "#56b4e9", (1.6, 1.4), 1.6, "o"),
     "IPID-RBF": Style("IPID-RBF", "#7a0f3c", "#f29bc0", (), 1.3, "^"),
-    "IPID-RBF own": Style(
-        "IPID-RBF, own target", "#00805a", "#3fd3a4", (7, 2, 1.5, 2), 1.5, "D"
-    ),
+    "IPID-RBF own": Style("IPID-RBF, own target", "#00805a", "#3fd3a4", (7, 2, 1.5, 2), 1.5, "D"),
     "u": Style("u", "#202020", "#e8e8e8", (), 1.2),
     "u_n": Style("u_n", "#0072b2", "#56b4e9", (5, 2), 1.5, "o"),
     "u_p": Style("u_p", "#d07a00", "#f0a030", (1.6, 1.4), 1.5, "s"),
