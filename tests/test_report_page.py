@@ -90,9 +90,11 @@ def test_is_small_and_has_no_errors_and_no_requests(opened, report_folder):
 
 
 COLOURS = """() => [...document.querySelectorAll(".drawing")].map((drawing) => {
-    const { ctx, bbox, series } = drawing.plot;
-    const { data } = ctx.getImageData(bbox.left, bbox.top, bbox.width, bbox.height);
-    const probe = document.createElement("canvas").getContext("2d");
+    const { ctx, bbox: { left, top, width, height }, series } = drawing.plot;
+    const probe = Object.assign(document.createElement("canvas"), { width, height })
+        .getContext("2d", { willReadFrequently: true });
+    probe.drawImage(ctx.canvas, -left, -top);
+    const { data } = probe.getImageData(0, 0, width, height);
     const found = new Set();
     for (let k = 0; k < data.length; k += 4) {
         if (data[k + 3] > 250) found.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
@@ -107,7 +109,7 @@ COLOURS = """() => [...document.querySelectorAll(".drawing")].map((drawing) => {
 
 
 def test_draws_every_curve_of_every_panel_in_both_schemes(wide):
-    figures = wide.locator("figure .plots").count()
+    figures = wide.locator("figure .plot").count()
     assert figures == int(wide.get_attribute("body", "data-drawn")) >= 19
     for scheme in ("dark", "light"):
         wide.emulate_media(color_scheme=scheme)
@@ -123,7 +125,7 @@ def test_every_axis_has_a_title_with_its_unit_and_every_figure_a_legend(wide):
     titles = wide.locator(".x-title, .y-title").all_text_contents()
     assert len(titles) == 2 * wide.locator(".drawing").count()
     assert all("[" in title and title.endswith("]") for title in titles)
-    for plots in wide.locator(".plots").all():
+    for plots in wide.locator(".plot").all():
         assert plots.locator(".legend li").count() >= 2
 
 
@@ -248,7 +250,7 @@ def test_hovering_shows_numbers_as_computed(wide, table_results):
     assert exact[float(shown[1].split(" = ")[1])] == float(shown[2].split(" = ")[1])
 
 
-def test_dragging_zooms_and_a_double_click_shows_everything(wide):
+def test_dragging_zooms_and_double_clicks_go_back_and_show_everything(wide):
     drawing = wide.locator("#plot-figure-6 .drawing").first
     ranges = "({ plot: { scales: { x, y } } }) => [x.min, x.max, y.min, y.max]"
     drawing.scroll_into_view_if_needed()
@@ -262,6 +264,10 @@ def test_dragging_zooms_and_a_double_click_shows_everything(wide):
     assert drawing.evaluate(ranges)[:2] == pytest.approx(expected, abs=0.2)
     wide.mouse.dblclick(x + width / 2, y + height / 2)
     assert drawing.evaluate(ranges) == whole
+    wide.mouse.dblclick(x + width / 2, y + height / 2)
+    assert drawing.evaluate(ranges) == drawing.evaluate("""({ plot: { curves } }) => ["x", "y"]
+        .map((key) => curves.flatMap((curve) => [...curve[key]]))
+        .flatMap((all) => [Math.min(...all), Math.max(...all)])""")
 
 
 def test_shows_images_without_scripts(browser, report_folder):
@@ -269,7 +275,7 @@ def test_shows_images_without_scripts(browser, report_folder):
     page = context.new_page()
     page.goto((report_folder / "index.html").as_uri())
     shown = page.locator("figure img:visible").count()
-    blank = page.locator(".plots:visible").count()
+    blank = page.locator(".plot:visible").count()
     context.close()
     assert shown >= 19
     assert blank == 0

@@ -2,6 +2,7 @@
 const SLICE = 12; // [ms] of drawing between two chances for the page to react
 const elements = [...document.querySelectorAll(".drawing")];
 
+const sizeOf = (element) => ({ width: element.clientWidth, height: element.clientHeight });
 const pause = () => new Promise((done) => setTimeout(done));
 
 async function inSlices(list, action) {
@@ -47,7 +48,7 @@ async function first() {
   for (const element of elements) resized.observe(element);
   dark.addEventListener("change", recolour);
   printing.addEventListener("change", reprint);
-  document.body.dataset.drawn = document.querySelectorAll("figure .plots").length;
+  document.body.dataset.drawn = document.querySelectorAll("figure .plot").length;
 }
 
 first();

@@ -40,20 +40,32 @@ function axis(key, log) {
 const widest = (texts) =>
   Math.max(24, ...(texts ?? []).map((text) => measure.measureText(text).width));
 
-// The line through a curve's own samples; without the parts that lie off the panel.
-function pathOf(u, { x, y }) {
+// The end `a` of a line to `b`, moved along it to heights of at least `low` and at most `high`.
+function nearer(a, b, low, high) {
+  const y = Math.min(Math.max(a.y, low), high);
+  return y === a.y ? a : { x: a.x + ((b.x - a.x) * (y - a.y)) / (b.y - a.y), y };
+}
+
+// The line through a curve's own samples. Parts far off the panel are left out: a spike of a
+// thousand times its height would have as many dashes.
+function pathOf(u, curve) {
   const stroke = new Path2D(), { left, top, width, height } = u.bbox;
-  const side = (value, low, size) => (value < low ? -1 : value > low + size ? 1 : 0);
-  let before = null;
-  for (let k = 0; k < x.length; k++) {
-    const px = u.valToPos(x[k], "x", true), py = u.valToPos(y[k], "y", true);
-    const now = { px, py, across: side(px, left, width), up: side(py, top, height) };
-    const off = !before || (now.across && now.across === before.across)
-      || (now.up && now.up === before.up);
-    if (!off && before.off) stroke.moveTo(before.px, before.py);
-    if (!off) stroke.lineTo(px, py);
-    before = { ...now, off };
-  }
+  const low = top - height, high = top + 2 * height;
+  const outside = (a, b) =>
+    Math.max(a.x, b.x) < left || Math.min(a.x, b.x) > left + width
+    || Math.max(a.y, b.y) < low || Math.min(a.y, b.y) > high;
+  let before = null, pen = null;
+  curve.x.forEach((_, k) => {
+    const x = u.valToPos(curve.x[k], "x", true), y = u.valToPos(curve.y[k], "y", true);
+    const now = { x, y };
+    if (before && !outside(before, now)) {
+      const start = nearer(before, now, low, high), end = nearer(now, before, low, high);
+      if (start !== pen) stroke.moveTo(start.x, start.y);
+      stroke.lineTo(end.x, end.y);
+      pen = end;
+    }
+    before = now;
+  });
   return { stroke, fill: null, clip: null, band: null, gaps: null, flags: 1 };
 }
 
@@ -153,6 +165,15 @@ function reader(element, panel, curves) {
   };
 }
 
+// The ranges of all samples.
+function everything(panel, curves) {
+  const range = (key, log) => {
+    const all = curves.flatMap((curve) => [...curve[key]]).filter((value) => !log || value > 0);
+    return [Math.min(...all), Math.max(...all)];
+  };
+  return { x: range("x", panel.logX), y: range("y", panel.logY) };
+}
+
 // Draws a panel in its element, of the given size; returns the plot.
 function draw(element, panel, size) {
   const view = { x: panel.x, y: panel.y };
@@ -166,7 +187,8 @@ function draw(element, panel, size) {
   const actions = {
     read: reader(element, panel, curves),
     reset: () => {
-      Object.assign(view, { x: panel.x, y: panel.y });
+      const zoomed = view.x !== panel.x || view.y !== panel.y;
+      Object.assign(view, zoomed ? { x: panel.x, y: panel.y } : everything(panel, curves));
       show(plot);
     },
     zoom: (u) => {
@@ -184,4 +206,3 @@ function draw(element, panel, size) {
   return plot;
 }
 
-const sizeOf = (element) => ({ width: element.clientWidth, height: element.clientHeight });
