@@ -1,5 +1,5 @@
 // One panel: its curves drawn with uPlot, with markers, a frame, a readout and zoom.
-const TICK = 11, ROOM = { x: 58, y: 26 };
+const TICK = 11, ROOM = { x: 62, y: 26 };
 
 const FONT = `${TICK}px ${getComputedStyle(document.body).fontFamily}`;
 const measure = document.createElement("canvas").getContext("2d");

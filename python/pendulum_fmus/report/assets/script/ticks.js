@@ -5,18 +5,25 @@ const minus = (text) => text.replaceAll("-", "−");
 const raised = (number) =>
   [...String(number)].map((digit) => (digit === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit])).join("");
 
-// Whole multiples of 1, 2 or 5 times a power of ten, at most `most`.
+// Whole multiples of 1, 2 or 5 times a power of ten: the finest of which at most `most` are shown.
 function linearTicks(low, high, most) {
-  const rough = (high - low) / Math.max(most, 1);
-  const exponent = Math.floor(Math.log10(rough));
-  const factor = [1, 2, 5, 10].find((factor) => factor * 10 ** exponent >= rough * (1 - 1e-9));
-  const step = factor * 10 ** exponent, digits = Math.max(0, -Math.floor(Math.log10(step)));
-  const ticks = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) {
-    const at = Number((k * step).toFixed(digits));
-    ticks.push({ at: at || 0, text: minus((at || 0).toFixed(digits)) });
+  const first = (step) => Math.ceil(low / step - 1e-9);
+  const last = (step) => Math.floor(high / step + 1e-9);
+  let exponent = Math.floor(Math.log10((high - low) / Math.max(most, 2))) - 1;
+  for (;; exponent++) {
+    for (const factor of [1, 2, 5]) {
+      const step = factor * 10 ** exponent, count = last(step) - first(step) + 1;
+      if (count <= Math.max(most, 2)) {
+        return Array.from({ length: count }, (_, k) => tick((first(step) + k) * step, exponent));
+      }
+    }
   }
-  return ticks;
+}
+
+// A tick with as many decimals as a step of this power of ten needs.
+function tick(value, exponent) {
+  const text = value.toFixed(Math.max(0, -exponent)), at = Number(text) || 0;
+  return { at, text: at ? minus(text) : text.replace("-", "") };
 }
 
 // Powers of ten, at most `most` of them.
