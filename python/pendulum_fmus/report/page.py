@@ -20,7 +20,7 @@ from .style import STYLES
 
 ASSETS = Path(__file__).parent / "assets"
 
-SCRIPTS = ["data", "ticks", "panel", "page", "contents"]
+SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 """The page's scripts, in order."""
 
 MOST = 90
