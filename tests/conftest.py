@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,6 +15,13 @@ from pendulum_fmus import table1
 from pendulum_fmus.loop import Columns, Loop
 from pendulum_fmus.master import Component
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT, SENSOR
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
+--disable-component-update --disable-sync""".split()
+"""Command line of Chromium."""
 
 
 @pytest.fixture(scope="session")
@@ -89,3 +97,16 @@ def report_folder(program: Path, sensor: Path, tmp_path_factory: pytest.TempPath
     assert run.stderr == ""
     assert "MISSED" not in run.stdout
     return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["Browser"]:
+    """Return Chromium with a new, empty profile."""
+    # Some workflows run tests without Playwright.
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or pytest.skip("no `chromium`: `make system` installs it")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()

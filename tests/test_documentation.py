@@ -1,14 +1,20 @@
 """The documentation in every FMU: a self-contained page, licences and an icon."""
 
+import io
+import math
 import re
 import struct
 import zipfile
-from itertools import pairwise
+from collections.abc import Iterator
+from itertools import groupby, pairwise
 from pathlib import Path, PurePosixPath
 
 import fmpy
+import numpy as np
 import pytest
 from lxml import etree, html
+from PIL import Image
+from playwright.sync_api import Browser, Page
 
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 PAGE = "documentation/index.html"
@@ -180,3 +186,39 @@ def test_names_in_the_text_are_variables_or_models(page, fmus, model):
     known |= {*MODELS, f"{model}.fmu", "own", "supervisor", "step", "sine", "square",
               "linear", "nonlinear", "transfer_function"}  # fmt: skip
     assert {*texts(page, ".//code")} <= known
+
+
+@pytest.fixture(params=["light", "dark"])
+def phone(request, browser: Browser) -> Iterator[Page]:
+    """Return a page of a browser, in the narrowest usual width and at the lowest resolution."""
+    context = browser.new_context(viewport={"width": 390, "height": 900},
+                                  color_scheme=request.param)  # fmt: skip
+    yield context.new_page()
+    context.close()
+
+
+@each_model
+def test_a_phone_scrolls_tables_and_pictures_but_not_the_page(phone, fmus, model):
+    phone.set_content(content(fmus, model, PAGE).decode())
+    assert phone.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_the_dots_of_derivatives_can_be_counted(phone, fmus):
+    phone.set_content(content(fmus, "Pendulum", PAGE).decode())
+    accents = phone.evaluate(
+        """[...document.querySelectorAll("mover")].map((mover) => {
+        const [letter, dots] = [...mover.children].map((part) => part.getBoundingClientRect());
+        return [dots.left, dots.top, dots.right, dots.bottom, letter.top, mover.textContent];
+    })"""
+    )
+    picture = Image.open(io.BytesIO(phone.screenshot(full_page=True))).convert("L")
+    pixels = np.asarray(picture, dtype=float)
+    contrast = np.abs(pixels - pixels[0, 0]) / np.ptp(pixels)
+    assert {text for *_, text in accents} == {"x˙", "x¨", "θ˙", "θ¨"}
+    for left, top, right, bottom, letter, text in accents:
+        assert bottom + 1 < letter, f"{text} touch"
+        drawn = contrast[
+            math.floor(top) : math.ceil(bottom), math.floor(left) : math.ceil(right)
+        ].max(axis=0)
+        dots = [dark for dark, _ in groupby(drawn > 0.6) if dark]
+        assert len(dots) == {"˙": 1, "¨": 2}[text[-1]], f"{text}: {drawn.round(2)}"

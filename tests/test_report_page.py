@@ -2,36 +2,17 @@
 
 import json
 import re
-import shutil
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from pendulum_fmus.loop import Loop
 
-FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking
---disable-component-update --disable-sync""".split()
-
 DRAWN = "body[data-drawn]"
 """Present once all figures are drawn."""
-
-
-@pytest.fixture(scope="module")
-def chromium() -> str:
-    """Return the path of Chromium."""
-    return shutil.which("chromium") or pytest.skip("no `chromium`: `make system` installs it")
-
-
-@pytest.fixture(scope="module")
-def browser(chromium: str) -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        # Playwright uses a new, empty profile
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 WIDTHS = [390, 768, 1024, 1400, 1600]
