@@ -73,9 +73,9 @@ msrv:
 	rustup toolchain install $(MSRV) --profile minimal
 	cargo +$(MSRV) check --locked --all-targets
 
-## report: reproduce the figures of the paper, with further results, as a page in REPORT=target/report
+## report: reproduce the paper, and judge it, as a page in REPORT=target/report; PUBLISH=1 updates docs
 report: fmus $(VENV)/.test
-	$(RUN) -m pendulum_fmus.report --out $(REPORT)
+	$(RUN) -m pendulum_fmus.report --out $(REPORT) $(if $(PUBLISH),--docs docs)
 
 ## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
 bench: fmus native $(VENV)/.test $(VENV)/.bench

@@ -188,7 +188,7 @@ def execute(loop: Loop, fmus: Path = FMUS) -> dict[str, np.ndarray]:
 def workers() -> Iterator[Pool]:
     """Return a pool of as many processes as there are cores."""
     # Spawned, not forked: a fork would copy the locks of a threaded parent
-    with multiprocessing.get_context("spawn").Pool(cores()) as pool:
+    with multiprocessing.get_context("spawn").Pool(_cores()) as pool:
         yield pool
         # Leaving the context kills the workers, which leaks semaphores unless they have finished
         pool.close()
@@ -197,16 +197,16 @@ def workers() -> Iterator[Pool]:
 
 def start(pool: Pool, loops: Iterable[Loop], fmus: Path = FMUS) -> dict[Loop, AsyncResult]:
     """Start co-simulating the loops, longest first so that no core idles at the end."""
-    ordered = sorted(set(loops), key=_cost, reverse=True)
+    ordered = sorted(set(loops), key=cost, reverse=True)
     return {loop: pool.apply_async(execute, (loop, fmus)) for loop in ordered}
 
 
-def _cost(loop: Loop) -> tuple[int, str]:
+def cost(loop: Loop) -> tuple[int, str]:
     """Return a key that sorts cheap loops first: steps times FMUs."""
     return loop.steps * len(loop.models()), repr(loop)
 
 
-def cores() -> int:
+def _cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -12,36 +12,43 @@ from tqdm import tqdm
 from .. import loop, table1
 from ..master import MasterError
 from ..project import REPORT
-from . import overview
+from . import documents, overview
 from .beyond import sections
-from .claims import judged
 from .data import Data
 from .native import simulate_all
-from .page import Part, part_of, render
-from .paper import conclusions, figures, table
+from .page import render
+from .paper import sections as paper
+from .paper import table
+from .paper.traps import run as run_traps
+from .parts import Part, parts_of
 from .printed import start as start_figures
-from .scenarios import paper_loops
+from .scenarios import lasting_loops, paper_loops
 
 
 def run(options: argparse.Namespace) -> bool:
     """Write the report; return whether all of Table 1 is reproduced."""
     started = time.monotonic()
-    loops = paper_loops() | sections.loops()
-    say(f"simulating {len(loops)} loops ...")
-    data = Data(simulate_all(loops, options.fmus))
-    text, all_hold = table1.report(data.results, colour=table1.colourful())
-    say(f"{text}\n")
     with loop.workers() as pool:
-        parts = [part_of(entry) for entry in figures.entries(data)]
+        loops = paper_loops() | sections.loops()
+        say(f"simulating {len(loops)} loops with the native master ...")
+        results = simulate_all(loops, options.fmus, pool)
+        only = ("theta", "e", "u")
+        results |= simulate_all(lasting_loops(), options.fmus, pool, only=only)
+        data = Data(results)
+        text, all_hold = table1.report(data.results, colour=table1.colourful())
+        say(f"{text}\n")
+        say("making the mistakes of those who reproduce Table 1 ...")
+        traps = run_traps(options.fmus, pool)
+        parts = parts_of(paper.entries(data))
         drawing = start_writing(parts, options.out / "figures", pool)
         say("sweeping parameters for the sections beyond the paper ...")
         bar = tqdm(sections.MODULES, unit="section", leave=False, disable=None)
         beyond = [module.part(data, options.fmus) for module in bar]
         drawing += start_writing(beyond, options.out / "figures", pool)
         say(f"drawing {len(drawing)} figures ...")
-        end = Part("conclusions", "Section 5", "", (), None, judged(conclusions.claims(data)))
         page = options.out / "index.html"
-        page.write_text(render(parts, end, table.lines(data), beyond), encoding="utf-8")
+        page.write_text(render(parts, table.lines(data), traps, beyond), encoding="utf-8")
+        documents.write(options.docs or options.out, data, parts, traps)
         overview.write(data.results, options.out)
         bar = tqdm(drawing, unit="figure", leave=False, disable=None)
         files = sum(len(job.get()) for job in bar)
@@ -73,6 +80,12 @@ def main() -> int:
         default=REPORT,
         metavar="DIR",
         help="output folder (default: target/report of this project)",
+    )
+    parser.add_argument(
+        "--docs",
+        type=Path,
+        metavar="DIR",
+        help="folder of numbers.md and verdicts.md (default: the output folder)",
     )
     options = parser.parse_args()
     try:

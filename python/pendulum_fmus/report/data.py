@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..loop import Columns, Loop
-from .scenarios import gain_loop, loops_of
+from .scenarios import gain_loop, lasting_loop, loops_of
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,22 @@ class Data:
     def gains(self, gain: str, factor: float) -> Trace:
         """Return the step response of the PID with one gain multiplied by `factor`."""
         return trace_of(f"{gain}*{factor:g}", self.results[gain_loop(gain, factor)])
+
+    def lasting(self, kind: str) -> dict[str, np.ndarray]:
+        """Return t [s], theta [rad], e [rad] and u [N] of a long step."""
+        loop, controller, plant = lasting_loop(kind)
+        columns = self.results[loop]
+        return {
+            "t": columns["time"],
+            "theta": columns[f"{plant}.theta"],
+            "e": columns[f"{controller}.e"],
+            "u": columns[f"{controller}.u"],
+        }
+
+    def x_end(self, kind: str) -> float:
+        """Return the last position of the cart after a step [m]."""
+        loop, _, plant = loops_of("step", 0.0)[kind]
+        return float(self.results[loop][f"{plant}.x"][-1])
 
     def loop(self, loop: Loop) -> Trace:
         """Return the trace of the controller of any loop."""

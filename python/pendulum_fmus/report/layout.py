@@ -5,11 +5,14 @@ from collections.abc import Iterable, Sequence
 
 from markupsafe import Markup, escape
 
-from .claims import Judged, Table
+from .claims import Finding, Judged, Verdict
 from .figure import Figure
 
 UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
 """What must not be broken into two lines: numbers with powers of ten, names of controllers."""
+
+SUBSCRIPT = re.compile(r"\b([a-zA-Z])_(\w)\b")
+"""A symbol of one letter with a subscript, such as u_n."""
 
 STEP = 3
 """Tables are distinguished by the width that they need, in steps [em]."""
@@ -26,16 +29,26 @@ def unbroken(text: str) -> Markup:
     return Markup(UNBROKEN.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
 
 
+def typeset(text: str) -> Markup:
+    """Return text as HTML in which subscripts are set as such, and UNBROKEN stays on one line."""
+    return Markup(SUBSCRIPT.sub(r"<var>\1<sub>\2</sub></var>", str(unbroken(text))))
+
+
+def folded(one: Judged, ours: bool) -> bool:
+    """Return whether a table is folded: that of a statement of the paper which simply holds."""
+    return one.finding.long and one.verdict is Verdict.HOLDS and not ours
+
+
 def _longest_word(texts: Iterable[str]) -> int:
     """Return the length of the longest part that is never broken, in characters."""
     words = UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), " ".join(texts)).split()
     return max(map(len, words))
 
 
-def needed_width(table: Table) -> int:
+def needed_width(table: Finding) -> int:
     """Return the width that a table needs if each row is one line, in em rounded up to STEP."""
-    names = max([12, _longest_word(table.rows)])
-    cells = [row for _, row in table.cells()]
+    names = max(12, 2 + _longest_word([row.name for row in table.rows]))
+    cells = [row.cells() for row in table.rows]
     columns = [
         max(4, _longest_word([heading, *(row[i] for row in cells)]))
         for i, heading in enumerate(table.columns)
@@ -44,12 +57,12 @@ def needed_width(table: Table) -> int:
     return STEP * -int(-width // STEP)
 
 
-def beside(figure: Figure | None, judged: Sequence[Judged]) -> int:
+def beside(figure: Figure | None, judged: Sequence[Judged], ours: bool) -> int:
     """Return how many claims stand beside a figure: about as high as it."""
     if not figure:
         return 0
     room = PANEL * _rows(figure)
-    heights = [_height(one) for one in judged]
+    heights = [_height(one, ours) for one in judged]
     return min(range(1, len(judged) + 1), key=lambda n: abs(sum(heights[:n]) - room))
 
 
@@ -63,11 +76,11 @@ def in_threes(figure: Figure) -> bool:
     return len(figure.rows) > 1 and all(len(row) == 3 for row in figure.rows)
 
 
-def _height(one: Judged) -> int:
+def _height(one: Judged, ours: bool) -> int:
     """Return the estimated height of a claim on a wide page [px]."""
     texts = [one.claim.says, one.claim.criterion, one.finding.remark]
     lines = sum(-(-len(text) // LINE) for text in texts)
-    rows = 0 if one.repeats else 1 + len(one.finding.table.rows)
-    if not one.repeats and needed_width(one.finding.table) > 33:
+    rows = 0 if one.source or folded(one, ours) else 1 + len(one.finding.rows)
+    if needed_width(one.finding) > 33:
         rows *= 2  # with names on lines of their own
     return CLAIM + TEXT_LINE * lines + TABLE_LINE * rows

@@ -32,6 +32,11 @@ def itae(trace: Trace) -> float:
     return float(np.sum(trace.t * np.abs(trace.e)) * trace.ts)
 
 
+def final(trace: Trace) -> float:
+    """Return the magnitude of the last error [rad]."""
+    return abs(float(trace.e[-1]))
+
+
 def rms(column: np.ndarray) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(column**2)))
@@ -82,10 +87,49 @@ def settling(trace: Trace, height: float = 1.0, band: float = SETTLING_BAND) -> 
     return settled - (trace.t[0] - trace.ts)
 
 
+def response(trace: Trace) -> np.ndarray:
+    """Return the share of a jump that theta has covered, 0 before and 1 at the set-point.
+
+    The trace starts at the jump, and its set-point is constant.
+    """
+    before = trace.theta[0]
+    return (trace.theta - before) / (trace.r[-1] - before)
+
+
+def time_to(trace: Trace, share: float) -> float:
+    """Return the time after a jump at which theta has covered a share of it [s]; NaN if never."""
+    reached = np.flatnonzero(response(trace) >= share)
+    return float(trace.t[reached[0]] - (trace.t[0] - trace.ts)) if reached.size else math.nan
+
+
 def rise_time(trace: Trace) -> float:
-    """Return the rise time of theta from 10 % to 90 % of a unit step [s]; NaN if never reached."""
-    low, high = (np.flatnonzero(trace.theta >= level) for level in (0.1, 0.9))
-    return float(trace.t[high[0]] - trace.t[low[0]]) if high.size else math.nan
+    """Return the rise time of theta from 10 % to 90 % of a jump [s]; NaN if never reached."""
+    return time_to(trace, 0.9) - time_to(trace, 0.1)
+
+
+def peak_time(trace: Trace) -> float:
+    """Return the time after a jump at which theta overshoots most [s]; NaN if it never does."""
+    covered = response(trace)
+    peak = int(np.argmax(covered))
+    return float(trace.t[peak] - (trace.t[0] - trace.ts)) if covered[peak] > 1 else math.nan
+
+
+def lag(trace: Trace, frequency: float) -> float:
+    """Return by how much theta lags a sine of `frequency` [Hz], over whole periods from 10 s on."""
+    late = trace.part(10.0, 20.0)
+    wave = np.exp(-2j * np.pi * frequency * late.t)
+    turned = np.angle(np.sum(late.r * wave) / np.sum(late.theta * wave))
+    return float(turned / (2 * np.pi * frequency))
+
+
+def energy(column: np.ndarray, ts: float) -> float:
+    """Return the integral of the square, by the rectangle rule."""
+    return float(np.sum(column**2) * ts)
+
+
+def falling_share(column: np.ndarray) -> float:
+    """Return the share of samples at which the magnitude is smaller than at the one before."""
+    return float(np.mean(np.diff(np.abs(column)) < 0))
 
 
 def bursts(t: np.ndarray, force: np.ndarray) -> list[float]:

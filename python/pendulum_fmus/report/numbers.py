@@ -6,10 +6,10 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits; "never" for NaN."""
+    """Return a number with `digits` significant digits; "never" for NaN and infinity."""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if math.isnan(value):
+    if not math.isfinite(value):
         return "never"
     if isinstance(value, int):
         return str(value)

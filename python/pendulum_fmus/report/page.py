@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,13 @@ from markupsafe import Markup
 
 from . import layout
 from .browser import RESOLUTION, page_json
-from .claims import Judged, Verdict, judged
-from .figure import Figure
+from .claims import Verdict
 from .numbers import number
-from .paper.entry import Entry
+from .paper.curves import SHOWN
+from .paper.settings import corrections, settings
 from .paper.table import Line
+from .paper.traps import SAME, Traps
+from .parts import Part, counts
 from .style import STYLES
 
 ASSETS = Path(__file__).parent / "assets"
@@ -25,42 +26,6 @@ SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 
 MOST = 90
 """No table needs as much [em]."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """A figure of the paper or an additional section, as shown on the page.
-
-    Parameters
-    ----------
-    anchor
-        Target of links.
-    heading, caption, notes
-        Text above and below the figure.
-    figure
-        The figure, if any.
-    judged
-        The claims with their verdicts.
-    """
-
-    anchor: str
-    heading: str
-    caption: str
-    notes: Sequence[str]
-    figure: Figure | None
-    judged: Sequence[Judged]
-
-
-def part_of(entry: Entry) -> Part:
-    """Return a figure of the paper as part of the page."""
-    return Part(
-        entry.figure.name,
-        f"Figure {entry.number}. {entry.figure.title}",
-        entry.caption,
-        entry.notes,
-        entry.figure,
-        judged(entry.claims),
-    )
 
 
 def asset(name: str) -> Markup:
@@ -74,7 +39,7 @@ def script_safe(value: Any) -> str:
 
 
 def render(
-    parts: Sequence[Part], conclusions: Part, lines: Sequence[Line], beyond: Sequence[Part]
+    parts: Sequence[Part], lines: Sequence[Line], traps: Traps, beyond: Sequence[Part]
 ) -> str:
     """Return the page as HTML."""
     environment = Environment(
@@ -86,20 +51,26 @@ def render(
     )
     environment.filters |= {
         "number": number,
+        "capital": lambda text: text[:1].upper() + text[1:],
         "unbroken": layout.unbroken,
+        "typeset": layout.typeset,
         "needed_width": layout.needed_width,
         "in_threes": layout.in_threes,
     }
-    everything = [*parts, conclusions, *beyond]
-    figures = [part.figure for part in everything if part.figure]
+    figures = [part.figure for part in [*parts, *beyond] if part.figure]
     return environment.get_template("page.html.j2").render(
         parts=parts,
-        conclusions=conclusions,
         lines=lines,
+        corrections=corrections(),
+        settings=settings(traps.right, traps.named()),
+        traps=traps.lookups(),
+        trap_columns=[f"{name}{disturbed}" for disturbed in ("", ", disturbed") for name in SHOWN],
+        same=SAME,
         beyond=beyond,
         verdicts=list(Verdict),
-        counts=_counts([*parts, conclusions]),
+        counts=counts(parts),
         beside=layout.beside,
+        folded=layout.folded,
         widths=range(layout.STEP, MOST, layout.STEP),
         styles=STYLES,
         asset=asset,
@@ -107,8 +78,3 @@ def render(
         data=script_safe(page_json(figures)),
         resolution=RESOLUTION,
     )
-
-
-def _counts(parts: Sequence[Part]) -> dict[Verdict, int]:
-    found = [one.verdict for part in parts for one in part.judged]
-    return {verdict: found.count(verdict) for verdict in Verdict}

@@ -1,5 +1,7 @@
 """The loops shown in the paper's figures."""
 
+from dataclasses import replace
+
 from .. import table1
 from ..loop import Loop
 
@@ -32,6 +34,29 @@ def loops_of(signal: str, amplitude: float) -> dict[str, tuple[Loop, str, str]]:
     }
 
 
+LASTING = 110_000
+"""Samples after which the force that holds 1 rad has passed its limit."""
+
+TRANSFER_FUNCTION = Loop("Pid", "step", plant_model="transfer_function")
+"""The step response of the PID on (41)."""
+
+WEIGHTS = tuple(
+    Loop("PidRbf", "step", w0=(0.0, 0.0, weight, 0.0), steps=10) for weight in (0.0, 1.0)
+)
+"""Two loops whose initial weights differ."""
+
+
+def lasting_loop(kind: str) -> tuple[Loop, str, str]:
+    """Return a step held for LASTING samples, and the names of its controller and plant."""
+    loop, controller, plant = loops_of("step", 0.0)[kind]
+    return replace(loop, steps=LASTING), controller, plant
+
+
+def lasting_loops() -> set[Loop]:
+    """Return all long steps."""
+    return {lasting_loop(kind)[0] for kind in KINDS}
+
+
 def gain_loop(gain: str, factor: float) -> Loop:
     """Return the step response of the PID with one gain multiplied."""
     if factor == 1:
@@ -48,4 +73,4 @@ def paper_loops() -> set[Loop]:
         for loop, _, _ in loops_of(signal, amplitude).values()
     }
     gains = {gain_loop(gain, factor) for gain in GAINS for factor in FACTORS}
-    return shown | gains | table1.runs()
+    return shown | gains | {TRANSFER_FUNCTION, *WEIGHTS} | table1.runs()

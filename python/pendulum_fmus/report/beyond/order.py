@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from ...loop import Loop
-from ..claims import Finding, Table, judge
+from ..claims import Finding, Row
 from ..data import Data
 from ..figure import FORCE, Figure, Panel
 from ..metrics import iae, largest, settling, variation
-from ..page import Part
 from ..paper.curves import curve
-from .eigenvalues import DELAYS, ETA
+from ..parts import Part
+from ..stability import DELAYS, ETA
 from .learning import RINGING, loop
 from .section import section, statement
 
@@ -34,16 +34,18 @@ def loops() -> list[Loop]:
 def part(data: Data, fmus: Path) -> Part:
     """Return the section."""
     traces = {delay: data.loop(loop(delay, ETA, 20000)) for delay in DELAYS}
-    rows = {
-        "IAE [rad s]": [iae(trace) for trace in traces.values()],
-        "settling ±0.3 % [s]": [settling(trace) for trace in traces.values()],
-        "total variation of u [N]": [variation(trace.u) for trace in traces.values()],
-        "change of u per sample from 19 s on [N]": [
-            largest(np.diff(trace.part(19.0, 21.0).u)) for trace in traces.values()
-        ],
-    }
+    late = [largest(np.diff(trace.part(19.0, 21.0).u)) for trace in traces.values()]
+    rows = [
+        Row(
+            "change of u per sample from 19 s on [N]",
+            late,
+            max(late[:3]) < RINGING < late[3],
+        ),
+        Row("total variation of u [N]", [variation(trace.u) for trace in traces.values()]),
+        Row("integral of |e| [rad s]", [iae(trace) for trace in traces.values()]),
+        Row("settling ±0.3 % [s]", [settling(trace) for trace in traces.values()]),
+    ]
     apart = largest(traces[DELAYS[1]].theta - traces[DELAYS[2]].theta)
-    late = rows["change of u per sample from 19 s on [N]"]
     panels = [
         Panel(
             NAMES[delay], FORCE, [curve(trace, "u_n", "u_n"), curve(trace, "u", "u")], xlim=(0, 1)
@@ -65,15 +67,12 @@ def part(data: Data, fmus: Path) -> Part:
                 "A parallel master with current terms gives the same loop as a sequential master"
                 " with those of the previous sample, as in Table 1",
                 "the angles differ by less than 1e-9 rad over 20 s",
-                Finding(judge(apart < SAME), Table(["both"], {"max |Δθ| [rad]": [apart]})),
+                Finding(["both"], [Row("max |Δθ| [rad]", [apart], apart < SAME)]),
             ),
             statement(
                 "PID-RBF only rings in parallel order with the terms of the previous sample",
                 "step; from 19 s on u changes by more than 1 N per sample only in that case",
-                Finding(
-                    judge(max(late[:3]) < RINGING < late[3]),
-                    Table(["seq., now", "seq., prev.", "par., now", "par., prev."], rows),
-                ),
+                Finding(["seq., now", "seq., prev.", "par., now", "par., prev."], rows),
             ),
         ],
         ("“Prev.” means the terms of the previous sample (parameter previous_sample_terms).",),

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from ..claims import Claim, Finding, judged
+from ..claims import Claim, Finding, Register
 from ..figure import Figure
-from ..page import Part
+from ..parts import Part
 
 
 def statement(says: str, measured: str, finding: Finding) -> Claim:
@@ -16,4 +16,4 @@ def section(
     anchor: str, heading: str, figure: Figure, claims: Sequence[Claim], notes: Sequence[str] = ()
 ) -> Part:
     """Return a section of the page."""
-    return Part(anchor, heading, "", notes, figure, judged(claims))
+    return Part(anchor, heading, "", notes, figure, Register().judge(claims))

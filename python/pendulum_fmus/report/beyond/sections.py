@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...loop import Loop
 from ..data import Data
-from ..page import Part
+from ..parts import Part
 from . import learning, noise, nonlinear, order, robustness, targets, windup
 
 MODULES = (targets, learning, order, windup, robustness, noise, nonlinear)

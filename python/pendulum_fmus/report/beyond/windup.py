@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from ...loop import Loop
-from ..claims import Claim, Finding, Table, judge
+from ..claims import Claim, Finding, Row
 from ..data import Data, Trace
 from ..figure import ANGLE, FORCE, Curve, Figure, Panel
 from ..metrics import iae, largest, overshoot
-from ..page import Part
 from ..paper.curves import curve, outputs
+from ..parts import Part
 from .section import section, statement
 
 CONTROLLERS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF, own": "IpidRbf"}
@@ -86,51 +86,51 @@ def part(data: Data, fmus: Path) -> Part:
 
 def winding(above: Overshoots) -> Claim:
     """Return the statement about the overshoot over the limit."""
-    rows = {
-        f"overshoot at {limit:g} N [%]": [values[i] for values in above.values()]
+    columns = [f"{kind}, {'with' if on else 'without'}" for kind, on in above]
+    rows = [
+        Row(
+            f"overshoot at {limit:g} N [%]",
+            [values[i] for values in above.values()],
+            all(above[kind, True][i] < above[kind, False][i] for kind in SUMMING),
+        )
         for i, limit in enumerate(LIMITS)
-    }
+    ]
+    rises = [bool((np.diff(values) < 0).all()) for values in above.values()]
+    rows += [
+        Row(
+            "overshoot rises as the limit falls",
+            ["yes" if one else "no" for one in rises],
+            all(one for (_, on), one in zip(above, rises, strict=True) if not on),
+        ),
+    ]
     return statement(
         "The lower the force limit, the more PID and PID-RBF overshoot due to integrator windup;"
-        " with anti-windup the overshoot decreases",
-        f"step, limits from {LOW:g} N to {LIMITS[-1]:g} N; holds if the overshoot with anti-windup"
-        " is smaller at every limit, fully if it falls with a lower limit and rises without",
-        Finding(
-            judge(
-                all(np.less(above[kind, True], above[kind, False]).all() for kind in SUMMING),
-                all(
-                    (np.diff(above[kind, True]) > 0).all()
-                    and (np.diff(above[kind, False]) < 0).all()
-                    for kind in SUMMING
-                ),
-            ),
-            Table([f"{kind}, {'with' if on else 'without'}" for kind, on in above], rows),
-        ),
+        " with anti-windup they overshoot less",
+        f"step, limits from {LOW:g} N to {LIMITS[-1]:g} N; the overshoot is smaller with"
+        " anti-windup, for both controllers, at each limit; without, it rises as the limit falls",
+        Finding(columns, rows),
     )
 
 
 def printed(data: Data) -> Claim:
     """Return the statement about the loops of Table 1."""
-    rows = {}
+    rows = []
     for case in DISTURBED:
         for kind in SUMMING:
             free, held = (data.loop(disturbed(kind, *case, on)) for on in STYLES)
             limited = float(np.sum(np.abs(free.u) == PRINTED) * free.ts)
             signal, amplitude = case
-            row = [iae(free), iae(held), limited]
-            rows[f"{kind}, {signal}, disturbance {amplitude:g} rad"] = row
-    changes = [held / free - 1 for free, held, _ in rows.values()]
-    longest = max(limited for _, _, limited in rows.values())
+            before, after = iae(free), iae(held)
+            little = abs(after / before - 1) < LITTLE and limited < BRIEF
+            name = f"{kind}, {signal}, disturbance {amplitude:g} rad"
+            rows.append(Row(name, [before, after, limited], little))
     return statement(
         "At the limit of Table 1 anti-windup gains little, as the force is limited only for some"
         " hundredths of a second",
-        f"step and square wave, with and without a disturbance of 1 rad, {PRINTED:g} N, 8 s; holds"
-        " if the integral of |e| changes by less than 5 % and the force is limited for less than"
-        f" {BRIEF:g} s in all, fully if the integral falls everywhere",
-        Finding(
-            judge(largest(np.array(changes)) < LITTLE and longest < BRIEF, max(changes) < 0),
-            Table(["IAE without [rad s]", "IAE with [rad s]", "limited, without [s]"], rows),
-        ),
+        f"step and square wave, with and without a disturbance of 1 rad, {PRINTED:g} N, 8 s; the"
+        f" integral of |e| changes by less than 5 %, and the force is limited for less than"
+        f" {BRIEF:g} s, in each row",
+        Finding(["∫|e| dt without [rad s]", "∫|e| dt with [rad s]", "limited, without [s]"], rows),
     )
 
 
@@ -147,9 +147,9 @@ def nothing_to_wind(steps: dict[tuple[str, bool], list[Trace]]) -> Claim:
     return statement(
         "IPID-RBF does not wind up: its integral leaks, and its network learns the force as it was"
         " limited",
-        "the same steps; difference of the angle with and without anti-windup; holds if it is less"
-        " than 1e-6 rad at every limit",
-        Finding(judge(own < SAME), Table(list(apart), {"max |Δθ| [rad]": list(apart.values())})),
+        "the same steps; the angle with and without anti-windup differs by less than 1e-6 rad at"
+        " every limit",
+        Finding(list(apart), [Row("max |Δθ| [rad]", list(apart.values()), own < SAME)]),
     )
 
 

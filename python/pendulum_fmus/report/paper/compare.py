@@ -1,17 +1,151 @@
-"""Comparisons of the controllers, and tables of them."""
+"""Comparisons of the controllers: measures, and statements that one is better than another."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 
-from ..claims import Table
+from ..claims import OWN, Claim, Finding, Row
 from ..data import Data, Trace
 from ..scenarios import KINDS
 
 Values = Mapping[str, float]
 """A number for each kind of controller."""
 
-COLUMNS = ("PID", "PID-RBF", "IPID-RBF", "own target")
+COLUMNS = ("PID", "PID-RBF", "IPID-RBF", OWN)
 """Column headings of the tables; the last is IPID-RBF with its own force as target (29)."""
+
+SIGNAL_NAMES = {"step": "step", "sine": "sine", "square": "square wave"}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number for each controller.
+
+    Parameters
+    ----------
+    name
+        What is measured, with its unit.
+    of
+        Function of the data and the kind of controller.
+    more
+        Whether more is better.
+    """
+
+    name: str
+    of: Callable[[Data, str], float]
+    more: bool = False
+
+    def values(self, data: Data) -> Values:
+        """Measure all controllers."""
+        return _values(self, data)
+
+    def better(self, data: Data, kind: str, others: Sequence[str]) -> bool:
+        """Return whether a controller is better than each of some others."""
+        values = self.values(data)
+        if self.more:
+            return all(values[kind] > values[other] for other in others)
+        return least(values, kind, others)
+
+
+@cache
+def _values(measure: Measure, data: Data) -> Values:
+    return {kind: measure.of(data, kind) for kind in KINDS}
+
+
+def measured(
+    name: str,
+    unit: str,
+    of: Callable[[Trace], float],
+    signal: str = "step",
+    amplitude: float = 0.0,
+) -> Measure:
+    """Return a measure of a trace, less being better."""
+    case = SIGNAL_NAMES[signal] + (f", d = {amplitude:g} rad" if amplitude else "")
+    return Measure(f"{name}, {case} [{unit}]", lambda data, kind: of(data(kind, signal, amplitude)))
+
+
+def row(name: str, values: Values, holds: bool | None = None) -> Row:
+    """Return a row with one column per controller."""
+    return Row(name, [values.get(kind, "") for kind in KINDS], holds)
+
+
+def variants(kinds: Sequence[str], ipid: str) -> list[str]:
+    """Replace IPID-RBF by one of its variants."""
+    return [ipid if kind == "IPID-RBF" else kind for kind in kinds]
+
+
+def better(
+    data: Data,
+    says: str,
+    measures: Sequence[Measure],
+    winners: Sequence[str],
+    others: Sequence[str],
+    remark: str = "",
+    also: Sequence[Measure] = (),
+) -> Claim:
+    """Return the statement that some controllers are better than others, by every measure.
+
+    The measures of `also` are shown, but decide nothing.
+    """
+
+    def finding(ipid: str) -> Finding:
+        first, second = variants(winners, ipid), variants(others, ipid)
+        rows = [
+            row(m.name, m.values(data), all(m.better(data, kind, second) for kind in first))
+            for m in measures
+        ]
+        rows += [row(m.name, m.values(data)) for m in also]
+        return Finding(COLUMNS, rows, remark)
+
+    sense = "more" if all(m.more for m in measures) else "less"
+    if len({m.more for m in measures}) > 1:
+        sense = "less, or a larger margin,"
+    return Claim(says, f"{_and(winners)}: {sense} than {_and(others)}, in each row", finding)
+
+
+def settles(
+    data: Data, says: str, kinds: Sequence[str], measures: Sequence[Measure], criterion: str
+) -> Claim:
+    """Return the statement that some controllers settle, in every case."""
+
+    def finding(ipid: str) -> Finding:
+        judged = variants(kinds, ipid)
+        rows = []
+        for measure in measures:
+            values = measure.values(data)
+            rows.append(
+                row(measure.name, values, not any(math.isnan(values[kind]) for kind in judged))
+            )
+        return Finding(COLUMNS, rows)
+
+    return Claim(says, criterion, finding)
+
+
+def limited(
+    data: Data, says: str, kinds: Sequence[str], bounds: Sequence[tuple[Measure, float]]
+) -> Claim:
+    """Return a statement that holds by a measure if all of some controllers stay below a bound."""
+
+    def finding(ipid: str) -> Finding:
+        judged = variants(kinds, ipid)
+        rows = []
+        for measure, bound in bounds:
+            values = measure.values(data)
+            rows.append(
+                row(
+                    f"{measure.name}, below {bound:g}",
+                    values,
+                    all(_finite(values[kind]) < bound for kind in judged),
+                )
+            )
+        return Finding(COLUMNS, rows)
+
+    return Claim(says, f"{_and(kinds)} below the bound, in each row", finding)
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join(words)
 
 
 def by_kind(
@@ -21,12 +155,6 @@ def by_kind(
     return {kind: measure(data(kind, signal, amplitude)) for kind in KINDS}
 
 
-def table(quantities: Mapping[str, Values]) -> Table:
-    """Return a table with one column per controller; quantities by name and unit."""
-    rows = {name: [values.get(kind, "") for kind in KINDS] for name, values in quantities.items()}
-    return Table(COLUMNS, rows)
-
-
 def least(values: Values, kind: str, others: Sequence[str]) -> bool:
     """Return whether a kind has the smallest value; NaN (never) counts as the largest."""
     return all(_finite(values[kind]) < _finite(values[other]) for other in others)
@@ -34,8 +162,3 @@ def least(values: Values, kind: str, others: Sequence[str]) -> bool:
 
 def _finite(value: float) -> float:
     return math.inf if math.isnan(value) else value
-
-
-def both_below_pid(values: Values, ipid: str) -> bool:
-    """Return whether PID-RBF and IPID-RBF both have smaller values than PID."""
-    return all(least(values, kind, ["PID"]) for kind in ("PID-RBF", ipid))

@@ -1,4 +1,4 @@
-"""A figure of the paper with its texts on the page."""
+"""A section or figure of the paper with its texts on the page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,24 +12,35 @@ LOST = "(This figure’s caption is missing in the text that the quotations were
 
 @dataclass(frozen=True)
 class Entry:
-    """A figure of the paper.
+    """A section or figure of the paper.
 
     Parameters
     ----------
-    number
-        Number in the paper.
+    anchor
+        Target of links.
+    heading
+        Heading on the page.
     caption
-        Caption in the paper.
+        Caption in the paper, or a remark on what is shown.
     figure
-        The reproduced figure.
+        The reproduced or additional figure, if any.
     claims
-        Claims of the paper about it.
+        Statements of the paper about it.
     notes
         Remarks on how it was drawn.
     """
 
-    number: int
+    anchor: str
+    heading: str
     caption: str
-    figure: Figure
+    figure: Figure | None
     claims: Sequence[Claim]
     notes: Sequence[str] = ()
+
+
+def numbered(
+    number: int, caption: str, figure: Figure, claims: Sequence[Claim], notes: Sequence[str] = ()
+) -> Entry:
+    """Return a figure of the paper."""
+    heading = f"Figure {number}. {figure.title}"
+    return Entry(figure.name, heading, caption, figure, claims, notes)

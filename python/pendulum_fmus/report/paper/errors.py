@@ -1,98 +1,43 @@
 """Figures 16 to 21: the errors of the three controllers."""
 
-import math
+from collections.abc import Sequence
 
-from ..claims import Claim, Finding, judge
-from ..data import Data, Trace
+from ..claims import Claim
+from ..data import Data
 from ..figure import Figure
-from ..metrics import iae, ise, itae, settling
-from .compare import both_below_pid, by_kind, least, table
+from .compare import Measure, better
 from .curves import Span, error_rows
-from .entry import Entry
-from .tracking import slowest
-
-SINE_BAND = 0.003
-"""Settling band relative to the sine's amplitude, as for the step [rad]."""
+from .entry import Entry, numbered
+from .measures import accuracy, adjustment, returns
 
 
-def adjustment(signal: str) -> tuple[str, callable]:
-    """Return the name of a signal's adjustment time and the function that measures it."""
-    if signal == "square":
-        return "slowest settling ±0.3 % after a jump at 5, 10, 15 s [s]", slowest
-    if signal == "sine":
-        return "|e| < 0.003 rad for good from [s]", lambda t: settling(t, band=SINE_BAND)
-    return "settling ±0.3 % [s]", settling
+def times(signal: str, amplitude: float) -> Sequence[Measure]:
+    """Return the adjustment times: after the pulse if there is one."""
+    return returns([(signal, amplitude)]) if amplitude else adjustment([signal])
 
 
-def disturbed_adjustment(trace: Trace, signal: str) -> float:
-    """Return the settling time after the pulse, up to the next jump of a square wave [s]."""
-    after = trace.part(5.5, 10.0 if signal == "square" else 21.0)
-    return settling(after, 2.0 if signal == "square" else 1.0)
-
-
-def claims(data: Data, signal: str, amplitudes: tuple[float, ...]) -> list[Claim]:
-    """Return the claims of section 4 about the error figures of one signal."""
-    measured = []
-    for a in amplitudes:
-        note = f", d = {a:g} rad" if len(amplitudes) > 1 else ""
-        name, measure = adjustment(signal)
-        if a:
-            name = "settling ±0.3 % after the pulse [s]"
-            measure = lambda trace: disturbed_adjustment(trace, signal)  # noqa: E731
-        measured.append(
-            (
-                note,
-                name,
-                by_kind(data, signal, a, measure),
-                by_kind(data, signal, a, iae),
-                by_kind(data, signal, a, lambda trace: abs(float(trace.e[-1]))),
-            )
-        )
-
-    def worst(ipid: str) -> Finding:
-        rows, greater, longer = {}, [], []
-        for note, name, times, areas, finals in measured:
-            rows |= {f"IAE{note} [rad s]": areas, f"{name}{note}": times}
-            rows |= {f"|e(20 s)|{note} [rad]": finals}
-            greater.append(both_below_pid(areas, ipid))
-            longer.append(both_below_pid(times, ipid) and both_below_pid(finals, ipid))
-        return Finding(judge(all(greater), all(longer)), table(rows))
-
-    def short(ipid: str) -> Finding:
-        rows = {f"{name}{note}": times for note, name, times, _, _ in measured}
-        stable = [not math.isnan(times[ipid]) for _, _, times, _, _ in measured]
-        first = [least(times, ipid, ["PID", "PID-RBF"]) for _, _, times, _, _ in measured]
-        return Finding(judge(all(stable), all(first)), table(rows))
-
-    def integral(ipid: str) -> Finding:
-        others, rows, by_area, by_all = ["PID", "PID-RBF"], {}, [], []
-        for a, (note, _, _, areas, _) in zip(amplitudes, measured, strict=True):
-            squares, timed = by_kind(data, signal, a, ise), by_kind(data, signal, a, itae)
-            rows |= {f"IAE{note} [rad s]": areas}
-            rows |= {f"ISE{note} [rad² s]": squares, f"ITAE{note} [rad s²]": timed}
-            by_area.append(least(areas, ipid, others))
-            by_all += [least(squares, ipid, others), least(timed, ipid, others)]
-        return Finding(judge(all(by_area), all(by_all)), table(rows))
-
+def claims(data: Data, signal: str, amplitudes: Sequence[float]) -> list[Claim]:
+    """Return the statements of section 4 about the error figures of one signal."""
+    errors = [measure for a in amplitudes for measure in accuracy([signal], a)]
+    settling = [measure for a in amplitudes for measure in times(signal, a)]
+    rbf, ipid, pid = ["PID-RBF", "IPID-RBF"], ["IPID-RBF"], ["PID"]
     return [
-        Claim(
-            "“the traditional PID control has the worst effect, long adjustment time, and greater"
-            " error than the other two control algorithms”",
-            "PID has the largest integral of |e|; fully if it also has the longest settling time"
-            " and the largest last error",
-            worst,
+        better(
+            data,
+            "“the traditional PID control has the worst effect […] and greater error than the other"
+            " two control algorithms”",
+            errors,
+            rbf,
+            pid,
         ),
-        Claim(
+        better(data, "PID has a “long adjustment time”", settling, rbf, pid),
+        better(
+            data,
             "“The IPID-RBF control can reach a stable state in a short time no matter whether there"
             " is no interference or interference.”",
-            "IPID-RBF settles; fully if sooner than PID and PID-RBF",
-            short,
-        ),
-        Claim(
-            "Section 5: “the IPID-RBF control has the best tracking effect”",
-            "it has the smallest integral of |e|; fully if those of e² and t |e| are the smallest"
-            " too",
-            integral,
+            settling,
+            ipid,
+            ["PID", "PID-RBF"],
         ),
     ]
 
@@ -119,11 +64,11 @@ def _entry(
         notes.append(
             "The paper does not state the amplitude of the disturbance here: both are shown."
         )
-    return Entry(number, caption, figure, claims(data, signal, amplitudes), notes)
+    return numbered(number, caption, figure, claims(data, signal, amplitudes), notes)
 
 
 def entries(data: Data) -> list[Entry]:
-    """Return the figures with the paper's claims about them."""
+    """Return the figures with the paper's statements about them."""
     quiet = (0.0,)
     return [
         _entry(

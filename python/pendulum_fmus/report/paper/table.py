@@ -62,7 +62,7 @@ def lines(data: Data) -> list[Line]:
                 entry.printed,
                 computed,
                 digits,
-                judge(entry.holds(computed), digits),
+                judge([entry.holds(computed), digits]),
                 entry.settling,
             )
         )

@@ -34,6 +34,11 @@ function reprint() {
   for (const element of elements) element.plot.redraw(false);
 }
 
+// Long tables are folded on a narrow screen, and none on paper.
+const long = [...document.querySelectorAll(".table-of")];
+if (innerWidth < 700) long.forEach((table) => (table.open = false));
+addEventListener("beforeprint", () => long.forEach((table) => (table.open = true)));
+
 let timer;
 const resized = new ResizeObserver(() => {
   clearTimeout(timer);

@@ -5,17 +5,19 @@ const minus = (text) => text.replaceAll("-", "−");
 const raised = (number) =>
   [...String(number)].map((digit) => (digit === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit])).join("");
 
-// Whole multiples of 1, 2 or 5 times a power of ten: the finest of which at most `most` are shown.
+// Whole multiples of 1, 2 or 5 times a power of ten: the finest of which at most `most` are shown, but
+// at least two.
 function linearTicks(low, high, most) {
   const first = (step) => Math.ceil(low / step - 1e-9);
   const last = (step) => Math.floor(high / step + 1e-9);
   let exponent = Math.floor(Math.log10((high - low) / Math.max(most, 2))) - 1;
-  for (;; exponent++) {
+  const ticks = (step, exponent) =>
+    Array.from({ length: last(step) - first(step) + 1 }, (_, k) => tick((first(step) + k) * step, exponent));
+  for (let finer = []; ; exponent++) {
     for (const factor of [1, 2, 5]) {
-      const step = factor * 10 ** exponent, count = last(step) - first(step) + 1;
-      if (count <= Math.max(most, 2)) {
-        return Array.from({ length: count }, (_, k) => tick((first(step) + k) * step, exponent));
-      }
+      const found = ticks(factor * 10 ** exponent, exponent);
+      if (found.length <= Math.max(most, 2)) return found.length < 2 ? finer : found;
+      finer = found;
     }
   }
 }

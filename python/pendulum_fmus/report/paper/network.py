@@ -1,0 +1,302 @@
+"""Sections 3.1 and 3.2: the network, its learning, and the proof of stability."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..claims import Claim, Finding, Row
+from ..data import Data
+from ..figure import Curve, Figure, Panel
+from ..metrics import falling_share, largest, overshoot, rms
+from ..scenarios import KINDS, SIGNALS, WEIGHTS
+from ..stability import (
+    LAWS,
+    activation,
+    matrix,
+    nodes,
+    printed_bound,
+    rate_limit,
+    spectral_radius,
+)
+from .compare import COLUMNS, row, variants
+from .curves import END, SMALLEST, absolute_errors
+from .entry import Entry
+
+NETWORKS = ("PID-RBF", "IPID-RBF")
+
+ZERO = 1e-6
+"""An error below this has vanished [rad]."""
+
+LITTLE = 0.01
+"""A u_p below this has vanished [N]."""
+
+ALIKE = 0.1
+"""Relative difference below which two derivatives are approximately equal."""
+
+
+def linear(_: str) -> Finding:
+    """Double the weights, and double the input."""
+    by_input = float(nodes(2.0).sum() / nodes(1.0).sum())
+    return Finding(
+        ["u_n, relative"],
+        [
+            Row("all weights doubled [1]", [2.0], True),
+            Row("input doubled, from 1 rad to 2 rad [1]", [by_input], abs(by_input - 2) < ALIKE),
+        ],
+        "Linear is the way from the nodes to the output, not that from the input.",
+    )
+
+
+def minima(_: str) -> Finding:
+    """Return the curvature of the performance indicator for a fixed force."""
+    smallest = round(float(np.linalg.eigvalsh(np.outer(nodes(), nodes())).min()), 12) + 0.0
+    return Finding(
+        ["r = 1 rad"],
+        [Row("smallest eigenvalue of ∂²E/∂w² = h hᵀ [1]", [smallest], smallest >= 0)],
+        "E is a parabola along h, and flat across it. That its target moves with the weights is"
+        " another matter, see section 3.2.",
+    )
+
+
+def vanishing(data: Data) -> Claim:
+    """Return the statement that u_p tends to zero."""
+
+    def finding(ipid: str) -> Finding:
+        rows = []
+        for signal in SIGNALS:
+            rest = {kind: rms(data(kind, signal).part(19.0, 21.0).u_p) for kind in KINDS[1:]}
+            holds = all(rest[kind] < LITTLE for kind in variants(NETWORKS, ipid))
+            rows.append(row(f"RMS of u_p from 19 s on, {signal} [N]", rest, holds))
+        return Finding(COLUMNS, rows)
+
+    return Claim(
+        "Section 3.1: “adjust the weight of the network online, and make the feedback control input"
+        " u_p(k) tend to zero”",
+        "PID-RBF and IPID-RBF: the RMS of u_p from 19 s on is below 0.01 N, with each signal",
+        finding,
+    )
+
+
+def derivatives(data: Data) -> Claim:
+    """Return the approximation (17), from two runs whose initial weights differ."""
+
+    def finding(_: str) -> Finding:
+        base, moved = (data.loop(loop) for loop in WEIGHTS)
+        rows = []
+        for k, name in enumerate(("the same sample", "one sample later", "two samples later")):
+            network = moved.u_n[0] - base.u_n[0]
+            share = float((moved.u_p[k] - base.u_p[k]) / network)
+            rows.append(
+                Row(f"∂u_p/∂w, {name}, relative to ∂u_n/∂w [1]", [share], abs(share - 1) < ALIKE)
+            )
+        return Finding(
+            ["PID-RBF"],
+            rows,
+            "A weight moves u_p only through the plant: not at all at first, and then against u_n.",
+        )
+
+    return Claim(
+        "Section 3.1, (17): “∂u_p(k)/∂w_i(k) ≈ ∂u_n(k)/∂w_i(k)”",
+        "two runs of which one starts with w_3 = 1 N: u_p differs by as much as u_n, within 10 %,"
+        " at the same sample or one of the next two",
+        finding,
+    )
+
+
+def lyapunov(data: Data) -> Claim:
+    """Return the statement that the Lyapunov function falls."""
+
+    def finding(ipid: str) -> Finding:
+        rows = []
+        for signal in SIGNALS:
+            share = {}
+            for kind in KINDS[1:]:
+                total = np.cumsum(data(kind, signal).e ** 2) / 2
+                share[kind] = float(np.mean(np.diff(total) < 0))
+            holds = share["PID-RBF"] == 1
+            rows.append(row(f"samples at which V falls, {signal} [1]", share, holds))
+        return Finding(
+            COLUMNS,
+            rows,
+            "V, a sum of squares, can never fall: V(k + 1) − V(k) is e²(k + 1)/2. (35) takes it for"
+            " the difference of the sums of two different sets of samples.",
+        )
+
+    return Claim(
+        "Section 3.2: with V₁(k) = ½ Σ e²(i), i = 0 … k, “we can conclude ΔV₁[x(k)] < 0”",
+        "V falls at every sample, with each signal",
+        finding,
+    )
+
+
+def performance(data: Data) -> Claim:
+    """Return the equation of the two performance indicators."""
+
+    def finding(_: str) -> Finding:
+        trace = data("PID-RBF", "step")
+        rows = []
+        for time in (0.01, 0.5, 5.0):
+            k = int(np.searchsorted(trace.t, time - 1e-9))
+            share = float((trace.u_n[k] - trace.u[k]) ** 2 / trace.e[k] ** 2)
+            rows.append(Row(f"E/(½ e²) at {time:g} s [N²/rad²]", [share], abs(share - 1) < ALIKE))
+        return Finding(["PID-RBF, step"], rows, "E is ½ u_p², a force squared, not ½ e².")
+
+    return Claim(
+        "Section 3.2: “E(k) = (1/2)(u_n(k) − u(k))² = (1/2) e₁²(k)”",
+        "the two agree within 10 % at 0.01 s, 0.5 s and 5 s of a step",
+        finding,
+    )
+
+
+def bound(_: str) -> Finding:
+    """Compare the printed bound with the eigenvalues of the loop."""
+    printed = printed_bound()
+    rows = []
+    for share in (0.15, 0.25, 0.5, 0.99):
+        law = replace(LAWS["PID-RBF"], eta=share * printed)
+        radius = spectral_radius(matrix(law))
+        rows.append(Row(f"spectral radius at η = {share * printed:.3g} [1]", [radius], radius < 1))
+    rows.append(Row("largest stable η [1]", [rate_limit(LAWS["PID-RBF"], 0)]))
+    return Finding(
+        ["PID-RBF"],
+        rows,
+        f"With G = h, 2/|h|² is {printed:.3f} at r = 1, where |h|² is {activation():.4f}. The bound"
+        " is that of the least-mean-squares rule, whose target stays where it is; here it is the"
+        " controller’s own force.",
+    )
+
+
+def shrinking(data: Data) -> Claim:
+    """Return the statement that |e| falls from sample to sample."""
+
+    def finding(ipid: str) -> Finding:
+        rows = []
+        for signal in SIGNALS:
+            share = {kind: falling_share(data(kind, signal).e) for kind in KINDS}
+            rows.append(
+                row(f"samples at which |e| falls, {signal} [1]", share, share["PID-RBF"] == 1)
+            )
+        over = {kind: overshoot(data(kind, "step")) for kind in KINDS}
+        rows.append(row("overshoot, step [%]", over, over["PID-RBF"] == 0))
+        return Finding(COLUMNS, rows, "A loop that overshoots cannot shrink its error throughout.")
+
+    return Claim(
+        "Section 3.2, for PID-RBF: “|e₁(k + 1)| < |e₁(k)|”",
+        "|e| of PID-RBF falls at every sample, with each signal; a step does not overshoot",
+        finding,
+    )
+
+
+def limit_zero(data: Data) -> Claim:
+    """Return the statement that the error converges to zero."""
+
+    def finding(ipid: str) -> Finding:
+        rows = []
+        for signal in SIGNALS:
+            late = {kind: rms(data(kind, signal).part(19.0, 21.0).e) for kind in KINDS}
+            rows.append(row(f"RMS of e from 19 s on, {signal} [rad]", late, late["PID-RBF"] < ZERO))
+        return Finding(COLUMNS, rows)
+
+    return Claim(
+        "Section 3.2, for PID-RBF: “lim e₁(k) = 0” for k → ∞",
+        "the RMS of its e from 19 s on is below 1e-6 rad, with each signal",
+        finding,
+    )
+
+
+def convergent(data: Data) -> Claim:
+    """Return the statement that the algorithm converges."""
+
+    def finding(ipid: str) -> Finding:
+        rows = []
+        moved = {}
+        for kind in KINDS[1:]:
+            late = data(kind, "step").part(19.0, 21.0)
+            moved[kind] = float(abs(late.u_n[-1] - late.u_n[0]) / (late.t[-1] - late.t[0]))
+        error = {kind: largest(data(kind, "step").part(19.0, 21.0).e) for kind in KINDS}
+        rows.append(row("max |e| from 19 s on, step [rad]", error, error["PID-RBF"] < ZERO))
+        rows.append(
+            row("change of h · w from 19 s on, step [N/s]", moved, moved["PID-RBF"] < LITTLE)
+        )
+        return Finding(
+            COLUMNS,
+            rows,
+            "The error converges, the weights do not: they follow the force, which ramps.",
+        )
+
+    return Claim(
+        "Section 3.2: “Therefore, the control algorithm is convergent.”",
+        "after a step with PID-RBF the error is below 1e-6 rad from 19 s on, and the network’s"
+        " output changes by less than 0.01 N/s",
+        finding,
+    )
+
+
+def entries(data: Data) -> list[Entry]:
+    """Return section 3.1, without Figure 2, and section 3.2."""
+    traces = {kind: data(kind, "step") for kind in NETWORKS}
+    sums_ = [
+        Curve(f"V/{kind}", trace.t, np.cumsum(trace.e**2) / 2, kind)
+        for kind, trace in traces.items()
+    ]
+    figure = Figure(
+        "lyapunov",
+        "The proof of section 3.2",
+        "Left, magnitude of the error of PID-RBF and IPID-RBF over 20 s of a step, on a logarithmic"
+        " axis; right, the sum of its squares over the first 5 s, which never falls.",
+        [
+            [
+                Panel(
+                    "|e| does not fall from sample to sample",
+                    "|e| [rad]",
+                    absolute_errors(traces),
+                    xlim=(0, END),
+                    ylim=(SMALLEST, 10),
+                    log_y=True,
+                ),
+                Panel("V₁ = ½ Σ e² never falls", "V₁ [rad²]", sums_, xlim=(0, 5)),
+            ]
+        ],
+    )
+    return [
+        Entry(
+            "network",
+            "Section 3.1: the network",
+            "",
+            None,
+            [
+                Claim(
+                    "“the mapping from input to output is linear”",
+                    "the output doubles with the weights; it doubles with the input, within 10 %",
+                    linear,
+                ),
+                Claim(
+                    "“and avoids the problem of local minima”",
+                    "for a fixed force the performance indicator (16) is convex in the weights",
+                    minima,
+                ),
+                vanishing(data),
+                derivatives(data),
+            ],
+        ),
+        Entry(
+            "stability",
+            "Section 3.2: the proof of stability",
+            "Not a figure of the paper: the quantities of its proof.",
+            figure,
+            [
+                performance(data),
+                Claim(
+                    "“When the value field of ηh_j is 0 < ηh_j < 2(G₁G₁ᵀ)⁻¹ […] the system is"
+                    " stable.”",
+                    "all modes of the sampled loop at r = 1 decay, at four rates below the bound"
+                    " for G = h",
+                    bound,
+                ),
+                lyapunov(data),
+                shrinking(data),
+                limit_zero(data),
+                convergent(data),
+            ],
+        ),
+    ]

@@ -1,0 +1,225 @@
+"""The sampled closed loop at r = 1, linear and without force limit: eigenvalues and margins."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..loop import TS
+from .scenarios import GAINS
+
+ETA, ALPHA = 0.30, 0.05
+"""The paper's learning rate and momentum."""
+
+CENTRES, WIDTH = np.array([-2.0, -1.0, 1.0, 2.0]), 0.5
+"""Centres and widths of the network's nodes."""
+
+NOMINAL = {"M": 1.096, "m": 0.109, "l": 0.25, "g": 9.8, "I": 0.0034, "b": 0.1}
+"""The paper's plant: masses [kg], length [m], gravity [m/s²], inertia [kg m²], friction [N s/m]."""
+
+CONSTANT = 1e-7
+"""An eigenvalue this close to 1 comes from the plant's zero at s = 0 and an integrator."""
+
+SLOW = 1e-4
+"""A mode that grows by less than this per sample cannot be seen in the paper's 20 s."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A controller in the loop.
+
+    Parameters
+    ----------
+    eta
+        Learning rate of the network; 0 without one.
+    leaks
+        Whether the sum of the error leaks, as in (25).
+    previous_sample_terms
+        Whether u(k) is computed from the PID terms of sample k - 1.
+    """
+
+    eta: float = 0.0
+    leaks: bool = False
+    previous_sample_terms: bool = False
+
+
+LAWS = {
+    "PID": Law(previous_sample_terms=True),
+    "PID-RBF": Law(ETA, previous_sample_terms=True),
+    "IPID-RBF": Law(leaks=True),
+    "IPID-RBF own": Law(ETA, leaks=True),
+}
+"""The controllers of Table 1. The network of IPID-RBF learns from the supervisor's loop, and so is
+outside its own, which is that of a PID whose sum leaks."""
+
+
+@dataclass(frozen=True)
+class Delay:
+    """The delay from measurement to plant input.
+
+    Parameters
+    ----------
+    previous_sample_terms
+        Whether the controller uses the PID terms of the previous sample.
+    parallel
+        Whether the master steps in parallel.
+    """
+
+    previous_sample_terms: bool
+    parallel: bool
+
+    @property
+    def samples(self) -> int:
+        """Delay in samples."""
+        return self.previous_sample_terms + self.parallel
+
+
+DELAYS = (Delay(False, False), Delay(True, False), Delay(False, True), Delay(True, True))
+
+
+def nodes(r: float = 1.0) -> np.ndarray:
+    """Return the outputs (12) of the network's nodes at a set-point [rad], shape (4,)."""
+    return np.exp(-((r - CENTRES) ** 2) / (2 * WIDTH**2))
+
+
+def activation(r: float = 1.0) -> float:
+    """Return |h|² at a set-point [rad]."""
+    return float(nodes(r) @ nodes(r))
+
+
+def held_plant(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarray]:
+    """Return the zero-order-hold discretization of (9), without x: A (3, 3), B (3,).
+
+    The states are v, theta, omega.
+    """
+    M, m, l, g, I, b = (plant[name] for name in NOMINAL)  # noqa: E741
+    mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
+    rates = np.zeros((4, 4))  # the last row and column are the constant force
+    rates[[0, 2]] = np.linalg.solve(mass, [[-b, 0, 0, 1], [0, m * g * l, 0, 0]])
+    rates[1, 2] = 1
+    series = [np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10)]
+    return sum(series)[:3, :3], sum(series)[:3, 3]
+
+
+def matrix(
+    law: Law, samples: int = 0, gain: float = 1.0, plant: dict[str, float] = NOMINAL
+) -> np.ndarray:
+    """Return the matrix (9 + samples, 9 + samples) of the closed loop.
+
+    The states are v, theta, omega; e, x3, x2 of the previous sample; u_n of this and the previous
+    sample, since only the weights along h learn; theta, and theta of the last samples.
+
+    Parameters
+    ----------
+    law
+        The controller.
+    samples
+        Delay of the measured angle.
+    gain
+        Factor of the force.
+    plant
+        Parameters of the plant.
+    """
+    Ad, Bd = held_plant(plant)
+    unit = np.eye(8 + samples)
+    e = -unit[7 + samples] if samples else -unit[1]
+    x2, x3 = (e - unit[3]) / TS, unit[4] + e * TS
+    if law.leaks:
+        x3 = (unit[4] + e) * TS
+    terms = (unit[3], unit[5], unit[4]) if law.previous_sample_terms else (e, x2, x3)
+    u_p = GAINS["kp"] * terms[0] + GAINS["kd"] * terms[1] + GAINS["ki"] * terms[2]
+    A = np.zeros((8 + samples, 8 + samples))
+    A[:3, :3] = Ad
+    A[:3] += np.outer(gain * Bd, u_p + unit[6])
+    A[3], A[4], A[5] = e, x3, x2
+    A[6] = unit[6] + law.eta * activation() * u_p + ALPHA * (unit[6] - unit[7])
+    A[7] = unit[6]
+    for k in range(samples):
+        A[8 + k] = unit[7 + k] if k else unit[1]
+    return A
+
+
+def modes(A: np.ndarray) -> np.ndarray:
+    """Return the eigenvalues, without those at 1."""
+    values = np.linalg.eigvals(A)
+    return values[np.abs(values - 1) > CONSTANT]
+
+
+def spectral_radius(A: np.ndarray) -> float:
+    """Return the largest absolute eigenvalue, without those at 1."""
+    return float(np.max(np.abs(modes(A))))
+
+
+def growth(law: Law, samples: int = 0) -> float:
+    """Return the rate of the mode that grows fastest, or decays most slowly [1/s]."""
+    return math.log(spectral_radius(matrix(law, samples))) / TS
+
+
+def last_true(holds: Callable[[float], bool], true: float, false: float) -> float:
+    """Return where a condition ends, by bisection between two values."""
+    for _ in range(50):
+        middle = (true + false) / 2
+        if holds(middle):
+            true = middle
+        else:
+            false = middle
+    return true
+
+
+def rate_limit(law: Law, samples: int, plant: dict[str, float] = NOMINAL) -> float:
+    """Return the learning rate beyond which the loop is unstable; 0 if it always is."""
+
+    def stable(eta: float) -> bool:
+        changed = Law(eta, law.leaks, law.previous_sample_terms)
+        return spectral_radius(matrix(changed, samples, plant=plant)) < 1
+
+    return last_true(stable, 0.0, 4.0)
+
+
+def limit(delay: Delay) -> float:
+    """Return the largest stable learning rate of PID-RBF with a delay."""
+    law = Law(previous_sample_terms=delay.previous_sample_terms)
+    return rate_limit(law, int(delay.parallel))
+
+
+def radius(delay: Delay, eta: float) -> float:
+    """Return the spectral radius of the loop with PID-RBF."""
+    law = Law(eta, previous_sample_terms=delay.previous_sample_terms)
+    return spectral_radius(matrix(law, int(delay.parallel)))
+
+
+def printed_bound() -> float:
+    """Return the bound of section 3.2, eta |h|² < 2, for G = h and u held fixed."""
+    return 2 / activation()
+
+
+def bearable(law: Law, samples: int = 0, gain: float = 1.0) -> bool:
+    """Return whether no mode grows quickly enough to be seen in 20 s."""
+    return spectral_radius(matrix(law, samples, gain)) < 1 + SLOW
+
+
+def delay_margin(law: Law) -> int:
+    """Return the additional delay that the loop bears [samples]."""
+    samples = 0
+    while bearable(law, samples + 1):
+        samples += 1
+    return samples
+
+
+def gain_margin(law: Law) -> float:
+    """Return the factor of the loop gain up to which the loop is stable."""
+    return last_true(lambda gain: bearable(law, gain=gain), 1.0, 100.0)
+
+
+def modulus_margin(law: Law) -> float:
+    """Return the smallest distance of the open loop's frequency response from -1."""
+    Ad, Bd = held_plant()
+    z = np.exp(1j * TS * np.geomspace(0.1, math.pi / TS, 4000))
+    angle = np.array([np.linalg.solve(value * np.eye(3) - Ad, Bd)[1] for value in z])
+    total = TS / (1 - TS / z) if law.leaks else TS / (1 - 1 / z)
+    u_p = GAINS["kp"] + GAINS["kd"] * (1 - 1 / z) / TS + GAINS["ki"] * total
+    if law.previous_sample_terms:
+        u_p = u_p / z
+    u = u_p * (1 + law.eta * activation() * z / ((z - 1) * (z - ALPHA)))
+    return float(np.min(np.abs(1 + u * angle)))
