@@ -16,7 +16,7 @@ from .paper.objective import poles
 from .paper.traps import SAME, Traps
 from .parts import Part, counts
 from .scenarios import GAINS, TRANSFER_FUNCTION
-from .stability import DELAYS, ETA, NOMINAL, limit, printed_bound, radius
+from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
 
 ASSETS = Path(__file__).parent / "assets"
 
@@ -50,7 +50,6 @@ def write(folder: Path, data: Data, parts: Sequence[Part], traps: Traps) -> list
 
 def facts(data: Data, traps: Traps) -> dict[str, Any]:
     """Return the numbers of docs/numbers.md by name."""
-    ramp = NOMINAL["b"] * NOMINAL["g"]
     held, difference = data("PID", "step").e[-1], data.loop(TRANSFER_FUNCTION).e[-1]
     return {
         "corrections": settings.corrections(),
@@ -59,9 +58,9 @@ def facts(data: Data, traps: Traps) -> dict[str, Any]:
         "same": SAME,
         "apart": from_print(data.results),
         "fitted": table1.FITTED,
-        "ramp": ramp,
+        "ramp": RAMP,
         "ki": GAINS["ki"],
-        "static": ramp / (ramp - GAINS["ki"]),
+        "static": RAMP / (RAMP - GAINS["ki"]),
         "lost": LASTING.values(data)["PID-RBF"],
         "pole": max(poles().real),
         "cancelled": float(np.prod(-np.expm1(poles() * TS)).real),

@@ -11,7 +11,7 @@ from .figure import Figure
 UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
 """What must not be broken into two lines: numbers with powers of ten, names of controllers."""
 
-SUBSCRIPT = re.compile(r"\b([a-zA-Z])_(\w)\b")
+SUBSCRIPT = re.compile(r"\b([a-zA-Z])_([a-z0-9])(?![a-zA-Z0-9_])")
 """A symbol of one letter with a subscript, such as u_n."""
 
 STEP = 3
@@ -19,6 +19,9 @@ STEP = 3
 
 PANEL, TEXT_LINE, TABLE_LINE, CLAIM = 270, 22, 30, 90
 """Estimated heights: a panel, a line of text, a line of a table, all else in a claim [px]."""
+
+HIGHEST = 450
+"""Height to which a panel can be stretched [px]."""
 
 LINE = 60
 """Estimated characters in a line of text."""
@@ -58,11 +61,13 @@ def needed_width(table: Finding) -> int:
 
 
 def beside(figure: Figure | None, judged: Sequence[Judged], ours: bool) -> int:
-    """Return how many claims stand beside a figure: about as high as it."""
+    """Return how many claims stand beside a figure: about as high as it, 0 if one is higher."""
     if not figure:
         return 0
     room = PANEL * _rows(figure)
     heights = [_height(one, ours) for one in judged]
+    if heights[0] > HIGHEST * _rows(figure):
+        return 0
     return min(range(1, len(judged) + 1), key=lambda n: abs(sum(heights[:n]) - room))
 
 

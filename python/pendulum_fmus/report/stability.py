@@ -18,6 +18,10 @@ CENTRES, WIDTH = np.array([-2.0, -1.0, 1.0, 2.0]), 0.5
 NOMINAL = {"M": 1.096, "m": 0.109, "l": 0.25, "g": 9.8, "I": 0.0034, "b": 0.1}
 """The paper's plant: masses [kg], length [m], gravity [m/s²], inertia [kg m²], friction [N s/m]."""
 
+RAMP = NOMINAL["b"] * NOMINAL["g"]
+"""b g: the rate at which the force that holds 1 rad falls, since the cart accelerates by -g theta
+and its friction b grows with its speed [N/s]."""
+
 CONSTANT = 1e-7
 """An eigenvalue this close to 1 comes from the plant's zero at s = 0 and an integrator."""
 

@@ -36,11 +36,7 @@ def part(data: Data, fmus: Path) -> Part:
     traces = {delay: data.loop(loop(delay, ETA, 20000)) for delay in DELAYS}
     late = [largest(np.diff(trace.part(19.0, 21.0).u)) for trace in traces.values()]
     rows = [
-        Row(
-            "change of u per sample from 19 s on [N]",
-            late,
-            max(late[:3]) < RINGING < late[3],
-        ),
+        Row("change of u per sample from 19 s on [N]", late, max(late[:3]) < RINGING < late[3]),
         Row("total variation of u [N]", [variation(trace.u) for trace in traces.values()]),
         Row("integral of |e| [rad s]", [iae(trace) for trace in traces.values()]),
         Row("settling ±0.3 % [s]", [settling(trace) for trace in traces.values()]),
@@ -70,7 +66,7 @@ def part(data: Data, fmus: Path) -> Part:
                 Finding(["both"], [Row("max |Δθ| [rad]", [apart], apart < SAME)]),
             ),
             statement(
-                "PID-RBF only rings in parallel order with the terms of the previous sample",
+                "PID-RBF rings only in parallel order with the terms of the previous sample",
                 "step; from 19 s on u changes by more than 1 N per sample only in that case",
                 Finding(["seq., now", "seq., prev.", "par., now", "par., prev."], rows),
             ),

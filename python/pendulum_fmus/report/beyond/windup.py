@@ -101,7 +101,7 @@ def winding(above: Overshoots) -> Claim:
             "overshoot rises as the limit falls",
             ["yes" if one else "no" for one in rises],
             all(one for (_, on), one in zip(above, rises, strict=True) if not on),
-        ),
+        )
     ]
     return statement(
         "The lower the force limit, the more PID and PID-RBF overshoot due to integrator windup;"

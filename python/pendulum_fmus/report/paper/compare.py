@@ -54,11 +54,7 @@ def _values(measure: Measure, data: Data) -> Values:
 
 
 def measured(
-    name: str,
-    unit: str,
-    of: Callable[[Trace], float],
-    signal: str = "step",
-    amplitude: float = 0.0,
+    name: str, unit: str, of: Callable[[Trace], float], signal: str = "step", amplitude: float = 0.0
 ) -> Measure:
     """Return a measure of a trace, less being better."""
     case = SIGNAL_NAMES[signal] + (f", d = {amplitude:g} rad" if amplitude else "")
@@ -98,10 +94,12 @@ def better(
         rows += [row(m.name, m.values(data)) for m in also]
         return Finding(COLUMNS, rows, remark)
 
-    sense = "more" if all(m.more for m in measures) else "less"
-    if len({m.more for m in measures}) > 1:
-        sense = "less, or a larger margin,"
-    return Claim(says, f"{_and(winners)}: {sense} than {_and(others)}, in each row", finding)
+    larger = {measure.more for measure in measures}
+    sense = "larger margins" if larger == {True} else "smaller values"
+    if len(larger) > 1:
+        sense += ", or larger margins,"
+    has = "has" if len(winners) == 1 else "have"
+    return Claim(says, f"{_and(winners)} {has} {sense} than {_and(others)}, in each row", finding)
 
 
 def settles(
@@ -141,7 +139,8 @@ def limited(
             )
         return Finding(COLUMNS, rows)
 
-    return Claim(says, f"{_and(kinds)} below the bound, in each row", finding)
+    stays = "stays" if len(kinds) == 1 else "stay"
+    return Claim(says, f"{_and(kinds)} {stays} below the bound, in each row", finding)
 
 
 def _and(words: Sequence[str]) -> str:
@@ -153,6 +152,22 @@ def by_kind(
 ) -> dict[str, float]:
     """Apply a measure to all controllers in the same loop."""
     return {kind: measure(data(kind, signal, amplitude)) for kind in KINDS}
+
+
+def by_signal(
+    data: Data,
+    name: str,
+    unit: str,
+    of: Callable[[Trace], float],
+    holds: Callable[[Values], bool],
+    kinds: Sequence[str] = KINDS,
+) -> list[Row]:
+    """Return a row for each signal, without disturbance."""
+    rows = []
+    for signal, shown in SIGNAL_NAMES.items():
+        values = {kind: of(data(kind, signal)) for kind in kinds}
+        rows.append(row(f"{name}, {shown} [{unit}]", values, holds(values)))
+    return rows
 
 
 def least(values: Values, kind: str, others: Sequence[str]) -> bool:

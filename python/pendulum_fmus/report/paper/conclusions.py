@@ -190,7 +190,7 @@ def entry(data: Data) -> Entry:
             ROBUSTNESS,
             NETWORKS,
             PID,
-            "Good is taken as: not worse than the PID that they improve.",
+            "“Good” is read as better than the PID that they improve.",
         ),
         stability(data),
         identified(data),

@@ -9,6 +9,7 @@ from ..data import Data
 from ..figure import ANGLE, Curve, Figure, Panel
 from ..metrics import iae, overshoot, rise_time, settling
 from ..scenarios import FACTORS, GAINS
+from ..stability import RAMP
 from .entry import Entry, numbered
 
 STYLE = {0.5: "half", 1.0: "one", 2.0: "double"}
@@ -21,10 +22,6 @@ DIFFERENT = 0.1
 
 ELIMINATED = 1e-6
 """Error below which it counts as eliminated [rad]."""
-
-RAMP = 0.1 * 9.8
-"""b g: the rate at which the force that holds 1 rad falls, since the cart accelerates by -g theta
-and its friction b grows with its speed [N/s]."""
 
 LABELS = {0.5: "½ {}", 1.0: "nominal", 2.0: "2 {}"}
 """Labels of multiplied gains in tables."""

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from ..claims import Claim, Finding, Row
-from ..data import Data
+from ..data import Data, Trace
 from ..metrics import largest
 from ..numbers import number
-from ..scenarios import KINDS, SIGNALS, TRANSFER_FUNCTION
+from ..scenarios import TRANSFER_FUNCTION
 from ..stability import NOMINAL
-from .compare import COLUMNS, row
+from .compare import COLUMNS, Values, by_signal
 from .entry import Entry
 
 SMALL = math.radians(20)
@@ -55,17 +55,18 @@ def unstable(_: str) -> Finding:
 def small(data: Data) -> Claim:
     """Return the statement that the angle stays small enough to linearize."""
 
+    def degrees(trace: Trace) -> float:
+        return math.degrees(largest(trace.theta))
+
     def finding(ipid: str) -> Finding:
-        rows = []
-        for signal in SIGNALS:
-            angles = {kind: math.degrees(largest(data(kind, signal).theta)) for kind in KINDS}
-            holds = all(angles[kind] <= 20 for kind in ("PID", "PID-RBF", ipid))
-            rows.append(row(f"largest |θ|, {signal} [°]", angles, holds))
+        def holds(values: Values) -> bool:
+            return max(values[kind] for kind in ("PID", "PID-RBF", ipid)) <= math.degrees(SMALL)
+
         return Finding(
             COLUMNS,
-            rows,
-            "All simulations of the paper leave the range for which it linearizes. The section"
-            " “The nonlinear pendulum” shows what that hides.",
+            by_signal(data, "largest |θ|", "°", degrees, holds),
+            "All simulations of the paper leave the range of its linearization. The section"
+            " “The nonlinear pendulum” shows the difference.",
         )
 
     return Claim(

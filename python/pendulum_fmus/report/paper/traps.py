@@ -131,12 +131,7 @@ def equivalent(a: float, b: float, c: float, d: float) -> dict[str, float]:
     total, friction = c / (a * gravity), d / (a * gravity)
     q = (total * b / friction - 1) / a**2
     inertia, mass = b / friction * q, a * q / length
-    return {
-        "M": total - mass,
-        "m": mass,
-        "I": inertia - mass * length**2,
-        "b": friction,
-    }
+    return {"M": total - mass, "m": mass, "I": inertia - mass * length**2, "b": friction}
 
 
 def literal_9() -> dict[str, float]:
