@@ -65,10 +65,13 @@ def value(text: str) -> float:
 def cells(page: html.HtmlElement, part: str, quantity: str) -> dict[str, float]:
     """Return a row of numbers by column heading."""
     for row in page.xpath(f"//article[@id='{part}']//table[contains(@class, 'numbers')]//tbody/tr"):
-        if row[0].text_content() == quantity:
+        if row[0].text_content().replace("\xa0", " ") == quantity:
             heads = row.getparent().getparent().xpath("thead/tr/th")
             pairs = zip(heads[1:], row[1:], strict=True)
-            return {head.text_content(): value(cell.text_content()) for head, cell in pairs}
+            return {
+                head.text_content().replace("\xa0", " "): value(cell.text_content())
+                for head, cell in pairs
+            }
     raise KeyError(quantity)
 
 

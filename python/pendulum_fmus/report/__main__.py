@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> bool:
         results = simulate_all(loops, options.fmus, pool)
         only = ("theta", "e", "u")
         results |= simulate_all(lasting_loops(), options.fmus, pool, only=only)
-        data = Data(results)
+        data = Data(results, options.fmus)
         text, all_hold = table1.report(data.results, colour=table1.colourful())
         say(f"{text}\n")
         say("making the mistakes of those who reproduce Table 1 ...")

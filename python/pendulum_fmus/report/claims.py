@@ -4,6 +4,7 @@ A verdict is never written down: it follows from the rows of the numbers. A stat
 holds by every row, holds in part if by some, and does not hold if by none.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -15,6 +16,9 @@ OWN = "own target"
 
 SHORT = 6
 """Rows of a table that may be repeated on the page."""
+
+UNIT = re.compile(r" \[[^\]]*\]")
+"""A unit in the name of a measure."""
 
 LISTED = 3
 """Measures that are named before the rest is only counted."""
@@ -120,7 +124,8 @@ class Finding:
     @property
     def decided_by(self) -> str:
         """What decides that the statement holds in part only; empty otherwise."""
-        held, missed = ([row for row in self.rows if row.holds is h] for h in (True, False))
+        decisive = [row for row in self.rows if row.holds is not None]
+        held, missed = ([row for row in decisive if bool(row.holds) == h] for h in (True, False))
         if not held or not missed:
             return ""
         return f"only by {_names(held)}" if len(held) < len(missed) else f"not by {_names(missed)}"
@@ -128,7 +133,7 @@ class Finding:
 
 def _names(rows: Sequence[Row]) -> str:
     """Name some rows, without their units."""
-    names = [row.name.rpartition(" [")[0] or row.name for row in rows]
+    names = [UNIT.sub("", row.name) for row in rows]
     rest = f"; and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return "; ".join(names[:LISTED]) + rest
 

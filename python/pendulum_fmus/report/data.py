@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..loop import Columns, Loop
+from ..project import FMUS
 from .scenarios import gain_loop, lasting_loop, loops_of
 
 
@@ -44,13 +46,16 @@ class Trace:
     def part(self, start: float, stop: float) -> "Trace":
         """Return the samples with start <= t < stop [s], times rounded to the microsecond."""
         t = np.round(self.t, 6)
-        inside = (t >= start) & (t < stop)
+        return self.where((t >= start) & (t < stop))
+
+    def where(self, inside: np.ndarray) -> "Trace":
+        """Return the samples for which a column of booleans is true, shape (steps,)."""
         cut = {
             name: None if column is None else column[inside]
             for name, column in vars(self).items()
             if name != "key"
         }
-        return Trace(key=f"{self.key} {start}..{stop}", **cut)
+        return Trace(key=f"{self.key}, {np.count_nonzero(inside)} samples", **cut)
 
 
 def trace_of(key: str, columns: Columns, controller: str = "controller", plant: str = "plant"):
@@ -71,8 +76,9 @@ def trace_of(key: str, columns: Columns, controller: str = "controller", plant: 
 class Data:
     """Results by loop, and their traces."""
 
-    def __init__(self, results: Mapping[Loop, Columns]):
+    def __init__(self, results: Mapping[Loop, Columns], fmus: Path = FMUS):
         self.results = results
+        self.fmus = fmus
 
     def __call__(self, kind: str, signal: str, amplitude: float = 0.0) -> Trace:
         """Return the trace of a controller for a signal and a disturbance of `amplitude` [rad]."""

@@ -14,6 +14,9 @@ UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-R
 SUBSCRIPT = re.compile(r"\b([a-zA-Z])_([a-z0-9])(?![a-zA-Z0-9_])")
 """A symbol of one letter with a subscript, such as u_n."""
 
+QUANTITY = re.compile(r"(\d) (%|s|ms|Hz|N|rad|kg|m)(?![\w/])")
+"""A number and its unit."""
+
 STEP = 3
 """Tables are distinguished by the width that they need, in steps [em]."""
 
@@ -34,7 +37,8 @@ def unbroken(text: str) -> Markup:
 
 def typeset(text: str) -> Markup:
     """Return text as HTML in which subscripts are set as such, and UNBROKEN stays on one line."""
-    return Markup(SUBSCRIPT.sub(r"<var>\1<sub>\2</sub></var>", str(unbroken(text))))
+    set_ = SUBSCRIPT.sub(r"<var>\1<sub>\2</sub></var>", str(unbroken(text)))
+    return Markup(QUANTITY.sub("\\1\u00a0\\2", set_))
 
 
 def folded(one: Judged, ours: bool) -> bool:

@@ -7,6 +7,9 @@ import numpy as np
 from ..loop import SETTLING_BAND, settling_time
 from .data import Trace
 
+RESIDUE = 1e-9
+"""An error below this is rounding residue [rad]."""
+
 BURST = 50.0
 """A force beyond this, half of the limit, is a large adjustment [N]."""
 
@@ -128,8 +131,9 @@ def energy(column: np.ndarray, ts: float) -> float:
 
 
 def falling_share(column: np.ndarray) -> float:
-    """Return the share of samples at which the magnitude is smaller than at the one before."""
-    return float(np.mean(np.diff(np.abs(column)) < 0))
+    """Return the share of samples at which the magnitude falls, without rounding residue."""
+    size = np.abs(column)
+    return float(np.mean((np.diff(size) < 0)[size[:-1] > RESIDUE]))
 
 
 def bursts(t: np.ndarray, force: np.ndarray) -> list[float]:

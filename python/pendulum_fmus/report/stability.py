@@ -25,8 +25,8 @@ and its friction b grows with its speed [N/s]."""
 CONSTANT = 1e-7
 """An eigenvalue this close to 1 comes from the plant's zero at s = 0 and an integrator."""
 
-SLOW = 1e-4
-"""A mode that grows by less than this per sample cannot be seen in the paper's 20 s."""
+SLOW = 5e-6
+"""Growth per sample below which the margins leave a mode out: that of the supervised IPID-RBF."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def printed_bound() -> float:
 
 
 def bearable(law: Law, samples: int = 0, gain: float = 1.0) -> bool:
-    """Return whether no mode grows quickly enough to be seen in 20 s."""
+    """Return whether no mode grows by more than SLOW per sample."""
     return spectral_radius(matrix(law, samples, gain)) < 1 + SLOW
 
 
@@ -216,14 +216,29 @@ def gain_margin(law: Law) -> float:
     return last_true(lambda gain: bearable(law, gain=gain), 1.0, 100.0)
 
 
-def modulus_margin(law: Law) -> float:
-    """Return the smallest distance of the open loop's frequency response from -1."""
+def open_loop(law: Law, frequency: np.ndarray) -> np.ndarray:
+    """Return the frequency response of the open loop at some frequencies [rad/s]."""
     Ad, Bd = held_plant()
-    z = np.exp(1j * TS * np.geomspace(0.1, math.pi / TS, 4000))
-    angle = np.array([np.linalg.solve(value * np.eye(3) - Ad, Bd)[1] for value in z])
+    z = np.exp(1j * TS * frequency)
+    angle = np.linalg.solve(z[:, None, None] * np.eye(3) - Ad, Bd[:, None])[:, 1, 0]
     total = TS / (1 - TS / z) if law.leaks else TS / (1 - 1 / z)
     u_p = GAINS["kp"] + GAINS["kd"] * (1 - 1 / z) / TS + GAINS["ki"] * total
     if law.previous_sample_terms:
         u_p = u_p / z
-    u = u_p * (1 + law.eta * activation() * z / ((z - 1) * (z - ALPHA)))
-    return float(np.min(np.abs(1 + u * angle)))
+    return u_p * (1 + law.eta * activation() * z / ((z - 1) * (z - ALPHA))) * angle
+
+
+FREQUENCIES = np.geomspace(0.1, math.pi / TS, 40_000)
+"""Frequencies at which the margins are sought [rad/s]."""
+
+
+def modulus_margin(law: Law) -> float:
+    """Return the smallest distance of the open loop's frequency response from -1."""
+    return float(np.min(np.abs(1 + open_loop(law, FREQUENCIES))))
+
+
+def phase_margin(law: Law) -> float:
+    """Return the smallest angle by which the open loop misses -1 where its gain is 1 [°]."""
+    response = open_loop(law, FREQUENCIES)
+    crossing = np.flatnonzero(np.diff(np.abs(response) > 1))
+    return float(np.degrees(np.min(np.abs(np.angle(-response[crossing])))))

@@ -66,6 +66,17 @@ def row(name: str, values: Values, holds: bool | None = None) -> Row:
     return Row(name, [values.get(kind, "") for kind in KINDS], holds)
 
 
+def split(name: str, values: Values, holds: Mapping[str, bool]) -> list[Row]:
+    """Return a row, or one for each controller if a statement holds for some of them only."""
+    if len(set(holds.values())) == 1:
+        return [row(name, values, all(holds.values()))]
+    shown = dict(zip(KINDS, COLUMNS, strict=True))
+    return [
+        row(f"{name}: {'IPID-RBF' if shown[kind] == OWN else kind}", values, one)
+        for kind, one in holds.items()
+    ]
+
+
 def variants(kinds: Sequence[str], ipid: str) -> list[str]:
     """Replace IPID-RBF by one of its variants."""
     return [ipid if kind == "IPID-RBF" else kind for kind in kinds]
@@ -87,10 +98,17 @@ def better(
 
     def finding(ipid: str) -> Finding:
         first, second = variants(winners, ipid), variants(others, ipid)
-        rows = [
-            row(m.name, m.values(data), all(m.better(data, kind, second) for kind in first))
-            for m in measures
-        ]
+        rows = []
+        for measure in measures:
+            values = measure.values(data)
+            if len({values[kind] for kind in (*first, *second)}) == 1:
+                rows.append(row(measure.name, values))  # a tie decides nothing
+                continue
+            rows += split(
+                measure.name,
+                values,
+                {kind: measure.better(data, kind, second) for kind in first},
+            )
         rows += [row(m.name, m.values(data)) for m in also]
         return Finding(COLUMNS, rows, remark)
 
@@ -130,17 +148,12 @@ def limited(
         rows = []
         for measure, bound in bounds:
             values = measure.values(data)
-            rows.append(
-                row(
-                    f"{measure.name}, below {bound:g}",
-                    values,
-                    all(_finite(values[kind]) < bound for kind in judged),
-                )
-            )
+            name = f"{measure.name}, below {bound:g}".replace("e-0", "e-")
+            rows += split(name, values, {kind: _finite(values[kind]) < bound for kind in judged})
         return Finding(COLUMNS, rows)
 
     stays = "stays" if len(kinds) == 1 else "stay"
-    return Claim(says, f"{_and(kinds)} {stays} below the bound, in each row", finding)
+    return Claim(says, f"{_and(kinds)} {stays} below the bound of each row", finding)
 
 
 def _and(words: Sequence[str]) -> str:

@@ -96,7 +96,11 @@ def claims(data: Data) -> list[Claim]:
             columns,
             [
                 *falls(columns, {"|e(20 s)| [rad]": size}),
-                Row("the same, below 1e-6 [rad]", cells(size, columns), size["2 ki"] < ELIMINATED),
+                Row(
+                    "|e(20 s)| with 2 ki, below 1e-6 [rad]",
+                    cells(size, columns),
+                    size["2 ki"] < ELIMINATED,
+                ),
                 Row("e(20 s) [rad]", cells(static, columns)),
                 Row("−b g / (ki − b g) [rad]", closed),
             ],
@@ -123,6 +127,7 @@ def claims(data: Data) -> list[Claim]:
         return Row(name, cells, values["nominal"] <= values[setting])
 
     dynamic = ["½ kd", "nominal", "2 kd"]
+    damping = {"overshoot [%]": over, "settling ±2 % [s]": settled}
     proportional = ["½ kp", "nominal", "2 kp"]
     fast = {"rise time [s]": rise, "settling ±2 % [s]": settled}
     return [
@@ -159,9 +164,21 @@ def claims(data: Data) -> list[Claim]:
         Claim(
             "“The dynamic performance of the system can be improved by differential adjustment"
             " coefficient kd.”",
-            "read as more kd: overshoot and settling time fall as kd rises",
+            "read as more kd: overshoot and settling time fall as kd rises; as another kd: with"
+            " half or double kd they are smaller than nominal",
             lambda _: Finding(
-                dynamic, falls(dynamic, {"overshoot [%]": over, "settling ±2 % [s]": settled})
+                dynamic,
+                [
+                    *falls(dynamic, {f"{name}, falling": v for name, v in damping.items()}),
+                    *(
+                        Row(
+                            f"{name}, smaller than nominal",
+                            cells(v, dynamic),
+                            min(v["½ kd"], v["2 kd"]) < v["nominal"],
+                        )
+                        for name, v in damping.items()
+                    ),
+                ],
             ),
         ),
         Claim(
@@ -180,13 +197,13 @@ def claims(data: Data) -> list[Claim]:
         ),
         Claim(
             "“When the response curve oscillates significantly, kp should be increased, ki should"
-            " be increased, and k d should be smaller.”",
+            " be increased, and k_d should be smaller.”",
             "the overshoot is less than nominal after each of the three changes",
             lambda _: rule(["2 kp", "2 ki", "½ kd"], "overshoot [%]", over),
         ),
         Claim(
             "“When the error of the response curve is large, kp should be reduced, ki should be"
-            " reduced, and k d should be increased appropriately.”",
+            " reduced, and k_d should be increased appropriately.”",
             "the integral of |e| is less than nominal after each of the three changes",
             lambda _: rule(["½ kp", "½ ki", "2 kd"], "integral of |e| [rad s]", area),
         ),

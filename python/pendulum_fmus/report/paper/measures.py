@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from ...loop import FREQUENCY
+from ..beyond.robustness import SWEPT, growths
 from ..data import Data, Trace
 from ..metrics import (
     energy,
@@ -25,7 +26,7 @@ from ..metrics import (
     time_to,
     variation,
 )
-from ..stability import LAWS, delay_margin, gain_margin, growth, modulus_margin
+from ..stability import LAWS, delay_margin, gain_margin, growth, modulus_margin, phase_margin
 from .compare import Measure, measured
 
 JUMP = 2.0
@@ -94,7 +95,7 @@ SPEED = (
     measured("delay time to 50 %", "s", lambda t: time_to(t, 0.5)),
     measured("time to 90 %", "s", lambda t: time_to(t, 0.9)),
     measured("rise time 10 % to 90 %, slowest jump", "s", worst(rise_time), "square"),
-    measured("lag, negative if it leads", "s", lambda t: lag(t, FREQUENCY["sine"]), "sine"),
+    measured("lag or lead", "s", lambda t: abs(lag(t, FREQUENCY["sine"])), "sine"),
 )
 
 
@@ -144,7 +145,7 @@ def accuracy(
 
 
 def returns(
-    cases: Sequence[tuple[str, float]] = DISTURBED, bands: Sequence[str] = ("±2 %", "±0.3 %")
+    cases: Sequence[tuple[str, float]] = DISTURBED, bands: Sequence[str] = tuple(BANDS)
 ) -> tuple[Measure, ...]:
     """Return the times from the end of the pulse until the pendulum has settled again."""
     found = []
@@ -194,7 +195,15 @@ def _delay(_: Data, kind: str) -> float:
 ROBUSTNESS = (
     Measure("delay borne from measurement to force [samples]", _delay, more=True),
     Measure("gain margin [1]", lambda _, kind: gain_margin(LAWS[kind]), more=True),
+    Measure("phase margin [°]", lambda _, kind: phase_margin(LAWS[kind]), more=True),
     Measure("modulus margin, min |1 + L| [1]", lambda _, kind: modulus_margin(LAWS[kind]), True),
+    *(
+        Measure(
+            f"largest growth of ∫|e| dt for {name} from a quarter to four times [%]",
+            lambda data, kind, name=name: 100 * growths(name, data.fmus)[kind],
+        )
+        for name in SWEPT
+    ),
 )
 
 GROWTH = Measure("rate of the fastest growing mode [1/s]", lambda _, kind: growth(LAWS[kind]))

@@ -8,8 +8,18 @@ from ..claims import Claim, Finding, Row
 from ..data import Data, Trace
 from ..figure import Curve, Figure, Panel
 from ..metrics import falling_share, largest
+from ..numbers import number
 from ..scenarios import KINDS, WEIGHTS
-from ..stability import LAWS, activation, matrix, nodes, printed_bound, rate_limit, spectral_radius
+from ..stability import (
+    LAWS,
+    activation,
+    held_plant,
+    matrix,
+    nodes,
+    printed_bound,
+    rate_limit,
+    spectral_radius,
+)
 from .compare import COLUMNS, by_signal, row
 from .curves import END, SMALLEST, absolute_errors
 from .entry import Entry
@@ -66,8 +76,8 @@ def derivatives(data: Data) -> Claim:
         return Finding(
             ["PID-RBF"],
             rows,
-            "A weight affects u_p only through the plant: not at first, and then with the other"
-            " sign.",
+            "A weight affects u_p only through the plant: not in the same sample, and"
+            " then with the other sign.",
         )
 
     return Claim(
@@ -133,7 +143,8 @@ def bound(_: str) -> Finding:
         rows,
         f"With G = h, 2/|h|² is {printed:.3f} at r = 1, where |h|² is {activation():.4f}. The bound"
         " is that of the least-mean-squares rule, whose target stays where it is; here it is the"
-        " controller’s own force.",
+        " controller’s own force. With the paper’s own G₁ = ∂e₁/∂w, after one sample, the bound is"
+        f" {number(printed / float(held_plant()[1][1]) ** 2, 2)}, and excludes nothing.",
     )
 
 

@@ -77,12 +77,16 @@ def small(data: Data) -> Claim:
 
 
 def linearized(_: str) -> Finding:
-    """Return the errors of the linearized terms."""
+    """Return the errors of the linearized terms; φ = θ + π, so that sin φ = -sin θ."""
     rows = []
     for name, angle in (("20°", SMALL), ("1 rad, the set-point", 1.0)):
-        errors = [angle / math.sin(angle) - 1, 1 / math.cos(angle) - 1]
-        rows.append(Row(f"error at {name} [%]", [100 * one for one in errors], max(errors) < CLOSE))
-    return Finding(["sin φ", "cos φ"], rows)
+        sine, cosine = angle / math.sin(angle), 1 / math.cos(angle) - 1
+        rows += [
+            Row(f"sin φ = θ at {name} [%]", [100 * (sine + 1)], sine + 1 < CLOSE),
+            Row(f"sin φ ≈ −θ, as (8) and (9) need it, at {name} [%]", [100 * (sine - 1)]),
+            Row(f"cos φ ≈ −1 at {name} [%]", [100 * cosine], cosine < CLOSE),
+        ]
+    return Finding(["error"], rows, "The sign of sin φ is a misprint: (9) has the correct one.")
 
 
 def printed_coefficients(_: str) -> Finding:

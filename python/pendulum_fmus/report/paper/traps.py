@@ -159,6 +159,12 @@ TRAPS = (
         read=lambda e, r: float(e[-1] - r[-1]),
         signals=("square",),
     ),
+    Trap(
+        "new value of the square wave at k = 20000, where it jumps",
+        "the value from before the jump holds",
+        read=lambda e, r: float(e[-1] - 2 * r[-1]),
+        signals=("square",),
+    ),
     Trap("force not limited", "±100 N", controllers(u_max=1e9)),
     Trap("force limited to ±50 N", "±100 N", controllers(u_max=50.0)),
     Trap("force limited to ±200 N", "±100 N", controllers(u_max=200.0)),
