@@ -105,7 +105,12 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """The verdict that follows from the rows."""
-        return judge([row.holds for row in self.rows if row.holds is not None])
+        return judge([row.holds for row in self.decisive])
+
+    @property
+    def decisive(self) -> list[Row]:
+        """The rows that are more than information."""
+        return [row for row in self.rows if row.holds is not None]
 
     @property
     def long(self) -> bool:
@@ -115,8 +120,7 @@ class Finding:
     @property
     def key(self) -> str:
         """The numbers of the first row that decides: one that fails, if any does."""
-        decisive = [row for row in self.rows if row.holds is not None]
-        row = next((row for row in decisive if not row.holds), decisive[0])
+        row = next((row for row in self.decisive if not row.holds), self.decisive[0])
         pairs = zip(self.columns, row.cells(), strict=True)
         numbers = ", ".join(f"{column} {cell}" for column, cell in pairs if cell and column != OWN)
         return f"{row.name}: {numbers}"
@@ -124,8 +128,8 @@ class Finding:
     @property
     def decided_by(self) -> str:
         """What decides that the statement holds in part only; empty otherwise."""
-        decisive = [row for row in self.rows if row.holds is not None]
-        held, missed = ([row for row in decisive if bool(row.holds) == h] for h in (True, False))
+        held = [row for row in self.decisive if row.holds]
+        missed = [row for row in self.decisive if not row.holds]
         if not held or not missed:
             return ""
         return f"only by {_names(held)}" if len(held) < len(missed) else f"not by {_names(missed)}"

@@ -45,11 +45,12 @@ class Trace:
 
     def part(self, start: float, stop: float) -> "Trace":
         """Return the samples with start <= t < stop [s], times rounded to the microsecond."""
-        t = np.round(self.t, 6)
-        return self.where((t >= start) & (t < stop))
+        return self.parts((start, stop))
 
-    def where(self, inside: np.ndarray) -> "Trace":
-        """Return the samples for which a column of booleans is true, shape (steps,)."""
+    def parts(self, *spans: tuple[float, float]) -> "Trace":
+        """Return the samples in some spans, which are as in `part`."""
+        t = np.round(self.t, 6)
+        inside = np.logical_or.reduce([(t >= start) & (t < stop) for start, stop in spans])
         cut = {
             name: None if column is None else column[inside]
             for name, column in vars(self).items()

@@ -5,57 +5,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from .. import table1
 from ..loop import TS
 from .data import Data
-from .paper import settings
 from .paper.introduction import LASTING
 from .paper.objective import poles
-from .paper.traps import SAME, Traps
+from .paper.traps import Traps
 from .parts import Part, counts
 from .scenarios import GAINS, TRANSFER_FUNCTION
 from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
-
-ASSETS = Path(__file__).parent / "assets"
+from .templates import environment, findings
 
 NAMES = ("numbers.md", "verdicts.md")
 
 
 def write(folder: Path, data: Data, parts: Sequence[Part], traps: Traps) -> list[Path]:
     """Write both documents to a folder."""
-    environment = Environment(
-        loader=FileSystemLoader(ASSETS),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    environment.filters["md"] = lambda text: text.replace("|", "\\|")
-    context = facts(data, traps) | {
-        "parts": parts,
-        "counts": counts(parts),
-        "statements": sum(counts(parts).values()),
-    }
+    markdown = environment(escaped=False)
+    markdown.filters["md"] = lambda text: text.replace("|", "\\|")
+    found = counts(parts)
+    context = findings(traps) | facts(data)
+    context |= {"parts": parts, "counts": found, "statements": sum(found.values())}
     written = []
     for name in NAMES:
         path = folder / name
-        text = environment.get_template(f"{name}.j2").render(context)
+        text = markdown.get_template(f"{name}.j2").render(context)
         path.write_text(text, encoding="utf-8")
         written.append(path)
     return written
 
 
-def facts(data: Data, traps: Traps) -> dict[str, Any]:
+def facts(data: Data) -> dict[str, Any]:
     """Return the numbers of docs/numbers.md by name."""
     held, difference = data("PID", "step").e[-1], data.loop(TRANSFER_FUNCTION).e[-1]
     return {
-        "corrections": settings.corrections(),
-        "settings": settings.settings(traps.right, traps.named()),
-        "traps": traps.lookups(),
-        "same": SAME,
         "apart": from_print(data.results),
         "fitted": table1.FITTED,
         "ramp": RAMP,

@@ -130,6 +130,11 @@ def energy(column: np.ndarray, ts: float) -> float:
     return float(np.sum(column**2) * ts)
 
 
+def drift(trace: Trace) -> float:
+    """Return the rate at which the network's part of the force changes, without sign [N/s]."""
+    return abs(float((trace.u_n[-1] - trace.u_n[0]) / (trace.t[-1] - trace.t[0])))
+
+
 def falling_share(column: np.ndarray) -> float:
     """Return the share of samples at which the magnitude falls, without rounding residue."""
     size = np.abs(column)

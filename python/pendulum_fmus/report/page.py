@@ -2,24 +2,18 @@
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from . import layout
 from .browser import RESOLUTION, page_json
-from .claims import Verdict
-from .numbers import number
 from .paper.curves import SHOWN
-from .paper.settings import corrections, settings
 from .paper.table import Line
-from .paper.traps import SAME, Traps
+from .paper.traps import Traps
 from .parts import Part, counts
 from .style import STYLES
-
-ASSETS = Path(__file__).parent / "assets"
+from .templates import ASSETS, environment, findings
 
 SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 """The page's scripts, in order."""
@@ -42,15 +36,8 @@ def render(
     parts: Sequence[Part], lines: Sequence[Line], traps: Traps, beyond: Sequence[Part]
 ) -> str:
     """Return the page as HTML."""
-    environment = Environment(
-        loader=FileSystemLoader(ASSETS),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "number": number,
+    html = environment(escaped=True)
+    html.filters |= {
         "capital": lambda text: text[:1].upper() + text[1:],
         "unbroken": layout.unbroken,
         "typeset": layout.typeset,
@@ -58,16 +45,11 @@ def render(
         "in_threes": layout.in_threes,
     }
     figures = [part.figure for part in [*parts, *beyond] if part.figure]
-    return environment.get_template("page.html.j2").render(
+    return html.get_template("page.html.j2").render(
         parts=parts,
         lines=lines,
-        corrections=corrections(),
-        settings=settings(traps.right, traps.named()),
-        traps=traps.lookups(),
         trap_columns=[f"{name}{disturbed}" for disturbed in ("", ", disturbed") for name in SHOWN],
-        same=SAME,
         beyond=beyond,
-        verdicts=list(Verdict),
         counts=counts(parts),
         beside=layout.beside,
         folded=layout.folded,
@@ -77,4 +59,5 @@ def render(
         scripts=SCRIPTS,
         data=script_safe(page_json(figures)),
         resolution=RESOLUTION,
+        **findings(traps),
     )

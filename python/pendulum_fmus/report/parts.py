@@ -4,48 +4,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .claims import Judged, Register, Verdict
-from .figure import Figure
 from .paper.entry import Entry
 
 
 @dataclass(frozen=True)
-class Part:
-    """A section or figure of the paper, or an additional section, as shown on the page.
+class Part(Entry):
+    """A section or figure as shown on the page: an entry with its judged statements.
 
     Parameters
     ----------
-    anchor
-        Target of links.
-    heading, caption, notes
-        Text above and below the figure.
-    figure
-        The figure, if any.
     judged
         The statements with their verdicts.
     """
 
-    anchor: str
-    heading: str
-    caption: str
-    notes: Sequence[str]
-    figure: Figure | None
-    judged: Sequence[Judged]
+    judged: Sequence[Judged] = ()
+
+
+def judged(entry: Entry, register: Register) -> Part:
+    """Judge the statements of an entry."""
+    return Part(**vars(entry), judged=register.judge(entry.claims))
 
 
 def parts_of(entries: Sequence[Entry]) -> list[Part]:
     """Judge the statements of the paper; return its sections and figures."""
     register = Register()
-    return [
-        Part(
-            entry.anchor,
-            entry.heading,
-            entry.caption,
-            entry.notes,
-            entry.figure,
-            register.judge(entry.claims),
-        )
-        for entry in entries
-    ]
+    return [judged(entry, register) for entry in entries]
 
 
 def counts(parts: Sequence[Part]) -> dict[Verdict, int]:

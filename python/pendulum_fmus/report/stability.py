@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -102,17 +102,22 @@ def held_plant(plant: dict[str, float] = NOMINAL) -> tuple[np.ndarray, np.ndarra
     rates = np.zeros((4, 4))  # the last row and column are the constant force
     rates[[0, 2]] = np.linalg.solve(mass, [[-b, 0, 0, 1], [0, m * g * l, 0, 0]])
     rates[1, 2] = 1
-    series = [np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10)]
-    return sum(series)[:3, :3], sum(series)[:3, 3]
+    held = exponential(rates)
+    return held[:3, :3], held[:3, 3]
+
+
+def exponential(rates: np.ndarray) -> np.ndarray:
+    """Return the matrix exponential of slow rates [1/s] over one sample, by its series."""
+    return sum(np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10))
 
 
 def matrix(
     law: Law, samples: int = 0, gain: float = 1.0, plant: dict[str, float] = NOMINAL
 ) -> np.ndarray:
-    """Return the matrix (9 + samples, 9 + samples) of the closed loop.
+    """Return the matrix (8 + samples, 8 + samples) of the closed loop.
 
     The states are v, theta, omega; e, x3, x2 of the previous sample; u_n of this and the previous
-    sample, since only the weights along h learn; theta, and theta of the last samples.
+    sample, since only the weights along h learn; theta of the last samples.
 
     Parameters
     ----------
@@ -175,8 +180,7 @@ def rate_limit(law: Law, samples: int, plant: dict[str, float] = NOMINAL) -> flo
     """Return the learning rate beyond which the loop is unstable; 0 if it always is."""
 
     def stable(eta: float) -> bool:
-        changed = Law(eta, law.leaks, law.previous_sample_terms)
-        return spectral_radius(matrix(changed, samples, plant=plant)) < 1
+        return spectral_radius(matrix(replace(law, eta=eta), samples, plant=plant)) < 1
 
     return last_true(stable, 0.0, 4.0)
 

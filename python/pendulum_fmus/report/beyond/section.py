@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from ..claims import Claim, Finding, Register
 from ..figure import Figure
-from ..parts import Part
+from ..paper.entry import Entry
+from ..parts import Part, judged
 
 
 def statement(says: str, measured: str, finding: Finding) -> Claim:
@@ -16,4 +17,4 @@ def section(
     anchor: str, heading: str, figure: Figure, claims: Sequence[Claim], notes: Sequence[str] = ()
 ) -> Part:
     """Return a section of the page."""
-    return Part(anchor, heading, "", notes, figure, Register().judge(claims))
+    return judged(Entry(anchor, heading, "", figure, claims, notes), Register())

@@ -15,6 +15,11 @@ Values = Mapping[str, float]
 COLUMNS = ("PID", "PID-RBF", "IPID-RBF", OWN)
 """Column headings of the tables; the last is IPID-RBF with its own force as target (29)."""
 
+PID, RBF, IPID = ("PID",), ("PID-RBF",), ("IPID-RBF",)
+NETWORKS = (*RBF, *IPID)
+OTHERS = (*PID, *RBF)
+"""The usual groups of controllers: those with a network, and the others of IPID-RBF."""
+
 SIGNAL_NAMES = {"step": "step", "sine": "sine", "square": "square wave"}
 
 

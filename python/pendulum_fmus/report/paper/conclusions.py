@@ -3,18 +3,33 @@
 import math
 
 from ..claims import Claim, Finding, Row
-from ..data import Data, Trace
-from ..metrics import largest
+from ..data import Data
+from ..metrics import drift
 from ..scenarios import KINDS, SIGNALS
 from ..stability import CENTRES
-from .compare import COLUMNS, better, limited, measured, row, split, variants
+from .compare import (
+    COLUMNS,
+    IPID,
+    NETWORKS,
+    OTHERS,
+    PID,
+    RBF,
+    better,
+    limited,
+    measured,
+    row,
+    split,
+    variants,
+)
 from .entry import Entry
-from .introduction import LASTING, LATE, TRACKED
+from .introduction import LASTING, TRACKED
 from .measures import (
     ADJUSTMENT,
+    AFTER_START,
     EFFORT,
     GROWTH,
     INTERFERENCE,
+    LATE,
     OVERSHOOT,
     ROBUSTNESS,
     SPEED,
@@ -28,20 +43,13 @@ ZERO = 1e-6
 SMALL = 0.005
 """RMS below which an error is small, though not zero [rad]."""
 
-PID, RBF, IPID = ("PID",), ("PID-RBF",), ("IPID-RBF",)
-NETWORKS = ("PID-RBF", "IPID-RBF")
-OTHERS = ("PID", "PID-RBF")
-
 
 def identified(data: Data) -> Claim:
     """Return the statement that learning identifies the plant."""
 
     def finding(ipid: str) -> Finding:
         kinds, errors = variants(NETWORKS, ipid), LATE[0].values(data)
-        slope = {}
-        for kind in KINDS[1:]:
-            late = data(kind, "step").part(15.0, 21.0)
-            slope[kind] = abs(float((late.u_n[-1] - late.u_n[0]) / (late.t[-1] - late.t[0])))
+        slope = {kind: drift(data(kind, "step").part(15.0, 21.0)) for kind in KINDS[1:]}
         return Finding(
             COLUMNS,
             [
@@ -180,11 +188,7 @@ def entry(data: Data) -> Entry:
             data,
             "“and good tracking accuracy”",
             IPID,
-            [
-                (measured("max |e| from 1 s on", "rad", _after_start, "sine"), 0.01),
-                (measured("max |e| from 19 s on", "rad", _late_peak, "step"), 0.01),
-                (measured("max |e| from 19 s on", "rad", _late_peak, "square"), 0.01),
-            ],
+            [(measure, 0.01) for measure in (AFTER_START, LATE[0], LATE[2])],
         ),
         better(
             data,
@@ -207,11 +211,3 @@ def entry(data: Data) -> Entry:
         better(data, "“and anti-interference ability”", INTERFERENCE, IPID, OTHERS),
     ]
     return Entry("conclusions", "Section 5: conclusions", "", None, claims)
-
-
-def _after_start(trace: Trace) -> float:
-    return largest(trace.part(1.0, 21.0).e)
-
-
-def _late_peak(trace: Trace) -> float:
-    return largest(trace.part(19.0, 21.0).e)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..claims import Claim
 from ..data import Data
 from ..figure import Figure
-from .compare import Measure, better
+from .compare import IPID, NETWORKS, OTHERS, PID, Measure, better
 from .curves import Span, error_rows
 from .entry import Entry, numbered
 from .measures import accuracy, adjustment, returns
@@ -20,24 +20,23 @@ def claims(data: Data, signal: str, amplitudes: Sequence[float]) -> list[Claim]:
     """Return the statements of section 4 about the error figures of one signal."""
     errors = [measure for a in amplitudes for measure in accuracy([signal], a)]
     settling = [measure for a in amplitudes for measure in times(signal, a)]
-    rbf, ipid, pid = ["PID-RBF", "IPID-RBF"], ["IPID-RBF"], ["PID"]
     return [
         better(
             data,
             "“the traditional PID control has the worst effect […] and greater error than the other"
             " two control algorithms”",
             errors,
-            rbf,
-            pid,
+            NETWORKS,
+            PID,
         ),
-        better(data, "PID has a “long adjustment time”", settling, rbf, pid),
+        better(data, "PID has a “long adjustment time”", settling, NETWORKS, PID),
         better(
             data,
             "“The IPID-RBF control can reach a stable state in a short time no matter whether there"
             " is no interference or interference.”",
             settling,
-            ipid,
-            ["PID", "PID-RBF"],
+            IPID,
+            OTHERS,
         ),
     ]
 

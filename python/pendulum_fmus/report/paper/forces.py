@@ -11,7 +11,7 @@ from ..metrics import bursts, correlation, largest, rms, tone, variation
 from ..numbers import listing
 from ..scenarios import KINDS
 from ..stability import RAMP, nodes
-from .compare import COLUMNS, Values, better, by_signal, settles
+from .compare import COLUMNS, IPID, OTHERS, Values, better, by_signal, settles
 from .curves import force_rows
 from .entry import Entry, numbered
 from .measures import DISTURBED, returns
@@ -81,8 +81,7 @@ def consistency(traces: Traces, shown: Callable[[Trace], Trace]) -> Finding:
 
 def quiet(trace: Trace) -> Trace:
     """Return what lies outside the jumps at the start and at the disturbance."""
-    t = np.round(trace.t, 6)
-    return trace.where(((t >= 1) & (t < 5)) | (t >= 5.6))
+    return trace.parts((1.0, 5.0), (5.6, 21.0))
 
 
 CONSISTENCY = "u_n and u correlate by more than 0.8; their difference is below 10 % (RMS)"
@@ -372,7 +371,7 @@ def square_disturbed(data: Data) -> list[Claim]:
         settles(
             data,
             "“After 0.5 s, the stability of the system is adjusted to stable tracking signal.”",
-            ["PID", "PID-RBF", "IPID-RBF"],
+            [*OTHERS, *IPID],
             times,
             "each controller settles to each band between the end of the pulse and 10 s",
         ),
@@ -381,8 +380,8 @@ def square_disturbed(data: Data) -> list[Claim]:
             "“Among them, the IPID-RBF control had the least amount of speed to adjust”, read as:"
             " it settles soonest",
             times,
-            ["IPID-RBF"],
-            ["PID", "PID-RBF"],
+            IPID,
+            OTHERS,
         ),
     ]
 

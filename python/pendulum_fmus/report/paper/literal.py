@@ -12,7 +12,7 @@ import numpy as np
 
 from ...loop import FREQUENCY, STEPS, TS
 from ..scenarios import GAINS
-from ..stability import ALPHA, CENTRES, ETA, WIDTH
+from ..stability import ALPHA, CENTRES, ETA, WIDTH, exponential
 from .objective import PRINTED, coefficients
 
 LIMIT = 100.0
@@ -48,8 +48,7 @@ class Plant:
         rates = np.zeros((4, 4))  # the last row and column are the constant force
         rates[:3, :3] = [[0, 1, 0], [0, 0, 1], [d, c, -b]]
         rates[2, 3] = 1
-        series = [np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10)]
-        self.rows = sum(series)[:3].tolist()
+        self.rows = exponential(rates)[:3].tolist()
         self.state = (0.0, 0.0, 0.0)
         self.gain = a
 

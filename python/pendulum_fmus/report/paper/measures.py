@@ -26,6 +26,7 @@ from ..metrics import (
     time_to,
     variation,
 )
+from ..scenarios import SIGNALS
 from ..stability import LAWS, delay_margin, gain_margin, growth, modulus_margin, phase_margin
 from .compare import Measure, measured
 
@@ -52,31 +53,31 @@ def worst(measure: Callable[[Trace], float]) -> Callable[[Trace], float]:
     return lambda trace: float(np.max([measure(part) for part in half_periods(trace)]))
 
 
-def worst_overshoot(trace: Trace) -> float:
-    """Return the largest overshoot after the jumps of a square wave, in percent of the jump."""
-    return worst(lambda part: overshoot(part, JUMP))(trace)
-
-
 def swing(trace: Trace) -> float:
     """Return by how much theta exceeds a sine's amplitude from 1 s on [%]; 0 if it does not."""
     late = trace.part(1.0, 21.0)
     return 100 * max(largest(late.theta) / largest(late.r) - 1, 0.0)
 
 
+def after_pulse(trace: Trace) -> Trace:
+    """Return what follows the beginning of the pulse, up to the next jump."""
+    return trace.part(PULSE[0] + 0.002, 10.0)
+
+
 def peak_after_pulse(trace: Trace) -> float:
     """Return the maximum deviation of theta from the reference from the pulse on [rad]."""
-    after = trace.part(PULSE[0] + 0.002, 10.0)
+    after = after_pulse(trace)
     return largest(after.theta - after.r)
 
 
 def beyond(trace: Trace) -> float:
     """Return the overshoot of theta beyond the set-point -1 between 5 s and 10 s [rad]."""
-    return excess(trace.part(PULSE[0] + 0.002, 10.0))
+    return excess(after_pulse(trace))
 
 
 def displaced(trace: Trace) -> float:
     """Return the integral of |theta - r| from the pulse to 10 s [rad s]."""
-    after = trace.part(PULSE[0] + 0.002, 10.0)
+    after = after_pulse(trace)
     return float(np.sum(np.abs(after.theta - after.r)) * trace.ts)
 
 
@@ -89,6 +90,14 @@ def late_rms(trace: Trace) -> float:
     """Return the root mean square of e from 19 s on [rad]."""
     return rms(trace.part(19.0, 21.0).e)
 
+
+LATE = tuple(
+    measured("max |e| from 19 s on", "rad", lambda t: largest(t.part(19.0, 21.0).e), signal)
+    for signal in SIGNALS
+)
+
+AFTER_START = measured("max |e| from 1 s on", "rad", lambda t: largest(t.part(1.0, 21.0).e), "sine")
+"""The largest error of a sine, without that of its start."""
 
 SPEED = (
     measured("rise time 10 % to 90 %", "s", rise_time),
@@ -122,14 +131,14 @@ ADJUSTMENT = adjustment()
 
 OVERSHOOT = (
     measured("overshoot", "%", overshoot),
-    measured("largest overshoot of a jump", "%", worst_overshoot, "square"),
+    measured(
+        "largest overshoot of a jump", "%", worst(lambda part: overshoot(part, JUMP)), "square"
+    ),
     measured("beyond the amplitude from 1 s on", "%", swing, "sine"),
 )
 
 
-def accuracy(
-    signals: Sequence[str] = ("step", "sine", "square"), amplitude: float = 0.0
-) -> tuple[Measure, ...]:
+def accuracy(signals: Sequence[str] = SIGNALS, amplitude: float = 0.0) -> tuple[Measure, ...]:
     """Return the integrals of the error, and the last one."""
     measures = (
         ("integral of |e|", "rad s", iae),
@@ -180,9 +189,10 @@ def deviations(cases: Sequence[tuple[str, float]] = DISTURBED) -> tuple[Measure,
 INTERFERENCE = (*deviations(), *returns())
 
 EFFORT = (
-    measured("total variation of u", "N", lambda t: variation(t.u)),
-    measured("total variation of u", "N", lambda t: variation(t.u), "sine"),
-    measured("total variation of u", "N", lambda t: variation(t.u), "square"),
+    *(
+        measured("total variation of u", "N", lambda t: variation(t.u), signal)
+        for signal in SIGNALS
+    ),
     measured("∫u² dt", "N² s", lambda t: energy(t.u, t.ts)),
 )
 

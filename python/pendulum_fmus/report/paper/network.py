@@ -7,7 +7,7 @@ import numpy as np
 from ..claims import Claim, Finding, Row
 from ..data import Data, Trace
 from ..figure import Curve, Figure, Panel
-from ..metrics import falling_share, largest
+from ..metrics import drift, falling_share
 from ..numbers import number
 from ..scenarios import KINDS, WEIGHTS
 from ..stability import (
@@ -20,12 +20,10 @@ from ..stability import (
     rate_limit,
     spectral_radius,
 )
-from .compare import COLUMNS, by_signal, row
+from .compare import COLUMNS, NETWORKS, by_signal, row
 from .curves import END, SMALLEST, absolute_errors
 from .entry import Entry
-from .measures import OVERSHOOT, late_rms
-
-NETWORKS = ("PID-RBF", "IPID-RBF")
+from .measures import LATE, OVERSHOOT, late_rms
 
 ZERO = 1e-6
 """An error below this has vanished [rad]."""
@@ -88,11 +86,16 @@ def derivatives(data: Data) -> Claim:
     )
 
 
+def energy_of(trace: Trace) -> np.ndarray:
+    """Return V₁ of section 3.2 [rad²], shape (steps,)."""
+    return np.cumsum(trace.e**2) / 2
+
+
 def lyapunov(data: Data) -> Claim:
     """Return the statement that the Lyapunov function falls."""
 
     def falling(trace: Trace) -> float:
-        return float(np.mean(np.diff(np.cumsum(trace.e**2) / 2) < 0))
+        return float(np.mean(np.diff(energy_of(trace)) < 0))
 
     name = "samples at which V falls"
     rows = by_signal(data, name, "1", falling, lambda v: v["PID-RBF"] == 1, KINDS[1:])
@@ -180,19 +183,14 @@ def convergent(data: Data) -> Claim:
     """Return the statement that the algorithm converges."""
 
     def finding(ipid: str) -> Finding:
-        rows = []
-        moved = {}
-        for kind in KINDS[1:]:
-            late = data(kind, "step").part(19.0, 21.0)
-            moved[kind] = float(abs(late.u_n[-1] - late.u_n[0]) / (late.t[-1] - late.t[0]))
-        error = {kind: largest(data(kind, "step").part(19.0, 21.0).e) for kind in KINDS}
-        rows.append(row("max |e| from 19 s on, step [rad]", error, error["PID-RBF"] < ZERO))
-        rows.append(
-            row("change of h · w from 19 s on, step [N/s]", moved, moved["PID-RBF"] < LITTLE)
-        )
+        moved = {kind: drift(data(kind, "step").part(19.0, 21.0)) for kind in KINDS[1:]}
+        error = LATE[0].values(data)
         return Finding(
             COLUMNS,
-            rows,
+            [
+                row(LATE[0].name, error, error["PID-RBF"] < ZERO),
+                row("change of h · w from 19 s on, step [N/s]", moved, moved["PID-RBF"] < LITTLE),
+            ],
             "The error converges, but the weights do not: they follow the force, which ramps.",
         )
 
@@ -207,10 +205,7 @@ def convergent(data: Data) -> Claim:
 def entries(data: Data) -> list[Entry]:
     """Return section 3.1, without Figure 2, and section 3.2."""
     traces = {kind: data(kind, "step") for kind in NETWORKS}
-    sums_ = [
-        Curve(f"V/{kind}", trace.t, np.cumsum(trace.e**2) / 2, kind)
-        for kind, trace in traces.items()
-    ]
+    sums_ = [Curve(f"V/{kind}", trace.t, energy_of(trace), kind) for kind, trace in traces.items()]
     figure = Figure(
         "lyapunov",
         "The proof of section 3.2",

@@ -6,11 +6,14 @@ from ... import table1
 from ..claims import Claim, Finding
 from ..data import Data, Trace
 from ..figure import Curve, Figure
-from ..metrics import final, half_periods, iae, largest, rms, settling, variation
-from .compare import COLUMNS, better, by_kind, measured, row
+from ..metrics import half_periods, largest, rms
+from .compare import COLUMNS, IPID, NETWORKS, OTHERS, PID, better, by_kind, measured, row
 from .curves import SHOWN, tracking_row, with_zoom
 from .entry import LOST, Entry, numbered
 from .measures import (
+    ADJUSTMENT,
+    AFTER_START,
+    EFFORT,
     GROWTH,
     OVERSHOOT,
     PULSE,
@@ -18,22 +21,16 @@ from .measures import (
     adjustment,
     deviations,
     returns,
-    worst_overshoot,
 )
 
 RING = 0.01
 """Swing beyond the set-point below which a pendulum does not oscillate [rad]."""
 
-RBF = ("PID-RBF", "IPID-RBF")
-PID = ("PID",)
-IPID = ("IPID-RBF",)
-OTHERS = ("PID", "PID-RBF")
-
 
 def square(data: Data) -> list[Claim]:
     """Return the statements of the text about Figure 4."""
     settled = adjustment(["square"])
-    over = measured("largest overshoot of a jump", "%", worst_overshoot, "square")
+    over, effort = OVERSHOOT[1], EFFORT[2]
     changes = measured("largest change of u per sample", "N", roughness, "square")
     return [
         better(
@@ -41,7 +38,7 @@ def square(data: Data) -> list[Claim]:
             "“the amplitude oscillation of the neural network supervision control is smaller than"
             " that of the traditional PID controller”",
             [over],
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
@@ -54,7 +51,7 @@ def square(data: Data) -> list[Claim]:
         better(
             data,
             "“and more gentle”",
-            [over, changes, measured("total variation of u", "N", variation_of_u, "square")],
+            [over, changes, effort],
             IPID,
             OTHERS,
         ),
@@ -63,22 +60,17 @@ def square(data: Data) -> list[Claim]:
             "“PID-RBF and IPID-RBF supervision control have stable speed […] compared with pure PID"
             " control”",
             settled,
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
             data,
             "“and high accuracy compared with pure PID control”",
             accuracy(["square"]),
-            RBF,
+            NETWORKS,
             PID,
         ),
     ]
-
-
-def variation_of_u(trace: Trace) -> float:
-    """Return the total variation of the force [N]."""
-    return variation(trace.u)
 
 
 def roughness(trace: Trace) -> float:
@@ -91,15 +83,15 @@ def roughness(trace: Trace) -> float:
 
 def step(data: Data) -> list[Claim]:
     """Return the statements of the text about Figure 6."""
-    settled = by_kind(data, "step", 0.0, settling)
-    wide = by_kind(data, "step", 0.0, lambda trace: settling(trace, band=0.02))
+    _, wide, close, *_ = ADJUSTMENT
 
     def after(printed: str, kind: str) -> Finding:
+        settled = close.values(data)
         return Finding(
             COLUMNS,
             [
-                row("settling ±0.3 %, step [s]", settled, table1.agrees(settled[kind], printed)),
-                row("settling ±2 %, step [s]", wide),
+                row(close.name, settled, table1.agrees(settled[kind], printed)),
+                row(wide.name, wide.values(data)),
             ],
         )
 
@@ -109,7 +101,7 @@ def step(data: Data) -> list[Claim]:
             "“the amplitude oscillation of the RBF network supervisory control is smaller than that"
             " of the conventional PID control”",
             OVERSHOOT[:1],
-            RBF,
+            NETWORKS,
             PID,
         ),
         Claim(
@@ -142,17 +134,15 @@ def step(data: Data) -> list[Claim]:
 
 def sine(data: Data) -> list[Claim]:
     """Return the statements of the text about Figure 8."""
-    peak = measured("max |e| from 1 s on", "rad", lambda t: largest(t.part(1.0, 21.0).e), "sine")
     late = measured("RMS of e from 10 s on", "rad", lambda t: rms(t.part(10.0, 21.0).e), "sine")
-    area = measured("integral of |e|", "rad s", iae, "sine")
-    last = measured("|e(20 s)|", "rad", final, "sine")
+    area, _, _, last = accuracy(["sine"])
     return [
         better(
             data,
             "“the amplitude oscillation of the RBF network supervision control is smaller than that"
             " of the pure PID”",
-            [peak, OVERSHOOT[2]],
-            RBF,
+            [AFTER_START, OVERSHOOT[2]],
+            NETWORKS,
             PID,
         ),
         better(
@@ -160,22 +150,22 @@ def sine(data: Data) -> list[Claim]:
             "“the effect of the RBF neural network supervision control is better than that of pure"
             " PID control in the time period from 0 s to 20 s”",
             accuracy(["sine"])[:3],
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
             data,
             "“the RBF neural network supervision control has less error and better accuracy than"
             " the pure PID control”",
-            [area, peak, late, last],
-            RBF,
+            [area, AFTER_START, late, last],
+            NETWORKS,
             PID,
         ),
         better(
             data,
             "“It can be clearly observed […] that the IPID-RBF control has the highest coincidence"
             " and the best tracking effect.”",
-            [area, peak, late, last],
+            [area, AFTER_START, late, last],
             IPID,
             OTHERS,
             "By the integral of |e| it is the closest. But its error has higher peaks than that of"
@@ -193,7 +183,7 @@ def step_disturbed(data: Data) -> list[Claim]:
             "“the amplitude oscillation of the RBF network supervision control is smaller than that"
             " of the pure PID control when the disturbance appears”",
             deviations(case),
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
@@ -201,7 +191,7 @@ def step_disturbed(data: Data) -> list[Claim]:
             "“Then, the system can adjust to the stable state quickly after the disturbance"
             " disappears”",
             returns(case),
-            RBF,
+            NETWORKS,
             PID,
         ),
     ]
@@ -236,7 +226,7 @@ def square_disturbed(data: Data) -> list[Claim]:
             "“When the disturbance appears, the amplitude oscillation of RBF network supervision"
             " control is smaller than that of the pure PID.”",
             deviations(cases),
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
@@ -266,7 +256,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
             data,
             "“the deviation of y₁ or y₂ from r is less than that of the pure PID”",
             deviations(cases),
-            RBF,
+            NETWORKS,
             PID,
         ),
         better(
@@ -274,7 +264,7 @@ def sine_disturbed(data: Data) -> list[Claim]:
             "“the curve of RBF neural network supervision control has a higher coincidence with the"
             " given sine signal after the disturbance disappears”",
             [*late, *returns(cases)],
-            RBF,
+            NETWORKS,
             PID,
         ),
     ]

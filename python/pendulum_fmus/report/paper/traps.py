@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from ...loop import Columns, Loop
-from ...table1 import VARIABLES
 from ..native import simulate_all
 from ..numbers import number
-from ..scenarios import SIGNALS
+from ..scenarios import SIGNALS, loops_of
 from ..stability import NOMINAL
 from . import literal
+from .curves import SHOWN
 from .literal import Reading
 from .objective import PRINTED, coefficients
-
-CONTROLLERS = {"Pid": "PID", "PidRbf": "PID-RBF", "IpidRbf": "IPID-RBF"}
 
 AMPLITUDES = (0.0, 1.0)
 """Disturbances of Table 1 [rad]."""
@@ -255,15 +253,15 @@ TRAPS = (
 )
 
 
-def loops_of(trap: Trap) -> dict[Case, tuple[Loop, str]]:
+def changed(trap: Trap) -> dict[Case, tuple[Loop, str]]:
     """Return the loop of each number that a mistake can affect, and the variable to read."""
     found = {}
     for signal in trap.signals:
         for amplitude in AMPLITUDES:
-            pair = Loop("IpidRbf", signal, amplitude, "supervisor")
-            for model, name in CONTROLLERS.items():
-                loop = Loop("Pid", signal, amplitude) if model == "Pid" else pair
-                found[signal, amplitude, name] = (trap.change(loop), VARIABLES[model])
+            loops = loops_of(signal, amplitude)
+            for kind in SHOWN:
+                loop, controller, _ = loops[kind]
+                found[signal, amplitude, kind] = (trap.change(loop), f"{controller}.e")
     return found
 
 
@@ -276,7 +274,7 @@ Errors = dict[Case, float]
 def errors(trap: Trap, results: Mapping[Loop, Columns]) -> Errors:
     """Return the numbers of Table 1 with a mistake [rad]; NaN if the loop diverges."""
     found = {}
-    for case, (loop, variable) in loops_of(trap).items():
+    for case, (loop, variable) in changed(trap).items():
         columns = results[loop]
         found[case] = trap.read(columns[variable], columns["source.r"]) if columns else np.nan
     return found
@@ -298,7 +296,7 @@ class Lookup:
     signal
         The signal.
     right
-        The six numbers without a mistake, of AMPLITUDES times CONTROLLERS.
+        The six numbers without a mistake, of AMPLITUDES times SHOWN.
     rows
         The mistake, and a number or SAME for each of the six; only mistakes that change one.
     """
@@ -355,7 +353,7 @@ def run(fmus: Path, pool: Pool) -> Traps:
         trap: pool.apply_async(read_literally, (trap.reading,)) for trap in TRAPS if trap.reading
     }
     coupled = [trap for trap in (RIGHT, *TRAPS) if not trap.reading]
-    loops = {loop for trap in coupled for loop, _ in loops_of(trap).values()}
+    loops = {loop for trap in coupled for loop, _ in changed(trap).values()}
     results = simulate_all(loops, fmus, pool, only=("e", "r"), last=2, may_diverge=True)
     return Traps(
         errors(RIGHT, results),
