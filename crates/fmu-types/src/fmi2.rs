@@ -35,6 +35,7 @@ pub enum fmi2Status {
 
 /// `fmi2Type`, an integer because the host may pass any value.
 pub type fmi2Type = c_int;
+pub const fmi2ModelExchange: fmi2Type = 0;
 pub const fmi2CoSimulation: fmi2Type = 1;
 
 /// `fmi2StatusKind`, an integer because the host may pass any value.

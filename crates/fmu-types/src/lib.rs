@@ -4,3 +4,4 @@
 #![forbid(unsafe_code)]
 
 pub mod fmi2;
+pub mod fmi3;
