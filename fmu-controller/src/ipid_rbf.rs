@@ -14,12 +14,17 @@ pub struct IpidRbf {
     #[input(unit = "N")]
     u_supervisor: f64,
     #[nested(flatten)]
-    controller: pendulum_control::IpidRbf<4>,
+    controller: pendulum_control::IpidRbf<16>,
 }
 
 impl Simulate for IpidRbf {
     fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
         self.controller.law.network.reset();
+        Ok(())
+    }
+
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        self.controller.law.network.resize();
         Ok(())
     }
 

@@ -11,12 +11,17 @@ pub struct PidRbf {
     #[nested(flatten)]
     signals: Signals,
     #[nested(flatten)]
-    law: pendulum_control::PidRbf<4>,
+    law: pendulum_control::PidRbf<16>,
 }
 
 impl Simulate for PidRbf {
     fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
         self.law.network.reset();
+        Ok(())
+    }
+
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        self.law.network.resize();
         Ok(())
     }
 

@@ -1,26 +1,31 @@
 //! The three models of the pendulum behind one interface.
 
 use fmu_export::prelude::*;
-use pendulum_control::plant::{Force, Linear, Parameters, State, TransferFunction, nonlinear};
+use pendulum_control::plant::{
+    Force, Jacobian, Linear, Parameters, State, TransferFunction, nonlinear,
+};
 use serde::{Deserialize, Serialize};
 
 /// Cart with an inverted pendulum
 #[derive(Model)]
-#[model(tolerance = nonlinear::RELATIVE)]
+#[model(continuous, tolerance = nonlinear::RELATIVE)]
 pub struct Pendulum {
     /// Force on the cart
-    #[input(unit = "N", derivative = self.u_slope)]
+    #[input(unit = "N", derivative = self.u_slope, terminal = "loop.u")]
     u: f64,
     u_slope: f64,
     /// Angle of the pendulum from the upright
     #[output(
+        state,
         unit = "rad",
         initially_from("theta0"),
-        derivative_by(u = self.derivative_by_force().theta)
+        derivative_by(u = self.derivative_by_force().theta),
+        terminal = "loop.y"
     )]
     theta: f64,
     /// Angular velocity of the pendulum
     #[output(
+        state,
         unit = "rad/s",
         initially_from("omega0", "model"),
         derivative_by(u = self.derivative_by_force().omega)
@@ -28,6 +33,7 @@ pub struct Pendulum {
     omega: f64,
     /// Position of the cart
     #[output(
+        state,
         unit = "m",
         initially_from("x0", "model"),
         derivative_by(u = self.derivative_by_force().x)
@@ -35,6 +41,7 @@ pub struct Pendulum {
     x: f64,
     /// Velocity of the cart
     #[output(
+        state,
         unit = "m/s",
         initially_from("v0", "model"),
         derivative_by(u = self.derivative_by_force().v)
@@ -60,7 +67,32 @@ pub struct Pendulum {
     /// Form of the plant
     #[parameter(start = PlantModel::Linear)]
     model: PlantModel,
-    state: State,
+    #[derivative(of = theta, unit = "rad/s", derivative_by(omega = 1.0))]
+    theta_dot: f64,
+    #[derivative(
+        of = omega,
+        unit = "rad/s2",
+        derivative_by(
+            theta = self.jacobian().theta.omega,
+            omega = self.jacobian().omega.omega,
+            v = self.jacobian().v.omega,
+            u = self.jacobian().u.omega
+        )
+    )]
+    omega_dot: f64,
+    #[derivative(of = x, unit = "m/s", derivative_by(v = 1.0))]
+    x_dot: f64,
+    #[derivative(
+        of = v,
+        unit = "m/s2",
+        derivative_by(
+            theta = self.jacobian().theta.v,
+            omega = self.jacobian().omega.v,
+            v = self.jacobian().v.v,
+            u = self.jacobian().u.v
+        )
+    )]
+    v_dot: f64,
     dynamics: Dynamics,
     /// The last step, for the derivatives of its result.
     last: Option<Step>,
@@ -98,7 +130,7 @@ enum Dynamics {
 const MAX_SAMPLES: f64 = 1e8;
 
 impl Simulate for Pendulum {
-    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
         let mut state = State {
             x: self.x0,
             v: self.v0,
@@ -106,6 +138,11 @@ impl Simulate for Pendulum {
             omega: self.omega0,
         };
         self.dynamics = match self.model {
+            PlantModel::TransferFunction if start.is_model_exchange => {
+                return Err(ModelError::refuse(
+                    "model = transfer_function is a difference equation without derivatives; for model exchange, expected linear or nonlinear",
+                ));
+            }
             PlantModel::TransferFunction => {
                 let plant = TransferFunction::new(&self.parameters, self.ts, state);
                 state = State {
@@ -117,14 +154,13 @@ impl Simulate for Pendulum {
             PlantModel::Linear => Dynamics::Linear(Box::new(Linear::new(&self.parameters))),
             PlantModel::Nonlinear => Dynamics::Nonlinear,
         };
-        self.state = state;
-        self.set_outputs();
+        self.set_state(state);
         Ok(())
     }
 
     fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
         let last = Step {
-            from: self.state,
+            from: self.state(),
             u: Force {
                 value: self.u,
                 slope: self.u_slope,
@@ -135,37 +171,78 @@ impl Simulate for Pendulum {
             },
         };
         self.advance(&last)?;
-        self.set_outputs();
         self.last = Some(last);
         Ok(())
     }
 }
 
+impl Continuous for Pendulum {
+    /// With the transfer function, the derivatives are not computed and stay 0.
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        let state = self.state();
+        let derivative = match &self.dynamics {
+            Dynamics::TransferFunction(_) => State::default(),
+            Dynamics::Linear(plant) => plant.derivative(&state, self.u),
+            Dynamics::Nonlinear => nonlinear::derivative(&self.parameters, &state, self.u),
+        };
+        State {
+            x: self.x_dot,
+            v: self.v_dot,
+            theta: self.theta_dot,
+            omega: self.omega_dot,
+        } = derivative;
+        Ok(())
+    }
+}
+
 impl Pendulum {
-    fn set_outputs(&mut self) {
+    #[inline(always)]
+    fn state(&self) -> State {
         State {
             x: self.x,
             v: self.v,
             theta: self.theta,
             omega: self.omega,
-        } = self.state;
+        }
     }
 
-    fn advance(&mut self, &Step { u, step, .. }: &Step) -> Result<(), ModelError> {
+    #[inline(always)]
+    fn set_state(&mut self, state: State) {
+        State {
+            x: self.x,
+            v: self.v,
+            theta: self.theta,
+            omega: self.omega,
+        } = state;
+    }
+
+    #[inline(always)]
+    fn advance(&mut self, &Step { from, u, step }: &Step) -> Result<(), ModelError> {
+        let mut state = from;
         match &mut self.dynamics {
             Dynamics::TransferFunction(plant) => {
                 for k in 0..whole_samples(step, self.ts)? {
                     let held = u.value + u.slope * f64::from(k) * self.ts;
-                    self.state.theta = plant.advance(held);
+                    state.theta = plant.advance(held);
                 }
             }
-            Dynamics::Linear(plant) => plant.advance(&mut self.state, u, step),
+            Dynamics::Linear(plant) => plant.advance(&mut state, u, step),
             Dynamics::Nonlinear => {
-                nonlinear::advance(&self.parameters, &mut self.state, u, step)
+                nonlinear::advance(&self.parameters, &mut state, u, step)
                     .map_err(|failure| self.too_fast(failure))?;
             }
         }
+        self.set_state(state);
         Ok(())
+    }
+
+    /// The derivatives of the state's derivative.
+    fn jacobian(&self) -> Jacobian {
+        match &self.dynamics {
+            Dynamics::TransferFunction(_) => Jacobian::default(),
+            Dynamics::Linear(plant) => plant.jacobian(),
+            Dynamics::Nonlinear => nonlinear::jacobian(&self.parameters, &self.state(), self.u),
+        }
     }
 
     /// Reports a motion that is too fast, with the values at the start of the step.

@@ -7,13 +7,18 @@ use pendulum_control::signal;
 #[derive(Model)]
 pub struct Source {
     /// Set-point of the angle
-    #[output(unit = "rad", initially_from("signal", "amplitude", "frequency"))]
+    #[output(
+        unit = "rad",
+        initially_from("signal", "amplitude", "frequency"),
+        terminal = "reference.r"
+    )]
     r: f64,
     /// Disturbance of the measured angle
     #[output(
         unit = "rad",
         discrete,
-        initially_from("disturbance.amplitude", "disturbance.start", "disturbance.duration")
+        initially_from("disturbance.amplitude", "disturbance.start", "disturbance.duration"),
+        terminal = "reference.d"
     )]
     d: f64,
     /// Form of the set-point

@@ -3,13 +3,13 @@
 //! without running it.
 
 use crate::guid::{LENGTH, checksum, guid};
-use crate::table::{Domain, Scalar, Variable};
+use crate::table::{Domain, Dynamics, Scalar, Variable};
 use crate::{Interface, StartValue};
 
 /// The first bytes of a copy.
 const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format; increase it when the format changes.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 4;
 /// Size of the checksum at the end.
 const CHECKSUM: usize = size_of::<u128>();
 
@@ -71,9 +71,18 @@ impl<const N: usize> Writer<N> {
         self.bytes(&value.to_bits().to_le_bytes());
     }
 
+    const fn integer(&mut self, value: i128) {
+        self.bytes(&value.to_le_bytes());
+    }
+
     const fn text(&mut self, text: &str) {
-        self.number(text.len() as u32);
-        self.bytes(text.as_bytes());
+        self.block(text.as_bytes());
+    }
+
+    /// Bytes and their number.
+    const fn block(&mut self, bytes: &[u8]) {
+        self.number(bytes.len() as u32);
+        self.bytes(bytes);
     }
 
     const fn interface(&mut self, interface: &Interface) {
@@ -83,6 +92,7 @@ impl<const N: usize> Writer<N> {
         let guid: [u8; LENGTH] = if N > 0 { guid(interface) } else { [0; LENGTH] };
         self.bytes(&guid);
         self.byte(interface.is_sampled as u8);
+        self.byte(interface.is_continuous as u8);
         self.real(interface.default_experiment.0);
         self.real(interface.default_experiment.1);
         self.real(interface.tolerance);
@@ -100,7 +110,8 @@ impl<const N: usize> Writer<N> {
             self.number(reference as u32);
             match value {
                 StartValue::Real(value) => self.real(value),
-                StartValue::Integer(value) => self.number(value as u32),
+                StartValue::Integer(value) => self.integer(value),
+                StartValue::Binary(value) => self.text(value.0),
                 StartValue::Boolean(value) => self.byte(value as u8),
                 StartValue::String(value) => self.text(value),
             }
@@ -116,10 +127,13 @@ impl<const N: usize> Writer<N> {
             causality,
             variability,
             dimensions,
+            size: _,
             domain,
             initially_from,
+            dynamics,
+            depends_on,
             has_input_derivative,
-            has_directional_derivatives,
+            terminal,
         } = scalar.variable;
         let mut i = 0;
         while i < scalar.prefixes.len() {
@@ -131,20 +145,45 @@ impl<const N: usize> Writer<N> {
         self.byte(*causality as u8);
         self.byte(*variability as u8);
         self.byte(*has_input_derivative as u8);
-        self.byte(*has_directional_derivatives as u8);
+        match dynamics {
+            Dynamics::Algebraic => self.byte(0),
+            Dynamics::State { nominal } => {
+                self.byte(1);
+                self.real(*nominal);
+            }
+            Dynamics::Derivative { of } => {
+                self.byte(2);
+                self.number(scalar.position(of, scalars) as u32);
+            }
+            Dynamics::EventIndicator => self.byte(3),
+        }
         self.number(dimensions.len() as u32);
         let mut i = 0;
         while i < dimensions.len() {
             self.number(dimensions[i] as u32);
             i += 1;
         }
-        self.number(initially_from.len() as u32);
+        match scalar.size(scalars) {
+            Some(size) => {
+                self.byte(1);
+                self.number(size as u32);
+            }
+            None => self.byte(0),
+        }
+        self.references(scalar, initially_from, scalars);
+        self.references(scalar, depends_on, scalars);
+        self.text(terminal);
+        self.domain(domain);
+    }
+
+    /// The value references of variables in the same group as the scalar.
+    const fn references(&mut self, scalar: &Scalar, names: &[&str], scalars: &[Scalar]) {
+        self.number(names.len() as u32);
         let mut i = 0;
-        while i < initially_from.len() {
-            self.number(scalar.dependency(i, scalars) as u32);
+        while i < names.len() {
+            self.number(scalar.position(names[i], scalars) as u32);
             i += 1;
         }
-        self.domain(domain);
     }
 
     const fn domain(&mut self, domain: &Domain) {
@@ -156,21 +195,28 @@ impl<const N: usize> Writer<N> {
                 unit,
             } => {
                 self.byte(0);
+                self.byte(start.are_single() as u8);
                 self.real(*min);
                 self.real(*max);
                 self.text(unit);
                 self.number(start.len() as u32);
                 let mut i = 0;
                 while i < start.len() {
-                    self.real(start[i]);
+                    self.real(start.get(i));
                     i += 1;
                 }
             }
             Domain::Integer { start, min, max } => {
                 self.byte(1);
-                self.number(*min as u32);
-                self.number(*max as u32);
-                self.integers(start);
+                self.byte(start.kind() as u8);
+                self.integer(*min);
+                self.integer(*max);
+                self.number(start.len() as u32);
+                let mut i = 0;
+                while i < start.len() {
+                    self.integer(start.get(i));
+                    i += 1;
+                }
             }
             Domain::Boolean { start } => {
                 self.byte(2);
@@ -202,17 +248,23 @@ impl<const N: usize> Writer<N> {
                     self.text(items.items[i].description);
                     i += 1;
                 }
-                self.integers(start);
+                self.number(start.len() as u32);
+                let mut i = 0;
+                while i < start.len() {
+                    self.number(start[i] as u32);
+                    i += 1;
+                }
             }
-        }
-    }
-
-    const fn integers(&mut self, numbers: &[i32]) {
-        self.number(numbers.len() as u32);
-        let mut i = 0;
-        while i < numbers.len() {
-            self.number(numbers[i] as u32);
-            i += 1;
+            Domain::Binary { start, mime_type } => {
+                self.byte(5);
+                self.text(mime_type);
+                self.number(start.len() as u32);
+                let mut i = 0;
+                while i < start.len() {
+                    self.block(start[i]);
+                    i += 1;
+                }
+            }
         }
     }
 }
@@ -224,10 +276,10 @@ pub use read::read;
 mod read {
     use anyhow::{Context, Result, bail, ensure};
 
-    use super::{CHECKSUM, LENGTH, MAGIC, VERSION, checksum};
+    use super::{CHECKSUM, Dynamics, LENGTH, MAGIC, VERSION, checksum};
     use crate::describe::{Description, Type, VariableDescription};
-    use crate::table::MAX_DEPTH;
-    use crate::{Causality, Variability};
+    use crate::table::{MAX_DEPTH, joined};
+    use crate::{Causality, Hexadecimal, IntegerKind, Variability};
 
     /// Reads the interfaces of all models in a binary, without duplicates: a universal binary has
     /// several copies of each.
@@ -240,7 +292,7 @@ mod read {
         while let Some(at) = find(rest) {
             let copy = &rest[at..];
             let mut reader = Reader(&copy[MAGIC.len()..]);
-            let version = reader.integer()? as u32;
+            let version = reader.item()? as u32;
             ensure!(
                 version == VERSION,
                 "the library was built with another version of fmu-export: its format is {version}, expected {VERSION}"
@@ -304,11 +356,16 @@ mod read {
         }
 
         fn number(&mut self) -> Result<usize> {
-            Ok(self.integer()? as u32 as usize)
+            Ok(self.item()? as u32 as usize)
         }
 
-        fn integer(&mut self) -> Result<i32> {
+        /// The number of an item of an enumeration.
+        fn item(&mut self) -> Result<i32> {
             Ok(i32::from_le_bytes(self.bytes(4)?.try_into()?))
+        }
+
+        fn integer(&mut self) -> Result<i128> {
+            Ok(i128::from_le_bytes(self.bytes(16)?.try_into()?))
         }
 
         fn real(&mut self) -> Result<f64> {
@@ -316,8 +373,12 @@ mod read {
         }
 
         fn text(&mut self) -> Result<String> {
+            Ok(String::from_utf8(self.block()?)?)
+        }
+
+        fn block(&mut self) -> Result<Vec<u8>> {
             let length = self.number()?;
-            Ok(String::from_utf8(self.bytes(length)?.to_vec())?)
+            Ok(self.bytes(length)?.to_vec())
         }
 
         fn list<T>(&mut self, mut item: impl FnMut(&mut Self) -> Result<T>) -> Result<Vec<T>> {
@@ -330,6 +391,7 @@ mod read {
                 description: self.text()?,
                 guid: String::from_utf8(self.bytes(LENGTH)?.to_vec())?,
                 is_sampled: self.flag()?,
+                is_continuous: self.flag()?,
                 default_experiment: (self.real()?, self.real()?),
                 tolerance: self.real()?,
                 variables: Vec::new(),
@@ -356,11 +418,10 @@ mod read {
         }
 
         fn variable(&mut self, is_sampled: bool) -> Result<VariableDescription> {
-            let mut parts = Vec::new();
-            for _ in 0..=MAX_DEPTH {
-                parts.push(self.text()?);
-            }
-            parts.retain(|part| !part.is_empty());
+            let prefixes = (0..MAX_DEPTH)
+                .map(|_| self.text())
+                .collect::<Result<Vec<_>>>()?;
+            let name = joined(&prefixes, &self.text()?);
             let description = self.text()?;
             let causality = *Causality::ALL
                 .get(usize::from(self.byte()?))
@@ -372,7 +433,7 @@ mod read {
                 && variability == Variability::Continuous
                 && matches!(causality, Causality::Output | Causality::Local);
             Ok(VariableDescription {
-                name: parts.join("."),
+                name,
                 description,
                 causality,
                 variability: match is_discrete {
@@ -380,22 +441,41 @@ mod read {
                     false => variability,
                 },
                 has_input_derivative: self.flag()?,
-                has_directional_derivatives: self.flag()?,
+                dynamics: self.dynamics()?,
                 dimensions: self.list(Self::number)?,
+                size: self.flag()?.then(|| self.number()).transpose()?,
                 initially_from: self.list(Self::number)?,
+                depends_on: self.list(Self::number)?,
+                terminal: self.text()?,
                 of_type: self.of_type()?,
+            })
+        }
+
+        fn dynamics(&mut self) -> Result<Dynamics<usize>> {
+            Ok(match self.byte()? {
+                0 => Dynamics::Algebraic,
+                1 => Dynamics::State {
+                    nominal: self.real()?,
+                },
+                2 => Dynamics::Derivative { of: self.number()? },
+                3 => Dynamics::EventIndicator,
+                unknown => bail!("unknown dynamics {unknown}"),
             })
         }
 
         fn of_type(&mut self) -> Result<Type> {
             Ok(match self.byte()? {
                 0 => Type::Real {
+                    single: self.flag()?,
                     min: self.real()?,
                     max: self.real()?,
                     unit: self.text()?,
                     start: self.list(Self::real)?,
                 },
                 1 => Type::Integer {
+                    kind: *IntegerKind::ALL
+                        .get(usize::from(self.byte()?))
+                        .context("unknown integer type")?,
                     min: self.integer()?,
                     max: self.integer()?,
                     start: self.list(Self::integer)?,
@@ -410,8 +490,12 @@ mod read {
                     name: self.text()?,
                     description: self.text()?,
                     items: self
-                        .list(|reader| Ok((reader.integer()?, reader.text()?, reader.text()?)))?,
-                    start: self.list(Self::integer)?,
+                        .list(|reader| Ok((reader.item()?, reader.text()?, reader.text()?)))?,
+                    start: self.list(Self::item)?,
+                },
+                5 => Type::Binary {
+                    mime_type: self.text()?,
+                    start: self.list(Self::block)?,
                 },
                 unknown => bail!("unknown type {unknown}"),
             })
@@ -424,8 +508,16 @@ mod read {
                 Type::Real { start, .. } => {
                     *start.get_mut(element).context(MISSING)? = self.real()?;
                 }
-                Type::Integer { start, .. } | Type::Enumeration { start, .. } => {
+                Type::Integer { start, .. } => {
                     *start.get_mut(element).context(MISSING)? = self.integer()?;
+                }
+                Type::Enumeration { start, .. } => {
+                    *start.get_mut(element).context(MISSING)? = self.integer()?.try_into()?;
+                }
+                Type::Binary { start, .. } => {
+                    let text = self.text()?;
+                    let digits = Hexadecimal::parse(&text).context("invalid digits")?;
+                    *start.get_mut(element).context(MISSING)? = digits.bytes().collect();
                 }
                 Type::Boolean { start } => {
                     *start.get_mut(element).context(MISSING)? = self.flag()?;

@@ -1,6 +1,6 @@
 //! The identity of an interface, computed at compile time.
 
-use crate::{Domain, Interface, Scalar, StartValue};
+use crate::{Domain, Dynamics, Interface, Scalar, StartValue};
 
 /// Length of a GUID as text, including the braces.
 pub const LENGTH: usize = 38;
@@ -11,7 +11,8 @@ pub const LENGTH: usize = 38;
 pub const fn guid(interface: &Interface) -> [u8; LENGTH] {
     let mut hash = Hash::new()
         .text(interface.name)
-        .byte(interface.is_sampled as u8);
+        .byte(interface.is_sampled as u8)
+        .byte(interface.is_continuous as u8);
     let mut i = 0;
     while i < interface.scalars.len() {
         hash = hash.scalar(&interface.scalars[i]);
@@ -23,6 +24,7 @@ pub const fn guid(interface: &Interface) -> [u8; LENGTH] {
         hash = match value {
             StartValue::Real(value) => hash.number(value.to_bits()),
             StartValue::Integer(value) => hash.number(value as u64),
+            StartValue::Binary(value) => hash.text(value.0),
             StartValue::Boolean(value) => hash.byte(value as u8),
             StartValue::String(value) => hash.text(value),
         };
@@ -96,6 +98,13 @@ impl Hash {
             self = self.number(variable.dimensions[i] as u64);
             i += 1;
         }
+        self = self.text(variable.size);
+        self = match variable.dynamics {
+            Dynamics::Algebraic => self.byte(0),
+            Dynamics::State { .. } => self.byte(1),
+            Dynamics::Derivative { of } => self.byte(2).text(of),
+            Dynamics::EventIndicator => self.byte(3),
+        };
         self.domain(&variable.domain)
     }
 
@@ -109,21 +118,30 @@ impl Hash {
             } => {
                 let mut hash = self
                     .byte(0)
+                    .byte(start.are_single() as u8)
                     .text(unit)
                     .number(min.to_bits())
                     .number(max.to_bits());
                 let mut i = 0;
                 while i < start.len() {
-                    hash = hash.number(start[i].to_bits());
+                    hash = hash.number(start.get(i).to_bits());
                     i += 1;
                 }
                 hash
             }
-            Domain::Integer { start, min, max } => self
-                .byte(1)
-                .number(*min as u64)
-                .number(*max as u64)
-                .integers(start),
+            Domain::Integer { start, min, max } => {
+                let mut hash = self
+                    .byte(1)
+                    .byte(start.kind() as u8)
+                    .number(*min as u64)
+                    .number(*max as u64);
+                let mut i = 0;
+                while i < start.len() {
+                    hash = hash.number(start.get(i) as u64);
+                    i += 1;
+                }
+                hash
+            }
             Domain::Boolean { start } => {
                 let mut hash = self.byte(2);
                 let mut i = 0;
@@ -142,8 +160,22 @@ impl Hash {
                 }
                 hash
             }
+            Domain::Binary { start, mime_type } => {
+                let mut hash = self.byte(5).text(mime_type);
+                let mut i = 0;
+                while i < start.len() {
+                    hash = hash.number(start[i].len() as u64).bytes(start[i]);
+                    i += 1;
+                }
+                hash
+            }
             Domain::Enumeration { start, items } => {
-                let mut hash = self.byte(3).text(items.name).integers(start);
+                let mut hash = self.byte(3).text(items.name);
+                let mut i = 0;
+                while i < start.len() {
+                    hash = hash.number(start[i] as u64);
+                    i += 1;
+                }
                 let mut i = 0;
                 while i < items.items.len() {
                     hash = hash
@@ -154,15 +186,6 @@ impl Hash {
                 hash
             }
         }
-    }
-
-    const fn integers(mut self, numbers: &[i32]) -> Self {
-        let mut i = 0;
-        while i < numbers.len() {
-            self = self.number(numbers[i] as u64);
-            i += 1;
-        }
-        self
     }
 }
 
@@ -189,7 +212,7 @@ const fn format(hash: u128) -> [u8; LENGTH] {
 mod tests {
     use super::*;
     use crate::table::scalars;
-    use crate::{Causality, Overrides, Row, Variability, Variable};
+    use crate::{Causality, Overrides, Reals, Row, Variability, Variable};
 
     fn k(start: &'static [f64]) -> Variable {
         Variable {
@@ -199,15 +222,18 @@ mod tests {
             causality: Causality::Parameter,
             variability: Variability::Tunable,
             dimensions: &[],
+            size: "",
             domain: Domain::Real {
-                start,
+                start: Reals::Float64(start),
                 min: f64::NEG_INFINITY,
                 max: f64::INFINITY,
                 unit: "1",
             },
             initially_from: &[],
+            dynamics: Dynamics::Algebraic,
+            depends_on: &[],
             has_input_derivative: false,
-            has_directional_derivatives: false,
+            terminal: "",
         }
     }
 
@@ -217,6 +243,7 @@ mod tests {
             name,
             description: "amplifier",
             is_sampled: false,
+            is_continuous: false,
             default_experiment: (1.0, 0.1),
             tolerance: 0.0,
             scalars: match rows.len() {
@@ -267,7 +294,7 @@ mod tests {
         assert_eq!(text(&model), text(&interface("Model", &[described])));
         let bounded = Variable {
             domain: Domain::Real {
-                start: &[1.0],
+                start: Reals::Float64(&[1.0]),
                 min: 0.0,
                 max: f64::INFINITY,
                 unit: "1",

@@ -11,6 +11,8 @@ pub struct Interface {
     pub description: &'static str,
     /// Whether it has a sample time; its outputs then change at sample instants only.
     pub is_sampled: bool,
+    /// Whether it is described by differential or algebraic equations, which a host can solve.
+    pub is_continuous: bool,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
@@ -26,17 +28,41 @@ pub struct Interface {
 pub enum StartValue<'a> {
     /// Of a Real.
     Real(f64),
-    /// Of an Integer, or the number of an item of an enumeration.
-    Integer(i32),
+    /// Of a whole number, or the number of an item of an enumeration.
+    Integer(i128),
     /// Of a Boolean.
     Boolean(bool),
     /// Of a String.
     String(&'a str),
+    /// Of a Binary.
+    Binary(Hexadecimal<'a>),
+}
+
+/// Bytes as hexadecimal digits, two for each byte.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hexadecimal<'a>(pub(crate) &'a str);
+
+impl<'a> Hexadecimal<'a> {
+    /// Checks the digits.
+    pub fn parse(digits: &'a str) -> Option<Self> {
+        let is_valid =
+            digits.len().is_multiple_of(2) && digits.bytes().all(|c| c.is_ascii_hexdigit());
+        is_valid.then_some(Self(digits))
+    }
+
+    /// The bytes.
+    pub fn bytes(self) -> impl Iterator<Item = u8> + 'a {
+        let digit = |c: u8| char::from(c).to_digit(16).unwrap_or_default() as u8;
+        let (pairs, _) = self.0.as_bytes().as_chunks();
+        pairs
+            .iter()
+            .map(move |[high, low]| digit(*high) << 4 | digit(*low))
+    }
 }
 
 /// Start values by value reference, in the text that the exporter passes to the compiler: for each,
-/// `REFERENCE:TYPE LENGTH:VALUE` without spaces, where the type is `r`, `i`, `b` or `s`, and the value
-/// of a Real is written as 16 hexadecimal digits, its bits.
+/// `REFERENCE:TYPE LENGTH:VALUE` without spaces, where the type is `r`, `i`, `b`, `s` or `x`, and the
+/// value of a Real is written as 16 hexadecimal digits, its bits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overrides(&'static str);
 
@@ -66,7 +92,8 @@ impl Overrides {
         let (value, rest) = rest.split_at(number(length) as usize);
         let value = match kind.as_bytes()[0] {
             b'r' => StartValue::Real(f64::from_bits(hexadecimal(value))),
-            b'i' => StartValue::Integer(number(value) as i32),
+            b'i' => StartValue::Integer(number(value)),
+            b'x' => StartValue::Binary(Hexadecimal(value)),
             b'b' => StartValue::Boolean(number(value) == 1),
             _ => StartValue::String(value),
         };
@@ -84,6 +111,7 @@ pub fn variant(base: &str, name: &str, overrides: &[(usize, StartValue<'_>)]) ->
                 StartValue::Integer(value) => ('i', value.to_string()),
                 StartValue::Boolean(value) => ('b', u8::from(*value).to_string()),
                 StartValue::String(value) => ('s', (*value).to_owned()),
+                StartValue::Binary(value) => ('x', value.0.to_owned()),
             };
             format!("{reference}:{kind}{}:{text}", text.len())
         })
@@ -104,8 +132,8 @@ const fn split(text: &'static str, at: u8) -> (&'static str, &'static str) {
     }
 }
 
-const fn number(text: &str) -> i64 {
-    match i64::from_str_radix(text, 10) {
+const fn number(text: &str) -> i128 {
+    match i128::from_str_radix(text, 10) {
         Ok(number) => number,
         Err(_) => panic!("the overrides of a variant are damaged"),
     }
@@ -144,6 +172,11 @@ mod tests {
             (8, StartValue::Boolean(true)),
             (9, StartValue::String("a:b;c=\u{e9}")),
             (10, StartValue::String("")),
+            (11, StartValue::Integer(u64::MAX.into())),
+            (
+                12,
+                StartValue::Binary(Hexadecimal::parse("00fF7e").unwrap()),
+            ),
         ];
         let text: &'static str = Box::leak(variant("Pid", "Fast", &overrides).into_boxed_str());
         assert!(Overrides::of("Pi", text).is_none());
@@ -155,5 +188,14 @@ mod tests {
             rest = others;
         }
         assert_eq!(rest.next(), None);
+    }
+
+    #[test]
+    fn hexadecimal_digits_are_bytes() {
+        let bytes = Hexadecimal::parse("00fF7e").unwrap().bytes();
+        assert_eq!(bytes.collect::<Vec<_>>(), [0x00, 0xff, 0x7e]);
+        for bad in ["f", "0g", "+1", "\u{e9}"] {
+            assert_eq!(Hexadecimal::parse(bad), None);
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! The simple types of the XML schema: syntax of attribute values in a model description.
 
+use std::str::FromStr;
+
 /// A simple type.
 #[derive(Debug, Clone, Copy)]
 pub enum Form {
@@ -82,6 +84,11 @@ pub fn real(text: &str) -> Option<f64> {
 
 /// Parses an `xs:int`.
 pub fn integer(text: &str) -> Option<i32> {
+    whole(text)
+}
+
+/// Parses a whole number of any of the types.
+pub fn whole<T: FromStr>(text: &str) -> Option<T> {
     trim(text).parse().ok()
 }
 

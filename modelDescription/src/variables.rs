@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::StartValue;
-use crate::table::{Enumeration, Row, count};
+use crate::table::{Domain, Enumeration, Integers, Reals, Row, count};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
 ///
@@ -13,7 +13,8 @@ use crate::table::{Enumeration, Row, count};
 ///
 /// # Safety
 /// The offsets in the table are those of the fields: the derive macros take them from the compiler.
-/// A field of a variable of type Real is an `f64`, or an array of them, at its offset.
+/// A field of a variable whose [`Reals`] are `Float64` is an `f64`, or an array of them, at its offset;
+/// that of a structural parameter is a `u64`.
 #[allow(
     unsafe_code,
     reason = "a promise of the derive macros; it has no unsafe functions"
@@ -34,7 +35,7 @@ pub unsafe trait Variables: Sized {
     /// Sets all variables that have start values to them.
     fn set_start_values(&mut self);
 
-    /// Copies the variables that the host may set: inputs and parameters.
+    /// Copies the variables that the host may set: inputs, parameters and structural parameters.
     fn copy_settable(&mut self, from: &Self);
 
     /// The variable with the given number.
@@ -46,9 +47,9 @@ pub unsafe trait Variables: Sized {
     /// The time derivative of an input, if the host may set it.
     fn input_derivative(&mut self, index: usize) -> Option<&mut f64>;
 
-    /// The derivative of an output's current value with respect to an input, which was held over the
-    /// last step.
-    fn directional_derivative(&self, output: usize, input: usize) -> f64;
+    /// The derivative of a variable with respect to an input or a state. That of an output with respect
+    /// to an input of a model that takes steps: the input was held over the last step.
+    fn directional_derivative(&self, unknown: usize, known: usize) -> f64;
 
     /// A copy of all fields.
     fn copy(&self) -> Self;
@@ -69,7 +70,7 @@ pub unsafe trait Variables: Sized {
 /// An enum whose variants are the items of an enumeration, implemented by `#[derive(Choice)]`.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a type of an FMI variable",
-    label = "expected f64, i32, bool, String, an enum with #[derive(Choice)], or an array such as [f64; 3]",
+    label = "expected f64, f32, i8 to i64, u8 to u64, bool, String, Vec<u8>, an enum with #[derive(Choice)], or an array such as [f64; 3]",
     note = "a type alias is not recognized; write the type itself"
 )]
 pub trait Choice: Copy + 'static {
@@ -172,16 +173,71 @@ impl<C: Choice> AnyChoice for C {
     }
 }
 
+/// A type of variables, except enumerations.
+#[doc(hidden)]
+pub trait Element: Sized {
+    /// Sets the elements of a variable to its start values, if it has any.
+    fn set_start_values(elements: &mut [Self], row: &'static Row);
+
+    /// Access to an element.
+    fn access(&mut self) -> ValueMut<'_>;
+}
+
+/// Implements [`Element`]: the access, and the start values.
+macro_rules! elements {
+    ($($access:ident($ty:ty) in $domain:pat => $start:ident;)*) => {
+        $(
+            impl Element for $ty {
+                fn set_start_values(elements: &mut [Self], row: &'static Row) {
+                    if let Row::Variable(variable) = row && let $domain = variable.domain {
+                        for (element, start) in elements.iter_mut().zip($start) {
+                            *element = Self::from(*start);
+                        }
+                    }
+                }
+
+                #[inline]
+                fn access(&mut self) -> ValueMut<'_> {
+                    ValueMut::$access(self)
+                }
+            }
+        )*
+    };
+}
+
+elements! {
+    Real(f64) in Domain::Real { start: Reals::Float64(start), .. } => start;
+    Float32(f32) in Domain::Real { start: Reals::Float32(start), .. } => start;
+    Int8(i8) in Domain::Integer { start: Integers::Int8(start), .. } => start;
+    UInt8(u8) in Domain::Integer { start: Integers::UInt8(start), .. } => start;
+    Int16(i16) in Domain::Integer { start: Integers::Int16(start), .. } => start;
+    UInt16(u16) in Domain::Integer { start: Integers::UInt16(start), .. } => start;
+    Int32(i32) in Domain::Integer { start: Integers::Int32(start), .. } => start;
+    UInt32(u32) in Domain::Integer { start: Integers::UInt32(start), .. } => start;
+    Int64(i64) in Domain::Integer { start: Integers::Int64(start), .. } => start;
+    UInt64(u64) in Domain::Integer { start: Integers::UInt64(start), .. } => start;
+    Boolean(bool) in Domain::Boolean { start } => start;
+    String(String) in Domain::String { start } => start;
+    Binary(Vec<u8>) in Domain::Binary { start, .. } => start;
+}
+
 /// Mutable access to a scalar variable.
+#[allow(missing_docs, reason = "the types of FMI 3.0")]
 pub enum ValueMut<'a> {
-    /// A Real.
+    /// A Real, of type Float64.
     Real(&'a mut f64),
-    /// An Integer.
-    Integer(&'a mut i32),
-    /// A Boolean.
+    Float32(&'a mut f32),
+    Int8(&'a mut i8),
+    UInt8(&'a mut u8),
+    Int16(&'a mut i16),
+    UInt16(&'a mut u16),
+    Int32(&'a mut i32),
+    UInt32(&'a mut u32),
+    Int64(&'a mut i64),
+    UInt64(&'a mut u64),
     Boolean(&'a mut bool),
-    /// A String.
     String(&'a mut String),
+    Binary(&'a mut Vec<u8>),
     /// An item of an enumeration.
     Choice(&'a mut dyn AnyChoice),
 }
@@ -189,14 +245,16 @@ pub enum ValueMut<'a> {
 /// The value of a scalar variable.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// A Real.
+    /// A real number.
     Real(f64),
-    /// An Integer, or the number of an item of an enumeration.
-    Integer(i32),
+    /// A whole number, or the number of an item of an enumeration.
+    Integer(i128),
     /// A Boolean.
     Boolean(bool),
     /// A String.
     String(String),
+    /// Bytes.
+    Binary(Vec<u8>),
 }
 
 impl From<StartValue<'_>> for Value {
@@ -206,6 +264,7 @@ impl From<StartValue<'_>> for Value {
             StartValue::Integer(value) => Self::Integer(value),
             StartValue::Boolean(value) => Self::Boolean(value),
             StartValue::String(value) => Self::String(value.to_owned()),
+            StartValue::Binary(hexadecimal) => Self::Binary(hexadecimal.bytes().collect()),
         }
     }
 }
@@ -215,24 +274,62 @@ impl ValueMut<'_> {
     pub fn get(&self) -> Value {
         match self {
             Self::Real(value) => Value::Real(**value),
-            Self::Integer(value) => Value::Integer(**value),
+            Self::Float32(value) => Value::Real(f64::from(**value)),
+            Self::Int8(value) => Value::Integer((**value).into()),
+            Self::UInt8(value) => Value::Integer((**value).into()),
+            Self::Int16(value) => Value::Integer((**value).into()),
+            Self::UInt16(value) => Value::Integer((**value).into()),
+            Self::Int32(value) => Value::Integer((**value).into()),
+            Self::UInt32(value) => Value::Integer((**value).into()),
+            Self::Int64(value) => Value::Integer((**value).into()),
+            Self::UInt64(value) => Value::Integer((**value).into()),
             Self::Boolean(value) => Value::Boolean(**value),
             Self::String(value) => Value::String((*value).clone()),
-            Self::Choice(choice) => Value::Integer(choice.get()),
+            Self::Binary(value) => Value::Binary((*value).clone()),
+            Self::Choice(choice) => Value::Integer(choice.get().into()),
         }
     }
 
-    /// Sets the value; false if it has another type or is not an item.
+    /// Sets the value; false if it has another type, is beyond the range of the type, or is not an item.
+    /// A Float32 takes the nearest value.
     pub fn set(self, value: Value) -> bool {
         match (self, value) {
             (Self::Real(variable), Value::Real(value)) => *variable = value,
-            (Self::Integer(variable), Value::Integer(value)) => *variable = value,
+            (Self::Float32(variable), Value::Real(value)) => {
+                let single = value as f32;
+                if single.is_finite() != value.is_finite() {
+                    return false;
+                }
+                *variable = single;
+            }
+            (Self::Int8(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::UInt8(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::Int16(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::UInt16(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::Int32(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::UInt32(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::Int64(variable), Value::Integer(value)) => return put(variable, value),
+            (Self::UInt64(variable), Value::Integer(value)) => return put(variable, value),
             (Self::Boolean(variable), Value::Boolean(value)) => *variable = value,
             (Self::String(variable), Value::String(value)) => *variable = value,
-            (Self::Choice(choice), Value::Integer(value)) => return choice.set(value),
+            (Self::Binary(variable), Value::Binary(value)) => *variable = value,
+            (Self::Choice(choice), Value::Integer(value)) => {
+                return i32::try_from(value).is_ok_and(|number| choice.set(number));
+            }
             _ => return false,
         }
         true
+    }
+}
+
+/// Sets a whole number; false if its type does not have the value.
+fn put<T: TryFrom<i128>>(variable: &mut T, value: i128) -> bool {
+    match T::try_from(value) {
+        Ok(value) => {
+            *variable = value;
+            true
+        }
+        Err(_) => false,
     }
 }
 
@@ -304,40 +401,43 @@ impl<'a> Loader<'a> {
 /// What the code of the derive macros uses.
 #[doc(hidden)]
 pub mod derive {
-    pub use super::{Choice, Damaged, Internal, Loader, Saver, ValueMut, Variables};
+    pub use super::{Choice, Damaged, Element, Internal, Loader, Saver, ValueMut, Variables};
     pub use crate::Interface;
     use crate::guid::Hash;
-    pub use crate::table::{Domain, Enumeration, Item, Row, Variable};
+    pub use crate::table::{Domain, Dynamics, Enumeration, Integers, Item, Reals, Row, Variable};
     use crate::table::{has_name, shared_name};
     pub use crate::vocabulary::{Causality, Variability};
 
+    /// The elements of an array that are in use.
+    #[inline(always)]
+    pub fn in_use<T, const N: usize>(array: &[T; N], size: u64) -> &[T] {
+        &array[..size.min(N as u64) as usize]
+    }
+
     /// The sum of numbers, as four sums whose additions do not wait for each other.
     #[inline(always)]
-    pub fn sum(values: &[f64]) -> f64 {
+    pub fn sum<T: Copy + Into<f64>>(values: &[T]) -> f64 {
         let mut sums = [-0.0; 4]; // the neutral element of addition
         let (blocks, rest) = values.as_chunks::<4>();
         for block in blocks {
             sums.iter_mut()
                 .zip(block)
-                .for_each(|(sum, value)| *sum += value);
+                .for_each(|(sum, value)| *sum += (*value).into());
         }
         sums.iter_mut()
             .zip(rest)
-            .for_each(|(sum, value)| *sum += value);
+            .for_each(|(sum, value)| *sum += (*value).into());
         (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 
     /// Checks start values and bounds, and returns the start values; panics with `message` at compile
     /// time.
     #[track_caller]
-    pub const fn reals(
-        start: &'static [f64],
-        (min, max): (f64, f64),
-        message: &str,
-    ) -> &'static [f64] {
+    pub const fn reals(start: Reals, (min, max): (f64, f64), message: &str) -> Reals {
         let mut i = 0;
         while i < start.len() {
-            if !(min <= start[i] && start[i] <= max && start[i].is_finite()) {
+            let value = start.get(i);
+            if !(min <= value && value <= max && value.is_finite()) {
                 panic!("{}", message);
             }
             i += 1;
@@ -347,58 +447,15 @@ pub mod derive {
 
     /// As [`reals`].
     #[track_caller]
-    pub const fn integers(
-        start: &'static [i32],
-        (min, max): (i32, i32),
-        message: &str,
-    ) -> &'static [i32] {
+    pub const fn integers(start: Integers, (min, max): (i128, i128), message: &str) -> Integers {
         let mut i = 0;
         while i < start.len() {
-            if !(min <= start[i] && start[i] <= max) {
+            if !(min <= start.get(i) && start.get(i) <= max) {
                 panic!("{}", message);
             }
             i += 1;
         }
         start
-    }
-
-    /// Start values of one type, and how they are set.
-    macro_rules! set {
-        ($($(#[$about:meta])* $name:ident, $domain:pat => $start:ident, $ty:ty;)*) => {
-            $(
-                $(#[$about])*
-                #[inline]
-                pub fn $name(values: &mut [$ty], row: &'static Row) {
-                    if let Row::Variable(Variable { domain: $domain, .. }) = row {
-                        for (value, start) in values.iter_mut().zip(*$start) {
-                            *value = *start;
-                        }
-                    }
-                }
-            )*
-        };
-    }
-
-    set! {
-        /// Sets Reals to their start values.
-        set_reals, Domain::Real { start, .. } => start, f64;
-        /// Sets Integers to their start values.
-        set_integers, Domain::Integer { start, .. } => start, i32;
-        /// Sets Booleans to their start values.
-        set_booleans, Domain::Boolean { start } => start, bool;
-    }
-
-    /// Sets Strings to their start values.
-    pub fn set_strings(values: &mut [String], row: &'static Row) {
-        if let Row::Variable(Variable {
-            domain: Domain::String { start },
-            ..
-        }) = row
-        {
-            for (value, start) in values.iter_mut().zip(*start) {
-                (*start).clone_into(value);
-            }
-        }
     }
 
     /// Sets enumerations to their start values.

@@ -53,6 +53,8 @@ words! {
         Local = "local",
         /// The independent variable, usually time.
         Independent = "independent",
+        /// Sizes arrays; set by the host in configuration mode (FMI 3.0.2, section 2.4.7.4).
+        StructuralParameter = "structuralParameter",
     }
 
     /// When a variable may change (FMI 2.0.5, section 2.2.7).
@@ -79,11 +81,11 @@ words! {
         Calculated = "calculated",
     }
 
-    /// The type of a variable.
+    /// The type of a variable (FMI 2.0.5, section 2.2.7; FMI 3.0.2, section 2.4.7.4).
     VariableType {
-        /// Real numbers.
+        /// Real numbers of FMI 2.0.
         Real = "Real",
-        /// Whole numbers.
+        /// Whole numbers of FMI 2.0.
         Integer = "Integer",
         /// True or false.
         Boolean = "Boolean",
@@ -91,6 +93,50 @@ words! {
         String = "String",
         /// An item of an enumeration.
         Enumeration = "Enumeration",
+        /// `f32`
+        Float32 = "Float32",
+        /// `f64`
+        Float64 = "Float64",
+        /// `i8`
+        Int8 = "Int8",
+        /// `u8`
+        UInt8 = "UInt8",
+        /// `i16`
+        Int16 = "Int16",
+        /// `u16`
+        UInt16 = "UInt16",
+        /// `i32`
+        Int32 = "Int32",
+        /// `u32`
+        UInt32 = "UInt32",
+        /// `i64`
+        Int64 = "Int64",
+        /// `u64`
+        UInt64 = "UInt64",
+        /// Bytes.
+        Binary = "Binary",
+        /// A clock, which is active or not.
+        Clock = "Clock",
+    }
+
+    /// The type of a whole number (FMI 3.0.2, section 2.2.3). FMI 2.0 has only that of 32 bits.
+    IntegerKind {
+        /// `i8`
+        Int8 = "Int8",
+        /// `u8`
+        UInt8 = "UInt8",
+        /// `i16`
+        Int16 = "Int16",
+        /// `u16`
+        UInt16 = "UInt16",
+        /// `i32`
+        Int32 = "Int32",
+        /// `u32`
+        UInt32 = "UInt32",
+        /// `i64`
+        Int64 = "Int64",
+        /// `u64`
+        UInt64 = "UInt64",
     }
 
     /// Capability flags of a co-simulation slave (FMI 2.0.5, section 4.3.1).
@@ -139,15 +185,58 @@ impl Initial {
     pub const fn default_for(causality: Causality, variability: Variability) -> Option<Self> {
         match (causality, variability) {
             (Causality::Input | Causality::Independent, _) => None,
-            (Causality::Parameter, _) | (_, Variability::Constant) => Some(Self::Exact),
+            (Causality::Parameter | Causality::StructuralParameter, _)
+            | (_, Variability::Constant) => Some(Self::Exact),
             _ => Some(Self::Calculated),
         }
     }
 }
 
+impl IntegerKind {
+    /// The smallest and the largest value.
+    pub const fn range(self) -> (i128, i128) {
+        match self {
+            Self::Int8 => (i8::MIN as i128, i8::MAX as i128),
+            Self::UInt8 => (0, u8::MAX as i128),
+            Self::Int16 => (i16::MIN as i128, i16::MAX as i128),
+            Self::UInt16 => (0, u16::MAX as i128),
+            Self::Int32 => (i32::MIN as i128, i32::MAX as i128),
+            Self::UInt32 => (0, u32::MAX as i128),
+            Self::Int64 => (i64::MIN as i128, i64::MAX as i128),
+            Self::UInt64 => (0, u64::MAX as i128),
+        }
+    }
+}
+
 impl VariableType {
-    /// The type whose functions get and set a variable: an Enumeration is accessed as an Integer
-    /// (FMI 2.0.5, section 2.1.7).
+    /// The types of a version of FMI.
+    #[cfg(feature = "xml")]
+    pub fn of(version: crate::FmiVersion) -> impl Iterator<Item = Self> {
+        let of_both = [Self::Boolean, Self::String, Self::Enumeration];
+        let is_of_2 = |kind| matches!(kind, Self::Real | Self::Integer);
+        let all = Self::ALL.iter().copied();
+        all.filter(move |kind| {
+            of_both.contains(kind) || is_of_2(*kind) == (version == crate::FmiVersion::Fmi2)
+        })
+    }
+
+    /// Whether it is a type of real numbers.
+    pub const fn is_float(self) -> bool {
+        matches!(self, Self::Real | Self::Float32 | Self::Float64)
+    }
+
+    /// The type of a whole number, if it is one; that of an Enumeration in FMI 3.0 is Int64, of which
+    /// the Integer of FMI 2.0 is a part.
+    pub fn integer(self) -> Option<IntegerKind> {
+        match self {
+            Self::Integer => Some(IntegerKind::Int32),
+            Self::Enumeration => Some(IntegerKind::Int64),
+            other => IntegerKind::parse(other.as_str()),
+        }
+    }
+
+    /// The type whose functions get and set a variable of FMI 2.0: an Enumeration is accessed as an
+    /// Integer (FMI 2.0.5, section 2.1.7).
     pub fn accessed_as(self) -> Self {
         match self {
             Self::Enumeration => Self::Integer,

@@ -247,7 +247,7 @@ static int sample_is_due(const Data *d, double time) {
 static void take_sample(Instance *c, Data *d) {
     d->sampled = d->x[0];
     d->count++;
-    if (HAS(SAMPLES_OVERFLOW)) c->history[d->count] = d->sampled;
+    if (HAS(SAMPLES_OVERFLOW) && d->count <= 16) c->history[d->count] = d->sampled;
     say(c, OK, EVENTS, "sample %d at %g s is %g", d->count, d->now, d->sampled);
 }
 

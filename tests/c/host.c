@@ -271,7 +271,7 @@ static void bad_values_in(Component c, int running)
 static void bad_arguments(void)
 {
     CHECK(!Instantiate("host", CO_SIMULATION, "{no guid}", NULL, &callbacks, 0, 1));
-    CHECK(!Instantiate("host", 0, guid, NULL, &callbacks, 0, 1));
+    CHECK(!Instantiate("host", 2, guid, NULL, &callbacks, 0, 1)); /* no type of FMU */
     CHECK(!Instantiate(NULL, CO_SIMULATION, guid, NULL, &callbacks, 0, 1));
     CHECK(!Instantiate("\xff", CO_SIMULATION, guid, NULL, &callbacks, 0, 1));
     CHECK(!Instantiate("host", CO_SIMULATION, NULL, NULL, NULL, 0, 1));

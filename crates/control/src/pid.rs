@@ -83,7 +83,7 @@ impl Terms {
 #[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct Pid {
     /// Force on the cart (N), limited to `u_max`.
-    #[cfg_attr(feature = "fmi", output(unit = "N"))]
+    #[cfg_attr(feature = "fmi", output(unit = "N", terminal = "loop.u"))]
     pub u: f64,
     /// The PID's part of the force (N), not limited.
     #[cfg_attr(feature = "fmi", output(unit = "N"))]

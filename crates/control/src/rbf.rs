@@ -1,11 +1,12 @@
 //! The radial-basis-function network (12) to (14) and its learning rule (18), (19).
 
-use crate::vector::{self, Weights};
+use crate::vector;
 
-/// A network of `N` Gaussian nodes with one input, the set-point.
+/// A network of up to `N` Gaussian nodes with one input, the set-point. Of each array, the first `nodes`
+/// elements take part.
 ///
 /// Parameters may be changed between samples; after a change of `centres` or `widths`, call
-/// [`Rbf::reset`].
+/// [`Rbf::reset`], and after one of `nodes`, [`Rbf::resize`].
 ///
 /// ```
 /// let mut rbf = pendulum_control::Rbf::<1>::default();
@@ -21,11 +22,23 @@ use crate::vector::{self, Weights};
     variables(crate = fmu_description, default)
 )]
 pub struct Rbf<const N: usize> {
+    /// Number of nodes in use, 1 to `N` (the default); a greater one counts as `N`.
+    #[cfg_attr(
+        feature = "fmi",
+        structural_parameter(
+            description = "Number of nodes of the network",
+            tunable,
+            start = 4,
+            min = 1,
+            max = 16
+        )
+    )]
+    pub nodes: u64,
     /// Weight w_j of the node (N).
-    #[cfg_attr(feature = "fmi", output(name = "w", unit = "N", initially_from("w0")))]
+    #[cfg_attr(feature = "fmi", output(name = "w", unit = "N", size = nodes, initially_from("w0")))]
     pub weights: [f64; N],
     /// Activation h_j of the node.
-    #[cfg_attr(feature = "fmi", output(name = "h", unit = "1"))]
+    #[cfg_attr(feature = "fmi", output(name = "h", unit = "1", size = nodes))]
     pub activations: [f64; N],
     /// Learning rate eta.
     #[cfg_attr(
@@ -42,36 +55,44 @@ pub struct Rbf<const N: usize> {
     /// Centre c_j of the node (rad).
     #[cfg_attr(
         feature = "fmi",
-        parameter(name = "c", start = centres(), min = -1e9, max = 1e9, unit = "rad")
+        parameter(name = "c", start = centres(), min = -1e9, max = 1e9, unit = "rad", size = nodes)
     )]
     pub centres: [f64; N],
     /// Width b_j of the node (rad), positive.
     #[cfg_attr(
         feature = "fmi",
-        parameter(name = "b", start = 0.5, min = 1e-6, max = 1e9, unit = "rad")
+        parameter(name = "b", start = 0.5, min = 1e-6, max = 1e9, unit = "rad", size = nodes)
     )]
     pub widths: [f64; N],
     /// Initial weight of the node (N).
-    #[cfg_attr(feature = "fmi", parameter(name = "w0", min = -1e9, max = 1e9, unit = "N"))]
+    #[cfg_attr(
+        feature = "fmi",
+        parameter(name = "w0", min = -1e9, max = 1e9, unit = "N", size = nodes)
+    )]
     pub initial_weights: [f64; N],
     weights_before: [f64; N],
+    /// The number of nodes at the last reset or change of size.
+    nodes_before: u64,
     /// The input of `activations`; NaN if there is none yet.
     input: f64,
     /// -1/(2 b_j^2) of the nodes (1/rad^2), if there is an input.
     factors: [f64; N],
 }
 
-/// Centres as in section 4: whole numbers on both sides of zero, -2, -1, 1, 2 for 4 nodes.
+/// Centres as in section 4, -2, -1, 1, 2; further ones continue outwards on both sides: 3, -3, 4, -4 and so
+/// on, so that networks of any even number of nodes from 4 on are symmetric.
 pub const fn centres<const N: usize>() -> [f64; N] {
+    const PAPER: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
     let mut centres = [0.0; N];
     let mut j = 0;
     while j < N {
-        let from_middle = j as f64 - (N / 2) as f64;
-        let skips_zero = N.is_multiple_of(2) && j >= N / 2;
-        centres[j] = if skips_zero {
-            from_middle + 1.0
+        let distance = (j / 2 + 1) as f64;
+        centres[j] = if j < PAPER.len() {
+            PAPER[j]
+        } else if j.is_multiple_of(2) {
+            distance
         } else {
-            from_middle
+            -distance
         };
         j += 1;
     }
@@ -81,6 +102,7 @@ pub const fn centres<const N: usize>() -> [f64; N] {
 impl<const N: usize> Default for Rbf<N> {
     fn default() -> Self {
         Self {
+            nodes: N as u64,
             centres: [0.0; N],
             widths: [1.0; N],
             eta: 0.0,
@@ -89,6 +111,7 @@ impl<const N: usize> Default for Rbf<N> {
             weights: [0.0; N],
             activations: [0.0; N],
             weights_before: [0.0; N],
+            nodes_before: N as u64,
             input: f64::NAN,
             factors: [0.0; N],
         }
@@ -98,10 +121,24 @@ impl<const N: usize> Default for Rbf<N> {
 impl<const N: usize> Rbf<N> {
     /// Restarts learning from the initial weights, without momentum and activations.
     pub fn reset(&mut self) {
-        self.weights = self.initial_weights;
-        self.weights_before = self.initial_weights;
-        self.activations = [0.0; N];
+        self.nodes_before = 0;
+        self.resize();
+    }
+
+    /// Adapts to a change of `nodes`: nodes that join start with their initial weights and without
+    /// momentum, the others keep theirs. The next sample computes all activations.
+    pub fn resize(&mut self) {
+        let kept = self.nodes_before.min(self.nodes).min(N as u64) as usize;
+        self.weights[kept..].copy_from_slice(&self.initial_weights[kept..]);
+        self.weights_before[kept..].copy_from_slice(&self.initial_weights[kept..]);
+        self.activations[kept..].fill(0.0);
+        self.nodes_before = self.nodes;
         self.input = f64::NAN;
+    }
+
+    #[inline(always)]
+    fn len(&self) -> usize {
+        self.nodes.min(N as u64) as usize
     }
 
     /// Activates the nodes: h_j = exp(-(r - c_j)^2 / (2 b_j^2)), equation (12).
@@ -118,14 +155,17 @@ impl<const N: usize> Rbf<N> {
         if self.input.is_nan() {
             self.factors = self.widths.map(|b| -1.0 / (2.0 * b * b));
         }
-        vector::gaussians(&mut self.activations, r, &self.centres, &self.factors);
+        let n = self.len();
+        let (centres, factors) = (&self.centres[..n], &self.factors[..n]);
+        vector::gaussians(&mut self.activations[..n], r, centres, factors);
         self.input = r;
     }
 
     /// The output u_n = sum w_j h_j, equation (14).
     #[inline(always)]
     pub fn output(&self) -> f64 {
-        vector::dot(&self.weights, &self.activations)
+        let n = self.len();
+        vector::dot(&self.weights[..n], &self.activations[..n])
     }
 
     /// One step of gradient descent on (u_n - target)^2 / 2 with momentum, (18), (19):
@@ -137,22 +177,28 @@ impl<const N: usize> Rbf<N> {
     /// As [`learn`](Self::learn), with `gradient` = u_n - target already known.
     #[inline(always)]
     pub(crate) fn descend(&mut self, gradient: f64) {
-        let weights = Weights {
-            now: &mut self.weights,
-            before: &mut self.weights_before,
-        };
-        vector::learn(weights, &self.activations, gradient, self.eta, self.alpha);
+        let n = self.len();
+        vector::learn(
+            &mut self.weights[..n],
+            &mut self.weights_before[..n],
+            &self.activations[..n],
+            gradient,
+            self.eta,
+            self.alpha,
+        );
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use core::array::from_fn;
+
     use super::*;
 
     #[test]
-    fn centres_are_whole_numbers_on_both_sides_of_zero() {
+    fn centres_are_those_of_the_paper_and_continue_outwards() {
         assert_eq!(centres(), [-2.0, -1.0, 1.0, 2.0]);
-        assert_eq!(centres(), [-1.0, 0.0, 1.0]);
+        assert_eq!(centres(), [-2.0, -1.0, 1.0, 2.0, 3.0, -3.0, 4.0, -4.0, 5.0]);
     }
 
     /// The network of section 4: (42), (43), whose centres and widths are swapped in print.
@@ -226,5 +272,126 @@ mod tests {
         rbf.activate(1.0);
         let expected = 1.0 + libm::exp(-4.0) + libm::exp(-16.0) + libm::exp(-36.0);
         assert!((norm_squared(&rbf.activations) - expected).abs() < 1e-15);
+    }
+
+    /// A network with room for `N` nodes, of which some are in use, with different values for each.
+    fn with_room<const N: usize>(nodes: u64) -> Rbf<N> {
+        let mut rbf = Rbf {
+            nodes,
+            centres: centres(),
+            widths: from_fn(|j| 0.5 + 0.01 * j as f64),
+            initial_weights: from_fn(|j| libm::sin(j as f64)),
+            eta: 0.3,
+            alpha: 0.05,
+            ..Default::default()
+        };
+        rbf.reset();
+        rbf
+    }
+
+    /// Values of the set-point, of which some repeat, and of the target.
+    fn samples() -> impl Iterator<Item = (f64, f64)> {
+        (0..500).map(|k| {
+            let time = f64::from(k / 2);
+            (2.5 * libm::sin(0.1 * time), 10.0 * libm::cos(0.3 * time))
+        })
+    }
+
+    fn bits(numbers: &[f64]) -> impl Iterator<Item = u64> {
+        numbers.iter().map(|number| number.to_bits())
+    }
+
+    /// Room for more nodes does not change the bits.
+    fn check_room<const N: usize>() {
+        let (mut exact, mut roomy) = (with_room::<N>(N as u64), with_room::<32>(N as u64));
+        for (r, target) in samples() {
+            exact.activate(r);
+            roomy.activate(r);
+            assert_eq!(exact.output().to_bits(), roomy.output().to_bits());
+            exact.learn(target);
+            roomy.learn(target);
+            assert!(bits(&exact.weights).eq(bits(&roomy.weights[..N])));
+            assert!(bits(&exact.activations).eq(bits(&roomy.activations[..N])));
+        }
+        assert_eq!(roomy.weights[N..], roomy.initial_weights[N..]);
+    }
+
+    #[test]
+    fn room_for_more_nodes_does_not_change_the_bits() {
+        check_room::<1>();
+        check_room::<3>();
+        check_room::<4>();
+        check_room::<7>();
+        check_room::<16>();
+        check_room::<17>();
+        check_room::<31>();
+    }
+
+    /// (12) to (14), (18), (19) node by node, with the exponential function of libm.
+    #[test]
+    fn any_number_of_nodes_follows_the_equations() {
+        for nodes in 0..=20 {
+            let mut rbf = with_room::<20>(nodes);
+            let used = 0..nodes as usize;
+            let (mut w, mut before) = (rbf.weights, rbf.weights);
+            for (r, target) in samples() {
+                rbf.activate(r);
+                let h: [f64; 20] = from_fn(|j| {
+                    let distance = (r - rbf.centres[j]) / rbf.widths[j];
+                    libm::exp(-distance * distance / 2.0)
+                });
+                let output: f64 = used.clone().map(|j| w[j] * h[j]).sum();
+                assert!((rbf.output() - output).abs() < 1e-11, "{nodes} nodes");
+                rbf.learn(target);
+                for j in used.clone() {
+                    let change = w[j] - before[j];
+                    before[j] = w[j];
+                    w[j] += 0.05 * change - 0.3 * (output - target) * h[j];
+                    assert!((rbf.weights[j] - w[j]).abs() < 1e-11, "{nodes} nodes, {j}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nodes_that_join_start_with_their_initial_weights_and_without_momentum() {
+        let mut rbf = with_room::<16>(4);
+        for (r, target) in samples() {
+            rbf.activate(r);
+            rbf.learn(target);
+        }
+        let (w, before) = (rbf.weights, rbf.weights_before);
+
+        rbf.nodes = 6;
+        rbf.resize();
+        assert_eq!(rbf.weights[..4], w[..4]);
+        assert_eq!(rbf.weights[4..], rbf.initial_weights[4..]);
+        rbf.activate(2.0); // the set-point may be the same as before
+        assert_eq!(rbf.activations[3], 1.0);
+        assert!(rbf.activations[4] > 0.1 && rbf.activations[6] == 0.0);
+        rbf.learn(rbf.output()); // momentum alone
+        assert_eq!(rbf.weights[0], w[0] + 0.05 * (w[0] - before[0]));
+        assert_eq!(rbf.weights[4..], rbf.initial_weights[4..]);
+
+        // Nodes that left have forgotten what they learned.
+        rbf.learn(50.0);
+        rbf.nodes = 2;
+        rbf.resize();
+        rbf.nodes = 6;
+        rbf.resize();
+        assert_eq!(rbf.weights[2..], rbf.initial_weights[2..]);
+        assert_ne!(rbf.weights[0], rbf.initial_weights[0]);
+    }
+
+    #[test]
+    fn more_nodes_than_there_is_room_for_count_as_all() {
+        let (mut all, mut beyond) = (with_room::<4>(4), with_room::<4>(u64::MAX));
+        for (r, target) in samples() {
+            for rbf in [&mut all, &mut beyond] {
+                rbf.activate(r);
+                rbf.learn(target);
+            }
+        }
+        assert_eq!(all.weights, beyond.weights);
     }
 }

@@ -7,6 +7,9 @@ use multiversion::multiversion;
 
 use crate::exp::exp_to_highest;
 
+/// The paper's number of nodes, for which the compiler unrolls loops.
+const PAPER: usize = 4;
+
 /// Up to this number of nodes, a loop without a call is faster.
 const FEW: usize = 16;
 
@@ -15,17 +18,12 @@ const LANES: usize = 8;
 
 /// Sets `values[j]` to exp(factor_j (x - centre_j)^2), where all factors are negative.
 #[inline(always)]
-pub(crate) fn gaussians<const N: usize>(
-    values: &mut [f64; N],
-    x: f64,
-    centres: &[f64; N],
-    factors: &[f64; N],
-) {
-    if N > FEW {
+pub(crate) fn gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
+    if values.len() > FEW {
         many_gaussians(values, x, centres, factors);
     } else {
         // The compiler vectorizes loops, but unrolls those of few iterations if it knows their number.
-        let (values, centres, factors) = black_box((&mut values[..], &centres[..], &factors[..]));
+        let (values, centres, factors) = black_box((values, centres, factors));
         few_gaussians(values, x, centres, factors);
     }
 }
@@ -50,8 +48,10 @@ fn each_gaussian(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
 
 /// The scalar product, summed in an order that is the same for all vectors.
 #[inline(always)]
-pub(crate) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    if N > FEW {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    if let (Ok(a), Ok(b)) = (<&[f64; PAPER]>::try_from(a), <&[f64; PAPER]>::try_from(b)) {
+        dot_few(a, b)
+    } else if a.len() > FEW {
         dot_many(a, b)
     } else {
         dot_few(a, b)
@@ -59,12 +59,12 @@ pub(crate) fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn dot_many<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+fn dot_many(a: &[f64], b: &[f64]) -> f64 {
     dot_few(a, b)
 }
 
 #[inline(always)]
-fn dot_few<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+fn dot_few(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [-0.0; LANES]; // the neutral element of addition
     let (blocks, rest) = a.as_chunks::<LANES>();
     let (blocks_of_b, rest_of_b) = b.as_chunks::<LANES>();
@@ -80,52 +80,55 @@ fn dot_few<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     ((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7))
 }
 
-/// Weights, and those of one sample before.
-pub(crate) struct Weights<'a, const N: usize> {
-    pub(crate) now: &'a mut [f64; N],
-    pub(crate) before: &'a mut [f64; N],
-}
-
-/// Takes `gradient rate direction` from the weights, and adds `momentum` times their last change. The
-/// gradient, which is known last, is used last.
+/// Takes `gradient rate direction` from the weights, and adds `momentum` times their change since `before`,
+/// those of one sample before. The gradient, which is known last, is used last.
 #[inline(always)]
-pub(crate) fn learn<const N: usize>(
-    weights: Weights<'_, N>,
-    direction: &[f64; N],
+pub(crate) fn learn(
+    weights: &mut [f64],
+    before: &mut [f64],
+    direction: &[f64],
     gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
-    if N > FEW {
-        learn_many(weights, direction, gradient, rate, momentum);
+    if let (Ok(weights), Ok(before), Ok(direction)) = (
+        <&mut [f64; PAPER]>::try_from(&mut *weights),
+        <&mut [f64; PAPER]>::try_from(&mut *before),
+        <&[f64; PAPER]>::try_from(direction),
+    ) {
+        learn_few(weights, before, direction, gradient, rate, momentum);
+    } else if weights.len() > FEW {
+        learn_many(weights, before, direction, gradient, rate, momentum);
     } else {
-        learn_few(weights, direction, gradient, rate, momentum);
+        learn_few(weights, before, direction, gradient, rate, momentum);
     }
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn learn_many<const N: usize>(
-    weights: Weights<'_, N>,
-    direction: &[f64; N],
+fn learn_many(
+    weights: &mut [f64],
+    before: &mut [f64],
+    direction: &[f64],
     gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
-    learn_few(weights, direction, gradient, rate, momentum);
+    learn_few(weights, before, direction, gradient, rate, momentum);
 }
 
 #[inline(always)]
-fn learn_few<const N: usize>(
-    Weights { now, before }: Weights<'_, N>,
-    direction: &[f64; N],
+fn learn_few(
+    weights: &mut [f64],
+    before: &mut [f64],
+    direction: &[f64],
     gradient: f64,
     rate: f64,
     momentum: f64,
 ) {
-    for j in 0..N {
-        let weight = now[j];
-        now[j] = (weight + momentum * (weight - before[j])) - gradient * (rate * direction[j]);
-        before[j] = weight;
+    for ((weight, before), direction) in weights.iter_mut().zip(before).zip(direction) {
+        let now = *weight;
+        *weight = (now + momentum * (now - *before)) - gradient * (rate * direction);
+        *before = now;
     }
 }
 
@@ -152,11 +155,7 @@ mod tests {
         assert_eq!(values, expected);
 
         let (mut now, mut before) = (a, b);
-        let weights = Weights {
-            now: &mut now,
-            before: &mut before,
-        };
-        learn(weights, &c, 0.3, 0.1, 0.7);
+        learn(&mut now, &mut before, &c, 0.3, 0.1, 0.7);
         let expected = from_fn(|j| (a[j] + 0.7 * (a[j] - b[j])) - 0.3 * (0.1 * c[j]));
         assert_eq!(now, expected);
         assert_eq!(before, a);

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use cargo_metadata::Metadata;
 use fmu_description::guid::checksum;
-use fmu_description::{Description, read_interfaces};
+use fmu_description::{Description, FmiVersion, read_interfaces};
 use fmu_file::archive::{Compression, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
@@ -69,13 +69,14 @@ impl Binary {
     /// Reads a prebuilt binary.
     ///
     /// # Errors
-    /// The file cannot be read or has another platform's format.
-    pub fn read(prebuilt: &Prebuilt) -> Result<Self> {
+    /// The file cannot be read, has another platform's format, or is for another version of FMI.
+    pub fn read(prebuilt: &Prebuilt, version: FmiVersion) -> Result<Self> {
         let file = prebuilt.file.display();
         let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
         let models = prebuilt
             .platform
             .check(&bytes)
+            .and_then(|()| check_functions(&bytes, version))
             .and_then(|()| read_interfaces(&bytes))
             .with_context(|| format!("{file} cannot be used"))?;
         Ok(Self {
@@ -134,6 +135,21 @@ impl Binary {
     }
 }
 
+/// Checks that a binary has the names of the functions of a version of FMI.
+fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
+    let name: &[u8] = match version {
+        FmiVersion::Fmi2 => b"fmi2DoStep",
+        FmiVersion::Fmi3 => b"fmi3DoStep",
+    };
+    let mut names = binary.windows(name.len());
+    ensure!(
+        names.any(|bytes| bytes == name),
+        "it does not export the functions of FMI {}",
+        version.as_str()
+    );
+    Ok(())
+}
+
 /// Keeps the compiler from joining neighbouring values in vectors. A step touches each value once, and a
 /// vector cannot be loaded before the stores of its parts have left the processor's store buffer.
 const NO_SLP: &str = "-Cno-vectorize-slp";
@@ -145,10 +161,22 @@ pub struct Method<'a> {
     /// The workspace of the packages.
     pub metadata: &'a Metadata,
     /// Settings of the profile that the workspace does not make itself.
-    pub profile: Vec<String>,
+    pub profile: &'a [String],
+    /// The version of FMI whose functions the libraries export.
+    pub version: FmiVersion,
 }
 
 impl Method<'_> {
+    /// Arguments for cargo's target folder. The libraries of both versions have the same names, so each
+    /// version has its own folder, and an export of one does not make that of the other build again.
+    fn folder(&self) -> Vec<String> {
+        let folder = match self.version {
+            FmiVersion::Fmi2 => return Vec::new(),
+            FmiVersion::Fmi3 => self.metadata.target_directory.join("fmi3"),
+        };
+        vec!["--target-dir".to_owned(), folder.into_string()]
+    }
+
     /// Builds a library with one recipe, and reads it.
     fn run(
         &self,
@@ -167,6 +195,13 @@ impl Method<'_> {
                 self.profile
                     .iter()
                     .flat_map(|setting| ["--config", setting]),
+            )
+            .args(self.folder())
+            .args(
+                library
+                    .feature(self.version)?
+                    .iter()
+                    .flat_map(|feature| ["--features", feature]),
             )
             // Whatever the profile says: an abort would end the host.
             .rustflags(["-Cpanic=unwind".to_owned()])

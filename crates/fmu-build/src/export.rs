@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::thread::{self, ScopedJoinHandle};
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::Description;
+use fmu_description::{Description, FmiVersion};
 use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
@@ -15,7 +15,7 @@ use crate::contents;
 use crate::library::{Library, Selection};
 use crate::model::{Model, Variant};
 use crate::profile;
-use crate::toolchain::{self, Target};
+use crate::toolchain::{self, Recipe, Target};
 
 /// What to export, and for which platforms.
 #[derive(Debug, Default)]
@@ -26,6 +26,8 @@ pub struct Options {
     pub models: Vec<String>,
     /// Other name and start values for the only model.
     pub variant: Variant,
+    /// Versions of FMI, each with its own FMUs; FMI 2.0 if empty.
+    pub versions: Vec<FmiVersion>,
     /// Output folder; by default `fmu` in cargo's target folder.
     pub out: Option<PathBuf>,
     /// Whether to build for any Linux with glibc 2.17 or newer, for this machine's processor.
@@ -71,70 +73,136 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
     fs::create_dir_all(&out)
         .with_context(|| format!("cannot create the folder {}", out.display()))?;
     replace::check_writable(&out)?;
-    let targets = targets(options)?;
-    let prebuilt = options
-        .binaries
-        .iter()
-        .map(Binary::read)
-        .collect::<Result<Vec<_>>>()?;
-
-    let builder = Builder {
-        method: Method {
-            selection: &options.selection,
-            metadata: &metadata,
-            profile: profile::settings(&options.selection.profile, &metadata)?,
-        },
-        targets: &targets,
-    };
-    let mut built = builder.build(&libraries, &options.models)?;
-    let mut models = choose(&built, &options.models)?;
-    if options.variant.is_some() {
-        (built, models) = builder.build_variant(&options.variant, &models, &built)?;
+    let mut versions = options.versions.clone();
+    if versions.is_empty() {
+        versions.push(FmiVersion::default());
     }
-    check_binaries(&models, &built, options, &prebuilt)?;
-    let contents = models
+    versions.sort_unstable();
+    versions.dedup();
+    for library in &libraries {
+        for version in &versions {
+            library.feature(*version)?;
+        }
+    }
+    check_versions(options, &versions)?;
+    let profile = profile::settings(&options.selection.profile, &metadata)?;
+    let builders = versions.into_iter().map(|version| {
+        Ok(Builder {
+            method: Method {
+                selection: &options.selection,
+                metadata: &metadata,
+                profile: &profile,
+                version,
+            },
+            targets: targets(options, version)?,
+            prebuilt: prebuilt(options, version)?,
+        })
+    });
+    let builders = builders.collect::<Result<Vec<_>>>()?;
+    for recipe in builders.iter().take(1).flat_map(Builder::named_recipes) {
+        eprintln!("{recipe}");
+    }
+    let packages = builders
         .iter()
-        .map(|model| contents::files(model, &metadata))
+        .map(|builder| builder.packages(&libraries, options))
         .collect::<Result<Vec<_>>>()?;
+    packages
+        .iter()
+        .flat_map(|packages| packages.write(&out))
+        .collect()
+}
 
-    let cache = metadata.target_directory.join("fmu-packed");
-    fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
-    let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
-    // This machine's binary is built to read the models, even if it is not packed.
-    let is_packed = |binary: &Binary| !prebuilt.iter().any(|other| other.replaces(binary));
-    let (built, prebuilt) = thread::scope(|scope| {
-        let packing = |binary| scope.spawn(move || pack(binary));
-        let built: Vec<_> = built
-            .iter()
-            .flat_map(|built| built.binaries.iter().map(|binary| (built.library, binary)))
-            .filter(|(_, binary)| is_packed(binary))
-            .map(|(library, binary)| (library, packing(binary)))
-            .collect();
-        let prebuilt: Vec<_> = prebuilt.iter().map(packing).collect();
-        let built = built
-            .into_iter()
-            .map(|(library, packing)| Ok((library, join(packing)?)))
-            .collect::<Result<Vec<_>>>()?;
-        let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
-        anyhow::Ok((built, prebuilt))
-    })?;
-    let write = |(model, contents): (&Model<'_>, &Vec<_>)| {
-        let of_model = built
-            .iter()
-            .filter(|(library, _)| std::ptr::eq(*library, model.library))
-            .map(|(_, binary)| binary);
-        write(model, of_model.chain(&prebuilt), contents, &out)
-    };
-    models.iter().zip(&contents).map(write).collect()
+/// The FMUs of one version of FMI, ready to be written.
+struct Packages<'a> {
+    /// The models, and the files of their FMUs other than the binaries.
+    models: Vec<(Model<'a>, Vec<contents::File>)>,
+    /// The binaries that were built from libraries.
+    built: Vec<(&'a Library, PackedBinary)>,
+    /// The binaries that were built before.
+    prebuilt: Vec<PackedBinary>,
+}
+
+impl Packages<'_> {
+    fn write(&self, out: &Path) -> impl Iterator<Item = Result<Written>> {
+        self.models.iter().map(move |(model, contents)| {
+            let of_model = self
+                .built
+                .iter()
+                .filter(|(library, _)| std::ptr::eq(*library, model.library))
+                .map(|(_, binary)| binary);
+            write(model, of_model.chain(&self.prebuilt), contents, out)
+        })
+    }
 }
 
 /// Builds libraries for all targets.
 struct Builder<'a> {
     method: Method<'a>,
-    targets: &'a [Target],
+    targets: Vec<Target>,
+    /// Binaries that were built before, and their files.
+    prebuilt: Vec<(&'a Path, Binary)>,
 }
 
 impl Builder<'_> {
+    /// How the targets that were asked for by name are built.
+    fn named_recipes(&self) -> impl Iterator<Item = &Recipe> {
+        let recipes = self.targets.iter().flat_map(|target| &target.recipes);
+        recipes.filter(|recipe| recipe.is_named())
+    }
+
+    /// Builds the requested models, describes them and compresses their binaries.
+    fn packages<'a>(&self, libraries: &'a [Library], options: &Options) -> Result<Packages<'a>> {
+        let metadata = self.method.metadata;
+        let mut built = self.build(libraries, &options.models)?;
+        let mut models = choose(&built, &options.models, self.method.version)?;
+        if options.variant.is_some() {
+            (built, models) = self.build_variant(&options.variant, &models, &built)?;
+        }
+        check_binaries(&models, &built, &self.prebuilt)?;
+        let models = models
+            .into_iter()
+            .map(|model| {
+                let contents = contents::files(&model, metadata)?;
+                Ok((model, contents))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let cache = metadata.target_directory.join("fmu-packed");
+        fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
+        let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
+        // This machine's binary is built to read the models, even if it is not packed.
+        let is_packed = |binary: &Binary| {
+            !self
+                .prebuilt
+                .iter()
+                .any(|(_, other)| other.replaces(binary))
+        };
+        let (built, prebuilt) = thread::scope(|scope| {
+            let packing = |binary| scope.spawn(move || pack(binary));
+            let built: Vec<_> = built
+                .iter()
+                .flat_map(|built| built.binaries.iter().map(|binary| (built.library, binary)))
+                .filter(|(_, binary)| is_packed(binary))
+                .map(|(library, binary)| (library, packing(binary)))
+                .collect();
+            let prebuilt: Vec<_> = self
+                .prebuilt
+                .iter()
+                .map(|(_, binary)| packing(binary))
+                .collect();
+            let built = built
+                .into_iter()
+                .map(|(library, packing)| Ok((library, join(packing)?)))
+                .collect::<Result<Vec<_>>>()?;
+            let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
+            anyhow::Ok((built, prebuilt))
+        })?;
+        Ok(Packages {
+            models,
+            built,
+            prebuilt,
+        })
+    }
+
     /// Builds libraries until all models with the given names are found; all, without names.
     fn build<'a>(&self, libraries: &'a [Library], names: &[String]) -> Result<Vec<Built<'a>>> {
         let mut order: Vec<_> = libraries.iter().collect();
@@ -186,7 +254,7 @@ impl Builder<'_> {
         let description = built
             .find(name)
             .with_context(|| format!("the variant {name} was not built"))?;
-        let variant = Model::new(model.library, description.clone())?;
+        let variant = Model::new(model.library, description.clone(), self.method.version)?;
         let variant = Model {
             base: model.name().to_owned(),
             ..variant
@@ -210,28 +278,47 @@ fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
 }
 
 /// The targets to build for: the requested ones, else this machine.
-fn targets(options: &Options) -> Result<Vec<Target>> {
+fn targets(options: &Options, version: FmiVersion) -> Result<Vec<Target>> {
     let mut names = options.targets.clone();
     if options.portable {
         names.insert(0, toolchain::portable()?);
     }
-    check_platforms(options, &names)?;
+    check_platforms(options, &names, version)?;
     if names.is_empty() {
-        return Ok(vec![Target::of_this_machine()?]);
+        return Ok(vec![Target::of_this_machine(version)?]);
     }
-    let targets = names.iter().map(|name| Target::named(name));
-    let targets = targets.collect::<Result<Vec<_>>>()?;
-    for recipe in targets.iter().flat_map(|target| &target.recipes) {
-        eprintln!("{recipe}");
+    let targets = names.iter().map(|name| Target::named(name, version));
+    targets.collect()
+}
+
+/// The prebuilt binaries in the folders of a version of FMI.
+fn prebuilt(options: &Options, version: FmiVersion) -> Result<Vec<(&Path, Binary)>> {
+    let binaries = options.binaries.iter();
+    binaries
+        .filter(|prebuilt| prebuilt.platform.is_of(version))
+        .map(|prebuilt| Ok((&*prebuilt.file, Binary::read(prebuilt, version)?)))
+        .collect()
+}
+
+/// Checks that each prebuilt binary is for a platform of one of the versions of FMI.
+fn check_versions(options: &Options, versions: &[FmiVersion]) -> Result<()> {
+    for Prebuilt { platform, file } in &options.binaries {
+        if !versions.iter().any(|version| platform.is_of(*version)) {
+            for version in versions {
+                let (file, number) = (file.display(), version.as_str());
+                Platform::named(platform.folder, *version)
+                    .with_context(|| format!("{file} cannot be used for FMI {number}"))?;
+            }
+        }
     }
-    Ok(targets)
+    Ok(())
 }
 
 /// Checks that no two binaries, prebuilt or built, are for the same platform.
-fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
+fn check_platforms(options: &Options, names: &[String], version: FmiVersion) -> Result<()> {
     let mut platforms: Vec<Platform> = options.binaries.iter().map(|b| b.platform).collect();
     for name in names {
-        platforms.extend(Platform::of_target(name)?);
+        platforms.extend(Platform::of_target(name, version)?);
     }
     for (index, platform) in platforms.iter().enumerate() {
         ensure!(
@@ -245,7 +332,11 @@ fn check_platforms(options: &Options, names: &[String]) -> Result<()> {
 }
 
 /// The models with the given names, or all.
-fn choose<'a>(built: &[Built<'a>], names: &[String]) -> Result<Vec<Model<'a>>> {
+fn choose<'a>(
+    built: &[Built<'a>],
+    names: &[String],
+    version: FmiVersion,
+) -> Result<Vec<Model<'a>>> {
     let mut all = Vec::new();
     for built in built {
         let models = built.binaries.iter().take(1).flat_map(Binary::models);
@@ -269,7 +360,7 @@ fn choose<'a>(built: &[Built<'a>], names: &[String]) -> Result<Vec<Model<'a>>> {
     }
     all.into_iter()
         .filter(|(_, model)| names.is_empty() || names.contains(&model.name))
-        .map(|(library, model)| Model::new(library, model.clone()))
+        .map(|(library, model)| Model::new(library, model.clone(), version))
         .collect()
 }
 
@@ -277,8 +368,7 @@ fn choose<'a>(built: &[Built<'a>], names: &[String]) -> Result<Vec<Model<'a>>> {
 fn check_binaries(
     models: &[Model<'_>],
     built: &[Built<'_>],
-    options: &Options,
-    prebuilt: &[Binary],
+    prebuilt: &[(&Path, Binary)],
 ) -> Result<()> {
     for model in models {
         let of_model = built
@@ -287,10 +377,10 @@ fn check_binaries(
         for binary in of_model.flat_map(|built| &built.binaries) {
             binary.check_model(&model.description)?;
         }
-        for (option, binary) in options.binaries.iter().zip(prebuilt) {
+        for (file, binary) in prebuilt {
             binary
                 .check_model(&model.description)
-                .with_context(|| format!("{} cannot be used", option.file.display()))?;
+                .with_context(|| format!("{} cannot be used", file.display()))?;
         }
     }
     Ok(())
@@ -322,7 +412,7 @@ fn write<'a>(
             .iter()
             .map(|(path, file)| Entry::new(path.as_str(), file)),
     );
-    let file = out.join(format!("{name}.fmu"));
+    let file = out.join(model.file_name());
     let size = archive::write(&file, &entries)?;
     Ok(Written {
         file,

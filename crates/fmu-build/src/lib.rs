@@ -15,6 +15,7 @@ mod profile;
 pub mod table;
 mod toolchain;
 
+pub use fmu_description::FmiVersion;
 pub use fmu_file::archive::Compression;
 
 pub use export::{Options, Written, export};

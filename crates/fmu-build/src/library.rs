@@ -5,7 +5,7 @@ use std::{fs, io};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
-use fmu_description::Origin;
+use fmu_description::{FmiVersion, Origin};
 
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 
@@ -52,6 +52,19 @@ pub struct Library {
     pub origin: Origin,
     /// The file of `license-file`.
     pub license_file: Option<PathBuf>,
+    /// The crate `fmu-export` that it uses.
+    fmu_export: FmuExport,
+}
+
+/// The crate `fmu-export`, as a package uses it.
+#[derive(Debug)]
+struct FmuExport {
+    /// Its name in the manifest of the package.
+    name: String,
+    /// Its version.
+    version: String,
+    /// Its features.
+    features: Vec<String>,
 }
 
 impl Selection {
@@ -143,7 +156,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
         dependency()
     );
     let target = cdylib(package).ok_or_else(|| no_cdylib(package))?;
-    check_version(package, metadata)?;
+    let fmu_export = fmu_export(package, metadata)?;
     let folder = package
         .manifest_path
         .parent()
@@ -154,6 +167,7 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
         folder: folder.into(),
         origin: origin(package),
         license_file: package.license_file().map(Into::into),
+        fmu_export,
     })
 }
 
@@ -190,17 +204,19 @@ fn unknown_package(name: &str, members: &[&Package]) -> String {
     )
 }
 
-/// Checks that a package uses the version of `fmu-export` that this program knows.
-fn check_version(package: &Package, metadata: &Metadata) -> Result<()> {
+/// The crate `fmu-export` that a package uses, in the version that this program knows.
+fn fmu_export(package: &Package, metadata: &Metadata) -> Result<FmuExport> {
     let nodes = metadata.resolve.iter().flat_map(|resolve| &resolve.nodes);
     let node = nodes.into_iter().find(|node| node.id == package.id);
-    let dependencies = node.iter().flat_map(|node| &node.dependencies);
-    let used = dependencies
+    let used = node
+        .iter()
+        .flat_map(|node| &node.dependencies)
         .map(|id| &metadata[id])
-        .find(|dependency| *dependency.name == FMU_EXPORT);
-    let Some(used) = used else {
-        return Ok(());
-    };
+        .find(|dependency| *dependency.name == FMU_EXPORT)
+        .with_context(|| {
+            let name = &package.name;
+            format!("cargo does not build {FMU_EXPORT} for the package {name}; is it optional?")
+        })?;
     let version = &used.version;
     ensure!(
         format!("{}.{}", version.major, version.minor) == VERSION,
@@ -209,7 +225,13 @@ fn check_version(package: &Package, metadata: &Metadata) -> Result<()> {
         package.manifest_path,
         dependency()
     );
-    Ok(())
+    let declared = package.dependencies.iter().find(|d| d.name == FMU_EXPORT);
+    let renamed = declared.and_then(|dependency| dependency.rename.as_deref());
+    Ok(FmuExport {
+        name: renamed.unwrap_or(FMU_EXPORT).to_owned(),
+        version: version.to_string(),
+        features: used.features.keys().cloned().collect(),
+    })
 }
 
 /// Version, author and licence of a package. Cargo has no field for a copyright notice, which is
@@ -230,6 +252,31 @@ fn origin(package: &Package) -> Origin {
 }
 
 impl Library {
+    /// The feature for a library with the functions of one version of FMI only; `None` if the crate
+    /// `fmu-export` is one that knows no other version.
+    ///
+    /// # Errors
+    /// That crate does not know the version.
+    pub fn feature(&self, version: FmiVersion) -> Result<Option<String>> {
+        let feature = match version {
+            FmiVersion::Fmi2 => "fmi2",
+            FmiVersion::Fmi3 => "fmi3",
+        };
+        let used = &self.fmu_export;
+        if used.features.iter().any(|known| known == feature) {
+            return Ok(Some(format!("{}/{feature}", used.name)));
+        }
+        ensure!(
+            version == FmiVersion::default(),
+            "the package {} uses {FMU_EXPORT} {}, which does not export FMI {}; expected one with the feature {feature}, write in its Cargo.toml:\n\n{}",
+            self.package,
+            used.version,
+            version.as_str(),
+            dependency()
+        );
+        Ok(None)
+    }
+
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have
     /// the model.
     pub fn mentions(&self, names: &[String]) -> bool {

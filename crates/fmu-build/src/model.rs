@@ -2,7 +2,9 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, integer, real};
-use fmu_description::{Description, StartValue, Type, VariableDescription, interface, words};
+use fmu_description::{
+    Description, FmiVersion, Hexadecimal, StartValue, Type, VariableDescription, interface, words,
+};
 
 use crate::library::Library;
 
@@ -14,6 +16,8 @@ pub struct Model<'a> {
     pub description: Description,
     /// The name of the model that it is a variant of, or its own.
     pub base: String,
+    /// The version of FMI that it is exported for.
+    pub version: FmiVersion,
     /// The text of its `modelDescription.xml`.
     pub xml: String,
 }
@@ -23,15 +27,20 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// Its description cannot be written as XML.
-    pub fn new(library: &'a Library, description: Description) -> Result<Self> {
+    pub fn new(
+        library: &'a Library,
+        description: Description,
+        version: FmiVersion,
+    ) -> Result<Self> {
         let xml = description
-            .to_xml(&library.origin)
+            .to_xml_of(version, &library.origin)
             .and_then(|xml| Ok(xml.document()?))
             .with_context(|| format!("the model {} cannot be described", description.name))?;
         Ok(Self {
             library,
             base: description.name.clone(),
             description,
+            version,
             xml,
         })
     }
@@ -39,6 +48,14 @@ impl<'a> Model<'a> {
     /// Name of the model and of its binary.
     pub fn name(&self) -> &str {
         &self.description.name
+    }
+
+    /// Name of its FMU, which tells the version of FMI.
+    pub fn file_name(&self) -> String {
+        match self.version {
+            FmiVersion::Fmi2 => format!("{}.fmu", self.name()),
+            FmiVersion::Fmi3 => format!("{}_fmi3.fmu", self.name()),
+        }
     }
 }
 
@@ -97,8 +114,18 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
         "{name} has no start value; the model computes it"
     );
     let value = match &variable.of_type {
-        Type::Real { min, max, unit, .. } => {
-            let value = real(text).filter(|value| value.is_finite());
+        Type::Real {
+            single,
+            min,
+            max,
+            unit,
+            ..
+        } => {
+            let value = real(text).map(|value| match single {
+                true => f64::from(value as f32),
+                false => value,
+            });
+            let value = value.filter(|value| value.is_finite());
             let value = value.filter(|value| min <= value && value <= max);
             StartValue::Real(value.with_context(|| {
                 let (bounds, unit) = (words::bounds(*min, *max), words::in_unit(unit));
@@ -106,7 +133,11 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
             })?)
         }
         Type::Integer { min, max, .. } => {
-            let value = integer(text).filter(|value| min <= value && value <= max);
+            let value = text
+                .trim()
+                .parse()
+                .ok()
+                .filter(|value| min <= value && value <= max);
             StartValue::Integer(
                 value.with_context(|| format!("expected a whole number from {min} to {max}"))?,
             )
@@ -115,6 +146,9 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
             StartValue::Boolean(boolean(text).context("expected true or false")?)
         }
         Type::String { .. } => StartValue::String(text),
+        Type::Binary { .. } => StartValue::Binary(
+            Hexadecimal::parse(text).context("expected two hexadecimal digits for each byte")?,
+        ),
         Type::Enumeration { items, .. } => {
             let item = items
                 .iter()
@@ -123,20 +157,20 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
                 let names: Vec<_> = items.iter().map(|(_, name, _)| name.as_str()).collect();
                 format!("expected one of {}", names.join(", "))
             };
-            StartValue::Integer(item.with_context(names)?.0)
+            StartValue::Integer(item.with_context(names)?.0.into())
         }
     };
     Ok((reference, value))
 }
 
 fn has_start(variable: &VariableDescription) -> bool {
-    use fmu_description::Causality::{Input, Parameter};
-    matches!(variable.causality, Input | Parameter)
+    use fmu_description::Causality::{Input, Parameter, StructuralParameter};
+    matches!(variable.causality, Input | Parameter | StructuralParameter)
 }
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{Causality, Variability};
+    use fmu_description::{Causality, Dynamics, IntegerKind, Variability};
 
     use super::*;
 
@@ -147,12 +181,16 @@ mod tests {
             causality,
             variability: Variability::Fixed,
             has_input_derivative: false,
-            has_directional_derivatives: false,
+            dynamics: Dynamics::Algebraic,
             dimensions: Vec::new(),
+            size: None,
             initially_from: Vec::new(),
+            depends_on: Vec::new(),
+            terminal: String::new(),
             of_type,
         };
         let real = |min, max| Type::Real {
+            single: false,
             min,
             max,
             unit: "N/rad".into(),
@@ -168,6 +206,7 @@ mod tests {
             description: String::new(),
             guid: String::new(),
             is_sampled: false,
+            is_continuous: false,
             default_experiment: (1.0, 0.1),
             tolerance: 0.0,
             variables: vec![
@@ -184,9 +223,36 @@ mod tests {
                 parameter(
                     "order",
                     Type::Integer {
+                        kind: IntegerKind::Int32,
                         min: 1,
                         max: 4,
                         start: vec![1],
+                    },
+                ),
+                parameter(
+                    "seed",
+                    Type::Integer {
+                        kind: IntegerKind::UInt64,
+                        min: 0,
+                        max: u64::MAX.into(),
+                        start: vec![0],
+                    },
+                ),
+                parameter(
+                    "key",
+                    Type::Binary {
+                        mime_type: "application/octet-stream".into(),
+                        start: vec![vec![]],
+                    },
+                ),
+                parameter(
+                    "ratio",
+                    Type::Real {
+                        single: true,
+                        min: f64::NEG_INFINITY,
+                        max: f64::INFINITY,
+                        unit: String::new(),
+                        start: vec![0.0],
                     },
                 ),
                 parameter("anti_windup", Type::Boolean { start: vec![false] }),
@@ -219,10 +285,21 @@ mod tests {
             ("pid.kp", "4e2", (1, StartValue::Real(400.0))),
             ("w[2]", "-0.5", (3, StartValue::Real(-0.5))),
             ("order", "3", (4, StartValue::Integer(3))),
-            ("anti_windup", "true", (5, StartValue::Boolean(true))),
-            ("file", "a=b", (6, StartValue::String("a=b"))),
-            ("target", "supervisor", (7, StartValue::Integer(2))),
-            ("target", "2", (7, StartValue::Integer(2))),
+            (
+                "seed",
+                "18446744073709551615",
+                (5, StartValue::Integer(u64::MAX.into())),
+            ),
+            (
+                "key",
+                "00Ff",
+                (6, StartValue::Binary(Hexadecimal::parse("00Ff").unwrap())),
+            ),
+            ("ratio", "0.1", (7, StartValue::Real(f64::from(0.1f32)))),
+            ("anti_windup", "true", (8, StartValue::Boolean(true))),
+            ("file", "a=b", (9, StartValue::String("a=b"))),
+            ("target", "supervisor", (10, StartValue::Integer(2))),
+            ("target", "2", (10, StartValue::Integer(2))),
         ] {
             assert_eq!(value_of(name, text), Ok(expected), "{name}={text}");
         }
@@ -249,13 +326,24 @@ mod tests {
             ("w[2]", "inf", "expected a number [N/rad]"),
             ("order", "5", "expected a whole number from 1 to 4"),
             ("order", "1.5", "expected a whole number from 1 to 4"),
+            (
+                "seed",
+                "-1",
+                "expected a whole number from 0 to 18446744073709551615",
+            ),
+            (
+                "key",
+                "0x1",
+                "expected two hexadecimal digits for each byte",
+            ),
+            ("ratio", "1e39", "expected a number"),
             ("anti_windup", "yes", "expected true or false"),
             ("target", "neither", "expected one of own, supervisor"),
             ("u", "1", "u has no start value; the model computes it"),
             (
                 "kp",
                 "1",
-                "there is no variable kp; expected one of pid.kp, w[1], w[2], order, anti_windup, file, target",
+                "there is no variable kp; expected one of pid.kp, w[1], w[2], order, seed, key, ratio, anti_windup, file, target",
             ),
         ] {
             assert_eq!(value_of(name, text), Err(expected.into()), "{name}={text}");

@@ -1,6 +1,6 @@
 //! The human-readable table of a model's variables.
 
-use fmu_description::value::integer;
+use fmu_description::value::whole;
 use fmu_description::{ModelDescription, ScalarVariable};
 
 /// The column headings.
@@ -24,8 +24,17 @@ pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = Row> {
 }
 
 fn row(v: &ScalarVariable<'_>) -> Row {
-    let start = v.start().unwrap_or_default();
-    let item = v.items().find(|(_, value)| integer(start) == Some(*value));
+    let item = |start| {
+        let mut items = v.items();
+        let found = items.find(|(_, value)| whole(start) == Some(*value));
+        found.map_or(start, |(name, _)| name)
+    };
+    let starts: Vec<_> = v.starts().into_iter().map(item).collect();
+    let sizes: Vec<_> = v.dimensions.iter().map(usize::to_string).collect();
+    let of_type = match sizes.len() {
+        0 => v.kind.as_str().to_owned(),
+        _ => format!("{}[{}]", v.kind.as_str(), sizes.join(",")),
+    };
     let bound = |name| v.inherited(name).map(short);
     let range = match (bound("min"), bound("max")) {
         (Some(min), Some(max)) => format!("{min} to {max}"),
@@ -37,9 +46,9 @@ fn row(v: &ScalarVariable<'_>) -> Row {
         v.name,
         v.causality.as_str(),
         v.variability.as_str(),
-        v.kind.as_str(),
+        &of_type,
         v.unit().unwrap_or_default(),
-        item.map_or(start, |(name, _)| name),
+        &starts.join(" "),
         &range,
         v.element.attribute("description").unwrap_or_default(),
     ]

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use fmu_description::FmiVersion;
 use fmu_file::platform::{Platform, UNIVERSAL};
 
 use crate::build::Build;
@@ -42,10 +43,10 @@ impl Target {
     ///
     /// # Errors
     /// There is no toolchain, or FMI has no platform folder for this machine.
-    pub fn of_this_machine() -> Result<Self> {
+    pub fn of_this_machine(version: FmiVersion) -> Result<Self> {
         let host = host()?;
         Ok(Self {
-            platforms: Platform::of_target(&host)?,
+            platforms: Platform::of_target(&host, version)?,
             recipes: vec![Recipe {
                 target: host,
                 is_named: false,
@@ -60,13 +61,13 @@ impl Target {
     ///
     /// # Errors
     /// A tool or standard library that the target needs is missing.
-    pub fn named(name: &str) -> Result<Self> {
+    pub fn named(name: &str, version: FmiVersion) -> Result<Self> {
         let parts = match name {
             UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
             _ => vec![name],
         };
         Ok(Self {
-            platforms: Platform::of_target(name)?,
+            platforms: Platform::of_target(name, version)?,
             recipes: parts.into_iter().map(Recipe::to).collect::<Result<_>>()?,
         })
     }
@@ -105,6 +106,11 @@ impl Recipe {
             std_from_source,
             by_zig,
         })
+    }
+
+    /// Whether the target was asked for by name.
+    pub fn is_named(&self) -> bool {
+        self.is_named
     }
 
     /// `cargo rustc` for the target.

@@ -2,12 +2,13 @@
 
 use std::fmt;
 
-use fmu_description::ScalarVariable;
 use fmu_description::xml::Element;
+use fmu_description::{FmiVersion, ScalarVariable};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 
-use crate::Rule;
+use crate::rules::Variable;
+use crate::{Rule, Source};
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -46,22 +47,40 @@ impl From<String> for Location {
     }
 }
 
+impl Location {
+    /// The line of a variable, and its name.
+    pub fn of_variable(element: &Element<'_>) -> Self {
+        let name = element.attribute("name");
+        Self {
+            variable: name.map(|name| plain(name, Findings::MAX_LENGTH)),
+            ..element.into()
+        }
+    }
+
+    /// The line of an element in a file.
+    pub fn of(file: &str, element: &Element<'_>) -> Self {
+        Self {
+            line: Some(element.line),
+            ..file.into()
+        }
+    }
+}
+
+impl From<&Variable<'_>> for Location {
+    fn from(variable: &Variable<'_>) -> Self {
+        Self::of_variable(variable.element)
+    }
+}
+
 impl From<&Element<'_>> for Location {
     fn from(element: &Element<'_>) -> Self {
-        Self {
-            file: MODEL_DESCRIPTION.to_owned(),
-            line: Some(element.line),
-            variable: None,
-        }
+        Self::of(MODEL_DESCRIPTION, element)
     }
 }
 
 impl From<&ScalarVariable<'_>> for Location {
     fn from(variable: &ScalarVariable<'_>) -> Self {
-        Self {
-            variable: Some(plain(variable.name, Findings::MAX_LENGTH)),
-            ..variable.element.into()
-        }
+        Self::of_variable(variable.element)
     }
 }
 
@@ -87,6 +106,8 @@ pub struct Finding {
     pub location: Location,
     /// What was found and what was expected.
     pub text: String,
+    /// Where the rule is written, for the version of the FMU.
+    pub source: Source,
 }
 
 impl fmt::Display for Severity {
@@ -101,8 +122,8 @@ impl fmt::Display for Severity {
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rule, location) = (self.rule, &self.location);
-        let (severity, source) = (rule.severity, rule.source);
-        write!(f, "{severity}: {location}: {} ({source})", self.text)
+        let severity = rule.severity;
+        write!(f, "{severity}: {location}: {} ({})", self.text, self.source)
     }
 }
 
@@ -133,6 +154,7 @@ pub struct Findings {
     keep: usize,
     /// Number of all that are kept.
     kept: usize,
+    version: FmiVersion,
 }
 
 impl Default for Findings {
@@ -155,7 +177,18 @@ impl Findings {
             groups: Vec::new(),
             keep,
             kept: 0,
+            version: FmiVersion::Fmi2,
         }
+    }
+
+    /// The version of FMI whose rules apply.
+    pub fn version(&self) -> FmiVersion {
+        self.version
+    }
+
+    /// Says which version's rules apply from now on.
+    pub(crate) fn set_version(&mut self, version: FmiVersion) {
+        self.version = version;
     }
 
     /// Adds a finding of a rule.
@@ -190,6 +223,7 @@ impl Findings {
                 location: location.into(),
                 // The text may quote the FMU.
                 text: plain(text.as_ref(), Self::MAX_LENGTH),
+                source: rule.source.of(self.version),
             });
         }
     }
@@ -226,7 +260,7 @@ mod tests {
 
     rules! {
         TEST {
-            FIRST: Error, "first", Standard("section 1"), "Something.";
+            FIRST: Error, "first", Fmi2("section 1"), "Something.";
             SECOND: Warning, "second", Practice("importer X fails"), "Something else.";
         }
     }

@@ -6,27 +6,34 @@
 #![forbid(unsafe_code)]
 
 mod binary;
+mod build;
+mod exports;
 mod finding;
 pub mod format;
 mod package;
 mod rule;
 mod rules;
 mod schema;
+mod terminals;
 
 use std::path::Path;
 
 pub use binary::Probes;
 pub use binary::child::run as probe;
 pub use finding::{Finding, Findings, Group, Location, Severity};
-use fmu_description::ModelDescription;
-use fmu_description::xml;
+use fmu_description::xml::{self, Element};
+use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 pub use rule::{Rule, Source};
+use schema::Schema;
 
 /// All rules, by the part of the FMU that they are about.
 pub fn rules() -> impl Iterator<Item = &'static Rule> {
     [
         package::ARCHIVE,
+        exports::EXPORTS,
+        build::BUILD,
+        terminals::TERMINALS,
         schema::SCHEMA,
         rules::root::ROOT,
         rules::DEFINITIONS,
@@ -35,6 +42,8 @@ pub fn rules() -> impl Iterator<Item = &'static Rule> {
         rules::names::NAMES,
         rules::variables::VARIABLES,
         rules::structure::STRUCTURE,
+        rules::arrays::ARRAYS,
+        rules::clocks::CLOCKS,
         binary::rules::BEHAVIOUR,
     ]
     .into_iter()
@@ -53,34 +62,57 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
             return findings.add(rule, "archive", format!("{error:#}"));
         }
     };
-    package::check(&mut archive, findings);
-    let bytes = match archive.model_description_bytes() {
-        Ok(bytes) => bytes,
+    let decoded = match archive.model_description_bytes() {
+        Ok(bytes) => xml::decode(&bytes),
         Err(error) => {
+            package::check(&mut archive, findings);
             return findings.add(&package::READABLE, "archive", format!("{error:#}"));
         }
     };
-    let decoded = xml::decode(&bytes);
-    let root = match xml::parse(&decoded.text) {
+    let parsed = xml::parse(&decoded.text);
+    let version = parsed.as_ref().map_or(Some(FmiVersion::Fmi2), version);
+    findings.set_version(version.unwrap_or(FmiVersion::Fmi2));
+    package::check(&mut archive, findings);
+    let root = match parsed {
         Ok(root) => root,
         Err(error) => {
             return findings.add(&package::READABLE, MODEL_DESCRIPTION, format!("{error:#}"));
         }
     };
-    if let Some(version) = ModelDescription::other_version(&root) {
+    let Some(version) = version else {
         // The rules of another version are different.
-        return findings.add(&rules::root::FMI_VERSION, &root, version);
-    }
+        let text = ModelDescription::other_version(&root).unwrap_or_default();
+        return findings.add(&rules::root::FMI_VERSION, &root, text);
+    };
     for fault in decoded.faults {
         findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
     }
-    schema::check(&root, findings);
+    schema::check(
+        MODEL_DESCRIPTION,
+        &root,
+        &Schema::of_model(version),
+        findings,
+    );
     let model = ModelDescription::new(&root);
-    rules::check(&model, findings);
-    package::check_binaries(&model, &mut archive, findings);
+    rules::check(&root, findings);
+    package::check_binaries(&root, &mut archive, findings);
+    if version == FmiVersion::Fmi3 {
+        package::check_folders(&archive, findings);
+        terminals::check(&root, &mut archive, findings);
+    }
     if let Some(probes) = probes
         && archive.faults.is_empty()
     {
         binary::check(&decoded.text, &model, &mut archive, probes, findings);
+    }
+}
+
+/// The version that the root of a model description gives, by default FMI 2.0; `None` if it is another
+/// one.
+fn version(root: &Element<'_>) -> Option<FmiVersion> {
+    match root.attribute("fmiVersion") {
+        None | Some("2.0") => Some(FmiVersion::Fmi2),
+        _ if root.name != "fmiModelDescription" => Some(FmiVersion::Fmi2),
+        Some(version) => version.starts_with("3.").then_some(FmiVersion::Fmi3),
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use fmu_description::FmiVersion;
+
 use crate::Severity;
 
 /// A rule for FMUs.
@@ -20,16 +22,33 @@ pub struct Rule {
 /// Where a rule is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// In a section of FMI 2.0.5.
-    Standard(&'static str),
+    /// In sections of FMI 2.0.5 and FMI 3.0.2.
+    Standard(&'static str, &'static str),
+    /// In a section of FMI 2.0.5; the rule is not for FMI 3.0.
+    Fmi2(&'static str),
+    /// In a section of FMI 3.0.2; the rule is not for FMI 2.0.
+    Fmi3(&'static str),
     /// Not in the standard: the reason for the rule, such as an importer that relies on it.
     Practice(&'static str),
+}
+
+impl Source {
+    /// The source for an FMU of this version.
+    pub fn of(self, version: FmiVersion) -> Self {
+        match (self, version) {
+            (Self::Standard(section, _), FmiVersion::Fmi2) => Self::Fmi2(section),
+            (Self::Standard(_, section), FmiVersion::Fmi3) => Self::Fmi3(section),
+            (source, _) => source,
+        }
+    }
 }
 
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Standard(section) => write!(f, "FMI 2.0.5, {section}"),
+            Self::Standard(in_2, in_3) => write!(f, "{}; {}", Self::Fmi2(in_2), Self::Fmi3(in_3)),
+            Self::Fmi2(section) => write!(f, "FMI 2.0.5, {section}"),
+            Self::Fmi3(section) => write!(f, "FMI 3.0.2, {section}"),
             Self::Practice(reason) => write!(f, "not in the standard, but {reason}"),
         }
     }
@@ -41,13 +60,13 @@ impl fmt::Display for Source {
 /// rules! {
 ///     /// Rules for names.
 ///     pub NAMES {
-///         UNIQUE_NAMES: Error, "unique-names", Standard("2.2.7"), "Each variable has a name of its own.";
+///         UNIQUE_NAMES: Error, "unique-names", Standard("section 2.2.7", "section 2.4.7.4"), "Each variable has a name of its own.";
 ///     }
 /// }
 /// ```
 macro_rules! rules {
     ($($(#[$about:meta])* $visibility:vis $group:ident {
-        $($name:ident: $severity:ident, $id:literal, $source:ident($where:literal), $text:literal;)*
+        $($name:ident: $severity:ident, $id:literal, $source:ident($($where:literal),+), $text:literal;)*
     })*) => {
         $(
             $(
@@ -56,7 +75,7 @@ macro_rules! rules {
                     id: $id,
                     severity: $crate::Severity::$severity,
                     text: $text,
-                    source: $crate::Source::$source($where),
+                    source: $crate::Source::$source($($where),+),
                 };
             )*
 

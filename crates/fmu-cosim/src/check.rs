@@ -15,7 +15,11 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
         let name = |port: Port| components[port.component].name_of(port.variable);
         let (from, to) = (link.from.of(components), link.to.of(components));
         for (port, expected) in [(link.from, Causality::Output), (link.to, Causality::Input)] {
-            let actual = port.of(components).causality;
+            let variable = port.of(components);
+            if let Some(reason) = variable.unsupported {
+                bail!("{} cannot be connected: {reason}", name(port));
+            }
+            let actual = variable.causality;
             ensure!(
                 actual == expected,
                 "{} is connected as {}, but is {}",
@@ -25,7 +29,7 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             );
         }
         ensure!(
-            from.kind.accessed_as() == to.kind.accessed_as(),
+            class(from.kind) == class(to.kind),
             "{} ({:?}) cannot feed {} ({:?}): the types differ",
             name(link.from),
             from.kind,
@@ -38,9 +42,8 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
             name(link.from)
         );
         ensure!(
-            link.scale.is_none()
-                || (from.kind, to.kind) == (VariableType::Real, VariableType::Real),
-            "{} cannot feed {} with a factor: both must be Real",
+            link.scale.is_none() || from.kind.is_float(),
+            "{} cannot feed {} with a factor: both must be real numbers",
             name(link.from),
             name(link.to)
         );
@@ -61,6 +64,15 @@ pub(crate) fn links(components: &[Planned], links: &[Link]) -> Result<()> {
     Ok(())
 }
 
+/// The type that stands for all that a variable may feed: numbers of different size are converted.
+fn class(kind: VariableType) -> VariableType {
+    match kind {
+        _ if kind.is_float() => VariableType::Real,
+        _ if kind.integer().is_some() => VariableType::Integer,
+        other => other,
+    }
+}
+
 fn text(causality: Causality) -> &'static str {
     match causality {
         Causality::Input => "an input",
@@ -69,6 +81,7 @@ fn text(causality: Causality) -> &'static str {
         Causality::CalculatedParameter => "a calculated parameter",
         Causality::Local => "a local variable",
         Causality::Independent => "the time",
+        Causality::StructuralParameter => "a structural parameter",
     }
 }
 
@@ -114,7 +127,7 @@ fn find_loop(
     let known = components[output.component].fmu.feedthrough.iter();
     let inputs = known
         .filter(|(index, _)| *index == output.variable)
-        .filter_map(|(_, inputs)| inputs.as_ref())
+        .filter_map(|(_, inputs)| inputs.as_deref())
         .flatten();
     for &variable in inputs {
         let input = Port { variable, ..output };

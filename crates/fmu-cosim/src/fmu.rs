@@ -1,6 +1,7 @@
 //! An unpacked FMU: the parts of its model description that the master needs, and its instances.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -8,27 +9,31 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{
-    Capability, Causality, Initial, ModelDescription, ScalarVariable, Variability, VariableType,
+    Capability, Causality, FmiVersion, Initial, ModelDescription, ScalarVariable, Variability,
+    VariableType,
 };
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, Library, LoadError};
+use fmu_host::{Instance, Instantiation, Library, LoadError, Options};
 use tempfile::TempDir;
 
 use crate::Messages;
 use crate::recorder::Function;
+use crate::value::Typed;
 
 /// An FMU for co-simulation.
 pub struct Fmu {
     /// The file.
     pub path: PathBuf,
-    /// Its variables, in the order of the model description.
+    /// Its version of FMI.
+    pub version: FmiVersion,
+    /// Its variables, in the order of the model description; of an array, each element.
     pub variables: Vec<Variable>,
     /// Outputs, and the inputs that they depend on directly; `None` where the FMU declares nothing.
-    pub(crate) feedthrough: Vec<(usize, Option<Vec<usize>>)>,
+    pub(crate) feedthrough: Vec<(usize, Option<Arc<[usize]>>)>,
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
-    guid: String,
+    token: String,
     /// The tolerance of its default experiment.
     pub(crate) tolerance: Option<f64>,
     /// The binary, relative to the folder.
@@ -40,15 +45,25 @@ pub struct Fmu {
     pub(crate) only_once: bool,
 }
 
-/// The owned parts of a [`ScalarVariable`] that the master needs once the document is dropped.
+/// The owned parts of a [`ScalarVariable`], or of an element of an array, that the master needs once the
+/// document is dropped.
 #[derive(Debug, Clone)]
 pub struct Variable {
-    /// Its name.
+    /// Its name; with an index if it is an element of an array.
     pub name: String,
-    /// Its value reference.
+    /// Its value reference; that of the array.
     pub reference: u32,
+    /// Its index in the array, and the number of elements of the array, which follow each other.
+    pub(crate) element: usize,
+    pub(crate) count: usize,
     /// Its type.
     pub kind: VariableType,
+    /// The type whose functions get and set it.
+    pub(crate) access: VariableType,
+    /// Why it can be neither connected nor set, if so.
+    pub(crate) unsupported: Option<&'static str>,
+    /// Its start value in the model description, if it is an element of an array, which is set as a whole.
+    pub(crate) start: Option<Typed>,
     /// Its causality.
     pub causality: Causality,
     /// Its variability.
@@ -60,14 +75,14 @@ pub struct Variable {
     /// The name of its type, if the FMU declares one.
     pub declared_type: Option<String>,
     /// Names and values of the items if it is an Enumeration.
-    pub items: Vec<(String, i32)>,
+    pub items: Vec<(String, i64)>,
 }
 
 impl Fmu {
     /// Reads and unpacks a file.
     ///
     /// # Errors
-    /// The file is not a valid FMI 2.0 co-simulation FMU with a binary for this machine.
+    /// The file is not a valid co-simulation FMU of FMI 2.0 or 3.0 with a binary for this machine.
     pub fn open(path: &Path) -> Result<Self> {
         Self::read(path).with_context(|| format!("{} cannot be used", path.display()))
     }
@@ -77,28 +92,37 @@ impl Fmu {
         let text = archive.model_description()?;
         let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         let model = ModelDescription::read(&root)?;
-        let slave = model
-            .co_simulation()
-            .context("it does not support co-simulation")?;
+        let slave = slave(&model)?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
-        let binary = binary(&archive, identifier)?;
+        let binary = binary(&archive, identifier, model.version)?;
         let only_once = Capability::CanBeInstantiatedOnlyOncePerProcess.is_claimed_by(slave);
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path())?;
-        let variables: Vec<_> = model.variables().map(|(_, v)| variable(v)).collect();
-        let index = variables
-            .iter()
-            .enumerate()
-            .map(|(i, v)| (v.name.clone(), i))
-            .collect();
+        let count = model.variables().map(|(_, v)| v.count());
+        let count = count.fold(0_usize, usize::saturating_add);
+        ensure!(
+            count <= MAX_VARIABLES,
+            "its variables have {count} elements, expected at most {MAX_VARIABLES}"
+        );
+        let mut variables = Vec::with_capacity(count);
+        let mut index = HashMap::with_capacity(count);
+        for (_, v) in model.variables() {
+            let first = variables.len();
+            variables.extend(elements(v, model.version));
+            for name in [v.name].into_iter().chain(v.aliases()) {
+                let names = (0..v.count()).map(|element| v.element_name(name, element));
+                index.extend(names.zip(first..));
+            }
+        }
         Ok(Self {
             path: path.to_owned(),
+            version: model.version,
             feedthrough: feedthrough(&model),
             variables,
             index,
             units: units(&root),
-            guid: root.attribute("guid").unwrap_or_default().to_owned(),
+            token: model.token().to_owned(),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             binary,
             library: OnceLock::new(),
@@ -176,7 +200,8 @@ impl Fmu {
         name: &str,
         messages: &Messages,
     ) -> Result<Instance, String> {
-        messages.recorder().begin(component, Function::Load);
+        let mut calls = messages.recorder().calls(component, self.version);
+        calls.begin(Function::Load);
         let library = self
             .library
             .get_or_init(|| Library::load(&self.folder.path().join(&self.binary)))
@@ -185,27 +210,60 @@ impl Fmu {
         if library.is_lost() {
             return Err("it is unusable after a fatal error".into());
         }
+        let resources = self.folder.path().join("resources");
         let arguments = Instantiation {
             name,
             kind: fmu_host::Kind::CoSimulation,
-            guid: &self.guid,
-            resources: &fmu_host::uri(&self.folder.path().join("resources")),
+            guid: &self.token,
+            resources: &match self.version {
+                FmiVersion::Fmi2 => fmu_host::uri(&resources),
+                FmiVersion::Fmi3 => fmu_host::resource_path(&resources),
+            },
             logging_on: true,
         };
         let (instance, log) = (name.to_owned(), messages.clone());
-        messages.recorder().begin(component, Function::Instantiate);
-        library
-            .instantiate(&arguments, move |logged| log.log(&instance, &logged))
+        let sink = move |logged| log.log(&instance, &logged);
+        calls.begin(Function::Instantiate);
+        let instance = match self.version {
+            FmiVersion::Fmi2 => library.instantiate(&arguments, sink),
+            FmiVersion::Fmi3 => library.instantiate_3(&arguments, Options::default(), sink),
+        };
+        instance
             .map_err(|failure| failure.to_string())?
             .ok_or_else(|| {
-                let reason = messages.reason("fmi2Instantiate");
+                let reason = messages.reason(Function::Instantiate.name(self.version));
                 reason.unwrap_or_else(|| "the FMU logged no reason".into())
             })
     }
 }
 
-fn binary(archive: &Archive, identifier: &str) -> Result<String> {
-    let platform = Platform::of_this_machine().context("FMI 2.0 does not define this platform")?;
+/// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
+const MAX_VARIABLES: usize = 1 << 20;
+
+/// The element of co-simulation, if the master can run the FMU.
+fn slave<'a>(model: &ModelDescription<'a>) -> Result<&'a Element<'a>> {
+    let Some(slave) = model.co_simulation() else {
+        let other = match (model.model_exchange(), model.scheduled_execution()) {
+            (Some(_), _) => ", only model exchange",
+            (None, Some(_)) => ", only scheduled execution",
+            (None, None) => "",
+        };
+        bail!("it does not support co-simulation{other}");
+    };
+    let is_input_clock =
+        |v: &&ScalarVariable<'_>| v.kind == VariableType::Clock && v.causality == Causality::Input;
+    if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
+        bail!(
+            "its clock {} must be ticked by the master, which is not supported",
+            clock.name
+        );
+    }
+    Ok(slave)
+}
+
+fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<String> {
+    let platform = Platform::of_this_machine(version)
+        .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
     let binary = platform.binary(identifier);
     // The names in an archive are safe, but the binary must also be in the folder of the platform.
     ensure!(
@@ -216,12 +274,51 @@ fn binary(archive: &Archive, identifier: &str) -> Result<String> {
     Ok(binary)
 }
 
-/// Copies the parts of a variable that the master needs.
-fn variable(v: &ScalarVariable<'_>) -> Variable {
+/// Copies the parts of a variable that the master needs, for each of its elements.
+fn elements<'a>(
+    v: &'a ScalarVariable<'_>,
+    version: FmiVersion,
+) -> impl Iterator<Item = Variable> + use<'a> {
+    let starts = match v.dimensions.is_empty() {
+        true => Vec::new(),
+        false => v.starts(),
+    };
+    let one = variable(v, version);
+    (0..v.count()).map(move |element| {
+        // One start value may be that of all elements.
+        let start = starts
+            .get(element)
+            .or(starts.first().filter(|_| starts.len() == 1));
+        Variable {
+            name: v.element_name(v.name, element),
+            element,
+            start: start.and_then(|text| Typed::parse(one.access, text)),
+            ..one.clone()
+        }
+    })
+}
+
+fn variable(v: &ScalarVariable<'_>, version: FmiVersion) -> Variable {
     Variable {
         name: v.name.to_owned(),
         reference: v.reference,
+        element: 0,
+        count: v.count(),
         kind: v.kind,
+        access: match (version, v.kind) {
+            (FmiVersion::Fmi3, VariableType::Enumeration) => VariableType::Int64,
+            (_, kind) => kind.accessed_as(),
+        },
+        unsupported: if matches!(v.kind, VariableType::Binary | VariableType::Clock) {
+            Some("variables of this type are not supported")
+        } else if v.is_structural {
+            Some("structural parameters are not supported")
+        } else if v.element.attribute("clocks").is_some() {
+            Some("clocked variables are not supported")
+        } else {
+            None
+        },
+        start: None,
         causality: v.causality,
         variability: v.variability,
         initial: v.initial,
@@ -234,19 +331,20 @@ fn variable(v: &ScalarVariable<'_>) -> Variable {
     }
 }
 
-fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Vec<usize>>)> {
+fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Arc<[usize]>>)> {
     // Invalid variables are left out.
-    let positions: HashMap<usize, usize> = (model.variables().enumerate())
-        .map(|(position, (index, _))| (index, position))
-        .collect();
-    let position = |index: usize| positions.get(&index).copied();
-    model
-        .outputs
-        .iter()
-        .filter_map(|unknown| {
-            let inputs = unknown.dependencies.as_ref();
-            let known = |all: &Vec<u32>| all.iter().filter_map(|i| position(*i as usize)).collect();
-            Some((position(unknown.index)?, inputs.map(known)))
+    let mut first = 0;
+    let mut positions: HashMap<usize, Range<usize>> = HashMap::new();
+    for (index, variable) in model.variables() {
+        positions.insert(index, first..first + variable.count());
+        first += variable.count();
+    }
+    let positions = |index: usize| positions.get(&index).cloned().unwrap_or_default();
+    let known = |all: &Vec<u32>| all.iter().flat_map(|i| positions(*i as usize)).collect();
+    (model.outputs.iter())
+        .flat_map(|unknown| {
+            let inputs: Option<Arc<[usize]>> = unknown.dependencies.as_ref().map(known);
+            positions(unknown.index).map(move |output| (output, inputs.clone()))
         })
         .collect()
 }

@@ -7,8 +7,7 @@ use anyhow::Result;
 use fmu_host::Success;
 
 use crate::recorder::{Calls, Function};
-use crate::value::Typed;
-use crate::{Fmu, Messages, Variable};
+use crate::{Fmu, Messages};
 
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +88,7 @@ impl Instance {
             slave: fmu.instantiate(component, name, messages)?,
             fmu: fmu.clone(),
             messages: messages.clone(),
-            calls: messages.recorder().calls(component),
+            calls: messages.recorder().calls(component, fmu.version),
         })
     }
 
@@ -140,28 +139,16 @@ impl Instance {
             function: failure.function,
             what: what(),
             time: None,
-            outcome: failure.cause.to_string(),
+            outcome: failure.outcome(),
             message: self.messages.reason(failure.function),
         }))
     }
 
-    pub(crate) fn set(&mut self, variable: &Variable, value: &Typed) -> Called {
-        let reference = [variable.reference];
-        let what = || format!("{} = {}", variable.name, value);
-        let function = match value {
-            Typed::Real(_) => Function::SetReal,
-            Typed::Integer(_) => Function::SetInteger,
-            Typed::Boolean(_) => Function::SetBoolean,
-            Typed::String(_) => Function::SetString,
-        };
-        self.call(function, what, |slave| match value {
-            Typed::Real(v) => slave.set_real(&reference, &[*v]),
-            Typed::Integer(v) => slave.set_integer(&reference, &[*v]),
-            Typed::Boolean(v) => slave.set_boolean(&reference, &[i32::from(*v)]),
-            Typed::String(text) => slave.set_string(&reference, std::slice::from_ref(text)),
-        })
+    pub(crate) fn fmu(&self) -> &Arc<Fmu> {
+        &self.fmu
     }
 
+    /// Sets up the experiment; FMI 3.0 has no call for it.
     pub(crate) fn set_up(&mut self, start: f64, stop: f64, tolerance: Option<f64>) -> Called {
         let what = || "set-up of the experiment".to_owned();
         self.call(Function::SetupExperiment, what, |slave| {
@@ -190,8 +177,11 @@ impl Instance {
     }
 
     pub(crate) fn terminate(&mut self) -> Called {
-        let call = fmu_host::Instance::terminate;
-        self.call(Function::Terminate, || "end".to_owned(), call)
+        self.call(
+            Function::Terminate,
+            || "end".to_owned(),
+            fmu_host::Instance::terminate,
+        )
     }
 }
 

@@ -1,4 +1,4 @@
-//! A native master for FMI 2.0 co-simulation FMUs from any vendor.
+//! A native master for co-simulation FMUs of FMI 2.0 and 3.0 from any vendor, also in one system.
 //!
 //! A [`Description`], usually read from a TOML file, lists the FMUs of a system and their connections.
 //! A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one run of a plan.
@@ -31,6 +31,7 @@
 //! communication point from which the component has stepped.
 #![forbid(unsafe_code)]
 
+mod access;
 mod check;
 mod csv;
 mod description;

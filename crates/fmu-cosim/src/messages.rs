@@ -100,7 +100,12 @@ impl Messages {
             explained = true;
         }
         if !explained {
-            self.keep(instance, true, format!("{function} returned fmi2Warning"));
+            let version = function.get(..4).unwrap_or_default();
+            self.keep(
+                instance,
+                true,
+                format!("{function} returned {version}Warning"),
+            );
         }
     }
 

@@ -47,7 +47,9 @@ impl fmt::Display for Shown {
         match kind {
             VariableType::Boolean if value == 0.0 => f.write_str("false"),
             VariableType::Boolean if value == 1.0 => f.write_str("true"),
-            VariableType::Real => write!(f, "{value:?}"),
+            // The digits of its own precision.
+            VariableType::Float32 => write!(f, "{:?}", value as f32),
+            kind if kind.is_float() => write!(f, "{value:?}"),
             _ => write!(f, "{value}"),
         }
     }
@@ -169,13 +171,13 @@ impl Plan {
         Ok(Start { port, value })
     }
 
-    /// The start values of a component in the order of its variables: those of the description, unless
+    /// The start values of a component by the indices of its variables: those of the description, unless
     /// `others` replace them.
     pub(crate) fn starts<'a>(
         &'a self,
         component: usize,
         others: &'a [Start],
-    ) -> impl Iterator<Item = (&'a Variable, &'a Typed)> {
+    ) -> BTreeMap<usize, &'a Typed> {
         let planned = &self.components[component];
         let mut starts: BTreeMap<usize, &Typed> = planned
             .starts
@@ -186,10 +188,7 @@ impl Plan {
             .iter()
             .filter(|start| start.port.component == component);
         starts.extend(others.map(|start| (start.port.variable, &start.value)));
-        let variables = &planned.fmu.variables;
         starts
-            .into_iter()
-            .map(|(index, value)| (&variables[index], value))
     }
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,
@@ -224,9 +223,10 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
             .iter()
             .enumerate()
             .flat_map(|(component, planned)| {
-                let outputs = planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
-                    v.causality == Causality::Output && v.kind != VariableType::String
-                });
+                let outputs =
+                    planned.fmu.variables.iter().enumerate().filter(|(_, v)| {
+                        v.causality == Causality::Output && unrecordable(v).is_none()
+                    });
                 outputs.map(move |(variable, _)| Port {
                     component,
                     variable,
@@ -237,21 +237,28 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     let mut ports = Vec::new();
     for name in names {
         let port = port(components, name)?;
-        ensure!(
-            port.of(components).kind != VariableType::String,
-            "{name} is a String, which cannot be recorded"
-        );
+        if let Some(reason) = unrecordable(port.of(components)) {
+            bail!("{name} cannot be recorded: {reason}");
+        }
         ensure!(!ports.contains(&port), "{name} is recorded twice");
         ports.push(port);
     }
     Ok(ports)
 }
 
+/// Why a variable cannot be recorded, if so.
+fn unrecordable(variable: &Variable) -> Option<&'static str> {
+    match variable.kind {
+        VariableType::String => Some("it is a String"),
+        _ => variable.unsupported,
+    }
+}
+
 fn column(components: &[Planned], port: Port) -> Column {
     let variable = port.of(components);
-    let none = match variable.kind {
-        VariableType::Real => "1",
-        _ => "",
+    let none = match variable.kind.is_float() {
+        true => "1",
+        false => "",
     };
     Column {
         name: components[port.component].name_of(port.variable),

@@ -4,6 +4,7 @@ use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
+use fmu_description::{FmiVersion, VariableType};
 use fmu_host::SharedMemory;
 
 use crate::Failure;
@@ -41,7 +42,7 @@ const COMPONENT_BITS: u32 = 24;
 /// The bits of the word `CALL` that are not the number of the call.
 const NOT_NUMBER: u64 = (1 << (FUNCTION_BITS + COMPONENT_BITS)) - 1;
 
-/// The calls of an FMU.
+/// The calls of an FMU of either version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Function {
@@ -61,27 +62,123 @@ pub(crate) enum Function {
     SetInteger,
     SetBoolean,
     SetString,
+    GetFloat32,
+    GetInt8,
+    GetUInt8,
+    GetInt16,
+    GetUInt16,
+    GetUInt32,
+    GetInt64,
+    GetUInt64,
+    SetFloat32,
+    SetInt8,
+    SetUInt8,
+    SetInt16,
+    SetUInt16,
+    SetUInt32,
+    SetInt64,
+    SetUInt64,
 }
 
-/// The names of the functions and the purposes of the calls, in the order of [`Function`].
-const FUNCTIONS: [(&str, &str); 16] = [
-    ("", ""),
-    ("loading the binary", "instantiation"),
-    ("fmi2Instantiate", "instantiation"),
-    ("fmi2SetupExperiment", "initialization"),
-    ("fmi2EnterInitializationMode", "initialization"),
-    ("fmi2ExitInitializationMode", "initialization"),
-    ("fmi2DoStep", "step"),
-    ("fmi2Terminate", "end"),
-    ("fmi2FreeInstance", "end"),
-    ("fmi2GetReal", "reading outputs"),
-    ("fmi2GetInteger", "reading outputs"),
-    ("fmi2GetBoolean", "reading outputs"),
-    ("fmi2SetReal", "setting inputs and parameters"),
-    ("fmi2SetInteger", "setting inputs and parameters"),
-    ("fmi2SetBoolean", "setting inputs and parameters"),
-    ("fmi2SetString", "setting inputs and parameters"),
+/// The bit of a function in the word `CALL` that tells that it is of FMI 3.0.
+const FMI_3: u64 = 1 << (FUNCTION_BITS - 1);
+
+/// The names of the functions in FMI 2.0 and FMI 3.0 and the purposes of the calls, in the order of
+/// [`Function`].
+const FUNCTIONS: [(&str, &str, &str); 32] = [
+    ("", "", ""),
+    ("loading the binary", "loading the binary", "instantiation"),
+    (
+        "fmi2Instantiate",
+        "fmi3InstantiateCoSimulation",
+        "instantiation",
+    ),
+    ("fmi2SetupExperiment", "", "initialization"),
+    (
+        "fmi2EnterInitializationMode",
+        "fmi3EnterInitializationMode",
+        "initialization",
+    ),
+    (
+        "fmi2ExitInitializationMode",
+        "fmi3ExitInitializationMode",
+        "initialization",
+    ),
+    ("fmi2DoStep", "fmi3DoStep", "step"),
+    ("fmi2Terminate", "fmi3Terminate", "end"),
+    ("fmi2FreeInstance", "fmi3FreeInstance", "end"),
+    ("fmi2GetReal", "fmi3GetFloat64", READING),
+    ("fmi2GetInteger", "fmi3GetInt32", READING),
+    ("fmi2GetBoolean", "fmi3GetBoolean", READING),
+    ("fmi2SetReal", "fmi3SetFloat64", SETTING),
+    ("fmi2SetInteger", "fmi3SetInt32", SETTING),
+    ("fmi2SetBoolean", "fmi3SetBoolean", SETTING),
+    ("fmi2SetString", "fmi3SetString", SETTING),
+    ("", "fmi3GetFloat32", READING),
+    ("", "fmi3GetInt8", READING),
+    ("", "fmi3GetUInt8", READING),
+    ("", "fmi3GetInt16", READING),
+    ("", "fmi3GetUInt16", READING),
+    ("", "fmi3GetUInt32", READING),
+    ("", "fmi3GetInt64", READING),
+    ("", "fmi3GetUInt64", READING),
+    ("", "fmi3SetFloat32", SETTING),
+    ("", "fmi3SetInt8", SETTING),
+    ("", "fmi3SetUInt8", SETTING),
+    ("", "fmi3SetInt16", SETTING),
+    ("", "fmi3SetUInt16", SETTING),
+    ("", "fmi3SetUInt32", SETTING),
+    ("", "fmi3SetInt64", SETTING),
+    ("", "fmi3SetUInt64", SETTING),
 ];
+const READING: &str = "reading outputs";
+const SETTING: &str = "setting inputs and parameters";
+
+impl Function {
+    /// Its name in a version of FMI.
+    pub(crate) const fn name(self, version: FmiVersion) -> &'static str {
+        let (in_2, in_3, _) = FUNCTIONS[self as usize];
+        match version {
+            FmiVersion::Fmi2 => in_2,
+            FmiVersion::Fmi3 => in_3,
+        }
+    }
+
+    /// The function that gets variables of a type, as `access` of [`Variable`](crate::Variable) has it.
+    pub(crate) fn get(access: VariableType) -> Self {
+        match access {
+            VariableType::Boolean => Self::GetBoolean,
+            VariableType::Float32 => Self::GetFloat32,
+            VariableType::Int8 => Self::GetInt8,
+            VariableType::UInt8 => Self::GetUInt8,
+            VariableType::Int16 => Self::GetInt16,
+            VariableType::UInt16 => Self::GetUInt16,
+            VariableType::UInt32 => Self::GetUInt32,
+            VariableType::Int64 => Self::GetInt64,
+            VariableType::UInt64 => Self::GetUInt64,
+            kind if kind.is_float() => Self::GetReal,
+            _ => Self::GetInteger,
+        }
+    }
+
+    /// The function that sets variables of a type.
+    pub(crate) fn set(access: VariableType) -> Self {
+        match access {
+            VariableType::Boolean => Self::SetBoolean,
+            VariableType::String => Self::SetString,
+            VariableType::Float32 => Self::SetFloat32,
+            VariableType::Int8 => Self::SetInt8,
+            VariableType::UInt8 => Self::SetUInt8,
+            VariableType::Int16 => Self::SetInt16,
+            VariableType::UInt16 => Self::SetUInt16,
+            VariableType::UInt32 => Self::SetUInt32,
+            VariableType::Int64 => Self::SetInt64,
+            VariableType::UInt64 => Self::SetUInt64,
+            kind if kind.is_float() => Self::SetReal,
+            _ => Self::SetInteger,
+        }
+    }
+}
 
 impl Default for Recorder {
     fn default() -> Self {
@@ -115,14 +212,13 @@ impl Recorder {
         self.0.words()
     }
 
-    /// Records that a function of a component is about to be called.
-    pub(crate) fn begin(&self, component: usize, function: Function) {
-        self.calls(component).begin(function);
-    }
-
-    /// Records calls of a component.
-    pub(crate) fn calls(&self, component: usize) -> Calls {
-        let id = (component as u64) << FUNCTION_BITS & NOT_NUMBER;
+    /// Records calls of a component, whose FMU is of a version of FMI.
+    pub(crate) fn calls(&self, component: usize, version: FmiVersion) -> Calls {
+        let flag = match version {
+            FmiVersion::Fmi2 => 0,
+            FmiVersion::Fmi3 => FMI_3,
+        };
+        let id = (component as u64) << FUNCTION_BITS & NOT_NUMBER | flag;
         Calls {
             recorder: self.clone(),
             word: self.call() & !NOT_NUMBER | id,
@@ -131,7 +227,7 @@ impl Recorder {
 
     /// Records that no call is in progress.
     pub(crate) fn end_call(&self) {
-        self.begin(0, Function::None);
+        self.calls(0, FmiVersion::Fmi2).begin(Function::None);
     }
 
     /// Records the communication point (s); NaN before the initialization.
@@ -207,9 +303,14 @@ impl Recorder {
     /// of the components and of their files.
     pub fn failure(&self, components: &[(String, String)], outcome: &str) -> Option<Failure> {
         let call = self.call();
-        let (function, what) = *FUNCTIONS
-            .get(function(call))
-            .filter(|(name, _)| !name.is_empty())?;
+        let (in_2, in_3, what) = *FUNCTIONS.get(function(call))?;
+        let function = match call & FMI_3 {
+            0 => in_2,
+            _ => in_3,
+        };
+        if function.is_empty() {
+            return None;
+        }
         let component = (call >> FUNCTION_BITS) as usize & ((1 << COMPONENT_BITS) - 1);
         let (component, fmu) = components.get(component).cloned().unwrap_or_default();
         let step = f64::from_bits(self.words()[word::STEP].load(Relaxed));
@@ -249,7 +350,7 @@ impl Calls {
 
 /// The function of a word `CALL`.
 fn function(call: u64) -> usize {
-    call as usize & ((1 << FUNCTION_BITS) - 1)
+    (call & (FMI_3 - 1)) as usize
 }
 
 #[cfg(test)]
@@ -268,7 +369,9 @@ mod tests {
         let worker = Recorder::open(&file).unwrap();
         worker.step(0.25);
         worker.at(f64::NAN);
-        worker.begin(0, Function::Instantiate);
+        worker
+            .calls(0, FmiVersion::Fmi2)
+            .begin(Function::Instantiate);
         let first = supervisor.call();
         let text = |outcome| supervisor.failure(&names, outcome).unwrap().to_string();
         assert_eq!(
@@ -277,12 +380,12 @@ mod tests {
              the FMU logged no reason"
         );
         worker.at(1.5);
-        worker.begin(1, Function::DoStep);
+        worker.calls(1, FmiVersion::Fmi3).begin(Function::DoStep);
         worker.log("too fast: 9 > 8");
         assert_ne!(supervisor.call(), first);
         assert_eq!(
             text("was ended by signal 6, abort"),
-            "b (b.fmu), step of 0.25 s at t = 1.5 s: fmi2DoStep was ended by signal 6, abort: \
+            "b (b.fmu), step of 0.25 s at t = 1.5 s: fmi3DoStep was ended by signal 6, abort: \
              too fast: 9 > 8"
         );
         worker.end_call();
@@ -294,8 +397,17 @@ mod tests {
 
     #[test]
     fn every_function_has_its_name() {
-        assert_eq!(FUNCTIONS[Function::DoStep as usize].0, "fmi2DoStep");
-        assert_eq!(FUNCTIONS[Function::SetString as usize].0, "fmi2SetString");
-        assert_eq!(FUNCTIONS.len(), Function::SetString as usize + 1);
+        assert_eq!(Function::DoStep.name(FmiVersion::Fmi2), "fmi2DoStep");
+        assert_eq!(Function::SetString.name(FmiVersion::Fmi2), "fmi2SetString");
+        assert_eq!(FUNCTIONS.len(), Function::SetUInt64 as usize + 1);
+        for kind in VariableType::of(FmiVersion::Fmi3) {
+            use VariableType as T;
+            if !matches!(kind, T::Binary | T::Clock | T::Enumeration | T::String) {
+                let name = format!("fmi3Get{}", kind.as_str());
+                assert_eq!(Function::get(kind).name(FmiVersion::Fmi3), name);
+                let name = format!("fmi3Set{}", kind.as_str());
+                assert_eq!(Function::set(kind).name(FmiVersion::Fmi3), name);
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use crate::instance::{Called, Instance};
-use crate::transfer::{Component, Values, propagate};
+use crate::transfer::{self, Component, Values, propagate};
 use crate::{Failure, Message, Messages, Order, Plan, Start};
 
 /// An initialized run of a system.
@@ -46,7 +46,7 @@ impl<'a> Simulation<'a> {
             .enumerate()
             .map(|(index, (c, ports))| {
                 let instance = Instance::new(index, &c.name, &c.fmu, messages)?;
-                Ok(Component::new(instance, ports))
+                Ok(Component::new(instance, ports, &plan.starts(index, starts)))
             });
         let mut simulation = Self {
             plan,
@@ -61,14 +61,13 @@ impl<'a> Simulation<'a> {
 
     /// Initializes with the calls of FMPy, in its order.
     fn initialize(&mut self, starts: &[Start]) -> Called {
-        let (start, end) = (self.plan.experiment.start, self.plan.end());
+        let plan = self.plan;
+        let (start, end) = (plan.experiment.start, plan.end());
         self.messages.recorder().at(start);
         for (index, component) in self.components.iter_mut().enumerate() {
             let instance = &mut component.instance;
-            instance.set_up(start, end, self.plan.components[index].tolerance)?;
-            for (variable, value) in self.plan.starts(index, starts) {
-                instance.set(variable, value)?;
-            }
+            instance.set_up(start, end, plan.components[index].tolerance)?;
+            transfer::start(instance, &plan.starts(index, starts))?;
         }
         self.initialize_all().map_err(|failure| failure.at(start))
     }

@@ -102,6 +102,9 @@ fn is_sampled(fmu: &Fmu) -> bool {
 }
 
 pub(crate) fn start(variable: &Variable, name: &str, value: &Value) -> Result<Typed> {
+    if let Some(reason) = variable.unsupported {
+        bail!("{name} = {value} cannot be set: {reason}");
+    }
     let is_set_by_causality = matches!(variable.causality, Causality::Input | Causality::Parameter);
     let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
     let is_constant = variable.variability == Variability::Constant;

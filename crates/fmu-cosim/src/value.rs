@@ -4,6 +4,7 @@ use std::ffi::CString;
 
 use anyhow::{Result, bail};
 use fmu_description::VariableType;
+use fmu_description::value::{boolean, real, whole};
 use serde::Deserialize;
 
 use crate::Variable;
@@ -28,10 +29,10 @@ pub enum Value {
 /// A value with the type of its variable.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Typed {
-    /// Of a Real.
+    /// Of a Real, Float64 or Float32.
     Real(f64),
-    /// Of an Integer, or the value of an Enumeration item.
-    Integer(i32),
+    /// Of a whole number of any type, or the value of an Enumeration item.
+    Integer(i128),
     /// Of a Boolean.
     Boolean(bool),
     /// Of a String.
@@ -60,6 +61,18 @@ impl std::fmt::Display for Typed {
     }
 }
 
+impl Typed {
+    /// A start value of a model description; `None` if it is invalid.
+    pub(crate) fn parse(access: VariableType, text: &str) -> Option<Self> {
+        match access {
+            VariableType::Boolean => boolean(text).map(Self::Boolean),
+            VariableType::String => CString::new(text).ok().map(Self::String),
+            kind if kind.is_float() => real(text).map(Self::Real),
+            kind => kind.integer().and_then(|_| whole(text)).map(Self::Integer),
+        }
+    }
+}
+
 impl Value {
     /// Converts to the type of a variable, which is shown to the user as `name`.
     ///
@@ -67,14 +80,20 @@ impl Value {
     /// The value does not have the type of the variable.
     pub(crate) fn typed(&self, variable: &Variable, name: &str) -> Result<Typed> {
         let typed = match variable.kind {
-            VariableType::Real => self.real().map(Typed::Real),
-            VariableType::Integer => self.integer().map(Typed::Integer),
             VariableType::Boolean => self.boolean().map(Typed::Boolean),
             VariableType::Enumeration => self.item(&variable.items).map(Typed::Integer),
             VariableType::String => match self {
                 Self::Text(text) => CString::new(text.as_str()).ok().map(Typed::String),
                 _ => None,
             },
+            kind if kind.is_float() => self.real().map(Typed::Real),
+            kind => kind.integer().and_then(|kind| {
+                let (min, max) = kind.range();
+                let value = self.integer()?;
+                (min..=max)
+                    .contains(&value)
+                    .then_some(Typed::Integer(value))
+            }),
         };
         match typed {
             Some(typed) => Ok(typed),
@@ -94,9 +113,9 @@ impl Value {
         }
     }
 
-    fn integer(&self) -> Option<i32> {
+    fn integer(&self) -> Option<i128> {
         match self {
-            Self::Integer(value) => i32::try_from(*value).ok(),
+            Self::Integer(value) => Some((*value).into()),
             Self::Text(text) => text.parse().ok(),
             Self::Real(_) | Self::Boolean(_) => None,
         }
@@ -111,24 +130,23 @@ impl Value {
     }
 
     /// The value of an enumeration item, given by name or value.
-    fn item(&self, items: &[(String, i32)]) -> Option<i32> {
+    fn item(&self, items: &[(String, i64)]) -> Option<i128> {
         let by_name = match self {
             Self::Text(text) => items.iter().find(|(name, _)| name == text),
             _ => None,
         };
         let number = by_name
-            .map(|(_, number)| *number)
+            .map(|(_, number)| i128::from(*number))
             .or_else(|| self.integer())?;
         items
             .iter()
-            .any(|(_, known)| *known == number)
+            .any(|(_, known)| i128::from(*known) == number)
             .then_some(number)
     }
 }
 
 fn expected(variable: &Variable) -> String {
     match variable.kind {
-        VariableType::Real => "a number".into(),
         VariableType::Integer => "a 32-bit integer".into(),
         VariableType::Boolean => "true or false".into(),
         VariableType::String => "a quoted string without null bytes".into(),
@@ -140,5 +158,13 @@ fn expected(variable: &Variable) -> String {
                 .collect();
             format!("one of {}", names.join(", "))
         }
+        kind if kind.is_float() => "a number".into(),
+        kind => match kind.integer() {
+            Some(of) => {
+                let (min, max) = of.range();
+                format!("a whole number from {min} to {max}")
+            }
+            None => format!("nothing, as a {} cannot be set", kind.as_str()),
+        },
     }
 }

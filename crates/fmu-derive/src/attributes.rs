@@ -2,8 +2,12 @@
 
 use std::collections::HashSet;
 
+use fmu_description::words::is_identifier;
+use proc_macro2::Span;
 use syn::meta::ParseNestedMeta;
+use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
+use syn::spanned::Spanned;
 use syn::{
     Attribute, Error, Expr, Field, Ident, LitStr, Path, Result, Token, parenthesized, parse_quote,
 };
@@ -18,6 +22,8 @@ pub struct StructAttributes {
     pub name: Option<LitStr>,
     /// Sample time (s).
     pub sample_time: Option<Expr>,
+    /// Whether the model is described by equations; where the option is written.
+    pub continuous: Option<Span>,
     /// Stop time of the default experiment (s).
     pub stop_time: Option<Expr>,
     /// Step size of the default experiment (s).
@@ -33,6 +39,7 @@ impl StructAttributes {
             by_default: false,
             name: None,
             sample_time: None,
+            continuous: None,
             stop_time: None,
             step_size: None,
             tolerance: None,
@@ -63,6 +70,8 @@ impl StructAttributes {
             self.name = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("sample_time") {
             self.sample_time = Some(meta.value()?.parse()?);
+        } else if meta.path.is_ident("continuous") {
+            self.continuous = Some(meta.path.span());
         } else if meta.path.is_ident("stop_time") {
             self.stop_time = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("step_size") {
@@ -73,7 +82,7 @@ impl StructAttributes {
             self.krate = meta.value()?.parse()?;
         } else {
             return Err(meta.error(
-                "unknown option; expected `name`, `sample_time`, `stop_time`, `step_size`, `tolerance` or `crate`",
+                "unknown option; expected `name`, `sample_time`, `continuous`, `stop_time`, `step_size`, `tolerance` or `crate`",
             ));
         }
         Ok(())
@@ -86,19 +95,26 @@ pub enum Role {
     Input,
     Output,
     Parameter,
+    StructuralParameter,
     Local,
     Constant,
+    /// The time derivative of a state.
+    Derivative,
+    EventIndicator,
     Nested,
     /// Not a variable.
     Internal,
 }
 
-const ROLES: [(&str, Role); 6] = [
+const ROLES: [(&str, Role); 9] = [
     ("input", Role::Input),
     ("output", Role::Output),
     ("parameter", Role::Parameter),
+    ("structural_parameter", Role::StructuralParameter),
     ("local", Role::Local),
     ("constant", Role::Constant),
+    ("derivative", Role::Derivative),
+    ("event_indicator", Role::EventIndicator),
     ("nested", Role::Nested),
 ];
 
@@ -108,16 +124,28 @@ pub struct FieldAttributes {
     pub name: Option<LitStr>,
     pub description: Option<LitStr>,
     pub unit: Option<LitStr>,
+    /// MIME type of a binary.
+    pub mime_type: Option<LitStr>,
     pub start: Option<Expr>,
     pub min: Option<Expr>,
     pub max: Option<Expr>,
+    /// Name of the structural parameter that is the number of elements in use.
+    pub size: Option<LitStr>,
     pub tunable: bool,
     pub discrete: bool,
+    /// Whether it is a continuous state.
+    pub state: bool,
+    /// Nominal value of a state.
+    pub nominal: Option<Expr>,
+    /// Name of the state of which it is the derivative.
+    pub of: Option<LitStr>,
     pub initially_from: Vec<LitStr>,
     /// Where the time derivative of an input is stored.
     pub derivative: Option<Expr>,
     /// Names of inputs, and the derivatives of an output with respect to them.
     pub derivative_by: Vec<(LitStr, Expr)>,
+    /// Its terminal and its name there.
+    pub terminal: Option<LitStr>,
     pub prefix: Option<LitStr>,
     pub flatten: bool,
 }
@@ -129,14 +157,20 @@ impl FieldAttributes {
             name: None,
             description: None,
             unit: None,
+            mime_type: None,
             start: None,
             min: None,
             max: None,
+            size: None,
             tunable: false,
             discrete: false,
+            state: false,
+            nominal: None,
+            of: None,
             initially_from: Vec::new(),
             derivative: None,
             derivative_by: Vec::new(),
+            terminal: None,
             prefix: None,
             flatten: false,
         };
@@ -150,7 +184,7 @@ impl FieldAttributes {
             if found.role != Role::Internal {
                 return Err(Error::new_spanned(
                     attribute,
-                    "a field has one role; expected only one of input, output, parameter, local, constant and nested",
+                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator and nested",
                 ));
             }
             found.role = *role;
@@ -168,7 +202,10 @@ impl FieldAttributes {
     }
 
     fn read(&mut self, role_name: &str, meta: &ParseNestedMeta<'_>) -> Result<()> {
-        use Role::{Constant, Input, Local, Nested, Output, Parameter};
+        use Role::{
+            Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter,
+            StructuralParameter,
+        };
         let role = self.role;
         let option = meta.path.get_ident().map(Ident::to_string);
         match (option.as_deref().unwrap_or_default(), role) {
@@ -177,32 +214,39 @@ impl FieldAttributes {
             (_, Nested) => {
                 return Err(meta.error("not an option of `nested`; expected `prefix` or `flatten`"));
             }
+            ("of", Derivative) => self.of = Some(name(meta.value()?)?),
+            ("name" | "start" | "min" | "max", Derivative) => {
+                return Err(meta.error(
+                    "not an option of `derivative`; expected `of`, `description`, `unit` or `derivative_by`",
+                ));
+            }
             ("name", _) => self.name = Some(meta.value()?.parse()?),
             ("description", _) => self.description = Some(meta.value()?.parse()?),
             ("unit", _) => self.unit = Some(meta.value()?.parse()?),
+            ("mime_type", _) => self.mime_type = Some(meta.value()?.parse()?),
             ("start", _) => self.start = Some(expression(meta)?),
             ("min", _) => self.min = Some(expression(meta)?),
             ("max", _) => self.max = Some(expression(meta)?),
-            ("tunable", Parameter) => self.tunable = true,
+            ("size", Input | Output | Parameter | Local | Constant) => {
+                self.size = Some(name(meta.value()?)?);
+            }
+            ("tunable", Parameter | StructuralParameter) => self.tunable = true,
             ("discrete", Input | Output | Local) => self.discrete = true,
-            ("initially_from", Output) => {
+            ("state", Output | Local) => self.state = true,
+            ("nominal", Output | Local) => self.nominal = Some(expression(meta)?),
+            ("initially_from", Output | Local) => {
                 let list;
                 parenthesized!(list in meta.input);
                 let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
                 self.initially_from.extend(names);
             }
+            ("terminal", Input | Output) => self.terminal = Some(terminal(meta.value()?)?),
             ("derivative", Input) => self.derivative = Some(meta.value()?.parse()?),
-            ("derivative_by", Output) => {
+            ("derivative_by", Output | Derivative | EventIndicator) => {
                 let list;
                 parenthesized!(list in meta.input);
                 while !list.is_empty() {
-                    let name = match list.peek(LitStr) {
-                        true => list.parse()?,
-                        false => {
-                            let name: Ident = list.parse()?;
-                            LitStr::new(&name.to_string(), name.span())
-                        }
-                    };
+                    let name = name(&list)?;
                     list.parse::<Token![=]>()?;
                     self.derivative_by.push((name, list.parse()?));
                     if !list.is_empty() {
@@ -212,10 +256,13 @@ impl FieldAttributes {
             }
             _ => {
                 let own = match role {
-                    Input => ", `discrete`, `derivative`",
-                    Output => ", `discrete`, `initially_from`, `derivative_by`",
-                    Parameter => ", `tunable`",
-                    Local => ", `discrete`",
+                    Input => ", `discrete`, `derivative`, `terminal`",
+                    Output => {
+                        ", `discrete`, `state`, `nominal`, `initially_from`, `derivative_by`, `terminal`"
+                    }
+                    Parameter | StructuralParameter => ", `tunable`",
+                    Local => ", `discrete`, `state`, `nominal`, `initially_from`",
+                    Derivative | EventIndicator => ", `derivative_by`",
                     Constant | Nested | Role::Internal => "",
                 };
                 return Err(meta.error(format!(
@@ -225,6 +272,29 @@ impl FieldAttributes {
         }
         Ok(())
     }
+}
+
+/// A name in quotes, or without if it is an identifier.
+fn name(input: ParseStream<'_>) -> Result<LitStr> {
+    if input.peek(LitStr) {
+        return input.parse();
+    }
+    let name: Ident = input.parse()?;
+    Ok(LitStr::new(&name.to_string(), name.span()))
+}
+
+/// The name of a terminal and of a member, separated by a period.
+fn terminal(input: ParseStream<'_>) -> Result<LitStr> {
+    let names: LitStr = input.parse()?;
+    let text = names.value();
+    let parts = text.split_once('.');
+    if parts.is_some_and(|(terminal, member)| is_identifier(terminal) && is_identifier(member)) {
+        return Ok(names);
+    }
+    Err(Error::new(
+        names.span(),
+        format!("{text:?} is not the name of a terminal and of a member, such as \"loop.u\""),
+    ))
 }
 
 /// The value of an option, without the invisible parentheses that `macro_rules!` adds.

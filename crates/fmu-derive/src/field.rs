@@ -1,7 +1,8 @@
 //! A field of a struct, with its attribute checked.
 
-use fmu_description::Unit;
+use fmu_description::{IntegerKind, Unit};
 use proc_macro2::Span;
+use quote::{ToTokens, quote};
 use syn::{Error, Expr, GenericArgument, Ident, LitStr, PathArguments, Result, Type};
 
 use crate::attributes::{FieldAttributes, Role};
@@ -32,12 +33,35 @@ pub struct Variable {
 /// The type of the elements of a variable.
 #[derive(Clone)]
 pub enum Kind {
+    /// `f64`
     Real,
-    Integer,
+    /// `f32`
+    Single,
+    Integer(IntegerKind),
     Boolean,
     String,
+    /// `Vec<u8>`
+    Binary,
     Choice(Box<Type>),
 }
+
+impl Kind {
+    /// Whether it is a number with a fraction.
+    pub fn is_real(&self) -> bool {
+        matches!(self, Self::Real | Self::Single)
+    }
+}
+
+const INTEGERS: [(&str, IntegerKind); 8] = [
+    ("i8", IntegerKind::Int8),
+    ("u8", IntegerKind::UInt8),
+    ("i16", IntegerKind::Int16),
+    ("u16", IntegerKind::UInt16),
+    ("i32", IntegerKind::Int32),
+    ("u32", IntegerKind::UInt32),
+    ("i64", IntegerKind::Int64),
+    ("u64", IntegerKind::UInt64),
+];
 
 impl Field {
     pub fn of(field: &syn::Field) -> Result<Self> {
@@ -78,6 +102,13 @@ impl Field {
         }
     }
 
+    /// Whether it is the structural parameter that is the number of elements in use of an array.
+    pub fn is_size_of(&self, array: &Self) -> bool {
+        self.attributes.role == Role::StructuralParameter
+            && (self.variable().zip(array.attributes.size.as_ref()))
+                .is_some_and(|(variable, size)| variable.name.value() == size.value())
+    }
+
     /// The dimensions of an array; empty for other types.
     pub fn dimensions(&self) -> Vec<&Expr> {
         let mut dimensions = Vec::new();
@@ -106,15 +137,13 @@ fn prefix(ident: &Ident, attributes: &FieldAttributes) -> Result<String> {
 }
 
 fn variable(field: &syn::Field, ident: &Ident, attributes: &FieldAttributes) -> Result<Variable> {
-    let name = attributes
-        .name
-        .clone()
-        .unwrap_or_else(|| LitStr::new(&plain(ident), ident.span()));
-    names::check(&name)?;
+    let name = name(ident, attributes)?;
     let description = match &attributes.description {
         Some(text) => Some(text.value()),
         None => names::description(&field.attrs).map(|text| without_unit(&text, attributes)),
     };
+    let of_state = || Some(format!("Derivative of {}", attributes.of.as_ref()?.value()));
+    let description = description.or_else(of_state);
     let description = description.filter(|text| !text.is_empty()).ok_or_else(|| {
         Error::new(
             ident.span(),
@@ -128,6 +157,27 @@ fn variable(field: &syn::Field, ident: &Ident, attributes: &FieldAttributes) -> 
         description,
         kind,
     })
+}
+
+/// The name of a variable; that of a derivative is `der(state)`.
+fn name(ident: &Ident, attributes: &FieldAttributes) -> Result<LitStr> {
+    if attributes.role == Role::Derivative {
+        let state = attributes.of.as_ref().ok_or_else(|| {
+            Error::new(
+                ident.span(),
+                "a derivative needs its state; expected `#[derivative(of = ...)]`",
+            )
+        })?;
+        names::check(state)?;
+        return Ok(LitStr::new(
+            &format!("der({})", state.value()),
+            state.span(),
+        ));
+    }
+    let name =
+        (attributes.name.clone()).unwrap_or_else(|| LitStr::new(&plain(ident), ident.span()));
+    names::check(&name)?;
+    Ok(name)
 }
 
 /// A doc comment without the unit in parentheses, which the variable has by itself.
@@ -148,7 +198,7 @@ fn kind(ty: &Type) -> Result<Kind> {
     let unsupported = || {
         Error::new_spanned(
             ty,
-            "not a type of an FMI variable; expected f64, i32, bool, String, an enum with #[derive(Choice)], or an array such as [f64; 3]",
+            "not a type of an FMI variable; expected f64, f32, i8 to i64, u8 to u64, bool, String, Vec<u8>, an enum with #[derive(Choice)], or an array such as [f64; 3]",
         )
     };
     match ungrouped(ty) {
@@ -164,13 +214,19 @@ fn kind(ty: &Type) -> Result<Kind> {
                 }
                 PathArguments::Parenthesized(_) => true,
             };
-            match last.ident.to_string().as_str() {
+            let name = last.ident.to_string();
+            if let Some((_, kind)) = INTEGERS.iter().find(|(of, _)| *of == name) {
+                return Ok(Kind::Integer(*kind));
+            }
+            match name.as_str() {
                 "f64" => Ok(Kind::Real),
-                "i32" => Ok(Kind::Integer),
+                "f32" => Ok(Kind::Single),
                 "bool" => Ok(Kind::Boolean),
                 "String" => Ok(Kind::String),
-                "f32" | "i8" | "i16" | "i64" | "i128" | "isize" | "u8" | "u16" | "u32" | "u64"
-                | "u128" | "usize" | "char" | "str" => Err(unsupported()),
+                "Vec" if last.to_token_stream().to_string() == quote!(Vec<u8>).to_string() => {
+                    Ok(Kind::Binary)
+                }
+                "i128" | "isize" | "u128" | "usize" | "char" | "str" => Err(unsupported()),
                 _ if has_types => Err(unsupported()),
                 _ => Ok(Kind::Choice(Box::new(ty.clone()))),
             }
@@ -183,10 +239,10 @@ fn check_options(kind: &Kind, field: &syn::Field, attributes: &FieldAttributes) 
     let is_real = matches!(kind, Kind::Real);
     let is_array = matches!(ungrouped(&field.ty), Type::Array(_));
     if let Some(unit) = &attributes.unit {
-        if !is_real {
+        if !kind.is_real() {
             return Err(Error::new_spanned(
                 unit,
-                "only an f64 has a unit (a type alias is not recognized)",
+                "only an f64 or f32 has a unit (a type alias is not recognized)",
             ));
         }
         if let Err(error) = Unit::parse(&unit.value()) {
@@ -200,6 +256,34 @@ fn check_options(kind: &Kind, field: &syn::Field, attributes: &FieldAttributes) 
                 format!(
                     "unknown unit {text:?}{which}; expected a product such as \"N.m\", \"kg.m2\", \"m/s2\" or \"N/(rad.s)\""
                 ),
+            ));
+        }
+    }
+    if let Some(mime_type) = &attributes.mime_type
+        && !matches!(kind, Kind::Binary)
+    {
+        return Err(Error::new_spanned(
+            mime_type,
+            "only a Vec<u8> has a MIME type",
+        ));
+    }
+    if attributes.role == Role::StructuralParameter
+        && (is_array || !matches!(kind, Kind::Integer(IntegerKind::UInt64)))
+    {
+        return Err(Error::new_spanned(
+            &field.ty,
+            "a structural parameter is of type u64",
+        ));
+    }
+    if let Some(size) = &attributes.size {
+        let is_list = match ungrouped(&field.ty) {
+            Type::Array(array) => !matches!(ungrouped(&array.elem), Type::Array(_)),
+            _ => false,
+        };
+        if !is_list || attributes.state {
+            return Err(Error::new_spanned(
+                size,
+                "only an array of one dimension, and not of states, has a size",
             ));
         }
     }
@@ -223,8 +307,25 @@ fn check_options(kind: &Kind, field: &syn::Field, attributes: &FieldAttributes) 
     {
         return Err(Error::new_spanned(
             name,
-            "only an output of type f64 has directional derivatives",
+            "only a variable of type f64 has directional derivatives",
         ));
+    }
+    let is_of_equations =
+        attributes.state || matches!(attributes.role, Role::Derivative | Role::EventIndicator);
+    if is_of_equations && (!is_real || attributes.discrete) {
+        return Err(Error::new_spanned(
+            &field.ident,
+            "states, derivatives and event indicators are continuous and of type f64",
+        ));
+    }
+    if let Some(nominal) = &attributes.nominal {
+        if !attributes.state {
+            return Err(Error::new_spanned(
+                nominal,
+                "only a state has a nominal value",
+            ));
+        }
+        start::check_positive(nominal)?;
     }
     Ok(())
 }

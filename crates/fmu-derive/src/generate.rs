@@ -3,9 +3,9 @@
 use proc_macro2::{Span, TokenStream};
 use quote::quote;
 use syn::spanned::Spanned;
-use syn::{Expr, LitStr, Type};
+use syn::{Expr, Ident, LitStr, Type, parse_quote};
 
-use crate::attributes::Role;
+use crate::attributes::{FieldAttributes, Role};
 use crate::field::{Content, Field, Kind, Variable, element_type};
 use crate::{spans, start};
 
@@ -43,10 +43,14 @@ fn variable_row(field: &Field, variable: &Variable, krate: &TokenStream) -> Toke
     let (name, description) = (&variable.name, &variable.description);
     let ident = &field.ident;
     let attributes = &field.attributes;
-    let is_real = matches!(variable.kind, Kind::Real);
+    let is_real = variable.kind.is_real();
     let (causality, variability) = match attributes.role {
         Role::Parameter if attributes.tunable => (quote!(Parameter), quote!(Tunable)),
         Role::Parameter => (quote!(Parameter), quote!(Fixed)),
+        Role::StructuralParameter if attributes.tunable => {
+            (quote!(StructuralParameter), quote!(Tunable))
+        }
+        Role::StructuralParameter => (quote!(StructuralParameter), quote!(Fixed)),
         Role::Constant => (quote!(Local), quote!(Constant)),
         role => {
             let causality = match role {
@@ -62,9 +66,19 @@ fn variable_row(field: &Field, variable: &Variable, krate: &TokenStream) -> Toke
     };
     let dimensions = field.dimensions();
     let domain = domain(field, variable, krate);
+    let size = attributes
+        .size
+        .as_ref()
+        .map(LitStr::value)
+        .unwrap_or_default();
     let initially_from = &attributes.initially_from;
     let has_input_derivative = attributes.derivative.is_some();
-    let has_directional_derivatives = !attributes.derivative_by.is_empty();
+    let terminal = attributes
+        .terminal
+        .as_ref()
+        .map_or_else(String::new, LitStr::value);
+    let depends_on = attributes.derivative_by.iter().map(|(name, _)| name);
+    let dynamics = dynamics(attributes);
     quote! {
         #krate::Row::Variable(#krate::Variable {
             name: #name,
@@ -73,20 +87,41 @@ fn variable_row(field: &Field, variable: &Variable, krate: &TokenStream) -> Toke
             causality: #krate::Causality::#causality,
             variability: #krate::Variability::#variability,
             dimensions: &[#(#dimensions),*],
+            size: #size,
             domain: #domain,
             initially_from: &[#(#initially_from),*],
+            dynamics: #krate::Dynamics::#dynamics,
+            depends_on: &[#(#depends_on),*],
             has_input_derivative: #has_input_derivative,
-            has_directional_derivatives: #has_directional_derivatives,
+            terminal: #terminal,
         })
+    }
+}
+
+/// The part of a field in the differential equations.
+fn dynamics(attributes: &FieldAttributes) -> TokenStream {
+    match (attributes.role, &attributes.of) {
+        (Role::Derivative, Some(of)) => quote!(Derivative { of: #of }),
+        (Role::EventIndicator, _) => quote!(EventIndicator),
+        _ if attributes.state => {
+            let nominal = match &attributes.nominal {
+                Some(nominal) => start::number(nominal, &Kind::Real),
+                None => parse_quote!(1.0),
+            };
+            quote!(State { nominal: #nominal })
+        }
+        _ => quote!(Algebraic),
     }
 }
 
 fn domain(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenStream {
     let start = start::start(field, variable, krate);
-    let bound = |bound: &Option<Expr>, unbounded: TokenStream| match bound {
+    // A bound in the type of the field, as the common type of all such numbers.
+    let ty = element_type(&field.ty);
+    let bound = |bound: &Option<Expr>, unbounded: TokenStream, common: TokenStream| match bound {
         Some(bound) => {
             let bound = start::number(bound, &variable.kind);
-            quote!(#bound)
+            quote!({ let bound: #ty = #bound; bound as #common })
         }
         None => unbounded,
     };
@@ -100,9 +135,13 @@ fn domain(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenStrea
         variable.name.value()
     );
     match &variable.kind {
-        Kind::Real => {
-            let min = bound(min, quote!(f64::NEG_INFINITY));
-            let max = bound(max, quote!(f64::INFINITY));
+        Kind::Real | Kind::Single => {
+            let min = bound(min, quote!(f64::NEG_INFINITY), quote!(f64));
+            let max = bound(max, quote!(f64::INFINITY), quote!(f64));
+            let start = match variable.kind {
+                Kind::Single => quote!(#krate::Reals::Float32(#start)),
+                _ => quote!(#krate::Reals::Float64(#start)),
+            };
             let unit = match &field.attributes.unit {
                 Some(unit) => unit.clone(),
                 None => LitStr::new("", Span::call_site()),
@@ -110,9 +149,11 @@ fn domain(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenStrea
             let checked = spans::at(place, quote!(#krate::reals(#start, (#min, #max), #message)));
             quote!(#krate::Domain::Real { start: #checked, min: #min, max: #max, unit: #unit })
         }
-        Kind::Integer => {
-            let min = bound(min, quote!(i32::MIN));
-            let max = bound(max, quote!(i32::MAX));
+        Kind::Integer(kind) => {
+            let min = bound(min, quote!(#ty::MIN as i128), quote!(i128));
+            let max = bound(max, quote!(#ty::MAX as i128), quote!(i128));
+            let kind = Ident::new(kind.as_str(), place);
+            let start = quote!(#krate::Integers::#kind(#start));
             let checked = spans::at(
                 place,
                 quote!(#krate::integers(#start, (#min, #max), #message)),
@@ -121,6 +162,13 @@ fn domain(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenStrea
         }
         Kind::Boolean => quote!(#krate::Domain::Boolean { start: #start }),
         Kind::String => quote!(#krate::Domain::String { start: #start }),
+        Kind::Binary => {
+            let mime_type = match &field.attributes.mime_type {
+                Some(mime_type) => mime_type.value(),
+                None => "application/octet-stream".into(),
+            };
+            quote!(#krate::Domain::Binary { start: #start, mime_type: #mime_type })
+        }
         Kind::Choice(ty) => {
             let items = choice(ty, &quote!(ENUMERATION), krate);
             quote!(#krate::Domain::Enumeration { start: #start, items: &#items })
@@ -204,16 +252,13 @@ pub fn value_arm(field: &Field, at: &Position, krate: &TokenStream) -> Option<To
         Content::Variable(variable) => {
             let scalar = scalar(field, &at);
             let value = match &variable.kind {
-                Kind::Real => quote!(Real(#scalar)),
-                Kind::Integer => quote!(Integer(#scalar)),
-                Kind::Boolean => quote!(Boolean(#scalar)),
-                Kind::String => quote!(String(#scalar)),
                 Kind::Choice(ty) => {
                     let any = choice(ty, &quote!(any), krate);
-                    quote!(Choice(#any(#scalar)))
+                    quote!(#krate::ValueMut::Choice(#any(#scalar)))
                 }
+                _ => quote!(#krate::Element::access(#scalar)),
             };
-            quote!(::core::option::Option::Some(#krate::ValueMut::#value))
+            quote!(::core::option::Option::Some(#value))
         }
         Content::Internal => return None,
     };
@@ -240,11 +285,11 @@ pub fn input_derivative_arm(
     Some(quote!(_ if #guard => #value,))
 }
 
-/// The arms of `directional_derivative` for a field; `inputs` are the inputs of the struct.
+/// The arms of `directional_derivative` for a field; `knowns` are the inputs and states of the struct.
 pub fn directional_derivative_arms(
     field: &Field,
     at: &Position,
-    inputs: &[(String, TokenStream)],
+    knowns: &[(String, TokenStream)],
     krate: &TokenStream,
 ) -> TokenStream {
     let at = at.tokens();
@@ -252,13 +297,13 @@ pub fn directional_derivative_arms(
         let ident = &field.ident;
         let count = nested(field, &quote!(COUNT), krate);
         let derivative = nested(field, &quote!(directional_derivative), krate);
-        let (output, input) = (
-            quote!(output.wrapping_sub(#at)),
-            quote!(input.wrapping_sub(#at)),
+        let (unknown, known) = (
+            quote!(unknown.wrapping_sub(#at)),
+            quote!(known.wrapping_sub(#at)),
         );
         return quote! {
-            _ if #output < const { #count } && #input < const { #count } => {
-                #derivative(&self.#ident, #output, #input)
+            _ if #unknown < const { #count } && #known < const { #count } => {
+                #derivative(&self.#ident, #unknown, #known)
             }
         };
     }
@@ -267,26 +312,31 @@ pub fn directional_derivative_arms(
         .derivative_by
         .iter()
         .filter_map(|(name, value)| {
-            let (_, input) = inputs.iter().find(|(input, _)| *input == name.value())?;
-            Some(quote!(_ if output == #at && input == #input => #value,))
+            let (_, known) = knowns.iter().find(|(known, _)| *known == name.value())?;
+            Some(quote!(_ if unknown == #at && known == #known => #value,))
         });
     quote!(#(#arms)*)
 }
 
-/// The statement of `add_outputs` for a field.
-pub fn add_outputs(field: &Field, krate: &TokenStream) -> Option<TokenStream> {
+/// The statement of `add_outputs` for a field of a struct; of an array, it adds the elements in use.
+pub fn add_outputs(field: &Field, fields: &[Field], krate: &TokenStream) -> Option<TokenStream> {
     let ident = &field.ident;
     match &field.content {
         Content::Nested { .. } => {
             let add = nested(field, &quote!(add_outputs), krate);
             Some(quote!(let sum = #add(&self.#ident, sum);))
         }
-        Content::Variable(Variable {
-            kind: Kind::Real, ..
-        }) if field.attributes.role == Role::Output => {
+        Content::Variable(variable)
+            if field.attributes.role == Role::Output && variable.kind.is_real() =>
+        {
             let dimensions = field.dimensions().len();
-            Some(match dimensions {
-                0 => quote!(let sum = sum + self.#ident;),
+            let size = fields.iter().find(|parameter| parameter.is_size_of(field));
+            Some(match (dimensions, size) {
+                (0, _) => quote!(let sum = sum + f64::from(self.#ident);),
+                (_, Some(size)) => {
+                    let size = &size.ident;
+                    quote!(let sum = sum + #krate::sum(#krate::in_use(&self.#ident, self.#size));)
+                }
                 _ => {
                     let flatten = (1..dimensions).map(|_| quote!(.as_flattened()));
                     quote!(let sum = sum + #krate::sum(&self.#ident #(#flatten)*);)
@@ -345,17 +395,13 @@ pub fn set_start_values(field: &Field, row: usize, krate: &TokenStream) -> Optio
         Content::Variable(variable) => {
             let scalars = scalars(field);
             let row = quote!(const { &Self::ROWS[#row] });
-            let set = match &variable.kind {
-                Kind::Real => quote!(set_reals),
-                Kind::Integer => quote!(set_integers),
-                Kind::Boolean => quote!(set_booleans),
-                Kind::String => quote!(set_strings),
+            Some(match &variable.kind {
                 Kind::Choice(ty) => {
                     let item = choice(ty, &quote!(from_number), krate);
-                    return Some(quote!(#krate::set_choices(#scalars, #row, #item);));
+                    quote!(#krate::set_choices(#scalars, #row, #item);)
                 }
-            };
-            Some(quote!(#krate::#set(#scalars, #row);))
+                _ => quote!(#krate::Element::set_start_values(#scalars, #row);),
+            })
         }
         Content::Internal => None,
     }
@@ -369,7 +415,7 @@ pub fn copy_settable(field: &Field, krate: &TokenStream) -> Option<TokenStream> 
             let copy = nested(field, &quote!(copy_settable), krate);
             Some(quote!(#copy(&mut self.#ident, &from.#ident);))
         }
-        (_, Role::Input | Role::Parameter) => {
+        (_, Role::Input | Role::Parameter | Role::StructuralParameter) => {
             Some(quote!(::core::clone::Clone::clone_from(&mut self.#ident, &from.#ident);))
         }
         _ => None,

@@ -24,6 +24,7 @@ use syn::{DeriveInput, Error, parse_macro_input};
 /// |---|---|---|
 /// | `name = "Pd"` | name of the model and of its FMU, a C identifier | name of the struct |
 /// | `sample_time = self.ts` | sample time in s, any expression of type `f64`: `step` is called once for each sample instant, and the outputs hold in between | none: `step` is called for each communication step |
+/// | `continuous` | the model is described by equations that hold at any time: implement `Continuous`, too, and it is for model exchange as well | no |
 /// | `stop_time = 10` | stop time of the default experiment in s | 20 |
 /// | `step_size = 0.01` | communication step size of the default experiment in s | 0.001 |
 /// | `tolerance = 1e-8` | relative tolerance that the integrator of the model keeps, shown in the default experiment | none |
@@ -70,7 +71,19 @@ use syn::{DeriveInput, Error, parse_macro_input};
 /// ```
 #[proc_macro_derive(
     Model,
-    attributes(model, variables, input, output, parameter, local, constant, nested)
+    attributes(
+        model,
+        variables,
+        input,
+        output,
+        parameter,
+        structural_parameter,
+        local,
+        constant,
+        derivative,
+        event_indicator,
+        nested
+    )
 )]
 pub fn model(input: TokenStream) -> TokenStream {
     expand(parse_macro_input!(input), model::expand, stub::model)
@@ -88,8 +101,11 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// | `#[output]` | output | the model |
 /// | `#[parameter]` | fixed parameter | the host, before the first step |
 /// | `#[parameter(tunable)]` | tunable parameter | the host, at any time |
+/// | `#[structural_parameter]`, of type `u64` | number of elements in use of arrays with the option `size` | the host, in configuration mode of FMI 3.0 |
 /// | `#[local]` | local variable, for inspection | the model |
 /// | `#[constant(start = ...)]` | local constant | nobody |
+/// | `#[derivative(of = x)]` | local variable `der(x)`, the time derivative of a state of the same struct | the model |
+/// | `#[event_indicator]` | local variable; where it changes its sign, an event happens | the model |
 /// | `#[nested]` | the variables of another struct, with the name of the field before theirs: `pid.kp` | |
 /// | none | none; the type implements `Default`, `Clone`, `Serialize` and `Deserialize` | the model |
 ///
@@ -97,10 +113,12 @@ pub fn model(input: TokenStream) -> TokenStream {
 ///
 /// | Type | FMI type | Start value if there is no `start` |
 /// |---|---|---|
-/// | `f64` | Real, continuous unless it is `discrete` or the model has a sample time | 0 |
-/// | `i32` | Integer | 0 |
+/// | `f64` | Float64, which is called Real in FMI 2.0; continuous unless it is `discrete` or the model has a sample time | 0 |
+/// | `f32` | Float32, which is a Real in FMI 2.0; as `f64` | 0 |
+/// | `i8` to `i64`, `u8` to `u64` | Int8 to UInt64, all of which are an Integer of 32 bits in FMI 2.0 | 0 |
 /// | `bool` | Boolean | false |
 /// | `String` | String | empty |
+/// | `Vec<u8>` | Binary, which FMI 2.0 does not have | empty |
 /// | an enum with [`derive@Choice`] | Enumeration | the first item |
 /// | `[T; N]`, `[[T; M]; N]`, ... | scalars `w[1]`, `w[2]` or `w[1,1]`, ... of these types | as its elements |
 ///
@@ -112,14 +130,19 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// |---|---|---|
 /// | `name = "valve.flow"` | all | name of the variable instead of that of the field: letters, digits and underscores, with periods between parts |
 /// | `description = "..."` | all | description instead of the doc comment, of which it is the text up to the first empty line, without backticks and the unit in parentheses |
-/// | `unit = "N.s/m"` | `f64` | a [`Unit`](fmu_description::unit) |
+/// | `unit = "N.s/m"` | `f64`, `f32` | a [`Unit`](fmu_description::unit) |
 /// | `start = 0.5` | all | start value, a constant expression; of an array, an array or one value for all elements |
-/// | `min = 0`, `max = 1` | `f64`, `i32` | bounds, constant expressions; the layer refuses values outside |
-/// | `tunable` | parameters | the host may set it between steps |
-/// | `discrete` | inputs, outputs and local variables of type `f64` | changes at certain instants only |
-/// | `initially_from("y0", "pid.kp")` | outputs | variables of this struct that the value after the initialization depends on; those of an array of the same dimensions element by element |
+/// | `mime_type = "image/png"` | `Vec<u8>` | MIME type of the bytes, `application/octet-stream` if it is not given |
+/// | `min = 0`, `max = 1` | numbers | bounds, constant expressions; the layer refuses values outside |
+/// | `size = "nodes"` | arrays of one dimension | the structural parameter of this struct that is the number of elements in use, which are the first ones |
+/// | `tunable` | parameters | the host may set it between steps; a structural parameter in reconfiguration mode, after which [`reconfigure`](trait.Simulate.html#method.reconfigure) is called |
+/// | `discrete` | inputs, outputs and local variables of type `f64` or `f32` | changes at certain instants only |
+/// | `state` | outputs and local variables of type `f64` | a continuous state; a field with `#[derivative(of = ...)]` has its derivative |
+/// | `nominal = 0.1` | states | order of magnitude, 1 if it is not given |
+/// | `initially_from("y0", "pid.kp")` | outputs and local variables | variables of this struct that the value after the initialization depends on; those of an array of the same dimensions element by element |
 /// | `derivative = self.u_rate` | inputs of type `f64` | the host may set the time derivative of the input, which is stored in this field |
-/// | `derivative_by(u = self.slope())` | outputs of type `f64` | derivatives of the output with respect to inputs of this struct, expressions of type `f64` |
+/// | `derivative_by(u = self.slope())` | outputs, derivatives and event indicators of type `f64` | derivatives of the variable with respect to inputs and states of this struct, expressions of type `f64`; it depends on no others |
+/// | `terminal = "loop.u"` | inputs and outputs | the terminal of FMI 3.0 that it belongs to, and its name there; tools connect terminals with the same members by one line |
 /// | `prefix = "spare.pump"` | `#[nested]` | what to write before the names, instead of the name of the field |
 /// | `flatten` | `#[nested]` | the names are kept as they are |
 ///
@@ -179,7 +202,18 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// ```
 #[proc_macro_derive(
     Variables,
-    attributes(variables, input, output, parameter, local, constant, nested)
+    attributes(
+        variables,
+        input,
+        output,
+        parameter,
+        structural_parameter,
+        local,
+        constant,
+        derivative,
+        event_indicator,
+        nested
+    )
 )]
 pub fn variables(input: TokenStream) -> TokenStream {
     expand(

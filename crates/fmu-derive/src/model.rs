@@ -34,6 +34,30 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     (positive.into_iter().flatten()).try_for_each(start::check_positive)?;
     let number = |e| start::number(e, &Kind::Real);
     let is_sampled = attributes.sample_time.is_some();
+    let is_continuous = attributes.continuous.is_some();
+    if let (Some(span), true) = (attributes.continuous, is_sampled) {
+        return Err(Error::new(
+            span,
+            "a model with a sample time is not continuous",
+        ));
+    }
+    let equations = attributes.continuous.map(|span| {
+        let continuous = spans::at(span, quote!(<Self as #krate::Continuous>));
+        quote! {
+            #[inline]
+            fn on_evaluate(&mut self, time: f64) -> ::core::result::Result<(), #krate::ModelError> {
+                #continuous::evaluate(self, time)
+            }
+
+            fn on_event(&mut self, time: f64) -> ::core::result::Result<(), #krate::ModelError> {
+                #continuous::event(self, time)
+            }
+
+            fn on_next_event(&self, time: f64) -> ::core::option::Option<f64> {
+                #continuous::next_event(self, time)
+            }
+        }
+    });
     let sample_time = match attributes.sample_time.as_ref().map(number) {
         Some(sample_time) => quote!(#sample_time),
         None => quote!(0.0),
@@ -52,6 +76,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
             const NAME: &'static str = #name;
             const DESCRIPTION: &'static str = #description;
             const IS_SAMPLED: bool = #is_sampled;
+            const IS_CONTINUOUS: bool = #is_continuous;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             #tolerance
 
@@ -59,6 +84,8 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
             fn sample_time(&self) -> f64 {
                 #sample_time
             }
+
+            #equations
         }
     })
 }
@@ -74,8 +101,8 @@ fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Re
     let krate = &attributes.krate;
     let krate = &quote!(#krate::derive);
     let positions = positions(&fields, krate);
-    let inputs = inputs(&fields, &positions);
-    check_inputs(&fields, &inputs)?;
+    let knowns = knowns(&fields, &positions);
+    check_knowns(&fields, &knowns)?;
 
     let rows = fields
         .iter()
@@ -90,10 +117,10 @@ fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Re
     let derivatives = fields
         .iter()
         .zip(&positions)
-        .map(|(field, at)| generate::directional_derivative_arms(field, at, &inputs, krate));
+        .map(|(field, at)| generate::directional_derivative_arms(field, at, &knowns, krate));
     let sums = fields
         .iter()
-        .filter_map(|field| generate::add_outputs(field, krate));
+        .filter_map(|field| generate::add_outputs(field, &fields, krate));
     let of_fields = |of: fn(&Field, &TokenStream) -> TokenStream| -> Vec<_> {
         fields.iter().map(|field| of(field, krate)).collect()
     };
@@ -153,8 +180,8 @@ fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Re
                 }
             }
 
-            fn directional_derivative(&self, output: usize, input: usize) -> f64 {
-                match (output, input) {
+            fn directional_derivative(&self, unknown: usize, known: usize) -> f64 {
+                match (unknown, known) {
                     #(#derivatives)*
                     _ => 0.0,
                 }
@@ -217,12 +244,16 @@ fn positions(fields: &[Field], krate: &TokenStream) -> Vec<Position> {
         .collect()
 }
 
-/// Names and positions of the inputs that are scalars of type f64.
-fn inputs(fields: &[Field], positions: &[Position]) -> Vec<(String, TokenStream)> {
+/// Names and positions of the inputs and states that are scalars of type f64.
+fn knowns(fields: &[Field], positions: &[Position]) -> Vec<(String, TokenStream)> {
     fields
         .iter()
         .zip(positions)
-        .filter(|(field, _)| field.attributes.role == Role::Input && field.dimensions().is_empty())
+        .filter(|(field, _)| {
+            let attributes = &field.attributes;
+            let is_known = attributes.role == Role::Input || attributes.state;
+            is_known && field.dimensions().is_empty()
+        })
         .filter_map(|(field, at)| {
             let variable = field.variable()?;
             matches!(variable.kind, Kind::Real).then(|| (variable.name.value(), at.tokens()))
@@ -245,6 +276,9 @@ fn check_names(fields: &[Field]) -> Result<()> {
             ));
         }
     }
+    fields
+        .iter()
+        .try_for_each(|field| check_size(field, fields))?;
     let has_nested = (fields.iter()).any(|f| matches!(f.content, Content::Nested { .. }));
     for name in fields.iter().flat_map(|f| &f.attributes.initially_from) {
         if !has_nested && !names.contains_key(&name.value()) {
@@ -263,14 +297,51 @@ fn check_names(fields: &[Field]) -> Result<()> {
     Ok(())
 }
 
-/// Checks that directional derivatives are with respect to inputs.
-fn check_inputs(fields: &[Field], inputs: &[(String, TokenStream)]) -> Result<()> {
+/// Checks that the number of elements in use is a structural parameter of the struct, and does not exceed
+/// the array if both are literals. The compiler checks the others where a model is exported.
+fn check_size(field: &Field, fields: &[Field]) -> Result<()> {
+    let Some(size) = &field.attributes.size else {
+        return Ok(());
+    };
+    let Some(parameter) = fields.iter().find(|p| p.is_size_of(field)) else {
+        let message = format!(
+            "there is no structural parameter {:?} in this struct",
+            size.value()
+        );
+        return Err(Error::new(size.span(), message));
+    };
+    let Some(max) = &parameter.attributes.max else {
+        let message = format!(
+            "a structural parameter needs a maximum; expected `max` of at most the length of `{}`",
+            field.ident
+        );
+        return Err(Error::new(parameter.span(), message));
+    };
+    let capacity = field
+        .dimensions()
+        .first()
+        .copied()
+        .and_then(start::number_of);
+    match (start::number_of(max), capacity) {
+        (Some(max), Some(capacity)) if max > capacity => Err(Error::new(
+            size.span(),
+            format!(
+                "{size:?} may be {max}, and the array has only {capacity} elements",
+                size = size.value()
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Checks that directional derivatives are with respect to inputs and states.
+fn check_knowns(fields: &[Field], knowns: &[(String, TokenStream)]) -> Result<()> {
     for (name, _) in fields.iter().flat_map(|f| &f.attributes.derivative_by) {
-        if !inputs.iter().any(|(input, _)| *input == name.value()) {
+        if !knowns.iter().any(|(known, _)| *known == name.value()) {
             return Err(Error::new(
                 name.span(),
                 format!(
-                    "there is no input {:?} of type f64 in this struct",
+                    "there is no input or state {:?} of type f64 in this struct",
                     name.value()
                 ),
             ));

@@ -18,8 +18,8 @@ use crate::spans;
 pub fn check(field: &syn::Field, attributes: &FieldAttributes, kind: &Kind) -> Result<()> {
     let (min, max) = (attributes.min.as_ref(), attributes.max.as_ref());
     for bound in [min, max].into_iter().flatten() {
-        if !matches!(kind, Kind::Real | Kind::Integer) {
-            return Err(Error::new_spanned(bound, "only an f64 or i32 has bounds"));
+        if !kind.is_real() && !matches!(kind, Kind::Integer(_)) {
+            return Err(Error::new_spanned(bound, "only a number has bounds"));
         }
         check_type(bound, kind)?;
     }
@@ -33,7 +33,10 @@ pub fn check(field: &syn::Field, attributes: &FieldAttributes, kind: &Kind) -> R
         let message = format!("expected a maximum of at least {}, the minimum", bounds.min);
         return Err(Error::new_spanned(expression, message));
     }
-    let has_default = matches!(attributes.role, Role::Input | Role::Parameter);
+    let has_default = matches!(
+        attributes.role,
+        Role::Input | Role::Parameter | Role::StructuralParameter
+    );
     match &attributes.start {
         Some(start) if is_literal(start) => check_element(start, kind, &bounds),
         Some(start) => check_shape(start, &field.ty, kind, &bounds),
@@ -109,14 +112,27 @@ fn check_type(expression: &Expr, kind: &Kind) -> Result<()> {
         return Ok(());
     };
     let expected = match (kind, literal) {
-        (Kind::Real, Lit::Int(_) | Lit::Float(_))
-        | (Kind::Integer, Lit::Int(_))
+        (Kind::Single, Lit::Int(_) | Lit::Float(_))
+            if number_of(expression).is_some_and(|n| (n as f32).is_infinite()) =>
+        {
+            "a number in the range of f32"
+        }
+        (Kind::Integer(kind), Lit::Int(_)) => {
+            let (min, max) = kind.range();
+            match whole_of(expression) {
+                Some(number) if min <= number && number <= max => return Ok(()),
+                _ => &format!("a whole number from {min} to {max}"),
+            }
+        }
+        (Kind::Real | Kind::Single, Lit::Int(_) | Lit::Float(_))
         | (Kind::Boolean, Lit::Bool(_))
-        | (Kind::String, Lit::Str(_)) => return Ok(()),
-        (Kind::Real, _) => "a number",
-        (Kind::Integer, _) => "a whole number",
+        | (Kind::String, Lit::Str(_))
+        | (Kind::Binary, Lit::ByteStr(_)) => return Ok(()),
+        (Kind::Real | Kind::Single, _) => "a number",
+        (Kind::Integer(_), _) => "a whole number",
         (Kind::Boolean, _) => "`true` or `false`",
         (Kind::String, _) => "a text in quotes",
+        (Kind::Binary, _) => "bytes such as b\"abc\"",
         (Kind::Choice(ty), _) => {
             let ty = element_type(ty).to_token_stream();
             let message = format!("expected a variant of `{ty}`");
@@ -159,7 +175,7 @@ fn is_literal(expression: &Expr) -> bool {
 }
 
 /// The value of a literal number.
-fn number_of(expression: &Expr) -> Option<f64> {
+pub fn number_of(expression: &Expr) -> Option<f64> {
     match expression {
         Expr::Unary(ExprUnary {
             op: UnOp::Neg(_),
@@ -178,10 +194,27 @@ fn number_of(expression: &Expr) -> Option<f64> {
     }
 }
 
-/// An expression of the attribute as a value of the type: whole numbers become numbers of type f64.
+/// The value of a literal whole number.
+fn whole_of(expression: &Expr) -> Option<i128> {
+    match expression {
+        Expr::Unary(ExprUnary {
+            op: UnOp::Neg(_),
+            expr,
+            ..
+        }) => whole_of(expr).map(|value| -value),
+        Expr::Paren(ExprParen { expr, .. }) | Expr::Group(ExprGroup { expr, .. }) => whole_of(expr),
+        Expr::Lit(ExprLit {
+            lit: Lit::Int(number),
+            ..
+        }) => number.base10_parse().ok(),
+        _ => None,
+    }
+}
+
+/// An expression of the attribute as a value of the type: whole numbers become numbers of type f64 or f32.
 pub fn number(expression: &Expr, kind: &Kind) -> Expr {
     let mut expression = expression.clone();
-    if matches!(kind, Kind::Real) {
+    if kind.is_real() {
         make_real(&mut expression);
     }
     expression
@@ -275,14 +308,18 @@ fn is_choice(variable: &Variable) -> bool {
 
 /// Inputs and parameters start at zero, outputs and local variables are calculated.
 fn default_start(field: &Field, variable: &Variable, krate: &TokenStream) -> TokenStream {
-    if !matches!(field.attributes.role, Role::Input | Role::Parameter) {
+    if !matches!(
+        field.attributes.role,
+        Role::Input | Role::Parameter | Role::StructuralParameter
+    ) {
         return quote!(&[]);
     }
     let zero = match &variable.kind {
-        Kind::Real => quote!(0.0),
-        Kind::Integer => quote!(0),
+        Kind::Real | Kind::Single => quote!(0.0),
+        Kind::Integer(_) => quote!(0),
         Kind::Boolean => quote!(false),
         Kind::String => quote!(""),
+        Kind::Binary => quote!(b""),
         Kind::Choice(ty) => {
             let enumeration = choice(ty, &quote!(ENUMERATION), krate);
             quote!(#enumeration.items[0].value)
@@ -298,10 +335,10 @@ fn default_start(field: &Field, variable: &Variable, krate: &TokenStream) -> Tok
 /// strings.
 fn start_type(field: &Field, variable: &Variable) -> TokenStream {
     let element = match &variable.kind {
-        Kind::Real => quote!(f64),
-        Kind::Integer | Kind::Choice(_) => quote!(i32),
-        Kind::Boolean => quote!(bool),
+        Kind::Choice(_) => quote!(i32),
         Kind::String => quote!(&'static str),
+        Kind::Binary => quote!(&'static [u8]),
+        _ => element_type(&field.ty).to_token_stream(),
     };
     let dimensions = field.dimensions();
     dimensions

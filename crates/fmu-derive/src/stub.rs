@@ -75,6 +75,7 @@ pub fn model(input: &DeriveInput) -> TokenStream {
             const NAME: &'static str = "";
             const DESCRIPTION: &'static str = "";
             const IS_SAMPLED: bool = false;
+            const IS_CONTINUOUS: bool = false;
             const DEFAULT_EXPERIMENT: (f64, f64) = (0.0, 0.0);
 
             fn sample_time(&self) -> f64 {

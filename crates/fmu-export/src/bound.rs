@@ -3,23 +3,25 @@
 use std::any::Any;
 
 use fmu_description::{
-    Causality, Domain, Loader, Saver, Scalar as Row, ValueMut, Variability, table,
+    Causality, Domain, Dynamics, Loader, Saver, Scalar as Row, Value, Variability, table,
 };
 
 use crate::ModelError;
 use crate::clock::SampleClock;
-use crate::fmi2::Entry;
+use crate::entry::Entry;
 use crate::model::{Simulate, Start};
-use crate::slave::{Guid, Scalar, Slave};
+use crate::slave::{Guid, Numbers, Scalar, Slave};
 
 /// A model with `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize> {
-    state: State<M>,
+    state: Running<M>,
     entry: &'static Entry,
+    /// Whether a variant uses fewer elements of an array than the table.
+    is_smaller: bool,
 }
 
 /// What changes while a model is simulated.
-struct State<M> {
+struct Running<M> {
     model: M,
     /// Its sample instants, if it has a sample time.
     clock: SampleClock,
@@ -28,7 +30,8 @@ struct State<M> {
 /// Where a Real is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
 struct Place {
-    /// Its offset in the model; [`Place::NONE`] if the variable is not a Real.
+    /// Its offset in the model; [`Place::NONE`] if the variable is not an `f64`, or is computed only when
+    /// a host asks for it.
     offset: usize,
     /// The smallest and the largest value. They are finite, which excludes NaN and infinities. The range
     /// is empty for variables that cannot be set.
@@ -38,21 +41,87 @@ struct Place {
 
 impl Place {
     const NONE: usize = usize::MAX;
+    /// That of no variable.
+    const EMPTY: Self = Self {
+        offset: Self::NONE,
+        min: f64::INFINITY,
+        max: f64::NEG_INFINITY,
+    };
 
     const fn of(row: &Row) -> Self {
         let at_any_time = matches!(
             (row.variable.causality, row.variable.variability),
             (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
         );
+        let is_computed_late = matches!(
+            row.variable.dynamics,
+            Dynamics::Derivative { .. } | Dynamics::EventIndicator
+        );
+        let offset = match row.offset_of_real() {
+            Some(offset) if !is_computed_late => offset,
+            _ => Self::NONE,
+        };
         let (min, max) = match row.variable.domain {
-            Domain::Real { min, max, .. } if at_any_time => (min.max(f64::MIN), max.min(f64::MAX)),
+            Domain::Real { min, max, .. } if at_any_time && offset != Self::NONE => {
+                (min.max(f64::MIN), max.min(f64::MAX))
+            }
             _ => (f64::INFINITY, f64::NEG_INFINITY),
         };
-        let offset = match row.offset_of_real() {
-            Some(offset) => offset,
-            None => Self::NONE,
-        };
         Self { offset, min, max }
+    }
+}
+
+/// Where the elements of a Real variable are stored, as [`Place`].
+#[derive(Clone, Copy)]
+struct Array {
+    offset: usize,
+    /// Number of elements; 0 if the reference is not that of a first element.
+    count: usize,
+    /// Number of elements that are in use by default.
+    default: usize,
+    /// Offset of the number of elements in use; [`Place::NONE`] if all are.
+    size: usize,
+    min: f64,
+    max: f64,
+}
+
+/// Where a state and its derivative are stored.
+#[derive(Clone, Copy)]
+struct State {
+    reference: usize,
+    derivative_reference: usize,
+    /// Offsets in the model.
+    offset: usize,
+    derivative: usize,
+    nominal: f64,
+}
+
+/// Up to `N` items.
+#[derive(Clone, Copy)]
+struct List<T, const N: usize> {
+    items: [T; N],
+    length: usize,
+}
+
+impl<T: Copy, const N: usize> List<T, N> {
+    const fn new(filler: T) -> Self {
+        Self {
+            items: [filler; N],
+            length: 0,
+        }
+    }
+
+    const fn push(&mut self, item: T) {
+        self.items[self.length] = item;
+        self.length += 1;
+    }
+
+    /// The items, without the memory for others if there are none.
+    const fn as_slice(&'static self) -> &'static [T] {
+        match self.length {
+            0 => &[],
+            length => self.items.split_at(length).0,
+        }
     }
 }
 
@@ -60,23 +129,130 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
     pub(crate) const ROWS: &'static [Row; N] = &table::scalars(M::ROWS);
     const PLACES: &'static [Place; N] = &Self::places();
+    const ARRAYS: &'static [Array; N] = &Self::arrays();
     /// Whether the host may set the time derivative of any input.
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::has_derivatives().0;
-    /// Whether derivatives of any output with respect to inputs are known.
+    /// Whether derivatives of any variable with respect to others are known.
     const HAS_DIRECTIONAL_DERIVATIVES: bool = Self::has_derivatives().1;
+    /// Whether there are structural parameters, and whether any of them is tunable.
+    const STRUCTURAL_PARAMETERS: (bool, bool) = Self::structural_parameters();
 
-    const fn places() -> [Place; N] {
-        let mut places = [Place {
+    const fn arrays() -> [Array; N] {
+        let mut arrays = [Array {
             offset: Place::NONE,
-            min: 0.0,
-            max: 0.0,
+            count: 0,
+            default: 0,
+            size: Place::NONE,
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
         }; N];
         let mut reference = 0;
         while reference < N {
-            places[reference] = Place::of(&Self::ROWS[reference]);
+            let row = &Self::ROWS[reference];
+            if row.element == 0 {
+                let Place { offset, min, max } = Place::of(row);
+                let size = match row.size(Self::ROWS) {
+                    Some(size) => Self::ROWS[size].offset_of_size(),
+                    None => None,
+                };
+                arrays[reference] = Array {
+                    offset,
+                    count: row.variable.count(),
+                    default: row.elements(Self::ROWS),
+                    size: match size {
+                        Some(offset) => offset,
+                        None => Place::NONE,
+                    },
+                    min,
+                    max,
+                };
+            }
+            reference += 1;
+        }
+        arrays
+    }
+
+    /// The places of the elements that are in use by default.
+    const fn places() -> [Place; N] {
+        let mut places = [Place::EMPTY; N];
+        let mut elements = 0;
+        let mut reference = 0;
+        while reference < N {
+            let row = &Self::ROWS[reference];
+            if row.element == 0 {
+                elements = row.elements(Self::ROWS);
+            }
+            if row.element < elements {
+                places[reference] = Place::of(row);
+            }
             reference += 1;
         }
         places
+    }
+
+    /// In the order of the derivatives.
+    const STATES: &'static [State] = const { &Self::states() }.as_slice();
+    /// Offsets of the event indicators.
+    const EVENT_INDICATORS: &'static [usize] = const { &Self::event_indicators() }.as_slice();
+
+    const fn states() -> List<State, N> {
+        let mut states = List::new(State {
+            reference: 0,
+            derivative_reference: 0,
+            offset: 0,
+            derivative: 0,
+            nominal: 1.0,
+        });
+        let mut reference = 0;
+        while reference < N {
+            let derivative = &Self::ROWS[reference];
+            if let Some(of) = derivative.state(Self::ROWS)
+                && let state = &Self::ROWS[of]
+                && let Dynamics::State { nominal } = state.variable.dynamics
+                && let (Some(derivative), Some(offset)) =
+                    (derivative.offset_of_real(), state.offset_of_real())
+            {
+                states.push(State {
+                    reference: of,
+                    derivative_reference: reference,
+                    offset,
+                    derivative,
+                    nominal,
+                });
+            }
+            reference += 1;
+        }
+        states
+    }
+
+    const fn event_indicators() -> List<usize, N> {
+        let mut offsets = List::new(0);
+        let mut reference = 0;
+        while reference < N {
+            let row = &Self::ROWS[reference];
+            if let (Dynamics::EventIndicator, Some(offset)) =
+                (row.variable.dynamics, row.offset_of_real())
+            {
+                offsets.push(offset);
+            }
+            reference += 1;
+        }
+        offsets
+    }
+
+    /// Whether there are structural parameters, and whether any of them is tunable.
+    const fn structural_parameters() -> (bool, bool) {
+        let mut has = (false, false);
+        let mut reference = 0;
+        while reference < N {
+            let variable = Self::ROWS[reference].variable;
+            if matches!(variable.causality, Causality::StructuralParameter) {
+                has.0 = true;
+                has.1 |= matches!(variable.variability, Variability::Tunable);
+            }
+            reference += 1;
+        }
+        has
     }
 
     /// Whether any variable has an input derivative, and whether any has directional derivatives.
@@ -86,20 +262,24 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         while reference < N {
             let variable = Self::ROWS[reference].variable;
             has.0 |= variable.has_input_derivative;
-            has.1 |= variable.has_directional_derivatives;
+            has.1 |= !variable.depends_on.is_empty();
             reference += 1;
         }
         has
     }
 
     pub(crate) fn new(entry: &'static Entry) -> Self {
-        Self {
-            state: State {
+        let mut new = Self {
+            state: Running {
                 model: Self::start(entry),
                 clock: SampleClock::default(),
             },
             entry,
-        }
+            is_smaller: false,
+        };
+        let is_smaller = |array: &Array| new.length(array) < array.default;
+        new.is_smaller = Self::STRUCTURAL_PARAMETERS.0 && Self::ARRAYS.iter().any(is_smaller);
+        new
     }
 
     /// The model with its start values, those of a variant included.
@@ -146,7 +326,7 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         for reference in 0..N {
             if let Some(row) = table::find_scalar(M::ROWS, reference)
                 && row.variable.causality == Causality::Output
-                && let Some(ValueMut::Real(value)) = model.value(reference)
+                && let Some(Value::Real(value)) = model.value(reference).map(|value| value.get())
                 && !value.is_finite()
             {
                 return Err(ModelError::new(format_args!(
@@ -158,6 +338,12 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         Ok(())
     }
 
+    /// Whether fewer elements of an array are in use than the table of places has, as a variant may say.
+    #[inline(always)]
+    fn is_smaller(&self) -> bool {
+        Self::STRUCTURAL_PARAMETERS.0 && self.is_smaller
+    }
+
     /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
     #[inline(always)]
     pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
@@ -167,7 +353,7 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
                 .is_some_and(|place| place.offset != Place::NONE)
         };
         // All references are checked before the first value is written.
-        if !references.iter().all(is_real) {
+        if self.is_smaller() || !references.iter().all(is_real) {
             return false;
         }
         for (&reference, value) in references.iter().zip(values) {
@@ -188,7 +374,7 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
                 .is_some_and(|place| place.min <= *value && *value <= place.max)
         };
         let all = references.iter().zip(values);
-        if !all.clone().all(is_allowed) {
+        if self.is_smaller() || !all.clone().all(is_allowed) {
             return false;
         }
         for (&reference, &value) in all {
@@ -198,28 +384,186 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         true
     }
 
+    /// As [`get_reals`](Self::get_reals) for FMI 3.0, where a reference is that of a variable with all its
+    /// elements.
+    #[inline(always)]
+    pub(crate) fn get_arrays(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        let count = self.count_elements(references, |array| array.offset != Place::NONE);
+        if count != Some(values.len()) {
+            return false;
+        }
+        let mut at = 0;
+        for &reference in references {
+            // SAFETY: the reference is that of Reals, by the check.
+            let array = unsafe { self.reals(reference) };
+            // SAFETY: the lengths of all arrays add up to that of the values, by the check.
+            let values = unsafe { values.get_unchecked_mut(at..at + array.len()) };
+            copy(array, values);
+            at += values.len();
+        }
+        true
+    }
+
+    /// As [`set_reals`](Self::set_reals) for FMI 3.0.
+    #[inline(always)]
+    pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
+        let mut rest = values;
+        for &reference in references {
+            let Some(array) = Self::ARRAYS.get(reference as usize) else {
+                return false;
+            };
+            let Some((values, others)) = rest.split_at_checked(self.length(array)) else {
+                return false;
+            };
+            // The range is empty unless the variable is a Real that may be set.
+            let is_allowed = |value: &f64| array.min <= *value && *value <= array.max;
+            if values.is_empty() || !values.iter().all(is_allowed) {
+                return false;
+            }
+            rest = others;
+        }
+        if !rest.is_empty() {
+            return false;
+        }
+        let mut rest = values;
+        for &reference in references {
+            // SAFETY: the reference is that of Reals, by the check.
+            let array = unsafe { self.reals(reference) };
+            let Some((values, others)) = rest.split_at_checked(array.len()) else {
+                return false;
+            };
+            copy(values, array);
+            rest = others;
+        }
+        true
+    }
+
+    /// The number of elements of some variables; `None` if one is not as required.
+    #[inline(always)]
+    fn count_elements(
+        &self,
+        references: &[u32],
+        is_allowed: impl Fn(&Array) -> bool,
+    ) -> Option<usize> {
+        let mut count = 0;
+        for &reference in references {
+            let array = Self::ARRAYS.get(reference as usize)?;
+            if !is_allowed(array) {
+                return None;
+            }
+            count += self.length(array);
+        }
+        Some(count)
+    }
+
+    /// The number of elements in use.
+    #[inline(always)]
+    fn length(&self, array: &Array) -> usize {
+        if !Self::STRUCTURAL_PARAMETERS.0 || array.size == Place::NONE {
+            return array.count;
+        }
+        let model = &raw const self.state.model;
+        // SAFETY: `Variables` promises a `u64` at the offset of a structural parameter.
+        let size = unsafe { *model.byte_add(array.size).cast::<u64>() };
+        size.min(array.count as u64) as usize
+    }
+
+    /// The Reals of the variable with the given reference.
+    ///
+    /// # Safety
+    /// The reference is that of a Real in `ARRAYS`.
+    #[inline(always)]
+    unsafe fn reals(&mut self, reference: u32) -> &mut [f64] {
+        // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
+        unsafe {
+            let array = Self::ARRAYS.get_unchecked(reference as usize);
+            let length = self.length(array);
+            std::slice::from_raw_parts_mut(self.real_at(array.offset), length)
+        }
+    }
+
     /// The Real with the given reference.
     ///
     /// # Safety
-    /// The reference is that of a Real.
+    /// The reference is that of a Real in `PLACES`.
     #[inline(always)]
     unsafe fn real(&mut self, reference: u32) -> &mut f64 {
-        let model = &raw mut self.state.model;
-        // SAFETY: the caller's promise; `Variables` promises an `f64` at this offset of the model, which
-        // is borrowed mutably.
+        // SAFETY: the caller's promise.
         unsafe {
             let place = Self::PLACES.get_unchecked(reference as usize);
-            &mut *model.byte_add(place.offset).cast::<f64>()
+            self.real_at(place.offset)
+        }
+    }
+
+    /// The Real with the given offset.
+    ///
+    /// # Safety
+    /// The offset is one of the table's Reals.
+    #[inline(always)]
+    unsafe fn real_at(&mut self, offset: usize) -> &mut f64 {
+        let model = &raw mut self.state.model;
+        // SAFETY: `Variables` promises an `f64` at this offset of the model, which is borrowed mutably.
+        unsafe { &mut *model.byte_add(offset).cast::<f64>() }
+    }
+
+    /// The current states, as many as there are, and zeros.
+    fn current_states(&mut self) -> [f64; N] {
+        let mut states = [0.0; N];
+        Slave::read(self, Numbers::States, &mut states);
+        states
+    }
+
+    /// Checks that outputs, derivatives and event indicators are finite.
+    fn check_equations(&mut self) -> Result<(), ModelError> {
+        Self::check_outputs(&mut self.state.model)?;
+        let derivatives = Self::STATES.iter().map(|state| state.derivative);
+        for offset in derivatives.chain(Self::EVENT_INDICATORS.iter().copied()) {
+            // SAFETY: the offsets are those of the table.
+            let value = unsafe { *self.real_at(offset) };
+            if !value.is_finite() {
+                let rows = (0..N).filter_map(|reference| table::find_scalar(M::ROWS, reference));
+                let row = { rows }.find(|row| row.offset_of_real() == Some(offset));
+                let name = row.map(|row| row.name()).unwrap_or_default();
+                return Err(ModelError::new(format_args!("{name} became {value}")));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Copies numbers to a slice of the same length. Most are one or a few, for which a call of `memcpy` would
+/// take longer.
+#[inline(always)]
+fn copy(from: &[f64], to: &mut [f64]) {
+    if let ([from], [to]) = (from, &mut *to) {
+        *to = *from;
+        return;
+    }
+    let (from_blocks, from) = from.as_chunks::<4>();
+    let (to_blocks, to) = to.as_chunks_mut::<4>();
+    for (to, from) in to_blocks.iter_mut().zip(from_blocks) {
+        *to = *from;
+    }
+    // Not a loop over both, which would become `memcpy` again.
+    for i in 0..3 {
+        if let (Some(to), Some(from)) = (to.get_mut(i), from.get(i)) {
+            *to = *from;
         }
     }
 }
 
-impl<M: Simulate> State<M> {
+impl<M: Simulate> Running<M> {
     /// Takes the samples that are due.
     #[inline(always)]
     fn sample(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         let before = self.clock;
         let due = self.clock.due(time, step)?;
+        self.take(due, before)
+    }
+
+    /// Takes the last `due` samples that the clock has counted; `before` is the clock without them.
+    #[inline(always)]
+    fn take(&mut self, due: u32, before: SampleClock) -> Result<(), ModelError> {
         let mut remaining = due;
         while remaining > 0 {
             let sample_time = self.model.sample_time();
@@ -261,20 +605,136 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
             }
         }
         model.initialize(start)?;
-        Self::check_outputs(&mut model).map_err(|error| {
-            let reason = error.reason();
-            ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
-        })?;
+        if M::IS_CONTINUOUS {
+            model.on_evaluate(start.time)?;
+        }
         let clock = match M::IS_SAMPLED {
             true => SampleClock::new(start.time, model.sample_time())?,
             false => SampleClock::default(),
         };
-        self.state = State { model, clock };
+        let before = std::mem::replace(&mut self.state, Running { model, clock });
+        self.check_equations().map_err(|error| {
+            self.state = before;
+            let reason = error.reason();
+            ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
+        })
+    }
+
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        Self::step(self, time, step)
+    }
+
+    fn default_step(&self) -> f64 {
+        M::DEFAULT_EXPERIMENT.1
+    }
+
+    fn is_sampled(&self) -> bool {
+        M::IS_SAMPLED
+    }
+
+    fn is_continuous(&self) -> bool {
+        M::IS_CONTINUOUS
+    }
+
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        if M::IS_CONTINUOUS {
+            self.state.model.on_evaluate(time)?;
+            self.check_equations().map_err(ModelError::discarded)?;
+        }
         Ok(())
+    }
+
+    fn event(&mut self, time: f64) -> Result<bool, ModelError> {
+        if M::IS_SAMPLED {
+            let before = self.state.clock;
+            let due = self.state.clock.due_until(time)?;
+            self.state.take(due, before)?;
+            Self::check_outputs(&mut self.state.model)?;
+            return Ok(false);
+        }
+        let before = self.current_states();
+        self.state.model.on_event(time)?;
+        Ok(self.current_states() != before)
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        match M::IS_SAMPLED {
+            true => Some(
+                self.state
+                    .clock
+                    .next_instant(self.state.model.sample_time()),
+            ),
+            false => (self.state.model.on_next_event(time)).filter(|t| *t > time && t.is_finite()),
+        }
+    }
+
+    fn length(&self, of: Numbers) -> usize {
+        match of {
+            Numbers::EventIndicators => Self::EVENT_INDICATORS.len(),
+            _ => Self::STATES.len(),
+        }
+    }
+
+    fn read(&mut self, which: Numbers, values: &mut [f64]) {
+        if which == Numbers::EventIndicators {
+            for (offset, value) in Self::EVENT_INDICATORS.iter().zip(values) {
+                // SAFETY: the offsets are those of the table.
+                *value = unsafe { *self.real_at(*offset) };
+            }
+            return;
+        }
+        for (state, value) in Self::STATES.iter().zip(values) {
+            // SAFETY: the offsets are those of the table.
+            *value = unsafe {
+                match which {
+                    Numbers::Nominals => state.nominal,
+                    Numbers::Derivatives => *self.real_at(state.derivative),
+                    _ => *self.real_at(state.offset),
+                }
+            };
+        }
+    }
+
+    fn set_states(&mut self, states: &[f64]) {
+        for (state, value) in Self::STATES.iter().zip(states) {
+            // SAFETY: the offsets are those of the table.
+            unsafe { *self.real_at(state.offset) = *value };
+        }
+    }
+
+    fn derivative_of(&self, state: u32) -> Option<u32> {
+        let states = Self::STATES;
+        let found = states.iter().find(|s| s.reference == state as usize)?;
+        Some(found.derivative_reference as u32)
     }
 
     fn count(&self) -> usize {
         N
+    }
+
+    fn elements(&mut self, reference: u32) -> Option<usize> {
+        let array = Self::ARRAYS.get(reference as usize)?;
+        (array.count > 0).then(|| self.length(array))
+    }
+
+    fn is_in_fmi2(&mut self, reference: u32) -> bool {
+        let Some(row) = table::find_scalar(M::ROWS, reference as usize) else {
+            return false;
+        };
+        let array = reference.wrapping_sub(row.element as u32);
+        row.variable.causality != Causality::StructuralParameter
+            && (self.elements(array)).is_some_and(|elements| row.element < elements)
+    }
+
+    fn has_structural_parameter(&self, needed: Variability) -> bool {
+        match needed {
+            Variability::Tunable => Self::STRUCTURAL_PARAMETERS.1,
+            _ => Self::STRUCTURAL_PARAMETERS.0,
+        }
+    }
+
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        self.state.model.reconfigure()
     }
 
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
@@ -300,9 +760,9 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
         Self::HAS_DIRECTIONAL_DERIVATIVES
     }
 
-    fn derivative(&self, output: u32, input: u32) -> f64 {
+    fn derivative(&self, unknown: u32, known: u32) -> f64 {
         let model = &self.state.model;
-        model.directional_derivative(output as usize, input as usize)
+        model.directional_derivative(unknown as usize, known as usize)
     }
 
     fn guid(&self) -> Guid {
@@ -314,7 +774,7 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
     }
 
     fn restore(&mut self, saved: &dyn Any) -> bool {
-        match saved.downcast_ref::<State<M>>() {
+        match saved.downcast_ref::<Running<M>>() {
             Some(state) => {
                 self.state = state.copy();
                 true
@@ -324,7 +784,7 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
     }
 
     fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>> {
-        let state = saved.downcast_ref::<State<M>>()?;
+        let state = saved.downcast_ref::<Running<M>>()?;
         let mut saver = Saver::default();
         saver.put(&state.clock).ok()?;
         state.model.save(&mut saver).ok()?;
@@ -337,6 +797,6 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
         let model = M::load(&mut loader).ok()?;
         loader
             .is_empty()
-            .then(|| Box::new(State { model, clock }) as Box<dyn Any>)
+            .then(|| Box::new(Running { model, clock }) as Box<dyn Any>)
     }
 }

@@ -99,6 +99,23 @@ impl SampleClock {
         Ok(samples as u32)
     }
 
+    /// Counts the instants up to `time` (up to rounding) that were not counted before.
+    ///
+    /// # Errors
+    /// As [`due`](Self::due).
+    pub(crate) fn due_until(&mut self, time: f64) -> Result<u32, ModelError> {
+        // The time may be that of `next_instant`, whose rounding error exceeds the tolerance if the time
+        // is long compared to the sample time.
+        let rounding = f64::EPSILON * (time.abs() + self.start.abs()) * self.rate;
+        let end = libm::floor(self.samples_to(time) + 2.0 * TOLERANCE + rounding) + 1.0;
+        self.count(time, end)
+    }
+
+    /// The next instant that is not counted, for the sample time `ts` (s).
+    pub(crate) fn next_instant(&self, ts: f64) -> f64 {
+        self.start + self.next.max(0.0) * ts
+    }
+
     /// The instant that is the `count`-th from the end of those that were counted, for the sample time
     /// `ts` (s).
     #[inline]
@@ -191,6 +208,30 @@ mod tests {
             [3, 2, 1].map(|k| clock.instant_before(k, 0.5)),
             [1.0, 1.5, 2.0]
         );
+    }
+
+    #[test]
+    fn instants_are_due_at_their_time_up_to_rounding() {
+        let mut clock = SampleClock::new(1.0, 0.5).unwrap();
+        assert_eq!(clock.next_instant(0.5), 1.0);
+        assert_eq!(clock.due_until(1.0), Ok(1));
+        assert_eq!(clock.due_until(1.0), Ok(0));
+        assert_eq!(clock.next_instant(0.5), 1.5);
+        assert_eq!(clock.due_until(1.4999), Ok(0));
+        assert_eq!(clock.due_until(1.5 - 1e-9), Ok(1));
+        assert_eq!(clock.due_until(3.0), Ok(3));
+        assert_eq!(clock.next_instant(0.5), 3.5);
+    }
+
+    #[test]
+    fn the_next_instant_is_due_at_its_own_time_though_it_is_rounded() {
+        for start in [1e6, 1e9, 1e15, -1e12] {
+            let mut clock = SampleClock::new(start, 0.001).unwrap();
+            for _ in 0..1000 {
+                let due = clock.due_until(clock.next_instant(0.001)).unwrap();
+                assert!(due > 0, "start {start}: {clock:?}");
+            }
+        }
     }
 
     #[test]

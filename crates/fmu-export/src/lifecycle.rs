@@ -12,38 +12,77 @@ const MIN_TOLERANCE: f64 = 1e-9;
 /// The communication point before the first step: no step continues from it.
 const BEFORE_FIRST_STEP: f64 = f64::NEG_INFINITY;
 
+/// What the instance is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) enum Mode {
+    /// Co-simulation.
+    CoSimulation,
+    /// Co-simulation with event mode (FMI 3.0.2, section 4.1.1).
+    CoSimulationWithEvents,
+    /// Model exchange.
+    ModelExchange,
+}
+
+impl Mode {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::CoSimulation => "co-simulation",
+            Self::CoSimulationWithEvents => "co-simulation with event mode",
+            Self::ModelExchange => "model exchange",
+        }
+    }
+}
+
 /// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lifecycle {
+    pub(crate) mode: Mode,
     pub(crate) phase: Phase,
     pub(crate) start_time: f64,
     /// `f64::MAX` if there is none.
     pub(crate) stop_time: f64,
-    /// The current communication point (s); `BEFORE_FIRST_STEP` until there is one.
+    /// Co-simulation: the current communication point (s); `BEFORE_FIRST_STEP` until there is one. Model
+    /// exchange: the time that the host set.
     pub(crate) time: f64,
-    /// Whether values were set since the outputs were last computed.
+    /// Whether values were set since the outputs were last computed, other than between steps.
     pub(crate) stale: bool,
     /// Whether an input has a time derivative for the next step.
     pub(crate) has_input_derivatives: bool,
 }
 
 impl Lifecycle {
-    pub(crate) const NEW: Self = Self {
-        phase: Phase::Instantiated,
-        start_time: 0.0,
-        stop_time: f64::MAX,
-        time: BEFORE_FIRST_STEP,
-        stale: true,
-        has_input_derivatives: false,
-    };
-
-    /// Whether the state can be saved: after a fatal error, no call is allowed.
-    pub(crate) fn can_be_saved(&self) -> bool {
-        self.phase != Phase::Fatal
+    pub(crate) const fn new(mode: Mode) -> Self {
+        Self {
+            mode,
+            phase: Phase::Instantiated,
+            start_time: 0.0,
+            stop_time: f64::MAX,
+            time: BEFORE_FIRST_STEP,
+            stale: true,
+            has_input_derivatives: false,
+        }
     }
 
-    /// The end of the last successful step, or the start (s).
-    pub(crate) fn last_point(&self) -> f64 {
+    /// Whether a saved state can have been this one: calls that save a state are not allowed after a
+    /// fatal error and in callbacks, and some states exist in some modes only.
+    pub(crate) fn can_be_saved(&self) -> bool {
+        match self.phase {
+            Phase::Fatal | Phase::IntermediateUpdate => false,
+            Phase::ContinuousTime => self.mode == Mode::ModelExchange,
+            Phase::StepComplete | Phase::StepFailed | Phase::StepReconfiguration => {
+                self.mode != Mode::ModelExchange
+            }
+            Phase::Event | Phase::EventReconfiguration => self.mode != Mode::CoSimulation,
+            Phase::Instantiated
+            | Phase::Initialization
+            | Phase::Configuration
+            | Phase::Terminated
+            | Phase::Error => true,
+        }
+    }
+
+    /// The current time: the end of the last successful step, the time of model exchange, or the start (s).
+    pub(crate) fn now(&self) -> f64 {
         match self.time {
             BEFORE_FIRST_STEP => self.start_time,
             time => time,
@@ -61,7 +100,13 @@ impl Lifecycle {
     }
 
     /// Checks a step, and logs a warning if it is unusual.
-    pub(crate) fn check_step(&self, time: f64, step: f64, log: &Log) -> Result<(), Reason> {
+    pub(crate) fn check_step(
+        &self,
+        call: &str,
+        time: f64,
+        step: f64,
+        log: &Log,
+    ) -> Result<(), Reason> {
         if !step.is_finite() || step < 0.0 {
             return Err(reason!(
                 "the communication step is {step:?}; expected a finite number of at least 0"
@@ -76,7 +121,7 @@ impl Lifecycle {
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
         let (end, stop) = (self.time, self.stop_time);
         if end == BEFORE_FIRST_STEP {
-            self.check_first_step(time, step, tolerance, log)?;
+            self.check_first_step(call, time, step, tolerance, log)?;
         } else if (time - end).abs() > tolerance {
             return Err(reason!(
                 "the communication point is {time:?}; expected {end}, where the last step ended"
@@ -94,6 +139,7 @@ impl Lifecycle {
     /// Allows a late first step: a sampled loop may start at its first sample.
     fn check_first_step(
         &self,
+        call: &str,
         time: f64,
         step: f64,
         tolerance: f64,
@@ -108,9 +154,7 @@ impl Lifecycle {
         }
         if late > tolerance {
             log.send(Category::Warning, || {
-                format!(
-                    "fmi2DoStep: the first step starts at {time}, not at the start time {start}"
-                )
+                format!("{call}: the first step starts at {time}, not at the start time {start}")
             });
         }
         Ok(())
@@ -126,12 +170,12 @@ mod tests {
         phase: Phase::StepComplete,
         stop_time: 2.0,
         time: 1.0,
-        ..Lifecycle::NEW
+        ..Lifecycle::new(Mode::CoSimulation)
     };
 
     fn is_allowed(lifecycle: &Lifecycle, time: f64, step: f64) -> bool {
         let log = Log::new(None, false);
-        lifecycle.check_step(time, step, &log).is_ok()
+        lifecycle.check_step("fmi2DoStep", time, step, &log).is_ok()
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub trait Model: Variables + 'static {
     const DESCRIPTION: &'static str;
     /// Whether it has a sample time.
     const IS_SAMPLED: bool;
+    /// Whether it is [`Continuous`].
+    const IS_CONTINUOUS: bool = false;
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -27,6 +29,33 @@ pub trait Model: Variables + 'static {
 
     /// The sample time (s); 0 if it has none.
     fn sample_time(&self) -> f64;
+
+    /// See [`Continuous::evaluate`].
+    ///
+    /// # Errors
+    /// Those of the model.
+    #[doc(hidden)]
+    fn on_evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        let _ = time;
+        Ok(())
+    }
+
+    /// See [`Continuous::event`].
+    ///
+    /// # Errors
+    /// Those of the model.
+    #[doc(hidden)]
+    fn on_event(&mut self, time: f64) -> Result<(), ModelError> {
+        let _ = time;
+        Ok(())
+    }
+
+    /// See [`Continuous::next_event`].
+    #[doc(hidden)]
+    fn on_next_event(&self, time: f64) -> Option<f64> {
+        let _ = time;
+        None
+    }
 
     /// The model with its start values.
     fn new() -> Self {
@@ -53,6 +82,16 @@ pub trait Simulate: Model {
         Ok(())
     }
 
+    /// Called after structural parameters have changed while the simulation runs. Of an array with the
+    /// option `size`, elements in use may be more or fewer than before; those that join have the values
+    /// that they last had.
+    ///
+    /// # Errors
+    /// The model cannot continue with these sizes.
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        Ok(())
+    }
+
     /// Advances from `time` to `time + step` (s) with constant inputs. `step` is positive.
     ///
     /// A model with a sample time is called once for every sample instant `time`, and `step` is the
@@ -66,11 +105,48 @@ pub trait Simulate: Model {
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 }
 
+/// The equations of a model with `#[model(continuous)]`, which a host solves by model exchange.
+///
+/// Its states are the variables with the option `state`, their derivatives the fields with
+/// `#[derivative(of = ...)]`. The host integrates the states, and calls the functions of this trait
+/// instead of [`Simulate::step`].
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is continuous but has no equations",
+    note = "write `impl Continuous` for it, with a function `evaluate`"
+)]
+pub trait Continuous: Model {
+    /// Computes derivatives, event indicators and outputs at `time` (s) from states, inputs and
+    /// parameters.
+    ///
+    /// # Errors
+    /// They cannot be computed. The host may try other states if the error is a
+    /// [`discard`](ModelError::discard).
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
+
+    /// Handles an event at `time` (s): the start, a [`next_event`](Self::next_event), or a sign change of
+    /// an event indicator. It may change states.
+    ///
+    /// # Errors
+    /// The event cannot be handled.
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        let _ = time;
+        Ok(())
+    }
+
+    /// The time of the first event after `time` that is known in advance (s).
+    fn next_event(&self, time: f64) -> Option<f64> {
+        let _ = time;
+        None
+    }
+}
+
 /// The start of a simulation.
 #[derive(Debug, Clone)]
 pub struct Start {
     /// The start time (s).
     pub time: f64,
+    /// Whether the host integrates the states: model exchange.
+    pub is_model_exchange: bool,
     pub(crate) resources: Folder,
 }
 
@@ -79,6 +155,7 @@ impl Start {
     pub fn new(time: f64, resources: impl Into<PathBuf>) -> Self {
         Self {
             time,
+            is_model_exchange: false,
             resources: Ok(resources.into()),
         }
     }
@@ -171,6 +248,14 @@ impl ModelError {
         Self {
             kind: Kind::Discarded,
             ..Self::new(reason)
+        }
+    }
+
+    /// The same error of a call that a host may repeat with other values.
+    pub(crate) fn discarded(self) -> Self {
+        Self {
+            kind: Kind::Discarded,
+            ..self
         }
     }
 

@@ -2,13 +2,21 @@
 
 use std::cell::RefCell;
 use std::panic::Location;
+use std::sync::Once;
 
 thread_local! {
     static LAST: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
+/// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own
+/// copy of `std`, so the host's hook is unaffected.
+pub(crate) fn silence() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| std::panic::set_hook(Box::new(|panic| remember(panic.location()))));
+}
+
 /// Remembers the place of a panic.
-pub(crate) fn remember(place: Option<&Location<'_>>) {
+fn remember(place: Option<&Location<'_>>) {
     let place = place.map(ToString::to_string);
     // A panic during the exit of the thread has no place to be remembered.
     let _ = LAST.try_with(|last| {

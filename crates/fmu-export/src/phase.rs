@@ -1,19 +1,21 @@
-//! The state machine of a co-simulation slave (FMI 2.0.5, section 4.2.4): which calls are allowed in
-//! which state.
+//! The state machine of an instance: its states, and sets of them in which a call is allowed. The calls
+//! of each version of FMI are in `fmi2/calls.rs` and `fmi3/calls.rs`.
 
 use serde::{Deserialize, Serialize};
 
-/// The state of a slave.
+use crate::lifecycle::Mode;
+
+/// The state of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[repr(u8)]
+#[repr(u16)]
 pub(crate) enum Phase {
     /// Instantiated; start values and the experiment may be set.
     Instantiated = 1 << 0,
     /// In initialization mode.
     Initialization = 1 << 1,
-    /// Ready for the next step ("slaveInitialized", "step complete").
+    /// Co-simulation: ready for the next step ("slaveInitialized", "step complete", "Step Mode").
     StepComplete = 1 << 2,
-    /// A step was discarded and changed nothing: the host may restore a state or terminate.
+    /// Co-simulation: a step was discarded and changed nothing. The host may restore a state or terminate.
     StepFailed = 1 << 3,
     /// The simulation is terminated.
     Terminated = 1 << 4,
@@ -21,19 +23,49 @@ pub(crate) enum Phase {
     Error = 1 << 5,
     /// The model panicked: the instance can only be freed.
     Fatal = 1 << 6,
+    /// In event mode.
+    Event = 1 << 7,
+    /// Model exchange: in continuous-time mode.
+    ContinuousTime = 1 << 8,
+    /// FMI 3.0: structural parameters may be set before initialization.
+    Configuration = 1 << 9,
+    /// FMI 3.0: structural parameters may be set during a simulation, which continues in step mode.
+    StepReconfiguration = 1 << 10,
+    /// FMI 3.0: structural parameters may be set during a simulation, which continues in event mode.
+    EventReconfiguration = 1 << 11,
+    /// FMI 3.0: the host is called back in a step.
+    IntermediateUpdate = 1 << 12,
 }
 
-const PHASES: [(Phase, &str); 7] = [
+const PHASES: [(Phase, &str); 13] = [
     (Phase::Instantiated, "instantiated"),
+    (Phase::Configuration, "configuration mode"),
     (Phase::Initialization, "initialization mode"),
+    (Phase::Event, "event mode"),
+    (Phase::ContinuousTime, "continuous-time mode"),
     (Phase::StepComplete, "step complete"),
     (Phase::StepFailed, "step failed"),
+    (Phase::IntermediateUpdate, "intermediate update mode"),
+    (Phase::StepReconfiguration, "reconfiguration mode"),
+    (Phase::EventReconfiguration, "reconfiguration mode"),
     (Phase::Terminated, "terminated"),
     (Phase::Error, "error"),
     (Phase::Fatal, "fatal"),
 ];
 
 impl Phase {
+    /// Whether instances of this mode can be in the state.
+    pub(crate) const fn is_of(self, mode: Mode) -> bool {
+        match self {
+            Self::StepComplete | Self::StepFailed | Self::StepReconfiguration => {
+                !matches!(mode, Mode::ModelExchange)
+            }
+            Self::Event | Self::EventReconfiguration => !matches!(mode, Mode::CoSimulation),
+            Self::ContinuousTime => matches!(mode, Mode::ModelExchange),
+            _ => true,
+        }
+    }
+
     pub(crate) fn name(self) -> &'static str {
         PHASES
             .iter()
@@ -42,86 +74,83 @@ impl Phase {
     }
 }
 
-/// A call, and the states in which it is allowed, as a set of [`Phase`] bits.
+/// A call, and the states in which it is allowed, as a set of [`Phase`] bits, with
+/// [`ONLY_MODEL_EXCHANGE`] or [`ONLY_CO_SIMULATION`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Call {
     pub(crate) name: &'static str,
-    allowed: u8,
+    pub(crate) allowed: u16,
 }
 
 impl Call {
     pub(crate) const fn is_allowed(&self, phase: Phase) -> bool {
-        self.allowed & phase as u8 != 0
+        self.allowed & phase as u16 != 0
+    }
+
+    /// Why the call does not exist for an instance of this mode; `None` if it does.
+    pub(crate) const fn wrong_mode(&self, mode: Mode) -> Option<&'static str> {
+        match mode {
+            Mode::ModelExchange if self.allowed & ONLY_CO_SIMULATION != 0 => {
+                Some("it is a function of co-simulation, but the instance is for model exchange")
+            }
+            Mode::CoSimulation | Mode::CoSimulationWithEvents
+                if self.allowed & ONLY_MODEL_EXCHANGE != 0 =>
+            {
+                Some("it is a function of model exchange, but the instance is for co-simulation")
+            }
+            _ => None,
+        }
     }
 
     /// The names of the states in which the call is allowed.
     pub(crate) fn allowed_names(&self) -> String {
-        let names: Vec<&str> = PHASES
+        let mut names: Vec<&str> = PHASES
             .iter()
             .filter(|(phase, _)| self.is_allowed(*phase))
             .map(|(_, name)| *name)
             .collect();
+        names.dedup();
         names.join(", ")
     }
 }
 
-const INSTANTIATED: u8 = Phase::Instantiated as u8;
-const INITIALIZATION: u8 = Phase::Initialization as u8;
-const STEP_COMPLETE: u8 = Phase::StepComplete as u8;
-const STEP_FAILED: u8 = Phase::StepFailed as u8;
-const TERMINATED: u8 = Phase::Terminated as u8;
-const ERROR: u8 = Phase::Error as u8;
-/// Every state except fatal.
-const ALIVE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
-const SETTABLE: u8 = INSTANTIATED | INITIALIZATION | STEP_COMPLETE;
-const READABLE: u8 = INITIALIZATION | STEP_COMPLETE | STEP_FAILED | TERMINATED | ERROR;
+pub(crate) const INSTANTIATED: u16 = Phase::Instantiated as u16;
+pub(crate) const INITIALIZATION: u16 = Phase::Initialization as u16;
+pub(crate) const STEP_COMPLETE: u16 = Phase::StepComplete as u16;
+pub(crate) const STEP_FAILED: u16 = Phase::StepFailed as u16;
+pub(crate) const TERMINATED: u16 = Phase::Terminated as u16;
+pub(crate) const ERROR: u16 = Phase::Error as u16;
+pub(crate) const EVENT: u16 = Phase::Event as u16;
+pub(crate) const CONTINUOUS_TIME: u16 = Phase::ContinuousTime as u16;
+pub(crate) const CONFIGURATION: u16 = Phase::Configuration as u16;
+pub(crate) const RECONFIGURATION: u16 =
+    Phase::StepReconfiguration as u16 | Phase::EventReconfiguration as u16;
+pub(crate) const INTERMEDIATE_UPDATE: u16 = Phase::IntermediateUpdate as u16;
+/// A call of model exchange only.
+pub(crate) const ONLY_MODEL_EXCHANGE: u16 = 1 << 14;
+/// A call of co-simulation only.
+pub(crate) const ONLY_CO_SIMULATION: u16 = 1 << 15;
+/// The states of a simulation between initialization and termination, but for callbacks.
+pub(crate) const RUNNING: u16 = STEP_COMPLETE | STEP_FAILED | EVENT | CONTINUOUS_TIME;
 
+/// Defines a constant for each function: the call with the states in which it is allowed.
 macro_rules! calls {
     ($($constant:ident $name:ident: $allowed:expr;)*) => {
         $(
             #[doc = concat!("`", stringify!($name), "`")]
-            pub(crate) const $constant: Call = Call {
+            pub(crate) const $constant: $crate::phase::Call = $crate::phase::Call {
                 name: stringify!($name),
                 allowed: $allowed,
             };
         )*
     };
 }
-
-calls! {
-    SET_DEBUG_LOGGING fmi2SetDebugLogging: ALIVE;
-    SETUP_EXPERIMENT fmi2SetupExperiment: INSTANTIATED;
-    ENTER_INITIALIZATION_MODE fmi2EnterInitializationMode: INSTANTIATED;
-    EXIT_INITIALIZATION_MODE fmi2ExitInitializationMode: INITIALIZATION;
-    TERMINATE fmi2Terminate: STEP_COMPLETE | STEP_FAILED;
-    RESET fmi2Reset: ALIVE;
-
-    GET_REAL fmi2GetReal: READABLE;
-    GET_INTEGER fmi2GetInteger: READABLE;
-    GET_BOOLEAN fmi2GetBoolean: READABLE;
-    GET_STRING fmi2GetString: READABLE;
-    SET_REAL fmi2SetReal: SETTABLE;
-    SET_INTEGER fmi2SetInteger: SETTABLE;
-    SET_BOOLEAN fmi2SetBoolean: SETTABLE;
-    SET_STRING fmi2SetString: SETTABLE;
-
-    GET_FMU_STATE fmi2GetFMUstate: ALIVE;
-    SET_FMU_STATE fmi2SetFMUstate: ALIVE;
-    FREE_FMU_STATE fmi2FreeFMUstate: ALIVE;
-    SERIALIZED_SIZE fmi2SerializedFMUstateSize: ALIVE;
-    SERIALIZE fmi2SerializeFMUstate: ALIVE;
-    DESERIALIZE fmi2DeSerializeFMUstate: ALIVE;
-
-    DIRECTIONAL_DERIVATIVE fmi2GetDirectionalDerivative: READABLE;
-    INPUT_DERIVATIVES fmi2SetRealInputDerivatives: SETTABLE;
-    DO_STEP fmi2DoStep: STEP_COMPLETE;
-    REAL_STATUS fmi2GetRealStatus: STEP_COMPLETE | STEP_FAILED | TERMINATED;
-    BOOLEAN_STATUS fmi2GetBooleanStatus: STEP_COMPLETE | STEP_FAILED | TERMINATED;
-}
+pub(crate) use calls;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fmi2::calls::{DO_STEP, GET_REAL, RESET, SET_DEBUG_LOGGING, SET_REAL};
 
     #[test]
     fn nothing_is_allowed_after_a_fatal_error() {
@@ -135,7 +164,7 @@ mod tests {
         assert_eq!(DO_STEP.allowed_names(), "step complete");
         assert_eq!(
             SET_REAL.allowed_names(),
-            "instantiated, initialization mode, step complete"
+            "instantiated, initialization mode, event mode, continuous-time mode, step complete"
         );
     }
 }

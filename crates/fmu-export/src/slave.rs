@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::fmt;
 
-use fmu_description::{Scalar as Row, ValueMut, Variable, guid};
+use fmu_description::{Scalar as Row, ValueMut, Variability, Variable, guid};
 
 use crate::ModelError;
 use crate::model::Start;
@@ -34,14 +34,55 @@ impl Scalar<'_> {
     }
 }
 
+/// Numbers that a host integrates, or locates events with, in the order of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Numbers {
+    States,
+    Derivatives,
+    Nominals,
+    EventIndicators,
+}
+
 /// A model whose variables are accessed by value reference.
 pub(crate) trait Slave {
     /// Resets all values to their start values.
     fn reset(&mut self);
     /// Initializes a fresh model with the values that were set; nothing changes if it fails.
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError>;
+    /// Takes a step, see [`Simulate::step`](crate::Simulate::step), or the samples in it.
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+    /// The step size of the default experiment (s).
+    fn default_step(&self) -> f64;
+    /// Whether the model has a sample time.
+    fn is_sampled(&self) -> bool;
+    /// Whether the model has equations, see [`Continuous`](crate::Continuous).
+    fn is_continuous(&self) -> bool;
+    /// Computes derivatives, event indicators and outputs from states and inputs.
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
+    /// Handles an event: takes the samples that are due. Returns whether states changed.
+    fn event(&mut self, time: f64) -> Result<bool, ModelError>;
+    /// The time of the next event, if it is known.
+    fn next_event(&self, time: f64) -> Option<f64>;
+    /// How many of these numbers there are.
+    fn length(&self, of: Numbers) -> usize;
+    /// Reads as many of these numbers as there are values.
+    fn read(&mut self, which: Numbers, values: &mut [f64]);
+    /// Sets the first states.
+    fn set_states(&mut self, states: &[f64]);
+    /// The value reference of the derivative of a state.
+    fn derivative_of(&self, state: u32) -> Option<u32>;
     /// Number of scalar variables; their value references are 0 to `count() - 1`.
     fn count(&self) -> usize;
+    /// Number of elements in use of the variable whose first element has the given value reference;
+    /// `None` for other references.
+    fn elements(&mut self, reference: u32) -> Option<usize>;
+    /// Whether FMI 2.0 has the variable: it is no structural parameter, and an element in use of an array.
+    fn is_in_fmi2(&mut self, reference: u32) -> bool;
+    /// Whether there is a structural parameter that may be set in configuration mode, if `needed` is
+    /// fixed, or in reconfiguration mode, if it is tunable.
+    fn has_structural_parameter(&self, needed: Variability) -> bool;
+    /// Called after structural parameters were set during the simulation.
+    fn reconfigure(&mut self) -> Result<(), ModelError>;
     /// The variable with the given value reference.
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>>;
 
@@ -49,10 +90,11 @@ pub(crate) trait Slave {
     fn input_derivative(&mut self, reference: u32) -> Option<&mut f64>;
     /// Sets all input derivatives to zero.
     fn clear_input_derivatives(&mut self);
-    /// Whether derivatives of outputs with respect to inputs are known.
+    /// Whether any derivatives of variables with respect to others are known.
     fn has_directional_derivatives(&self) -> bool;
-    /// The derivative of an output with respect to an input, which was held over the last step.
-    fn derivative(&self, output: u32, input: u32) -> f64;
+    /// The derivative of a variable with respect to an input or a state, see
+    /// [`Variables::directional_derivative`](crate::Variables::directional_derivative).
+    fn derivative(&self, unknown: u32, known: u32) -> f64;
 
     /// The GUID of the model's interface.
     fn guid(&self) -> Guid;

@@ -4,14 +4,15 @@ use std::any::Any;
 
 use fmu_description::guid::checksum;
 
-use crate::lifecycle::Lifecycle;
+use crate::lifecycle::{Lifecycle, Mode};
+use crate::phase::Call;
 use crate::reason::{Reason, reason};
 use crate::slave::{Guid, Slave};
 
 /// The first bytes of a state in memory and of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: [u8; 4] = 3u32.to_le_bytes();
+const VERSION: [u8; 4] = 4u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 
@@ -33,6 +34,17 @@ impl Snapshot {
             lifecycle,
             model: slave.save(),
         }
+    }
+
+    /// What the instance was for.
+    pub(crate) fn mode(&self) -> Mode {
+        self.lifecycle.mode
+    }
+
+    /// Whether an instance can be in this state and save it, for which the same is allowed as for the call.
+    pub(crate) fn can_be_saved(&self, call: &Call) -> bool {
+        let Lifecycle { mode, phase, .. } = self.lifecycle;
+        phase.is_of(mode) && call.is_allowed(phase)
     }
 
     /// Restores the state of a slave of the same model, and returns the lifecycle for its component.

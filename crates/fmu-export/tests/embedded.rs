@@ -1,10 +1,11 @@
 //! The copy of a derived model's interface in its binary, as the exporter reads it.
 
 use fmu_description::{
-    Causality, Description, Interface, Row, StartValue, Type, Variability, VariableDescription,
-    embedded, guid, interface, read_interfaces,
+    Causality, Description, Domain, Dynamics, Hexadecimal, IntegerKind, Interface, Overrides,
+    Reals, Row, StartValue, Type, Variability, VariableDescription, embedded, guid, interface,
+    read_interfaces,
 };
-use fmu_export::fmi2;
+
 use fmu_export::prelude::*;
 use proptest::prelude::*;
 
@@ -24,7 +25,8 @@ struct Reservoir {
     #[output(
         unit = "m3/s",
         initially_from("opening", "pump.head"),
-        derivative_by(inflow = 1.0)
+        derivative_by(inflow = 1.0),
+        terminal = "pipe.flow"
     )]
     flow: f64,
     /// flow through each valve
@@ -87,13 +89,13 @@ impl Simulate for Reservoir {
 }
 
 const COUNT: usize = <Reservoir as Variables>::COUNT;
-const TANK: Interface = fmi2::interface::<Reservoir, COUNT>(None);
+const TANK: Interface = fmu_export::interface::<Reservoir, COUNT>(None);
 static EMBEDDED: [u8; embedded::size(&TANK)] = embedded::write(&TANK);
 
 /// Overrides of one variable of each type.
 const VARIANT: &str =
     "Tank=SmallTank;1:r16:3fe00000000000002:r16:40240000000000007:i1:38:s6:r\u{e9}:1;9:b1:0";
-const SMALL: Interface = fmi2::interface::<Reservoir, COUNT>(Some(VARIANT));
+const SMALL: Interface = fmu_export::interface::<Reservoir, COUNT>(Some(VARIANT));
 static EMBEDDED_SMALL: [u8; embedded::size(&SMALL)] = embedded::write(&SMALL);
 
 fn variable(
@@ -108,15 +110,19 @@ fn variable(
         causality,
         variability,
         has_input_derivative: false,
-        has_directional_derivatives: false,
+        dynamics: Dynamics::Algebraic,
         dimensions: vec![],
+        size: None,
         initially_from: vec![],
+        depends_on: vec![],
+        terminal: String::new(),
         of_type,
     }
 }
 
 fn real(min: f64, max: f64, unit: &str, start: &[f64]) -> Type {
     Type::Real {
+        single: false,
         min,
         max,
         unit: unit.into(),
@@ -132,6 +138,7 @@ fn pump(prefix: &str, first: usize) -> [VariableDescription; 5] {
     let output = (Causality::Output, Variability::Discrete);
     let name = |name: &str| format!("{prefix}.{name}");
     let speed = Type::Integer {
+        kind: IntegerKind::Int32,
         min: 1,
         max: 4,
         start: vec![2],
@@ -175,9 +182,10 @@ fn tank() -> Description {
     let local = (Causality::Local, Variability::Discrete);
     let fixed = (Causality::Parameter, Variability::Fixed);
     let constant = (Causality::Local, Variability::Constant);
-    let integer = |start: &[i32]| Type::Integer {
-        min: i32::MIN,
-        max: i32::MAX,
+    let integer = |start: &[i128]| Type::Integer {
+        kind: IntegerKind::Int32,
+        min: i32::MIN.into(),
+        max: i32::MAX.into(),
         start: start.into(),
     };
     let mut variables = vec![
@@ -195,8 +203,9 @@ fn tank() -> Description {
             )
         },
         VariableDescription {
-            has_directional_derivatives: true,
             initially_from: vec![1, 6],
+            depends_on: vec![0],
+            terminal: "pipe.flow".into(),
             ..variable(
                 "flow",
                 "flow through the valves",
@@ -241,6 +250,7 @@ fn tank() -> Description {
         description: "A tank with two valves".into(),
         guid: String::from_utf8(guid::guid(&TANK).into()).unwrap(),
         is_sampled: true,
+        is_continuous: false,
         default_experiment: (60.0, 0.5),
         tolerance: 1e-6,
         variables,
@@ -271,6 +281,7 @@ fn a_variant_has_its_own_name_and_start_values() {
         (
             5,
             Type::Integer {
+                kind: IntegerKind::Int32,
                 min: 1,
                 max: 4,
                 start: vec![3],
@@ -341,7 +352,14 @@ fn structs_can_be_written_by_macros() {
         panic!("{:?}", Table::ROWS);
     };
     assert_eq!(entries.dimensions, [1, 2]);
-    assert_eq!(entries.domain.start(1), Some(StartValue::Real(2.0)));
+    let Domain::Real {
+        start: Reals::Float64(start),
+        ..
+    } = entries.domain
+    else {
+        panic!("{:?}", entries.domain);
+    };
+    assert_eq!(start, [1.0, 2.0]);
 }
 
 /// Checks that bytes are an error.
@@ -388,4 +406,304 @@ proptest! {
         forged[end..].copy_from_slice(&sum.to_le_bytes());
         let _ = read_interfaces(&forged);
     }
+}
+
+/// One variable of each size
+#[derive(Model)]
+#[allow(dead_code, reason = "only the table is under test")]
+struct Sizes {
+    /// single precision
+    #[input(start = 0.1, min = 0, max = 0.7, unit = "N")]
+    single: f32,
+    /// signed bytes
+    #[parameter(start = [[-128, 127]])]
+    signed: [[i8; 2]; 1],
+    /// unsigned words
+    #[input(max = 500)]
+    unsigned: [u16; 2],
+    /// the largest number
+    #[parameter(start = u64::MAX)]
+    largest: u64,
+    /// the smallest number
+    #[parameter(start = -9223372036854775808, max = -1)]
+    smallest: i64,
+    /// a picture
+    #[parameter(start = b"\x00\xff", mime_type = "image/png")]
+    picture: Vec<u8>,
+    /// packets
+    #[input(start = [b"a", b"bc"])]
+    packets: [Vec<u8>; 2],
+    /// sum
+    #[output(initially_from("smallest", "picture"))]
+    sum: f32,
+}
+
+impl Simulate for Sizes {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
+const SIZES: Interface = fmu_export::interface::<Sizes, { Sizes::COUNT }>(None);
+static EMBEDDED_SIZES: [u8; embedded::size(&SIZES)] = embedded::write(&SIZES);
+
+#[test]
+fn numbers_of_all_sizes_are_read_back() {
+    let [sizes] = &read_interfaces(&EMBEDDED_SIZES).unwrap()[..] else {
+        panic!("one model was expected");
+    };
+    let integer = |kind, min: i128, max: i128, start: &[i128]| Type::Integer {
+        kind,
+        min,
+        max,
+        start: start.into(),
+    };
+    let single = |min, max, unit: &str, start: &[f64]| Type::Real {
+        single: true,
+        min,
+        max,
+        unit: unit.into(),
+        start: start.into(),
+    };
+    let types: Vec<_> = sizes.variables.iter().map(|v| v.of_type.clone()).collect();
+    let (u64_max, i64_min) = (u64::MAX.into(), i64::MIN.into());
+    assert_eq!(
+        types,
+        [
+            single(0.0, f64::from(0.7f32), "N", &[f64::from(0.1f32)]),
+            integer(IntegerKind::Int8, -128, 127, &[-128, 127]),
+            integer(IntegerKind::UInt16, 0, 500, &[0, 0]),
+            integer(IntegerKind::UInt64, 0, u64_max, &[u64_max]),
+            integer(IntegerKind::Int64, i64_min, -1, &[i64_min]),
+            Type::Binary {
+                mime_type: "image/png".into(),
+                start: vec![vec![0, 0xff]],
+            },
+            Type::Binary {
+                mime_type: "application/octet-stream".into(),
+                start: vec![b"a".to_vec(), b"bc".to_vec()],
+            },
+            single(f64::NEG_INFINITY, f64::INFINITY, "", &[]),
+        ]
+    );
+}
+
+#[test]
+fn fmi_2_has_reals_and_integers_of_32_bits() {
+    let models = read_interfaces(&EMBEDDED_SIZES).unwrap();
+    let xml = models[0].to_xml(&Default::default()).unwrap();
+    let listed: Vec<_> = xml
+        .list("ModelVariables", "ScalarVariable")
+        .map(|v| {
+            (
+                v.attribute("name").unwrap(),
+                v.attribute("valueReference").unwrap(),
+            )
+        })
+        .collect();
+    // Without largest and smallest, which need 64 bits, and the binaries.
+    assert_eq!(
+        listed,
+        [
+            ("single", "0"),
+            ("signed[1,1]", "1"),
+            ("signed[1,2]", "2"),
+            ("unsigned[1]", "3"),
+            ("unsigned[2]", "4"),
+            ("sum", "10"),
+        ]
+    );
+    let xml = xml.document().unwrap();
+    for part in [
+        r#"<Real unit="N" min="0" max="0.7" start="0.1"/>"#,
+        r#"<Integer min="-128" max="127" start="-128"/>"#,
+        r#"<Integer min="0" max="500" start="0"/>"#,
+        // Indices count the variables that are listed.
+        r#"<Unknown index="6" dependencies=""/>"#,
+    ] {
+        assert!(xml.contains(part), "{part} is missing in {xml}");
+    }
+}
+
+#[test]
+fn start_values_of_all_sizes_can_be_overridden() {
+    let digits = Hexadecimal::parse("0123ef").unwrap();
+    let overrides = [
+        (5, StartValue::Integer(u64::MAX.into())),
+        (7, StartValue::Binary(digits)),
+    ];
+    let text = interface::variant("Sizes", "Other", &overrides);
+    let (_, overrides) = Overrides::of("Sizes", text.leak()).unwrap();
+    let other = Interface { overrides, ..SIZES };
+    assert_ne!(guid::guid(&other), guid::guid(&SIZES));
+}
+
+macro_rules! identity {
+    ($($name:ident: $ty:ty, ($($option:tt)*);)*) => {
+        $(
+            #[derive(Model)]
+            #[model(name = "Same")]
+            #[allow(dead_code, reason = "only the table is under test")]
+            /// a model
+            struct $name {
+                /// a value
+                #[parameter($($option)*)]
+                value: $ty,
+            }
+
+            impl Simulate for $name {
+                fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+                    Ok(())
+                }
+            }
+        )*
+
+        #[test]
+        fn the_guid_depends_on_the_type() {
+            let guids = [$(guid::guid(&fmu_export::interface::<$name, 1>(None))),*];
+            for (i, guid) in guids.iter().enumerate() {
+                assert!(!guids[..i].contains(guid), "{i}");
+            }
+        }
+    };
+}
+identity! {
+    Double: f64, (start = 1);
+    Single: f32, (start = 1);
+    Byte: u8, (start = 1, max = 100);
+    SignedByte: i8, (start = 1, min = 0, max = 100);
+    Binary: Vec<u8>, (start = b"a");
+    OtherBinary: Vec<u8>, (start = b"b");
+    Picture: Vec<u8>, (start = b"a", mime_type = "image/png");
+}
+
+/// Two arrays of variable size
+#[derive(Model)]
+#[allow(dead_code, reason = "only the table is under test")]
+struct Lists {
+    /// offset
+    #[input]
+    offset: f64,
+    #[nested]
+    net: Net,
+    /// sum
+    #[output(initially_from("offset"))]
+    sum: f64,
+}
+
+#[derive(Variables)]
+#[allow(dead_code, reason = "only the table is under test")]
+struct Net {
+    /// number of nodes
+    #[structural_parameter(start = 2, min = 1, max = 3, tunable)]
+    nodes: u64,
+    /// weights
+    #[parameter(start = [1, 2, 3], size = nodes)]
+    w: [f64; 3],
+    /// names
+    #[parameter(size = "nodes", start = ["a", "b", "c"])]
+    names: [String; 3],
+    /// levels
+    #[output(size = "nodes", initially_from("w", "nodes"))]
+    levels: [f64; 3],
+}
+
+impl Simulate for Lists {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
+const LISTS: Interface = fmu_export::interface::<Lists, { Lists::COUNT }>(None);
+static EMBEDDED_LISTS: [u8; embedded::size(&LISTS)] = embedded::write(&LISTS);
+/// With three nodes.
+const LONGER: Interface =
+    fmu_export::interface::<Lists, { Lists::COUNT }>(Some("Lists=Longer;1:i1:3"));
+static EMBEDDED_LONGER: [u8; embedded::size(&LONGER)] = embedded::write(&LONGER);
+
+fn only(embedded: &[u8]) -> Description {
+    let mut models = read_interfaces(embedded).unwrap();
+    assert_eq!(models.len(), 1);
+    models.remove(0)
+}
+
+#[test]
+fn structural_parameters_are_read_back() {
+    let lists = only(&EMBEDDED_LISTS);
+    let sizes: Vec<_> = (lists.variables.iter())
+        .map(|v| (&*v.name, v.size, v.count(), lists.elements(v)))
+        .collect();
+    assert_eq!(
+        sizes,
+        [
+            ("offset", None, 1, 1),
+            ("net.nodes", None, 1, 1),
+            ("net.w", Some(1), 3, 2),
+            ("net.names", Some(1), 3, 2),
+            ("net.levels", Some(1), 3, 2),
+            ("sum", None, 1, 1),
+        ]
+    );
+    let nodes = &lists.variables[1];
+    assert_eq!(nodes.causality, Causality::StructuralParameter);
+    assert_eq!(nodes.variability, Variability::Tunable);
+    let longer = only(&EMBEDDED_LONGER);
+    assert_eq!(longer.elements(&longer.variables[2]), 3);
+}
+
+#[test]
+fn fmi_2_lists_the_elements_in_use_only() {
+    let names = |description: Description| -> Vec<_> {
+        let xml = description.to_xml(&Default::default()).unwrap();
+        xml.list("ModelVariables", "ScalarVariable")
+            .map(|v| {
+                let of = |name| v.attribute(name).unwrap().to_owned();
+                (of("name"), of("valueReference").parse().unwrap())
+            })
+            .collect()
+    };
+    let listed = |names: &[(&str, u32)]| -> Vec<(String, u32)> {
+        names.iter().map(|(name, r)| ((*name).into(), *r)).collect()
+    };
+    assert_eq!(
+        names(only(&EMBEDDED_LISTS)),
+        listed(&[
+            ("offset", 0),
+            ("net.w[1]", 2),
+            ("net.w[2]", 3),
+            ("net.names[1]", 5),
+            ("net.names[2]", 6),
+            ("net.levels[1]", 8),
+            ("net.levels[2]", 9),
+            ("sum", 11),
+        ])
+    );
+    assert_eq!(names(only(&EMBEDDED_LONGER)).len(), 11);
+    let xml = only(&EMBEDDED_LISTS).to_xml(&Default::default()).unwrap();
+    let xml = xml.document().unwrap();
+    for part in [
+        // The level of each node from its weight, and the sum from the offset.
+        r#"<Unknown index="6" dependencies="2"/>"#,
+        r#"<Unknown index="7" dependencies="3"/>"#,
+        r#"<Unknown index="8" dependencies="1"/>"#,
+    ] {
+        assert!(xml.contains(part), "{part} is missing in {xml}");
+    }
+}
+
+#[test]
+fn fmi_3_has_arrays_whose_size_is_a_parameter() {
+    let xml = only(&EMBEDDED_LISTS)
+        .to_xml_fmi3(&Default::default())
+        .unwrap();
+    let xml = xml.document().unwrap();
+    for part in [
+        r#"<UInt64 name="net.nodes" valueReference="1" description="number of nodes" causality="structuralParameter" variability="tunable" initial="exact" min="1" max="3" start="2"/>"#,
+        r#"<Dimension valueReference="1"/>"#,
+        r#"start="1 2""#,
+        r#"<Start value="b"/>"#,
+    ] {
+        assert!(xml.contains(part), "{part} is missing in {xml}");
+    }
+    assert!(!xml.contains(r#"<Start value="c"/>"#), "{xml}");
 }

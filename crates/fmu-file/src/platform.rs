@@ -1,4 +1,4 @@
-//! The platform folders of FMI 2.0 (section 2.3) and the binaries in them.
+//! The platform folders of FMI 2.0 (section 2.3) and 3.0 (section 2.5.1.4), and the binaries in them.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
+use fmu_description::FmiVersion;
 
-/// A platform folder of FMI 2.0.
+/// A platform folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Platform {
     /// Name of the folder under `binaries/`.
@@ -23,7 +24,7 @@ const ELF_32: &[&[u8]] = &[b"\x7fELF\x01"];
 const PE: &[&[u8]] = &[b"MZ"];
 const MACH_O: &[&[u8]] = &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"];
 
-const PLATFORMS: [Platform; 8] = [
+const FMI_2: [Platform; 8] = [
     platform("linux64", "so", ELF_64),
     platform("linux32", "so", ELF_32),
     platform("win64", "dll", PE),
@@ -32,6 +33,18 @@ const PLATFORMS: [Platform; 8] = [
     platform("aarch64-linux", "so", ELF_64),
     platform("aarch64-windows", "dll", PE),
     platform("aarch64-darwin", "dylib", MACH_O),
+];
+
+const FMI_3: [Platform; 9] = [
+    platform("x86_64-linux", "so", ELF_64),
+    platform("x86-linux", "so", ELF_32),
+    platform("x86_64-windows", "dll", PE),
+    platform("x86-windows", "dll", PE),
+    platform("x86_64-darwin", "dylib", MACH_O),
+    platform("aarch64-linux", "so", ELF_64),
+    platform("aarch64-windows", "dll", PE),
+    platform("aarch64-darwin", "dylib", MACH_O),
+    platform("aarch32-linux", "so", ELF_32),
 ];
 
 /// The target name of universal binaries for macOS: x86-64 and ARM in one file.
@@ -50,16 +63,39 @@ const fn platform(
 }
 
 impl Platform {
+    /// The platform of a folder.
+    ///
+    /// # Errors
+    /// The version of FMI has no such folder.
+    pub fn named(folder: &str, version: FmiVersion) -> Result<Self> {
+        let platforms = platforms(version);
+        let found = platforms.iter().find(|platform| platform.folder == folder);
+        found.copied().with_context(|| {
+            let known: Vec<_> = platforms.iter().map(|platform| platform.folder).collect();
+            format!(
+                "platform {folder:?} is unknown; there are {}",
+                known.join(", ")
+            )
+        })
+    }
+
+    /// Whether a version of FMI has the folder.
+    pub fn is_of(&self, version: FmiVersion) -> bool {
+        platforms(version).contains(self)
+    }
+
     /// The platforms of a Rust target triple; a suffix with a glibc version is allowed.
     ///
-    /// ARM has two: since 2.0.4 the standard uses the names of FMI 3.0 for it, but importers such as
-    /// FMPy look in the folder for the system's other 64-bit binaries.
-    pub fn of_target(triple: &str) -> Result<Vec<Self>> {
+    /// In FMI 2.0, ARM has two: since 2.0.4 the standard uses the names of FMI 3.0 for it, but importers
+    /// such as FMPy look in the folder for the system's other 64-bit binaries.
+    pub fn of_target(triple: &str, version: FmiVersion) -> Result<Vec<Self>> {
         let processor = triple.split('-').next().unwrap_or_default();
-        let bits = match processor {
-            "i586" | "i686" | "arm" | "armv7" => "32",
-            _ => "64",
+        let (processor, bits) = match processor {
+            "i586" | "i686" => ("x86", "32"),
+            "arm" | "armv7" => ("aarch32", "32"),
+            other => (other, "64"),
         };
+        let number = version.as_str();
         let (short, system) = if triple.contains("-linux-") {
             ("linux", "linux")
         } else if triple.contains("-windows-") {
@@ -67,27 +103,36 @@ impl Platform {
         } else if triple.contains("-apple-darwin") {
             ("darwin", "darwin")
         } else {
-            bail!("FMI 2.0 has no platform folder for the target {triple}");
+            bail!("FMI {number} has no platform folder for the target {triple}");
         };
-        let mut folders = vec![format!("{short}{bits}")];
-        if processor == "aarch64" || triple == UNIVERSAL {
+        let is_universal = triple == UNIVERSAL;
+        let mut folders = Vec::new();
+        match version {
+            FmiVersion::Fmi2 => folders.push(format!("{short}{bits}")),
+            FmiVersion::Fmi3 if is_universal => folders.push(format!("x86_64-{system}")),
+            FmiVersion::Fmi3 if processor == "aarch64" => {}
+            FmiVersion::Fmi3 => folders.push(format!("{processor}-{system}")),
+        }
+        if processor == "aarch64" || is_universal {
             folders.push(format!("aarch64-{system}"));
         }
         folders
             .iter()
-            .map(|folder| folder.parse())
+            .map(|folder| Self::named(folder, version))
             .collect::<Result<_>>()
-            .with_context(|| format!("FMI 2.0 has no platform folder for the target {triple}"))
+            .with_context(|| format!("FMI {number} has no platform folder for the target {triple}"))
     }
 
-    /// The platform of this machine, if FMI 2.0 has a folder for it.
-    pub fn of_this_machine() -> Option<Self> {
-        let system = match std::env::consts::OS {
-            "windows" => "win",
-            "macos" => "darwin",
-            other => other,
+    /// The platform of this machine, if this version of FMI has a folder for it.
+    pub fn of_this_machine(version: FmiVersion) -> Option<Self> {
+        let folder = match (version, std::env::consts::OS) {
+            (FmiVersion::Fmi2, "windows") => format!("win{}", usize::BITS),
+            (FmiVersion::Fmi2, "macos") => format!("darwin{}", usize::BITS),
+            (FmiVersion::Fmi2, other) => format!("{other}{}", usize::BITS),
+            (FmiVersion::Fmi3, "macos") => format!("{}-darwin", std::env::consts::ARCH),
+            (FmiVersion::Fmi3, other) => format!("{}-{other}", std::env::consts::ARCH),
         };
-        Self::from_str(&format!("{system}{}", usize::BITS)).ok()
+        Self::named(&folder, version).ok()
     }
 
     /// Path of a model's binary in an FMU.
@@ -109,6 +154,14 @@ impl Platform {
     }
 }
 
+/// The folders of a version of FMI.
+fn platforms(version: FmiVersion) -> &'static [Platform] {
+    match version {
+        FmiVersion::Fmi2 => &FMI_2,
+        FmiVersion::Fmi3 => &FMI_3,
+    }
+}
+
 /// Whether a binary for this machine's platform is also for its processor: the folder `linux64` is used
 /// for both ARM and x86-64. Only ELF headers are checked.
 pub fn is_for_this_processor(binary: &[u8]) -> bool {
@@ -124,17 +177,12 @@ pub fn is_for_this_processor(binary: &[u8]) -> bool {
     field.is_none_or(|field| field == machine.to_le_bytes())
 }
 
+/// A folder of FMI 2.0.
 impl FromStr for Platform {
     type Err = anyhow::Error;
 
     fn from_str(folder: &str) -> Result<Self> {
-        PLATFORMS
-            .into_iter()
-            .find(|platform| platform.folder == folder)
-            .with_context(|| {
-                let known = PLATFORMS.map(|p| p.folder).join(", ");
-                format!("platform {folder:?} is unknown; there are {known}")
-            })
+        Self::named(folder, FmiVersion::Fmi2)
     }
 }
 
@@ -163,8 +211,12 @@ impl FromStr for Prebuilt {
         let (platform, file) = text
             .split_once('=')
             .context("expected PLATFORM=FILE, such as win64=fmu_controller.dll")?;
+        let version = match platform.contains('-') {
+            true => FmiVersion::Fmi3,
+            false => FmiVersion::Fmi2,
+        };
         Ok(Self {
-            platform: platform.parse()?,
+            platform: Platform::named(platform, version)?,
             file: file.into(),
         })
     }
@@ -176,22 +228,37 @@ mod tests {
 
     #[test]
     fn targets_map_to_the_folders_of_the_standard() {
-        for (triple, expected) in [
-            ("x86_64-unknown-linux-gnu", "linux64"),
-            ("x86_64-unknown-linux-gnu.2.17", "linux64"),
-            ("aarch64-unknown-linux-gnu.2.17", "linux64 aarch64-linux"),
-            ("i686-unknown-linux-gnu", "linux32"),
-            ("x86_64-pc-windows-msvc", "win64"),
-            ("i686-pc-windows-gnu", "win32"),
-            ("x86_64-apple-darwin", "darwin64"),
-            ("aarch64-apple-darwin", "darwin64 aarch64-darwin"),
-            (UNIVERSAL, "darwin64 aarch64-darwin"),
+        for (triple, in_fmi_2, in_fmi_3) in [
+            ("x86_64-unknown-linux-gnu", "linux64", "x86_64-linux"),
+            ("x86_64-unknown-linux-gnu.2.17", "linux64", "x86_64-linux"),
+            (
+                "aarch64-unknown-linux-gnu.2.17",
+                "linux64 aarch64-linux",
+                "aarch64-linux",
+            ),
+            ("armv7-unknown-linux-gnueabihf", "linux32", "aarch32-linux"),
+            ("i686-unknown-linux-gnu", "linux32", "x86-linux"),
+            ("x86_64-pc-windows-msvc", "win64", "x86_64-windows"),
+            ("i686-pc-windows-gnu", "win32", "x86-windows"),
+            ("x86_64-apple-darwin", "darwin64", "x86_64-darwin"),
+            (
+                "aarch64-apple-darwin",
+                "darwin64 aarch64-darwin",
+                "aarch64-darwin",
+            ),
+            (
+                UNIVERSAL,
+                "darwin64 aarch64-darwin",
+                "x86_64-darwin aarch64-darwin",
+            ),
         ] {
-            let folders = Platform::of_target(triple).unwrap();
-            let folders: Vec<_> = folders.iter().map(|platform| platform.folder).collect();
-            assert_eq!(folders.join(" "), expected);
+            for (version, expected) in FmiVersion::ALL.into_iter().zip([in_fmi_2, in_fmi_3]) {
+                let folders = Platform::of_target(triple, version).unwrap();
+                let folders: Vec<_> = folders.iter().map(|platform| platform.folder).collect();
+                assert_eq!(folders.join(" "), expected);
+            }
         }
-        assert!(Platform::of_target("thumbv7em-none-eabihf").is_err());
+        assert!(Platform::of_target("thumbv7em-none-eabihf", FmiVersion::Fmi3).is_err());
     }
 
     #[test]
@@ -233,6 +300,9 @@ mod tests {
         assert_eq!(prebuilt.platform.folder, "win64");
         assert_eq!(prebuilt.file, PathBuf::from("a/b.dll"));
         assert!("win64".parse::<Prebuilt>().is_err());
+        let prebuilt: Prebuilt = "x86_64-linux=b.so".parse().unwrap();
+        assert!(prebuilt.platform.is_of(FmiVersion::Fmi3));
+        assert!(!prebuilt.platform.is_of(FmiVersion::Fmi2));
         let error = "amiga=x".parse::<Prebuilt>().unwrap_err().to_string();
         assert!(error.contains("linux64"), "{error}");
     }

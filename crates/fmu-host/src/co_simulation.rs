@@ -5,14 +5,67 @@ use fmu_types::fmi2::{
     fmi2Terminated,
 };
 
-use crate::instance::call;
-use crate::{Instance, Result};
+use fmu_types::fmi3::fmi3False;
+
+use crate::instance::{call, call_3};
+use crate::{Cause, Failure, Instance, Result, Success, Version};
+
+/// The results of a step of FMI 3.0 (FMI 3.0.2, section 4.2.1.2).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stepped {
+    /// `eventHandlingNeeded`
+    pub event_handling_needed: bool,
+    /// `terminateSimulation`
+    pub terminate: bool,
+    /// `earlyReturn`
+    pub early_return: bool,
+    /// `lastSuccessfulTime` (s)
+    pub last_successful_time: f64,
+}
 
 impl Instance {
-    /// `fmi2DoStep`, with `noSetFMUStatePriorToCurrentPoint` true.
+    /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true. In FMI 3.0, a step that
+    /// ends early or asks to end the simulation has failed.
     #[inline]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
-        call!(self.fmi2DoStep(time, step, 1))
+        match self.version {
+            Version::Fmi2 => call!(self.fmi2DoStep(time, step, 1)),
+            Version::Fmi3 => {
+                let (done, stepped) = self.step(time, step, true)?;
+                match stepped.terminate | stepped.early_return {
+                    false => Ok(done),
+                    true => Err(not_to_the_end(stepped)),
+                }
+            }
+        }
+    }
+
+    /// `fmi3DoStep`; the flag is `noSetFMUStatePriorToCurrentPoint`.
+    #[inline]
+    pub fn step(&mut self, time: f64, step: f64, no_set_state: bool) -> Result<(Success, Stepped)> {
+        let (mut event, mut terminate, mut early) = (fmi3False, fmi3False, fmi3False);
+        let mut last = time;
+        let done = call_3!(self.fmi3DoStep(
+            time,
+            step,
+            no_set_state.into(),
+            &raw mut event,
+            &raw mut terminate,
+            &raw mut early,
+            &raw mut last,
+        ))?;
+        let stepped = Stepped {
+            event_handling_needed: event != fmi3False,
+            terminate: terminate != fmi3False,
+            early_return: early != fmi3False,
+            last_successful_time: last,
+        };
+        Ok((done, stepped))
+    }
+
+    /// `fmi3EnterStepMode`
+    pub fn enter_step_mode(&mut self) -> Result {
+        call_3!(self.fmi3EnterStepMode())
     }
 
     /// `fmi2GetBooleanStatus` of `fmi2Terminated`: whether the FMU has ended the simulation.
@@ -54,16 +107,30 @@ impl Instance {
         ))
     }
 
-    /// `fmi2GetRealOutputDerivatives`: the first derivative of each output.
+    /// `fmi2GetRealOutputDerivatives`, `fmi3GetOutputDerivatives`: the first derivative of each output,
+    /// which is a scalar.
     pub fn output_derivatives(&mut self, references: &[u32]) -> Result<Vec<f64>> {
         let n = references.len();
         let (orders, mut values) = (vec![1; n], vec![0.0; n]);
-        call!(self.fmi2GetRealOutputDerivatives(
-            references.as_ptr(),
-            n,
-            orders.as_ptr(),
-            values.as_mut_ptr(),
-        ))?;
+        let (references, orders, pointer) =
+            (references.as_ptr(), orders.as_ptr(), values.as_mut_ptr());
+        match self.version {
+            Version::Fmi2 => {
+                call!(self.fmi2GetRealOutputDerivatives(references, n, orders, pointer))?
+            }
+            Version::Fmi3 => {
+                call_3!(self.fmi3GetOutputDerivatives(references, n, orders, pointer, n))?
+            }
+        };
         Ok(values)
     }
+}
+
+#[cold]
+fn not_to_the_end(stepped: Stepped) -> Failure {
+    let cause = match stepped.terminate {
+        true => Cause::Terminated,
+        false => Cause::ReturnedEarly(stepped.last_successful_time),
+    };
+    Failure::new("fmi3DoStep", cause)
 }

@@ -5,37 +5,68 @@ use std::ptr;
 use std::sync::Arc;
 
 use fmu_types::fmi2::{
-    fmi2Boolean, fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2FMUstate,
-    fmi2Integer, fmi2Real, fmi2String,
+    fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2FMUstate, fmi2String,
 };
+use fmu_types::fmi3::fmi3Instance;
 
-use crate::logger::{Registered, text};
-use crate::{Cause, Failure, Library, Result};
+use crate::library::Strings;
+use crate::logger::Registered;
+use crate::{Cause, Failure, Library, Result, Success, Version};
 
-/// Calls a function of an instance that returns a status: `call!(self.fmi2DoStep(time))`.
+/// Calls a function of FMI 2.0 of an instance that returns a status: `call!(self.fmi2DoStep(time))`.
 macro_rules! call {
-    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {{
+    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {
+        $crate::instance::call_of!($instance, Fmi2, functions, $name($($value),*))
+    };
+}
+
+/// As `call!`, for FMI 3.0.
+macro_rules! call_3 {
+    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {
+        $crate::instance::call_of!($instance, Fmi3, functions_3, $name($($value),*))
+    };
+}
+
+macro_rules! call_of {
+    ($instance:ident, $version:ident, $functions:ident, $name:ident($($value:expr),*)) => {{
         const NAME: &str = stringify!($name);
-        // SAFETY: the type is that of the standard, the instance is not freed, and every pointer is
-        // valid for the length passed with it. The rest depends on the foreign binary, as described
-        // in the crate documentation.
+        if $instance.version != $crate::Version::$version {
+            return Err($crate::Failure::new(NAME, $crate::Cause::OtherVersion));
+        }
+        // SAFETY: the type is that of the standard, the instance is one of its version and not freed,
+        // and every pointer is valid for the length passed with it. The rest depends on the foreign
+        // binary, as described in the crate documentation.
         let status = unsafe {
             let library = &*$instance.library;
-            let function = library.function(library.functions().$name, NAME)?;
+            let function = library.function(library.$functions().$name, NAME)?;
             function($instance.component $(, $value)*)
         };
-        $instance.library.outcome(NAME, status)
+        $instance.library.outcome($crate::Version::$version, NAME, status)
     }};
 }
-pub(crate) use call;
+
+/// Calls a function that both versions have, without or with the same arguments.
+macro_rules! call_either {
+    ($instance:ident.$name_2:ident / $name_3:ident($($value:expr),* $(,)?)) => {
+        match $instance.version {
+            $crate::Version::Fmi2 => $crate::instance::call!($instance.$name_2($($value),*)),
+            $crate::Version::Fmi3 => $crate::instance::call_3!($instance.$name_3($($value),*)),
+        }
+    };
+}
+pub(crate) use {call, call_3, call_either, call_of};
 
 /// An instance of an FMU, which is freed on drop. It keeps its library loaded.
 pub struct Instance {
     pub(crate) library: Arc<Library>,
+    /// What the version of FMI calls a component or an instance.
     pub(crate) component: fmi2Component,
-    /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance.
-    callbacks: *mut fmi2CallbackFunctions,
-    /// The strings of `fmi2Instantiate`, to which some FMUs keep pointers although they must not.
+    pub(crate) version: Version,
+    /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance. FMI 3.0 has none.
+    callbacks: Option<*mut fmi2CallbackFunctions>,
+    /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
+    experiment: Experiment,
+    /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
     strings: [Vec<u8>; 3],
     _registered: Registered,
 }
@@ -43,6 +74,9 @@ pub struct Instance {
 // SAFETY: FMI allows any thread to call the functions of an instance, but not concurrently, which
 // `&mut self` ensures.
 unsafe impl Send for Instance {}
+
+/// Start and stop time (s), and the relative tolerance.
+type Experiment = (f64, Option<f64>, Option<f64>);
 
 /// A saved FMU state, to be freed with [`Instance::free_state`].
 pub struct State(fmi2FMUstate);
@@ -57,7 +91,7 @@ impl Instance {
     ///
     /// # Safety
     /// The closure calls the library's `fmi2Instantiate`.
-    pub(crate) unsafe fn new(
+    pub(crate) unsafe fn of_fmi_2(
         library: &Arc<Library>,
         registered: Registered,
         logger: Option<fmi2CallbackLogger>,
@@ -79,25 +113,51 @@ impl Instance {
         Some(Self {
             library: Arc::clone(library),
             component,
-            callbacks,
+            version: Version::Fmi2,
+            callbacks: Some(callbacks),
+            experiment: Experiment::default(),
             strings: Default::default(),
             _registered: registered,
         })
     }
 
-    /// Keeps the strings of `fmi2Instantiate` until the instance is freed.
-    pub(crate) fn keeping(mut self, strings: [Vec<u8>; 3]) -> Self {
-        self.strings = strings;
+    /// An instance of FMI 3.0; `None` if it is NULL.
+    pub(crate) fn of_fmi_3(
+        library: &Arc<Library>,
+        registered: Registered,
+        instance: fmi3Instance,
+    ) -> Option<Self> {
+        (!instance.is_null()).then(|| Self {
+            library: Arc::clone(library),
+            component: instance,
+            version: Version::Fmi3,
+            callbacks: None,
+            experiment: Experiment::default(),
+            strings: Default::default(),
+            _registered: registered,
+        })
+    }
+
+    /// Keeps the strings of the instantiation until the instance is freed.
+    pub(crate) fn keeping(mut self, strings: Strings) -> Self {
+        self.strings = strings.kept();
         self
     }
 
-    /// `fmi2SetDebugLogging`
-    pub fn set_debug_logging(&mut self, on: bool, categories: &[CString]) -> Result {
-        let names: Vec<fmi2String> = categories.iter().map(|name| name.as_ptr()).collect();
-        call!(self.fmi2SetDebugLogging(on.into(), names.len(), names.as_ptr()))
+    /// Its version of FMI.
+    pub fn version(&self) -> Version {
+        self.version
     }
 
-    /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance.
+    /// `fmi2SetDebugLogging`, `fmi3SetDebugLogging`
+    pub fn set_debug_logging(&mut self, on: bool, categories: &[CString]) -> Result {
+        let names: Vec<fmi2String> = categories.iter().map(|name| name.as_ptr()).collect();
+        let (count, names) = (names.len(), names.as_ptr());
+        call_either!(self.fmi2SetDebugLogging / fmi3SetDebugLogging(on.into(), count, names))
+    }
+
+    /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance. FMI 3.0 passes them
+    /// when [`Instance::enter_initialization_mode`] is called.
     ///
     /// # Errors
     /// As for every call: the function is missing or returned a failure status.
@@ -107,6 +167,10 @@ impl Instance {
         stop: Option<f64>,
         tolerance: Option<f64>,
     ) -> Result {
+        if self.version == Version::Fmi3 {
+            self.experiment = (start, stop, tolerance);
+            return Ok(Success::Ok);
+        }
         call!(self.fmi2SetupExperiment(
             tolerance.is_some().into(),
             tolerance.unwrap_or_default(),
@@ -116,178 +180,135 @@ impl Instance {
         ))
     }
 
-    /// `fmi2EnterInitializationMode`
+    /// `fmi2EnterInitializationMode`, `fmi3EnterInitializationMode`
     pub fn enter_initialization_mode(&mut self) -> Result {
-        call!(self.fmi2EnterInitializationMode())
+        let (start, stop, tolerance) = self.experiment;
+        match self.version {
+            Version::Fmi2 => call!(self.fmi2EnterInitializationMode()),
+            Version::Fmi3 => call_3!(self.fmi3EnterInitializationMode(
+                tolerance.is_some().into(),
+                tolerance.unwrap_or_default(),
+                start,
+                stop.is_some().into(),
+                stop.unwrap_or_default(),
+            )),
+        }
     }
 
-    /// `fmi2ExitInitializationMode`
+    /// `fmi2ExitInitializationMode`, `fmi3ExitInitializationMode`
     pub fn exit_initialization_mode(&mut self) -> Result {
-        call!(self.fmi2ExitInitializationMode())
+        call_either!(self.fmi2ExitInitializationMode / fmi3ExitInitializationMode())
     }
 
-    /// `fmi2Terminate`
+    /// `fmi2Terminate`, `fmi3Terminate`
     pub fn terminate(&mut self) -> Result {
-        call!(self.fmi2Terminate())
+        call_either!(self.fmi2Terminate / fmi3Terminate())
     }
 
-    /// `fmi2Reset`
+    /// `fmi2Reset`, `fmi3Reset`
     pub fn reset(&mut self) -> Result {
-        call!(self.fmi2Reset())
+        call_either!(self.fmi2Reset / fmi3Reset())
     }
 
-    /// `fmi2GetString`
-    pub fn get_string(&mut self, references: &[u32]) -> Result<Vec<String>> {
-        let texts = self.get_string_late(references, || ())?;
-        let texts: Option<_> = texts.into_iter().collect();
-        texts.ok_or_else(|| {
-            Failure::new("fmi2GetString", Cause::Broke("returned NULL for a string"))
-        })
+    /// `fmi3EnterConfigurationMode`
+    pub fn enter_configuration_mode(&mut self) -> Result {
+        call_3!(self.fmi3EnterConfigurationMode())
     }
 
-    /// `fmi2GetString`, whose strings are copied only after `between` was called, which is not to call
-    /// functions of this instance.
-    pub fn get_string_late(
-        &mut self,
-        references: &[u32],
-        between: impl FnOnce(),
-    ) -> Result<Vec<Option<String>>> {
-        let mut values: Vec<fmi2String> = vec![ptr::null(); references.len()];
-        call!(self.fmi2GetString(references.as_ptr(), references.len(), values.as_mut_ptr()))?;
-        between();
-        // SAFETY: by the standard, the FMU's strings are valid until its next call.
-        let texts = values.into_iter().map(|value| unsafe { text(value) });
-        Ok(texts.collect())
+    /// `fmi3ExitConfigurationMode`
+    pub fn exit_configuration_mode(&mut self) -> Result {
+        call_3!(self.fmi3ExitConfigurationMode())
     }
 
-    /// `fmi2GetReal` and `fmi2SetReal` of no variables, with NULL for both arrays.
-    pub fn get_and_set_nothing(&mut self) -> Result {
-        call!(self.fmi2GetReal(ptr::null(), 0, ptr::null_mut()))?;
-        call!(self.fmi2SetReal(ptr::null(), 0, ptr::null()))
-    }
-
-    /// `fmi2SetString`
-    pub fn set_string(&mut self, references: &[u32], values: &[CString]) -> Result {
-        let values: Vec<fmi2String> = values.iter().map(|value| value.as_ptr()).collect();
-        let n = references.len().min(values.len());
-        call!(self.fmi2SetString(references.as_ptr(), n, values.as_ptr()))
-    }
-
-    /// `fmi2GetFMUstate`
+    /// `fmi2GetFMUstate`, `fmi3GetFMUState`
     pub fn state(&mut self) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        call!(self.fmi2GetFMUstate(&raw mut state.0))?;
+        self.save_to(&mut state)?;
         if state.0.is_null() {
-            let cause = Cause::Broke("returned fmi2OK and no state");
-            return Err(Failure::new("fmi2GetFMUstate", cause));
+            let cause = Cause::Broke("returned success and no state");
+            return Err(Failure::new(
+                self.either("fmi2GetFMUstate", "fmi3GetFMUState"),
+                cause,
+            ));
         }
         Ok(state)
     }
 
-    /// `fmi2GetFMUstate` with a state that is overwritten.
+    /// `fmi2GetFMUstate`, `fmi3GetFMUState` with a state that is overwritten.
     pub fn save_to(&mut self, state: &mut State) -> Result {
-        call!(self.fmi2GetFMUstate(&raw mut state.0))
+        call_either!(self.fmi2GetFMUstate / fmi3GetFMUState(&raw mut state.0))
     }
 
-    /// `fmi2SetFMUstate`
+    /// `fmi2SetFMUstate`, `fmi3SetFMUState`
     pub fn set_state(&mut self, state: &State) -> Result {
-        call!(self.fmi2SetFMUstate(state.0))
+        call_either!(self.fmi2SetFMUstate / fmi3SetFMUState(state.0))
     }
 
-    /// `fmi2FreeFMUstate`
+    /// `fmi2FreeFMUstate`, `fmi3FreeFMUState`
     pub fn free_state(&mut self, mut state: State) -> Result {
-        let freed = call!(self.fmi2FreeFMUstate(&raw mut state.0))?;
+        let freed = call_either!(self.fmi2FreeFMUstate / fmi3FreeFMUState(&raw mut state.0))?;
         if state.0.is_null() {
             Ok(freed)
         } else {
             let cause = Cause::Broke("did not set the state to NULL");
-            Err(Failure::new("fmi2FreeFMUstate", cause))
+            Err(Failure::new(
+                self.either("fmi2FreeFMUstate", "fmi3FreeFMUState"),
+                cause,
+            ))
         }
     }
 
-    /// `fmi2FreeFMUstate` with a pointer to NULL, which does nothing by the standard.
+    /// `fmi2FreeFMUstate`, `fmi3FreeFMUState` with a pointer to NULL, which does nothing by the standard.
     pub fn free_null_state(&mut self) -> Result {
         self.free_state(State(ptr::null_mut()))
     }
 
-    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`; an error if there are more than `max`
-    /// bytes.
+    /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`, `fmi3SerializedFMUStateSize` and
+    /// `fmi3SerializeFMUState`; an error if there are more than `max` bytes.
     pub fn serialize(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
         let mut size = 0;
-        call!(self.fmi2SerializedFMUstateSize(state.0, &raw mut size))?;
+        call_either!(
+            self.fmi2SerializedFMUstateSize / fmi3SerializedFMUStateSize(state.0, &raw mut size)
+        )?;
         if size > max {
-            let cause = Cause::TooLarge(size);
-            return Err(Failure::new("fmi2SerializedFMUstateSize", cause));
+            let function = self.either("fmi2SerializedFMUstateSize", "fmi3SerializedFMUStateSize");
+            return Err(Failure::new(function, Cause::TooLarge(size)));
         }
         // An FMU that writes more than it announced damages these bytes only.
         const GUARD: [u8; 64] = [0xa5; 64];
         let mut bytes = vec![0_u8; size];
         bytes.extend_from_slice(&GUARD);
-        call!(self.fmi2SerializeFMUstate(state.0, bytes.as_mut_ptr().cast(), size))?;
+        call_either!(
+            self.fmi2SerializeFMUstate
+                / fmi3SerializeFMUState(state.0, bytes.as_mut_ptr().cast(), size)
+        )?;
         if bytes[size..] != GUARD {
-            let cause = Cause::Broke("wrote more bytes than fmi2SerializedFMUstateSize returned");
-            return Err(Failure::new("fmi2SerializeFMUstate", cause));
+            let function = self.either("fmi2SerializeFMUstate", "fmi3SerializeFMUState");
+            let cause = Cause::Broke("wrote more bytes than the size that it returned before");
+            return Err(Failure::new(function, cause));
         }
         bytes.truncate(size);
         Ok(bytes)
     }
 
-    /// `fmi2DeSerializeFMUstate`
+    /// `fmi2DeSerializeFMUstate`, `fmi3DeserializeFMUState`
     pub fn deserialize(&mut self, bytes: &[u8]) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        call!(self.fmi2DeSerializeFMUstate(bytes.as_ptr().cast(), bytes.len(), &raw mut state.0,))?;
+        let (size, bytes) = (bytes.len(), bytes.as_ptr());
+        call_either!(
+            self.fmi2DeSerializeFMUstate
+                / fmi3DeserializeFMUState(bytes.cast(), size, &raw mut state.0)
+        )?;
         Ok(state)
     }
 
-    /// `fmi2GetDirectionalDerivative` of `unknowns` with respect to `knowns` in the direction `seed`.
-    pub fn directional_derivative(
-        &mut self,
-        unknowns: &[u32],
-        knowns: &[u32],
-        seed: &[f64],
-    ) -> Result<Vec<f64>> {
-        let mut values = vec![0.0; unknowns.len()];
-        call!(self.fmi2GetDirectionalDerivative(
-            unknowns.as_ptr(),
-            unknowns.len(),
-            knowns.as_ptr(),
-            knowns.len().min(seed.len()),
-            seed.as_ptr(),
-            values.as_mut_ptr(),
-        ))?;
-        Ok(values)
-    }
-}
-
-/// Defines functions that read and write values of one type. If the slices differ in length, the rest
-/// of the longer one is ignored.
-macro_rules! access {
-    ($($type:ty: $get:ident $fmi_get:ident $set:ident $fmi_set:ident;)*) => {
-        impl Instance {
-            $(
-                #[doc = concat!("`", stringify!($fmi_get), "`")]
-                #[inline]
-                pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
-                    let n = references.len().min(values.len());
-                    call!(self.$fmi_get(references.as_ptr(), n, values.as_mut_ptr()))
-                }
-
-                #[doc = concat!("`", stringify!($fmi_set), "`")]
-                #[inline]
-                pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
-                    let n = references.len().min(values.len());
-                    call!(self.$fmi_set(references.as_ptr(), n, values.as_ptr()))
-                }
-            )*
+    /// The name of a function in the version of the instance.
+    pub(crate) fn either(&self, name_2: &'static str, name_3: &'static str) -> &'static str {
+        match self.version {
+            Version::Fmi2 => name_2,
+            Version::Fmi3 => name_3,
         }
-    };
-}
-
-access! {
-    fmi2Real: get_real fmi2GetReal set_real fmi2SetReal;
-    fmi2Integer: get_integer fmi2GetInteger set_integer fmi2SetInteger;
-    // An integer, as a foreign FMU may return values other than 0 and 1.
-    fmi2Boolean: get_boolean fmi2GetBoolean set_boolean fmi2SetBoolean;
+    }
 }
 
 impl Drop for Instance {
@@ -297,13 +318,14 @@ impl Drop for Instance {
             std::mem::forget(Arc::clone(&self.library));
             return;
         }
-        // SAFETY: the type is that of the standard, and the instance is not used again; the callbacks
-        // are from a box, and the FMU does not use them after this call.
-        unsafe {
-            let found = self.library.functions().fmi2FreeInstance;
-            if let Ok(free) = self.library.function(found, "fmi2FreeInstance") {
+        if let Ok(free) = self.library.free_function(self.version) {
+            // SAFETY: the instance is not used again; the callbacks are from a box, and the FMU does not
+            // use them after this call.
+            unsafe {
                 free(self.component);
-                drop(Box::from_raw(self.callbacks));
+                if let Some(callbacks) = self.callbacks {
+                    drop(Box::from_raw(callbacks));
+                }
             }
         }
     }

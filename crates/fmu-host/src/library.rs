@@ -9,11 +9,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fmu_types::fmi2::fmi2String;
+use fmu_types::fmi3::fmi3LogMessageCallback;
 
-use crate::functions::{CO_SIMULATION, COMMON, Functions, MODEL_EXCHANGE};
-use crate::logger::{Registered, text};
+use crate::functions::{
+    CO_SIMULATION, CO_SIMULATION_3, COMMON, COMMON_3, Functions, Functions3, MODEL_EXCHANGE,
+    MODEL_EXCHANGE_3,
+};
+use crate::logger::{OnIntermediate, Registered, intermediate_update, log_3, text};
 use crate::trampoline::logger;
-use crate::{Cause, Failure, Instance, Logged, Result, Status, Success};
+use crate::{Cause, Failure, Instance, Logged, Result, Status, Success, Version};
 
 /// The two kinds of FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +33,7 @@ pub struct Library {
     library: libloading::Library,
     /// Empty if calls are traced, which then take the slow path, so that the fast path has no overhead.
     functions: Functions,
+    functions_3: Functions3,
     trace: Option<Box<Trace>>,
     lost: AtomicBool,
 }
@@ -55,18 +60,20 @@ pub struct Instantiation<'a> {
     pub name: &'a str,
     /// Kind of the instance.
     pub kind: Kind,
-    /// The GUID of the model description.
+    /// The GUID of the model description, or the instantiation token of FMI 3.0.
     pub guid: &'a str,
-    /// URI of the folder `resources`, from [`uri`](crate::uri).
+    /// The folder `resources`: its URI, from [`uri`](crate::uri); for FMI 3.0 its path, from
+    /// [`resource_path`](crate::resource_path).
     pub resources: &'a str,
     /// Whether the FMU also logs messages other than errors.
     pub logging_on: bool,
 }
 
 /// How [`Library::instantiate_as`] treats the arguments. All but the first test an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Treatment {
     /// All arguments are given, and stay valid until the instance is freed.
+    #[default]
     Usual,
     /// The strings are overwritten after the call; FMUs must copy what they need.
     ShortLivedStrings,
@@ -76,6 +83,21 @@ pub enum Treatment {
     NoResources,
 }
 
+/// What only FMI 3.0 lets the host choose; by default nothing is used or allowed.
+#[derive(Default)]
+pub struct Options<'a> {
+    /// How the arguments are treated.
+    pub treatment: Treatment,
+    /// `eventModeUsed`
+    pub event_mode_used: bool,
+    /// `earlyReturnAllowed`
+    pub early_return_allowed: bool,
+    /// `requiredIntermediateVariables`
+    pub intermediate_variables: &'a [u32],
+    /// Receives intermediate updates. It is called during a step, on the thread of the step.
+    pub on_intermediate: Option<OnIntermediate>,
+}
+
 impl Library {
     /// Loads a binary, which runs its code; see the [crate](crate) about untrusted binaries.
     ///
@@ -83,7 +105,7 @@ impl Library {
     /// The dynamic loader's reason.
     pub fn load(file: &Path) -> std::result::Result<Arc<Self>, LoadError> {
         let library = open(file)?;
-        let functions = Functions::of(&library);
+        let functions = (Functions::of(&library), Functions3::of(&library));
         Ok(Self::new(library, functions, None))
     }
 
@@ -98,45 +120,59 @@ impl Library {
         trace("loading it");
         let library = open(file)?;
         let trace: Box<Trace> = Box::new(trace);
-        Ok(Self::new(library, Functions::default(), Some(trace)))
+        Ok(Self::new(library, Default::default(), Some(trace)))
     }
 
     fn new(
         library: libloading::Library,
-        functions: Functions,
+        (functions, functions_3): (Functions, Functions3),
         trace: Option<Box<Trace>>,
     ) -> Arc<Self> {
         Arc::new(Self {
             library,
             functions,
+            functions_3,
             trace,
             lost: AtomicBool::new(false),
         })
     }
 
-    /// The functions required for an FMU of this kind that the library does not have.
+    /// The functions of FMI 2.0 required for an FMU of this kind that the library does not have.
     pub fn missing(&self, kind: Kind) -> Vec<&'static str> {
-        let own = match kind {
-            Kind::ModelExchange => MODEL_EXCHANGE,
-            Kind::CoSimulation => CO_SIMULATION,
+        self.missing_of(Version::Fmi2, kind)
+    }
+
+    /// The functions required for an FMU of this version and kind that the library does not have.
+    pub fn missing_of(&self, version: Version, kind: Kind) -> Vec<&'static str> {
+        let (common, own) = match (version, kind) {
+            (Version::Fmi2, Kind::ModelExchange) => (COMMON, MODEL_EXCHANGE),
+            (Version::Fmi2, Kind::CoSimulation) => (COMMON, CO_SIMULATION),
+            (Version::Fmi3, Kind::ModelExchange) => (COMMON_3, MODEL_EXCHANGE_3),
+            (Version::Fmi3, Kind::CoSimulation) => (COMMON_3, CO_SIMULATION_3),
         };
         let is_missing = |name: &str| {
             // SAFETY: the symbol is looked up but not used.
             unsafe { self.library.get::<*const c_void>(name) }.is_err()
         };
-        let all = COMMON.iter().chain(own);
+        let all = common.iter().chain(own);
         all.filter(|name| is_missing(name)).copied().collect()
     }
 
-    /// The functions of the library; all `None` if calls are traced.
+    /// The functions of FMI 2.0 of the library; all `None` if calls are traced.
     #[inline]
     pub fn functions(&self) -> &Functions {
         &self.functions
     }
 
+    /// The functions of FMI 3.0 of the library; all `None` if calls are traced.
+    #[inline]
+    pub fn functions_3(&self) -> &Functions3 {
+        &self.functions_3
+    }
+
     /// Whether a call returned a status after which the FMU must not be called again, not even to free
-    /// its instances, which then leak: fmi2Fatal, which corrupts all instances; fmi2Pending, as the
-    /// FMU is still running; or a value that is not an fmi2Status.
+    /// its instances, which then leak: a fatal error, which corrupts all instances; fmi2Pending, as the
+    /// FMU is still running; or a value that is not a status.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
     }
@@ -173,10 +209,15 @@ impl Library {
 
     /// The outcome of a call.
     #[inline]
-    pub(crate) fn outcome(&self, function: &'static str, status: c_int) -> Result {
+    pub(crate) fn outcome(
+        &self,
+        version: Version,
+        function: &'static str,
+        status: c_int,
+    ) -> Result {
         match status {
             0 => Ok(Success::Ok),
-            other => self.not_ok(function, other.into()),
+            other => self.not_ok(function, Status::of(version, other)),
         }
     }
 
@@ -201,6 +242,14 @@ impl Library {
         self.text(self.functions.fmi2GetVersion, "fmi2GetVersion")
     }
 
+    /// `fmi3GetVersion`
+    ///
+    /// # Errors
+    /// The function is missing or returned NULL.
+    pub fn version_3(&self) -> Result<String> {
+        self.text(self.functions_3.fmi3GetVersion, "fmi3GetVersion")
+    }
+
     /// `fmi2GetTypesPlatform`
     ///
     /// # Errors
@@ -215,7 +264,7 @@ impl Library {
         found: Option<unsafe extern "C" fn() -> fmi2String>,
         name: &'static str,
     ) -> Result<String> {
-        // SAFETY: both functions that return a string have this type; a foreign binary is trusted to
+        // SAFETY: all functions that return a string have this type; a foreign binary is trusted to
         // terminate it, as described in the crate documentation.
         let text = unsafe { text(self.function(found, name)?()) };
         text.ok_or_else(|| Failure::new(name, Cause::Broke("returned NULL")))
@@ -245,27 +294,15 @@ impl Library {
         sink: impl Fn(Logged) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
         const NAME: &str = "fmi2Instantiate";
-        let text = |text: &str| {
-            let text = CString::new(text).map_err(|_| Failure::new(NAME, Cause::ZeroByte))?;
-            Ok(text.into_bytes_with_nul())
-        };
-        let mut strings = [
-            text(arguments.name)?,
-            text(arguments.guid)?,
-            text(arguments.resources)?,
-        ];
-        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
-        let resources = match treatment {
-            Treatment::NoResources => ptr::null(),
-            _ => resources,
-        };
+        let strings = Strings::of(arguments, treatment, NAME)?;
+        let [name, guid, resources] = strings.pointers();
         let logger = (treatment != Treatment::NoLogger).then(logger);
         let registered = Registered::new(Arc::new(sink));
         // SAFETY: the type is that of the standard; the instance keeps the strings and the callbacks
         // until it is freed.
         let instance = unsafe {
             let instantiate = self.function(self.functions.fmi2Instantiate, NAME)?;
-            Instance::new(self, registered, logger, |callbacks| {
+            Instance::of_fmi_2(self, registered, logger, |callbacks| {
                 instantiate(
                     name,
                     arguments.kind as c_int,
@@ -277,11 +314,64 @@ impl Library {
                 )
             })
         };
-        if treatment == Treatment::ShortLivedStrings {
-            for text in strings.iter_mut().flat_map(|text| text.iter_mut()) {
-                *text = if *text == 0 { 0 } else { b'#' };
+        Ok(instance.map(|instance| instance.keeping(strings)))
+    }
+
+    /// `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`, as [`Library::instantiate`] for
+    /// FMI 3.0.
+    ///
+    /// # Errors
+    /// As for [`Library::instantiate`].
+    pub fn instantiate_3(
+        self: &Arc<Self>,
+        arguments: &Instantiation<'_>,
+        options: Options<'_>,
+        sink: impl Fn(Logged) + Send + Sync + 'static,
+    ) -> Result<Option<Instance>> {
+        let function = match arguments.kind {
+            Kind::ModelExchange => "fmi3InstantiateModelExchange",
+            Kind::CoSimulation => "fmi3InstantiateCoSimulation",
+        };
+        let strings = Strings::of(arguments, options.treatment, function)?;
+        let [name, token, resources] = strings.pointers();
+        let logging_on = arguments.logging_on.into();
+        let logger: Option<fmi3LogMessageCallback> = match options.treatment {
+            Treatment::NoLogger => None,
+            _ => Some(log_3),
+        };
+        let update = options.on_intermediate.is_some();
+        let registered = Registered::with(Arc::new(sink), options.on_intermediate);
+        let environment = registered.environment();
+        // SAFETY: the types are those of the standard; the instance keeps the strings until it is
+        // freed, and the FMU copies the value references.
+        let instance = unsafe {
+            match arguments.kind {
+                Kind::ModelExchange => {
+                    let found = self.functions_3.fmi3InstantiateModelExchange;
+                    let instantiate = self.function(found, function)?;
+                    instantiate(name, token, resources, 0, logging_on, environment, logger)
+                }
+                Kind::CoSimulation => {
+                    let found = self.functions_3.fmi3InstantiateCoSimulation;
+                    let instantiate = self.function(found, function)?;
+                    instantiate(
+                        name,
+                        token,
+                        resources,
+                        0,
+                        logging_on,
+                        options.event_mode_used.into(),
+                        options.early_return_allowed.into(),
+                        options.intermediate_variables.as_ptr(),
+                        options.intermediate_variables.len(),
+                        environment,
+                        logger,
+                        update.then_some(intermediate_update),
+                    )
+                }
             }
-        }
+        };
+        let instance = Instance::of_fmi_3(self, registered, instance);
         Ok(instance.map(|instance| instance.keeping(strings)))
     }
 
@@ -290,10 +380,74 @@ impl Library {
     /// # Errors
     /// The function is missing.
     pub fn free_null(&self) -> Result<()> {
-        const NAME: &str = "fmi2FreeInstance";
+        self.free_null_of(Version::Fmi2)
+    }
+
+    /// `fmi2FreeInstance`, `fmi3FreeInstance` with NULL, which does nothing by the standard.
+    ///
+    /// # Errors
+    /// The function is missing.
+    pub fn free_null_of(&self, version: Version) -> Result<()> {
         // SAFETY: the type is that of the standard, which allows NULL.
-        unsafe { self.function(self.functions.fmi2FreeInstance, NAME)?(ptr::null_mut()) };
+        unsafe { self.free_function(version)?(ptr::null_mut()) };
         Ok(())
+    }
+
+    /// The function that frees an instance, which has the same type in both versions.
+    pub(crate) fn free_function(
+        &self,
+        version: Version,
+    ) -> Result<unsafe extern "C" fn(*mut c_void)> {
+        let (found, name) = match version {
+            Version::Fmi2 => (self.functions.fmi2FreeInstance, "fmi2FreeInstance"),
+            Version::Fmi3 => (self.functions_3.fmi3FreeInstance, "fmi3FreeInstance"),
+        };
+        // SAFETY: the type is that of the standard.
+        unsafe { self.function(found, name) }
+    }
+}
+
+/// The strings that an FMU is instantiated with: name, GUID and location of the resources.
+pub(crate) struct Strings {
+    texts: [Vec<u8>; 3],
+    treatment: Treatment,
+}
+
+impl Strings {
+    fn of(
+        arguments: &Instantiation<'_>,
+        treatment: Treatment,
+        function: &'static str,
+    ) -> Result<Self> {
+        let text = |text: &str| {
+            let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
+            Ok(text.into_bytes_with_nul())
+        };
+        let texts = [
+            text(arguments.name)?,
+            text(arguments.guid)?,
+            text(arguments.resources)?,
+        ];
+        Ok(Self { texts, treatment })
+    }
+
+    /// What is passed to the FMU.
+    fn pointers(&self) -> [fmi2String; 3] {
+        let [name, guid, resources] = self.texts.each_ref().map(|text| text.as_ptr().cast());
+        match self.treatment {
+            Treatment::NoResources => [name, guid, ptr::null()],
+            _ => [name, guid, resources],
+        }
+    }
+
+    /// What is kept once the FMU is instantiated.
+    pub(crate) fn kept(mut self) -> [Vec<u8>; 3] {
+        if self.treatment == Treatment::ShortLivedStrings {
+            for text in self.texts.iter_mut().flat_map(|text| text.iter_mut()) {
+                *text = if *text == 0 { 0 } else { b'#' };
+            }
+        }
+        self.texts
     }
 }
 

@@ -12,8 +12,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fmu_types::fmi2::{fmi2ComponentEnvironment, fmi2String};
+use fmu_types::fmi3::{fmi3Boolean, fmi3False, fmi3Float64, fmi3InstanceEnvironment, fmi3String};
 
-use crate::Status;
+use crate::{Status, Version};
 
 /// A log message of an FMU.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,9 +32,34 @@ pub struct Logged {
 /// Receives the log messages of an instance, possibly on a thread that the FMU has started.
 type Sink = dyn Fn(Logged) + Send + Sync;
 
-/// The sinks of all instances. The component environment of an FMU is a key, not a pointer, so that an
+/// What an FMU tells during a step (FMI 3.0.2, section 4.2.1.4).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intermediate {
+    /// The time that the FMU has reached (s).
+    pub time: f64,
+    /// Whether inputs may be set.
+    pub set_requested: bool,
+    /// Whether outputs may be read.
+    pub get_allowed: bool,
+    /// Whether an integrator step is finished.
+    pub step_finished: bool,
+    /// Whether the host may request that the step ends early.
+    pub can_return_early: bool,
+}
+
+/// Receives intermediate updates; returns the time (s) at which the step is to end early, if so.
+pub type OnIntermediate = Arc<dyn Fn(Intermediate) -> Option<f64> + Send + Sync>;
+
+/// The callbacks of an instance.
+#[derive(Clone)]
+struct Callbacks {
+    sink: Arc<Sink>,
+    intermediate: Option<OnIntermediate>,
+}
+
+/// The callbacks of all instances. The component environment of an FMU is a key, not a pointer, so that an
 /// FMU that passes another value, or logs after it was freed, does no harm.
-static SINKS: Mutex<BTreeMap<usize, Arc<Sink>>> = Mutex::new(BTreeMap::new());
+static CALLBACKS: Mutex<BTreeMap<usize, Callbacks>> = Mutex::new(BTreeMap::new());
 
 /// Number of messages without a sink.
 static STRAY: AtomicUsize = AtomicUsize::new(0);
@@ -43,18 +69,22 @@ pub fn stray_messages() -> usize {
     STRAY.load(Ordering::Relaxed)
 }
 
-fn sinks() -> MutexGuard<'static, BTreeMap<usize, Arc<Sink>>> {
-    SINKS.lock().unwrap_or_else(PoisonError::into_inner)
+fn callbacks() -> MutexGuard<'static, BTreeMap<usize, Callbacks>> {
+    CALLBACKS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A sink that is registered with the logger until this value is dropped.
+/// Callbacks that are registered until this value is dropped.
 pub(crate) struct Registered(usize);
 
 impl Registered {
     pub(crate) fn new(sink: Arc<Sink>) -> Self {
+        Self::with(sink, None)
+    }
+
+    pub(crate) fn with(sink: Arc<Sink>, intermediate: Option<OnIntermediate>) -> Self {
         static NEXT: AtomicUsize = AtomicUsize::new(1);
         let key = NEXT.fetch_add(1, Ordering::Relaxed);
-        sinks().insert(key, sink);
+        callbacks().insert(key, Callbacks { sink, intermediate });
         Self(key)
     }
 
@@ -66,9 +96,9 @@ impl Registered {
 
 impl Drop for Registered {
     fn drop(&mut self) {
-        let sink = sinks().remove(&self.0);
-        // Dropped without holding the lock, as dropping a sink may run any code.
-        drop(sink);
+        let removed = callbacks().remove(&self.0);
+        // Dropped without holding the lock, as dropping a callback may run any code.
+        drop(removed);
     }
 }
 
@@ -85,21 +115,93 @@ pub(crate) unsafe extern "C" fn log(
     format: fmi2String,
     arguments: *mut c_void,
 ) {
-    let Some(sink) = sinks().get(&environment.addr()).map(Arc::clone) else {
+    deliver(environment, || {
+        // SAFETY: the caller's promise.
+        unsafe {
+            Logged {
+                instance: text(instance),
+                status: status.into(),
+                category: text(category),
+                text: formatted(format, arguments),
+            }
+        }
+    });
+}
+
+/// `fmi3LogMessageCallback`: passes a message to its sink; does not unwind.
+///
+/// # Safety
+/// The strings are NULL or zero-terminated.
+pub(crate) unsafe extern "C" fn log_3(
+    environment: fmi3InstanceEnvironment,
+    status: c_int,
+    category: fmi3String,
+    message: fmi3String,
+) {
+    deliver(environment, || {
+        // SAFETY: the caller's promise.
+        let (category, text) = unsafe { (text(category), text(message)) };
+        Logged {
+            instance: None,
+            status: Status::of(Version::Fmi3, status),
+            category,
+            text: text.unwrap_or_default(),
+        }
+    });
+}
+
+/// Passes a message to the sink of an instance; does not unwind.
+fn deliver(environment: *mut c_void, logged: impl FnOnce() -> Logged) {
+    let Some(Callbacks { sink, .. }) = registered(environment) else {
         STRAY.fetch_add(1, Ordering::Relaxed);
         return;
     };
-    // SAFETY: the caller's promise.
-    let (instance, category, text) =
-        unsafe { (text(instance), text(category), formatted(format, arguments)) };
-    let logged = Logged {
-        instance,
-        status: status.into(),
-        category,
-        text,
-    };
+    let logged = logged();
     // C code must not be unwound. The panic hook of the program has reported the panic.
     let _ = catch_unwind(AssertUnwindSafe(move || sink(logged)));
+}
+
+fn registered(environment: *mut c_void) -> Option<Callbacks> {
+    callbacks().get(&environment.addr()).cloned()
+}
+
+/// `fmi3IntermediateUpdateCallback`; does not unwind.
+///
+/// # Safety
+/// The pointers for the request are NULL or writable.
+pub(crate) unsafe extern "C" fn intermediate_update(
+    environment: fmi3InstanceEnvironment,
+    time: fmi3Float64,
+    set_requested: fmi3Boolean,
+    get_allowed: fmi3Boolean,
+    step_finished: fmi3Boolean,
+    can_return_early: fmi3Boolean,
+    early_return_requested: *mut fmi3Boolean,
+    early_return_time: *mut fmi3Float64,
+) {
+    let [set_requested, get_allowed, step_finished, can_return_early] =
+        [set_requested, get_allowed, step_finished, can_return_early].map(|flag| flag != fmi3False);
+    let update = Intermediate {
+        time,
+        set_requested,
+        get_allowed,
+        step_finished,
+        can_return_early,
+    };
+    let callback = registered(environment).and_then(|callbacks| callbacks.intermediate);
+    let request = callback.and_then(|callback| {
+        // C code must not be unwound.
+        catch_unwind(AssertUnwindSafe(move || callback(update))).unwrap_or(None)
+    });
+    // SAFETY: not NULL by the check; the rest is the caller's promise.
+    unsafe {
+        if !early_return_requested.is_null() {
+            *early_return_requested = request.is_some().into();
+        }
+        if let (Some(time), false) = (request, early_return_time.is_null()) {
+            *early_return_time = time;
+        }
+    }
 }
 
 // On Windows, the `printf` family is inline in the headers of the C library; this library has it.

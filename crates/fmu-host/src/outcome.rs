@@ -3,7 +3,16 @@
 use std::ffi::c_int;
 use std::fmt;
 
-/// `fmi2Status`, or another integer, as a foreign binary may return any value.
+/// A version of FMI.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[allow(missing_docs, reason = "their names say it")]
+pub enum Version {
+    #[default]
+    Fmi2,
+    Fmi3,
+}
+
+/// `fmi2Status` or `fmi3Status`, or another integer, as a foreign binary may return any value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names of the standard")]
 pub enum Status {
@@ -13,8 +22,18 @@ pub enum Status {
     Error,
     Fatal,
     Pending,
-    /// Not a status of FMI 2.0.
+    /// Not a status.
     Unknown(c_int),
+}
+
+impl Status {
+    /// The status that a function of a version returned; FMI 3.0 does not have `Pending`.
+    pub(crate) fn of(version: Version, status: c_int) -> Self {
+        match (version, status.into()) {
+            (Version::Fmi3, Self::Pending) => Self::Unknown(status),
+            (_, status) => status,
+        }
+    }
 }
 
 impl From<c_int> for Status {
@@ -55,7 +74,7 @@ pub enum Success {
 }
 
 /// A failed call.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
     /// The function of FMI.
     pub function: &'static str,
@@ -64,7 +83,7 @@ pub struct Failure {
 }
 
 /// What went wrong in a call.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cause {
     /// The binary does not have the function.
     Missing,
@@ -76,11 +95,30 @@ pub enum Cause {
     ZeroByte,
     /// The serialized state has more bytes than the caller accepts.
     TooLarge(usize),
+    /// The instance is one of another version of FMI, which does not have the function.
+    OtherVersion,
+    /// The step asked to end the simulation.
+    Terminated,
+    /// The step ended early, at this time (s), which the host did not allow.
+    ReturnedEarly(f64),
+    /// The type of the variable cannot represent the value.
+    OutOfRange(i128),
 }
 
 impl Failure {
     pub(crate) fn new(function: &'static str, cause: Cause) -> Self {
         Self { function, cause }
+    }
+
+    /// What went wrong, with the names of the version of FMI that has the function: `returned fmi3Error`.
+    pub fn outcome(&self) -> String {
+        let outcome = self.cause.to_string();
+        match self.cause {
+            Cause::Returned(_) if self.function.starts_with("fmi3") => {
+                outcome.replace("fmi2", "fmi3")
+            }
+            _ => outcome,
+        }
     }
 }
 
@@ -94,6 +132,17 @@ impl fmt::Display for Cause {
             Self::Returned(status) => write!(f, "returned {status}"),
             Self::Broke(how) => f.write_str(how),
             Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),
+            Self::OtherVersion => {
+                f.write_str("does not exist in the version of FMI of the instance")
+            }
+            Self::Terminated => f.write_str("asked to end the simulation"),
+            Self::ReturnedEarly(time) => {
+                write!(
+                    f,
+                    "ended the step early at {time:?} s, which was not allowed"
+                )
+            }
+            Self::OutOfRange(value) => write!(f, "cannot take the value {value}"),
             Self::TooLarge(size) => write!(f, "returned a size of {size} bytes"),
         }
     }
@@ -102,10 +151,11 @@ impl fmt::Display for Cause {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let expected = match self.cause {
+            Cause::Returned(_) if self.function.starts_with("fmi3") => ", expected fmi3OK",
             Cause::Returned(_) => ", expected fmi2OK",
             _ => "",
         };
-        write!(f, "{} {}{expected}", self.function, self.cause)
+        write!(f, "{} {}{expected}", self.function, self.outcome())
     }
 }
 

@@ -1,4 +1,4 @@
-//! The URI of an FMU's resources for `fmi2Instantiate`.
+//! The location of an FMU's resources: a URI for `fmi2Instantiate`, a path for `fmi3Instantiate`.
 
 use std::path::Path;
 
@@ -19,6 +19,11 @@ pub fn uri(folder: &Path) -> String {
         }
     }
     uri
+}
+
+/// The path of a local folder with a separator at its end (FMI 3.0.2, section 2.3.1).
+pub fn resource_path(folder: &Path) -> String {
+    format!("{}{}", folder.display(), std::path::MAIN_SEPARATOR)
 }
 
 #[cfg(test)]

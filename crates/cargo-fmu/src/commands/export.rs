@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use clap::Args;
-use fmu_build::{Compression, Selection, Variant};
+use clap::{Args, ValueEnum};
+use fmu_build::{Compression, FmiVersion, Selection, Variant};
 use fmu_file::platform::Prebuilt;
 
 /// What to export, and for which platforms.
@@ -20,6 +20,14 @@ pub struct ExportArgs {
     /// Start value of a variable in a variant; may be repeated
     #[arg(long = "set", value_name = "VARIABLE=VALUE", value_parser = setting)]
     settings: Vec<(String, String)>,
+    /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
+    #[arg(
+        long,
+        value_name = "VERSION",
+        value_delimiter = ',',
+        default_value = "2.0"
+    )]
+    fmi: Vec<Version>,
     /// Output folder for the FMUs [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -38,6 +46,24 @@ pub struct ExportArgs {
     small: bool,
     #[command(flatten)]
     selection: SelectionArgs,
+}
+
+/// A version of FMI.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Version {
+    #[value(name = "2.0")]
+    Fmi2,
+    #[value(name = "3.0")]
+    Fmi3,
+}
+
+impl From<Version> for FmiVersion {
+    fn from(version: Version) -> Self {
+        match version {
+            Version::Fmi2 => Self::Fmi2,
+            Version::Fmi3 => Self::Fmi3,
+        }
+    }
 }
 
 /// Which packages to build, and how.
@@ -93,6 +119,7 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
             name: args.name,
             settings: args.settings,
         },
+        versions: args.fmi.into_iter().map(Into::into).collect(),
         out: args.out,
         portable: args.portable,
         targets: args.targets,

@@ -15,7 +15,6 @@ use fmu_cosim::{
     Csv, Description, Experiment, Failure, Kept, Message, Messages, Plan, Recorder, Supervised,
     Value, locate,
 };
-use fmu_description::VariableType;
 use fmu_worker::Ended;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -315,7 +314,7 @@ fn report(
         [
             column.name.clone(),
             match column.kind {
-                VariableType::Real => format!("{value:.9e}"),
+                kind if kind.is_float() => format!("{value:.9e}"),
                 _ => column.show(*value).to_string(),
             },
             column.unit.clone(),

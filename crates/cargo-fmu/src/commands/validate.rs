@@ -89,7 +89,7 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
             Severity::Warning => WARNING,
         };
         for finding in &group.kept {
-            let (location, text, source) = (&finding.location, &finding.text, group.rule.source);
+            let (location, text, source) = (&finding.location, &finding.text, finding.source);
             writeln!(
                 out,
                 "{file}: {style}{severity}{style:#}: {location}: {text} ({source})"

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, Matrix6, Vector4};
 
-use super::{Force, Parameters, State, exponential::expm1};
+use super::{Force, Jacobian, Parameters, State, exponential::expm1};
 
 /// The linear plant (9) with the state (x, v, theta, omega), exact for a force that is constant or
 /// changes linearly over a step.
@@ -90,14 +90,58 @@ impl Linear {
 
     #[inline(never)]
     fn prepare(&mut self, step: f64) {
-        self.transition = transition(&self.parameters, step);
+        self.transition = transition(&self.jacobian(), step);
         self.step = step;
+    }
+
+    /// The derivative (x', v', theta', omega') of `state` under the force `u` (N).
+    pub fn derivative(&self, state: &State, u: f64) -> State {
+        let j = self.jacobian();
+        let State {
+            v, theta, omega, ..
+        } = *state;
+        State {
+            x: v,
+            v: j.v.v * v + j.theta.v * theta + j.u.v * u,
+            theta: omega,
+            omega: j.v.omega * v + j.theta.omega * theta + j.u.omega * u,
+        }
+    }
+
+    /// The partial derivatives of [`Linear::derivative`], the same for all states and forces: A and B of
+    /// s' = A s + B u from (9), solved for x'' and theta''.
+    pub fn jacobian(&self) -> Jacobian {
+        let p = &self.parameters;
+        let (ml, inertia, q) = (p.ml(), p.inertia(), p.q());
+        Jacobian {
+            v: State {
+                x: 1.0,
+                v: -p.b * inertia / q,
+                omega: -p.b * ml / q,
+                ..State::default()
+            },
+            theta: State {
+                v: ml * ml * p.g / q,
+                omega: (p.M + p.m) * ml * p.g / q,
+                ..State::default()
+            },
+            omega: State {
+                theta: 1.0,
+                ..State::default()
+            },
+            u: State {
+                v: inertia / q,
+                omega: ml / q,
+                ..State::default()
+            },
+            ..Jacobian::default()
+        }
     }
 
     /// The derivative of the state after a step of `step` (s) with respect to the force held over it,
     /// per N.
     pub fn sensitivity(&self, step: f64) -> State {
-        into_state(&transition(&self.parameters, step).held)
+        into_state(&transition(&self.jacobian(), step).held)
     }
 }
 
@@ -110,20 +154,19 @@ fn into_state(s: &Vector4<f64>) -> State {
     }
 }
 
-/// `s' = A s + B u` from (9), solved for x'' and theta'', with u' constant, over one step:
-/// exp of ((A, B, 0), (0, 0, 1), (0, 0, 0)) times the step.
-fn transition(p: &Parameters, step: f64) -> Transition {
-    let (ml, inertia, q) = (p.ml(), p.inertia(), p.q());
-    let (v, theta, omega, u, slope) = (1, 2, 3, 4, 5);
+fn from_state(s: &State) -> Vector4<f64> {
+    Vector4::new(s.x, s.v, s.theta, s.omega)
+}
+
+/// One step of s' = A s + B u with u' constant: exp of ((A, B, 0), (0, 0, 1), (0, 0, 0)) times the step.
+fn transition(j: &Jacobian, step: f64) -> Transition {
+    let (u, slope) = (4, 5);
     let mut generator = Matrix6::zeros();
-    generator[(0, v)] = 1.0;
-    generator[(v, v)] = -p.b * inertia / q;
-    generator[(v, theta)] = ml * ml * p.g / q;
-    generator[(v, u)] = inertia / q;
-    generator[(theta, omega)] = 1.0;
-    generator[(omega, v)] = -p.b * ml / q;
-    generator[(omega, theta)] = (p.M + p.m) * ml * p.g / q;
-    generator[(omega, u)] = ml / q;
+    for (column, derivatives) in [j.x, j.v, j.theta, j.omega, j.u].iter().enumerate() {
+        generator
+            .fixed_view_mut::<4, 1>(0, column)
+            .copy_from(&from_state(derivatives));
+    }
     generator[(u, slope)] = 1.0;
     let moved = expm1(&(generator * step));
     Transition {
@@ -146,14 +189,14 @@ mod tests {
 
     #[test]
     fn the_written_out_product_equals_the_matrix_product() {
-        let t = transition(&Parameters::PAPER, 0.01);
+        let t = transition(&Linear::new(&Parameters::PAPER).jacobian(), 0.01);
         let u = Force {
             value: 3.0,
             slope: -7.0,
         };
         let mut state = START;
         t.apply(&mut state, u);
-        let s = Vector4::new(START.x, START.v, START.theta, START.omega);
+        let s = from_state(&START);
         let s = s + (t.increment * s + t.held * u.value + t.ramp * u.slope);
         assert_eq!(state, into_state(&s));
     }

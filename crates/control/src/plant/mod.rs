@@ -115,3 +115,129 @@ pub struct State {
     /// Angular velocity of the pendulum (rad/s).
     pub omega: f64,
 }
+
+/// Partial derivatives of the state's derivative (x', v', theta', omega'): each field is the vector of
+/// derivatives with respect to one variable, so that `jacobian.theta.omega` is that of omega' with respect
+/// to theta.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Jacobian {
+    /// With respect to the position of the cart (per m).
+    pub x: State,
+    /// With respect to the velocity of the cart (per m/s).
+    pub v: State,
+    /// With respect to the angle (per rad).
+    pub theta: State,
+    /// With respect to the angular velocity (per rad/s).
+    pub omega: State,
+    /// With respect to the force (per N).
+    pub u: State,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const P: Parameters = Parameters::PAPER;
+
+    fn array(s: State) -> [f64; 4] {
+        [s.x, s.v, s.theta, s.omega]
+    }
+
+    fn state([x, v, theta, omega]: [f64; 4]) -> State {
+        State { x, v, theta, omega }
+    }
+
+    fn columns(j: Jacobian) -> [[f64; 4]; 5] {
+        [j.x, j.v, j.theta, j.omega, j.u].map(array)
+    }
+
+    /// A state far from the upright position, and a force.
+    const SWING: [f64; 5] = [0.3, 0.5, 2.0, -1.5, 3.0];
+
+    fn check_by_central_differences(
+        derivative: impl Fn(&State, f64) -> State,
+        jacobian: &Jacobian,
+    ) {
+        let at =
+            |[x, v, theta, omega, u]: [f64; 5]| array(derivative(&state([x, v, theta, omega]), u));
+        let delta = 1e-4;
+        for (j, column) in columns(*jacobian).iter().enumerate() {
+            let (mut above, mut below) = (SWING, SWING);
+            above[j] += delta;
+            below[j] -= delta;
+            let (above, below) = (at(above), at(below));
+            for i in 0..4 {
+                let difference = (above[i] - below[i]) / (2.0 * delta);
+                assert!(
+                    (column[i] - difference).abs() < 1e-6,
+                    "derivative {i} by variable {j}: {} {difference}",
+                    column[i]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_jacobians_match_central_differences() {
+        let linear = Linear::new(&P);
+        check_by_central_differences(|s, u| linear.derivative(s, u), &linear.jacobian());
+        let [x, v, theta, omega, u] = SWING;
+        check_by_central_differences(
+            |s, u| nonlinear::derivative(&P, s, u),
+            &nonlinear::jacobian(&P, &state([x, v, theta, omega]), u),
+        );
+    }
+
+    #[test]
+    fn the_derivatives_satisfy_the_printed_equations() {
+        let [x, v, theta, omega, u] = SWING;
+        let s = state([x, v, theta, omega]);
+        let residuals = |derivative: State, sin: f64, cos: f64, centrifugal: f64| {
+            let (xdd, thetadd) = (derivative.v, derivative.omega);
+            let ml = P.m * P.l;
+            assert_eq!((derivative.x, derivative.theta), (v, omega));
+            [
+                (P.M + P.m) * xdd - ml * thetadd * cos + ml * centrifugal + P.b * v - u,
+                (P.I + ml * P.l) * thetadd - ml * P.g * sin - ml * xdd * cos,
+            ]
+        };
+        let (sin, cos) = (libm::sin(theta), libm::cos(theta));
+        let full = nonlinear::derivative(&P, &s, u);
+        let linear = Linear::new(&P).derivative(&s, u);
+        for residual in [
+            residuals(full, sin, cos, omega * omega * sin), // (7), (8)
+            residuals(linear, theta, 1.0, 0.0),             // (9)
+        ]
+        .concat()
+        {
+            assert!(residual.abs() < 1e-14, "{residual}");
+        }
+    }
+
+    /// The matrices A and B of (9) by Cramer's rule, and the same from (7), (8) at rest upright.
+    #[test]
+    fn both_jacobians_at_the_upright_position_are_the_closed_form() {
+        let ml = P.m * P.l;
+        let inertia = P.I + ml * P.l;
+        let q = (P.M + P.m) * inertia - ml * ml;
+        let expected = [
+            [0.0; 4],
+            [1.0, -P.b * inertia / q, 0.0, -P.b * ml / q],
+            [0.0, ml * ml * P.g / q, 0.0, (P.M + P.m) * ml * P.g / q],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, inertia / q, 0.0, ml / q],
+        ];
+        let linear = columns(Linear::new(&P).jacobian());
+        let full = columns(nonlinear::jacobian(&P, &State::default(), 0.0));
+        for (j, column) in expected.iter().enumerate() {
+            for i in 0..4 {
+                let (linear, full) = (linear[j][i], full[j][i]);
+                assert!(
+                    (linear - column[i]).abs() < 1e-13,
+                    "A, B ({i}, {j}): {linear}"
+                );
+                assert!((full - column[i]).abs() < 1e-13, "({i}, {j}): {full}");
+            }
+        }
+    }
+}

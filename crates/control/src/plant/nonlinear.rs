@@ -1,7 +1,7 @@
 //! The nonlinear plant (7), (8), integrated by the embedded Runge-Kutta pair 5(4) of Dormand and
 //! Prince (J. Comput. Appl. Math. 6, 1980) with local extrapolation and error control per substep.
 
-use super::{Force, Parameters, State};
+use super::{Force, Jacobian, Parameters, State};
 
 /// Relative tolerance of a substep; an absolute one of 1e-13 (m, m/s, rad, rad/s) is added for each
 /// state.
@@ -41,12 +41,28 @@ pub fn advance(
     step: f64,
 ) -> Result<(), StepFailure> {
     let u = u.into();
-    let start = [state.x, state.v, state.theta, state.omega];
-    let [x, v, theta, omega] = integrate(start, step, |tau, y| {
-        derivative(p, y, u.value + u.slope * tau)
-    })?;
-    *state = State { x, v, theta, omega };
+    *state = into_state(integrate(from_state(state), step, |tau, y| {
+        slope(p, y, u.value + u.slope * tau)
+    })?);
     Ok(())
+}
+
+/// The derivative (x', v', theta', omega') of `state` under the force `u` (N).
+pub fn derivative(p: &Parameters, state: &State, u: f64) -> State {
+    into_state(slope(p, &from_state(state), u))
+}
+
+/// The partial derivatives of [`derivative`] at `state` under the force `u` (N).
+pub fn jacobian(p: &Parameters, state: &State, u: f64) -> Jacobian {
+    let y = from_state(state);
+    let by = |dy, du| into_state(variation(p, &y, u, &dy, du));
+    Jacobian {
+        x: by([1.0, 0.0, 0.0, 0.0], 0.0),
+        v: by([0.0, 1.0, 0.0, 0.0], 0.0),
+        theta: by([0.0, 0.0, 1.0, 0.0], 0.0),
+        omega: by([0.0, 0.0, 0.0, 1.0], 0.0),
+        u: by([0.0; 4], 1.0),
+    }
 }
 
 /// The derivative of the state after a step of `step` (s) from `state` with respect to the force held
@@ -61,33 +77,28 @@ pub fn sensitivity(
     step: f64,
 ) -> Result<State, StepFailure> {
     let u = u.into();
-    let start = [
-        state.x,
-        state.v,
-        state.theta,
-        state.omega,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ];
-    let end = integrate(
+    let [x, v, theta, omega] = from_state(state);
+    let start = [x, v, theta, omega, 0.0, 0.0, 0.0, 0.0];
+    let [.., x, v, theta, omega] = integrate(
         start,
         step,
         |tau, &[x, v, theta, omega, dx, dv, dtheta, domega]| {
             let (y, dy) = ([x, v, theta, omega], [dx, dv, dtheta, domega]);
             let force = u.value + u.slope * tau;
             let ([y0, y1, y2, y3], [d0, d1, d2, d3]) =
-                (derivative(p, &y, force), variation(p, &y, force, &dy));
+                (slope(p, &y, force), variation(p, &y, force, &dy, 1.0));
             [y0, y1, y2, y3, d0, d1, d2, d3]
         },
     )?;
-    Ok(State {
-        x: end[4],
-        v: end[5],
-        theta: end[6],
-        omega: end[7],
-    })
+    Ok(State { x, v, theta, omega })
+}
+
+fn from_state(s: &State) -> [f64; 4] {
+    [s.x, s.v, s.theta, s.omega]
+}
+
+fn into_state([x, v, theta, omega]: [f64; 4]) -> State {
+    State { x, v, theta, omega }
 }
 
 /// Terms of the accelerations at a state (x, v, theta, omega) and a force.
@@ -117,7 +128,7 @@ impl Balance {
 }
 
 /// The derivative of the state. (7), (8) are linear in the accelerations: Cramer's rule.
-fn derivative(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
+fn slope(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
     let q = Balance::new(p, y, u);
     [
         y[1],
@@ -127,14 +138,14 @@ fn derivative(p: &Parameters, y: &[f64; 4], u: f64) -> [f64; 4] {
     ]
 }
 
-/// The derivative of [`derivative`] in the direction of `dy` for the state and 1 for the force.
-fn variation(p: &Parameters, y: &[f64; 4], u: f64, dy: &[f64; 4]) -> [f64; 4] {
+/// The derivative of [`slope`] in the direction of `dy` for the state and `du` for the force.
+fn variation(p: &Parameters, y: &[f64; 4], u: f64, dy: &[f64; 4], du: f64) -> [f64; 4] {
     let q = Balance::new(p, y, u);
-    let [_, x_acceleration, omega, theta_acceleration] = derivative(p, y, u);
+    let [_, x_acceleration, omega, theta_acceleration] = slope(p, y, u);
     let [_, dv, dtheta, domega] = *dy;
     let ml = p.ml();
     let dcoupling = -ml * q.sin * dtheta;
-    let dforce = 1.0 - p.b * dv - ml * omega * (2.0 * q.sin * domega + omega * q.cos * dtheta);
+    let dforce = du - p.b * dv - ml * omega * (2.0 * q.sin * domega + omega * q.cos * dtheta);
     let dtorque = ml * p.g * q.cos * dtheta;
     let ddeterminant = -2.0 * q.coupling * dcoupling;
     [
@@ -325,9 +336,9 @@ mod tests {
     #[test]
     fn the_method_is_of_fifth_order() {
         let end = |n: u32| {
-            let mut y = [SWING.x, SWING.v, SWING.theta, SWING.omega];
+            let mut y = from_state(&SWING);
             for _ in 0..n {
-                let slope = |_, y: &[f64; 4]| derivative(&Parameters::PAPER, y, 1.0);
+                let slope = |_, y: &[f64; 4]| self::slope(&Parameters::PAPER, y, 1.0);
                 y = substep(&y, 1.0 / f64::from(n), slope).0;
             }
             y[2]

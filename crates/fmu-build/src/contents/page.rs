@@ -2,28 +2,28 @@
 
 use fmu_description::model::item;
 use fmu_description::xml::Element;
-use fmu_description::{Capability, Causality, ModelDescription};
+use fmu_description::{Causality, ModelDescription};
 
 use super::File;
 use crate::table;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Generates the page; `about` is an HTML fragment for its middle.
+/// Generates the page of the FMU `file`; `about` is an HTML fragment for its middle, and `icon` the path
+/// of the icon in the FMU.
 pub fn html(
     model: &ModelDescription<'_>,
+    file: &str,
     about: Option<&str>,
-    has_icon: bool,
+    icon: Option<&str>,
     licenses: &[File],
 ) -> String {
     let name = escape(model.name());
     let what = escaped(model.root, "description");
     // Visible only if the whole FMU is unpacked.
-    let icon = if has_icon {
-        "<img src=\"../model.png\" alt=\"\" width=\"64\" height=\"64\"/>\n"
-    } else {
-        ""
-    };
+    let icon = icon.map_or(String::new(), |path| {
+        format!("<img src=\"../{path}\" alt=\"\" width=\"64\" height=\"64\"/>\n")
+    });
     let title = if what.is_empty() {
         name.clone()
     } else {
@@ -43,7 +43,7 @@ pub fn html(
             "<body>\n<header>\n{icon}<h1>{name}</h1>\n<p>{what}{version}</p>\n</header>\n<main>\n"
         ),
         about.unwrap_or_default().trim_end(),
-        &use_of(model),
+        &use_of(model, file),
         &variables(model),
         &capabilities(model),
         &identity(model.root, licenses),
@@ -53,7 +53,7 @@ pub fn html(
 }
 
 /// General instructions for using the FMU.
-fn use_of(model: &ModelDescription<'_>) -> String {
+fn use_of(model: &ModelDescription<'_>, file: &str) -> String {
     let named = |causality| -> String {
         let names: Vec<_> = model
             .variables()
@@ -67,11 +67,15 @@ fn use_of(model: &ModelDescription<'_>) -> String {
     };
     format!(
         "\n<h2>Use</h2>\n<ul>\n\
-        <li>Import <code>{name}.fmu</code> for co-simulation, FMI {version}.</li>\n\
+        <li>Import <code>{file}</code> for {kinds}, FMI {version}.</li>\n\
         <li>Connect the inputs ({inputs}) and the outputs ({outputs}).</li>\n\
         <li>Set fixed parameters before the initialization, tunable ones at any time.</li>\n\
         {experiment}</ul>\n",
-        name = escape(model.name()),
+        file = escape(file),
+        kinds = interfaces(model)
+            .map(|(_, kind)| kind)
+            .collect::<Vec<_>>()
+            .join(" or "),
         version = escaped(model.root, "fmiVersion"),
         inputs = named(Causality::Input),
         outputs = named(Causality::Output),
@@ -105,7 +109,8 @@ fn variables(model: &ModelDescription<'_>) -> String {
             format!("<tr>{name}{}</tr>\n", cells("td", others))
         })
         .collect();
-    let types = model.root.list("TypeDefinitions", "SimpleType");
+    let types = model.root.child("TypeDefinitions");
+    let types = types.into_iter().flat_map(|types| &types.children);
     let choices: String = types.map(choices).collect();
     format!(
         "<h2>Variables</h2>\n\
@@ -117,7 +122,12 @@ fn variables(model: &ModelDescription<'_>) -> String {
 
 /// The items of an enumeration.
 fn choices(defined: &Element<'_>) -> String {
-    let Some(enumeration) = defined.child("Enumeration") else {
+    // In FMI 3.0, the type itself has the items.
+    let enumeration = match defined.name {
+        "EnumerationType" => Some(defined),
+        _ => defined.child("Enumeration"),
+    };
+    let Some(enumeration) = enumeration else {
         return String::new();
     };
     let items: String = enumeration
@@ -135,28 +145,43 @@ fn choices(defined: &Element<'_>) -> String {
     )
 }
 
+/// The types of interfaces that the FMU has, and their names in a sentence.
+fn interfaces<'a>(
+    model: &ModelDescription<'a>,
+) -> impl Iterator<Item = (&'a Element<'a>, &'static str)> {
+    let root = model.root;
+    let kinds = [
+        ("CoSimulation", "co-simulation"),
+        ("ModelExchange", "model exchange"),
+    ];
+    kinds
+        .into_iter()
+        .filter_map(move |(element, kind)| Some((root.child(element)?, kind)))
+}
+
+/// The capabilities, as the model description has them.
 fn capabilities(model: &ModelDescription<'_>) -> String {
-    let Some(slave) = model.co_simulation() else {
-        return String::new();
-    };
-    let rows: String = Capability::ALL
-        .iter()
-        .map(|capability| {
-            let name = capability.as_str();
-            let flag = if capability.is_claimed_by(slave) {
-                "yes"
-            } else {
-                "no"
-            };
-            format!("<tr><th scope=\"row\">{name}</th><td>{flag}</td></tr>\n")
+    interfaces(model)
+        .map(|(interface, kind)| {
+            let rows: String = interface
+                .attributes
+                .iter()
+                .filter(|(name, _)| *name != "modelIdentifier")
+                .map(|(name, value)| {
+                    let value = match &**value {
+                        "true" => "yes",
+                        "false" => "no",
+                        number => number,
+                    };
+                    let (name, value) = (escape(name), escape(value));
+                    format!("<tr><th scope=\"row\">{name}</th><td>{value}</td></tr>\n")
+                })
+                .collect();
+            format!(
+                "<h2>Capabilities for {kind}</h2>\n<table>\n<tbody>\n{rows}</tbody>\n</table>\n"
+            )
         })
-        .collect();
-    let order = escape(slave.attribute("maxOutputDerivativeOrder").unwrap_or("0"));
-    format!(
-        "<h2>Capabilities</h2>\n<table>\n<tbody>\n{rows}\
-        <tr><th scope=\"row\">maxOutputDerivativeOrder</th><td>{order}</td></tr>\n\
-        </tbody>\n</table>\n"
-    )
+        .collect()
 }
 
 /// Where the FMU comes from.
@@ -172,7 +197,7 @@ fn identity(root: &Element<'_>, licenses: &[File]) -> String {
     let text = |name| root.attribute(name).map(escape);
     let license: Vec<String> = text("license").into_iter().chain(links).collect();
     let lines = [
-        ("GUID", text("guid")),
+        ("GUID", text("guid").or_else(|| text("instantiationToken"))),
         ("Exported with", text("generationTool")),
         ("Author", text("author")),
         ("Copyright", text("copyright")),
@@ -226,12 +251,20 @@ mod tests {
     fn page(xml: &str, about: Option<&str>, has_icon: bool) -> String {
         let root = parse(xml).unwrap();
         let licenses = [("licenses/LICENSE-A&B".to_owned(), Vec::new())];
-        html(&ModelDescription::new(&root), about, has_icon, &licenses)
+        let icon = has_icon.then_some("model.png");
+        html(
+            &ModelDescription::new(&root),
+            "A.fmu",
+            about,
+            icon,
+            &licenses,
+        )
     }
 
     const XML: &str = r#"<fmiModelDescription fmiVersion="2.0" modelName="A" guid="{1}"
         description="x &lt; y &amp; &quot;z&quot;" version="1.2" license="MIT" author="B &amp; C" copyright="© B">
-        <TypeDefinitions><SimpleType name="Form" description="shape"><Enumeration>
+        <ModelExchange modelIdentifier="A"/><CoSimulation modelIdentifier="A" canInterpolateInputs="true"
+        maxOutputDerivativeOrder="1"/><TypeDefinitions><SimpleType name="Form" description="shape"><Enumeration>
         <Item name="round" value="3" description="a &lt; b"/></Enumeration></SimpleType></TypeDefinitions>
         <DefaultExperiment stopTime="2"/>
         <ModelVariables>
@@ -259,6 +292,10 @@ mod tests {
         let page = page(XML, None, false);
         for text in [
             "<title>A: x &lt; y &amp; &quot;z&quot;</title>",
+            "<li>Import <code>A.fmu</code> for co-simulation or model exchange, FMI 2.0.</li>",
+            "<h2>Capabilities for model exchange</h2>",
+            "<th scope=\"row\">canInterpolateInputs</th><td>yes</td>",
+            "<th scope=\"row\">maxOutputDerivativeOrder</th><td>1</td>",
             "(<code>u</code>) and the outputs (none)",
             "<li>The default experiment stops at 2 s.</li>",
             "<td>N</td><td>0</td>",

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use fmu_description::ModelDescription;
 use fmu_description::xml;
+use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::{Cause, Failure, Library, Status};
 
@@ -143,7 +143,7 @@ pub fn run(arguments: &[OsString]) -> Result<()> {
     let text = std::fs::read_to_string(beside(REPORT).join(MODEL_DESCRIPTION))?;
     let root = xml::parse(&text)?;
     let model = ModelDescription::new(&root);
-    let report = Arc::new(Report::open(&beside(REPORT))?);
+    let report = Arc::new(Report::open(&beside(REPORT), model.version)?);
     if let Err(error) = test(&options, &model, &folder, &report) {
         // The folder no longer exists when the message is read.
         let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
@@ -201,7 +201,10 @@ fn test(
         library: &library,
         kind: options.kind.of_host(),
         element,
-        resources: fmu_host::uri(&folder.join("resources")),
+        resources: match model.version {
+            FmiVersion::Fmi2 => fmu_host::uri(&folder.join("resources")),
+            FmiVersion::Fmi3 => fmu_host::resource_path(&folder.join("resources")),
+        },
         report,
         level: options.level,
         steps: options.steps,

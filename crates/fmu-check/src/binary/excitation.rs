@@ -1,15 +1,17 @@
 //! The inputs and parameters of test runs: steps, sines and random numbers, the same in every run.
 
-use std::ffi::CString;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use fmu_description::value::{boolean, integer, real};
-use fmu_description::{Causality, ModelDescription, ScalarVariable, Variability, VariableType};
+use fmu_description::value::{boolean, real};
+use fmu_description::{
+    Causality, IntegerKind, ModelDescription, ScalarVariable, Variability, VariableType,
+};
 use fmu_host::Instance;
 
-use super::record::Value;
+use super::record::{Class, Value, set};
+use super::subject::is_tested;
 
 /// How strongly inputs are excited. Models may refuse values outside their range of validity, which
 /// their XML need not tell; weaker levels are then tried.
@@ -71,7 +73,7 @@ enum Signal {
         max: f64,
         size: f64,
     },
-    Integer(Vec<i32>),
+    Integer(Vec<i64>),
     Boolean(bool),
     /// A String, which keeps its start value.
     None,
@@ -82,7 +84,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
     model
         .variables()
         .map(|(_, v)| v)
-        .filter(|v| v.causality == Causality::Input)
+        .filter(|v| v.causality == Causality::Input && is_tested(v))
         .zip(0..)
         .map(|(variable, index)| Input {
             variable,
@@ -92,11 +94,21 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
         .collect()
 }
 
+/// The values of the items of an Enumeration.
+pub fn numbers(variable: &ScalarVariable<'_>) -> impl Iterator<Item = i64> {
+    variable.items().map(|(_, value)| value)
+}
+
+/// Parses a whole number.
+fn whole(text: &str) -> Option<i64> {
+    text.trim().parse().ok()
+}
+
 impl Signal {
     fn of(variable: &ScalarVariable<'_>) -> Self {
         let number = |name: &str| variable.inherited(name).and_then(real);
-        match variable.kind {
-            VariableType::Real => {
+        match Class::of(variable.kind) {
+            Class::Real => {
                 let start = variable.start().and_then(real).unwrap_or(0.0);
                 let (min, max) = (number("min"), number("max"));
                 let nominal = number("nominal").unwrap_or(1.0).abs();
@@ -113,14 +125,12 @@ impl Signal {
                     size,
                 }
             }
-            VariableType::Boolean => {
-                Self::Boolean(variable.start().and_then(boolean).unwrap_or(false))
+            Class::Boolean => Self::Boolean(variable.start().and_then(boolean).unwrap_or(false)),
+            Class::Integer if variable.kind == VariableType::Enumeration => {
+                Self::Integer(numbers(variable).collect())
             }
-            VariableType::Enumeration => {
-                Self::Integer(variable.items().map(|(_, value)| value).collect())
-            }
-            VariableType::Integer => {
-                let start = variable.start().and_then(integer).unwrap_or(0);
+            Class::Integer => {
+                let start = variable.start().and_then(whole).unwrap_or(0);
                 let near = [start, start.saturating_add(1), start.saturating_sub(1)];
                 let range = integer_range(variable);
                 Self::Integer(
@@ -129,7 +139,7 @@ impl Signal {
                         .collect(),
                 )
             }
-            VariableType::String => Self::None,
+            Class::String | Class::Other => Self::None,
         }
     }
 }
@@ -143,10 +153,9 @@ impl Input<'_> {
         seed: u64,
         point: usize,
     ) -> Result<()> {
-        let reference = [self.variable.reference];
         let key = seed << 32 | self.index;
-        match &self.signal {
-            _ if level == Level::Still => {}
+        let value = match &self.signal {
+            _ if level == Level::Still => return Ok(()),
             Signal::Real {
                 start,
                 min,
@@ -155,34 +164,38 @@ impl Input<'_> {
             } => {
                 let value = start + level.gain() * size * signal(key, point);
                 // Not `clamp`, since the XML may be wrong about which is larger.
-                instance.set_real(&reference, &[value.max(*min).min(*max)])?;
+                Value::Real(value.max(*min).min(*max))
             }
-            _ if level == Level::Gentle => {}
-            Signal::Integer(values) if values.is_empty() => {}
+            _ if level == Level::Gentle => return Ok(()),
+            Signal::Integer(values) if values.is_empty() => return Ok(()),
             Signal::Integer(values) => {
-                let value = values[(point / 7 + self.index as usize) % values.len()];
-                instance.set_integer(&reference, &[value])?;
+                Value::Integer(values[(point / 7 + self.index as usize) % values.len()])
             }
-            Signal::Boolean(start) => {
-                let value = *start != ((point / 11) % 2 == 1);
-                instance.set_boolean(&reference, &[value.into()])?;
-            }
-            Signal::None => {}
-        }
+            Signal::Boolean(start) => Value::Boolean((*start != ((point / 11) % 2 == 1)).into()),
+            Signal::None => return Ok(()),
+        };
+        set(instance, self.variable, &value)?;
         Ok(())
     }
 
     /// Whether a host may set it in continuous-time mode.
     pub fn is_continuous(&self) -> bool {
-        self.variable.kind == VariableType::Real
+        Class::of(self.variable.kind) == Class::Real
             && self.variable.variability == Variability::Continuous
     }
 }
 
-/// The values between the min and max of an Integer.
-pub fn integer_range(variable: &ScalarVariable<'_>) -> RangeInclusive<i32> {
-    let bound = |name: &str| variable.inherited(name).and_then(integer);
-    bound("min").unwrap_or(i32::MIN)..=bound("max").unwrap_or(i32::MAX)
+/// The values between the min and max of an Integer, which are those of its type by default; of a
+/// UInt64, whose values are read as those of an Int64, all.
+pub fn integer_range(variable: &ScalarVariable<'_>) -> RangeInclusive<i64> {
+    if variable.kind == VariableType::UInt64 {
+        return i64::MIN..=i64::MAX;
+    }
+    let kind = IntegerKind::parse(variable.kind.as_str()).unwrap_or(IntegerKind::Int32);
+    let (min, max) = kind.range();
+    let of_type = |bound: i128| i64::try_from(bound).unwrap_or(i64::MAX);
+    let bound = |name: &str| variable.inherited(name).and_then(whole);
+    bound("min").unwrap_or(of_type(min))..=bound("max").unwrap_or(of_type(max))
 }
 
 /// A step, a sine and random numbers, between -1 and 1.
@@ -209,7 +222,15 @@ fn other_real(variable: &ScalarVariable<'_>) -> Option<f64> {
     let start = variable.start().and_then(real)?;
     let number = |name: &str| variable.inherited(name).and_then(real);
     let near = [1.01 * start, 0.99 * start, start + 0.01, start - 0.01];
-    near.into_iter().find(|value| {
+    let of_type = |value: f64| match variable.kind {
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "the type has this precision"
+        )]
+        VariableType::Float32 => f64::from(value as f32),
+        _ => value,
+    };
+    near.into_iter().map(of_type).find(|value| {
         *value != start
             && number("min").is_none_or(|min| *value >= min)
             && number("max").is_none_or(|max| *value <= max)
@@ -218,41 +239,32 @@ fn other_real(variable: &ScalarVariable<'_>) -> Option<f64> {
 
 /// Another value of the type of a variable that its XML allows.
 pub fn other(variable: &ScalarVariable<'_>) -> Option<Value> {
-    Some(match variable.kind {
-        VariableType::Real => Value::Real(other_real(variable)?),
-        VariableType::Integer | VariableType::Enumeration => {
-            let start = variable.start().and_then(integer)?;
+    Some(match Class::of(variable.kind) {
+        Class::Real => Value::Real(other_real(variable)?),
+        Class::Integer => {
+            let start = variable.start().and_then(whole)?;
             let Signal::Integer(values) = Signal::of(variable) else {
                 return None;
             };
-            Value::Integer(values.into_iter().find(|value| *value != start)?)
+            // A UInt64 has no negative values.
+            let fits = |value: &i64| *value != start && (start < 0 || *value >= 0);
+            Value::Integer(values.into_iter().find(fits)?)
         }
-        VariableType::Boolean => Value::Boolean((!variable.start().and_then(boolean)?).into()),
-        VariableType::String => Value::String("another text".into()),
+        Class::Boolean => Value::Boolean((!variable.start().and_then(boolean)?).into()),
+        Class::String => Value::String("another text".into()),
+        Class::Other => return None,
     })
-}
-
-/// Sets a variable.
-pub fn set(instance: &mut Instance, reference: u32, value: &Value) -> fmu_host::Result {
-    match value {
-        Value::Real(value) => instance.set_real(&[reference], &[*value]),
-        Value::Integer(value) => instance.set_integer(&[reference], &[*value]),
-        Value::Boolean(value) => instance.set_boolean(&[reference], &[*value]),
-        Value::String(text) => {
-            let text = CString::new(text.as_str()).unwrap_or_default();
-            instance.set_string(&[reference], &[text])
-        }
-    }
 }
 
 /// Changes the Real parameters of a new instance by a little.
 pub fn change_parameters(model: &ModelDescription<'_>, instance: &mut Instance) -> Result<()> {
     for (_, variable) in model.variables() {
         if variable.causality == Causality::Parameter
-            && variable.kind == VariableType::Real
+            && is_tested(variable)
+            && Class::of(variable.kind) == Class::Real
             && let Some(value) = other(variable)
         {
-            set(instance, variable.reference, &value)?;
+            set(instance, variable, &value)?;
         }
     }
     Ok(())

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Result;
-use fmu_description::ModelDescription;
+use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::Archive;
 use fmu_file::platform::{Platform, is_for_this_processor};
 
@@ -56,7 +56,7 @@ pub fn check(
     probes: &Probes,
     findings: &mut Findings,
 ) {
-    let Some(platform) = Platform::of_this_machine() else {
+    let Some(platform) = Platform::of_this_machine(model.version) else {
         return;
     };
     let kinds: Vec<(Kind, String)> = Kind::ALL
@@ -120,6 +120,7 @@ fn run_all(
                 is_fragile: false,
             },
             seen: HashSet::new(),
+            version: findings.version(),
             about: match kind {
                 Kind::Me if kinds.len() > 1 => "model exchange: ",
                 _ => "",
@@ -136,6 +137,7 @@ struct Checker<'a> {
     options: Options,
     /// The texts of what was found. Tests make the same calls, so that they find the same.
     seen: HashSet<String>,
+    version: FmiVersion,
     /// Stands before what is found, if the FMU has another interface type.
     about: &'static str,
 }
@@ -156,7 +158,11 @@ impl Checker<'_> {
         if !is_quick {
             traces::compare(&mut self, findings)?;
         }
-        let tests = TESTS.iter().filter(|test| test.is_quick || !is_quick);
+        let version = self.version;
+        let tests = TESTS.iter().filter(|test| {
+            let is_for = version == FmiVersion::Fmi2 || !test.is_of_fmi_2;
+            is_for && (test.is_quick || !is_quick)
+        });
         for test in tests {
             let outcome = self.test(test, findings)?;
             let crashed = outcome

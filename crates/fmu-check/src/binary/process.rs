@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 use super::Probes;
 use super::child::{FMU, IGNORED, Options, REPORT, WORK};
-use super::report::{FILE, MAX_BYTES, Outcome, TIME_FILE};
+use super::report::{CALL_FILE, FILE, MAX_BYTES, Outcome, TIME_FILE};
 use super::rules::{FILES, OUTPUT};
 use crate::Findings;
 
@@ -85,7 +85,7 @@ impl<'a> Workshop<'a> {
     /// Runs one test in a child process.
     pub fn run(&self, options: &Options, variables: &[(&str, &str)]) -> Result<Outcome> {
         let reports = self.path(REPORT);
-        for name in [FILE, TIME_FILE] {
+        for name in [FILE, TIME_FILE, CALL_FILE] {
             fs::write(reports.join(name), "")?;
         }
         let printed = reports.join("printed");
@@ -110,6 +110,7 @@ impl<'a> Workshop<'a> {
         };
         let ended = fmu_worker::wait(&mut child, &limits)?;
         let mut outcome = Outcome::read(&head(&reports.join(FILE), MAX_BYTES)?);
+        outcome.last_call = head(&reports.join(CALL_FILE), 100)?.trim().to_owned();
         outcome.timed_out = matches!(ended, Ended::TimedOut(_));
         let time = head(&reports.join(TIME_FILE), 100)?;
         let when = match time.trim() {

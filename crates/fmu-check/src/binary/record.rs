@@ -1,12 +1,13 @@
 //! The values of variables in a run, and the comparison of runs.
 
 use std::collections::HashSet;
+use std::ffi::CString;
 use std::fmt::Debug;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use fmu_description::{ScalarVariable, VariableType};
 use fmu_file::text::quote;
-use fmu_host::Instance;
+use fmu_host::{Instance, Version};
 
 /// Maximum number of numbers that a run records; longer runs record fewer points.
 const MAX_VALUES: usize = 1 << 22;
@@ -19,11 +20,26 @@ pub struct Observed<'a> {
     strings: Group<'a>,
 }
 
-/// Variables of one type.
+/// Variables with values of one class, those of the same type next to each other.
 #[derive(Default)]
 struct Group<'a> {
     variables: Vec<&'a ScalarVariable<'a>>,
     references: Vec<u32>,
+}
+
+impl Group<'_> {
+    /// The variables of each type: their type, their value references and where they begin.
+    fn parts(&self) -> impl Iterator<Item = (VariableType, &[u32], usize)> {
+        let same = |a: &&ScalarVariable<'_>, b: &&ScalarVariable<'_>| {
+            a.kind.accessed_as() == b.kind.accessed_as()
+        };
+        let mut begin = 0;
+        self.variables.chunk_by(same).map(move |part| {
+            let at = begin;
+            begin += part.len();
+            (part[0].kind, &self.references[at..begin], at)
+        })
+    }
 }
 
 /// The values of the observed variables at one time.
@@ -31,8 +47,8 @@ struct Group<'a> {
 pub struct Row {
     /// The Reals.
     pub reals: Vec<f64>,
-    /// The Integers and Enumerations.
-    pub integers: Vec<i32>,
+    /// The Integers of any size and the Enumerations; of a UInt64, the same bits.
+    pub integers: Vec<i64>,
     /// The Booleans.
     pub booleans: Vec<i32>,
     /// The Strings.
@@ -51,12 +67,16 @@ impl<'a> Observed<'a> {
             booleans: Group::default(),
             strings: Group::default(),
         };
+        let mut variables: Vec<_> = variables.collect();
+        let place = |kind| VariableType::ALL.iter().position(|other| *other == kind);
+        variables.sort_by_key(|v| place(v.kind.accessed_as()));
         for variable in variables {
-            let group = match variable.kind {
-                VariableType::Real => &mut observed.reals,
-                VariableType::Integer | VariableType::Enumeration => &mut observed.integers,
-                VariableType::Boolean => &mut observed.booleans,
-                VariableType::String => &mut observed.strings,
+            let group = match Class::of(variable.kind) {
+                Class::Real => &mut observed.reals,
+                Class::Integer => &mut observed.integers,
+                Class::Boolean => &mut observed.booleans,
+                Class::String => &mut observed.strings,
+                Class::Other => continue,
             };
             group.variables.push(variable);
             group.references.push(variable.reference);
@@ -109,11 +129,17 @@ impl<'a> Observed<'a> {
             booleans: vec![0; self.booleans.references.len()],
             strings: vec![],
         };
-        if !row.reals.is_empty() {
-            instance.get_real(&self.reals.references, &mut row.reals)?;
+        for (kind, references, at) in self.reals.parts() {
+            get_reals(
+                instance,
+                kind,
+                references,
+                &mut row.reals[at..][..references.len()],
+            )?;
         }
-        if !row.integers.is_empty() {
-            instance.get_integer(&self.integers.references, &mut row.integers)?;
+        for (kind, references, at) in self.integers.parts() {
+            let values = &mut row.integers[at..][..references.len()];
+            get_integers(instance, kind, references, values)?;
         }
         if !row.booleans.is_empty() {
             instance.get_boolean(&self.booleans.references, &mut row.booleans)?;
@@ -191,8 +217,8 @@ pub fn read(instance: &mut Instance, variable: &ScalarVariable<'_>) -> Result<Va
 pub enum Value {
     /// Of a Real.
     Real(f64),
-    /// Of an Integer or Enumeration.
-    Integer(i32),
+    /// Of an Integer of any size or of an Enumeration; of a UInt64, the same bits.
+    Integer(i64),
     /// Of a Boolean.
     Boolean(i32),
     /// Of a String.
@@ -204,7 +230,8 @@ impl PartialEq for Value {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Real(a), Self::Real(b)) => a.to_bits() == b.to_bits(),
-            (Self::Integer(a), Self::Integer(b)) | (Self::Boolean(a), Self::Boolean(b)) => a == b,
+            (Self::Integer(a), Self::Integer(b)) => a == b,
+            (Self::Boolean(a), Self::Boolean(b)) => a == b,
             (Self::String(a), Self::String(b)) => a == b,
             _ => false,
         }
@@ -225,22 +252,149 @@ impl std::fmt::Display for Value {
 }
 
 fn value(instance: &mut Instance, kind: VariableType, reference: &[u32; 1]) -> Result<Value> {
-    let (mut real, mut number) = ([0.0], [0]);
-    Ok(match kind {
-        VariableType::Real => {
-            instance.get_real(reference, &mut real)?;
+    let (mut real, mut number, mut boolean) = ([0.0], [0], [0]);
+    Ok(match Class::of(kind) {
+        Class::Real => {
+            get_reals(instance, kind, reference, &mut real)?;
             Value::Real(real[0])
         }
-        VariableType::Integer | VariableType::Enumeration => {
-            instance.get_integer(reference, &mut number)?;
+        Class::Integer => {
+            get_integers(instance, kind, reference, &mut number)?;
             Value::Integer(number[0])
         }
-        VariableType::Boolean => {
-            instance.get_boolean(reference, &mut number)?;
-            Value::Boolean(number[0])
+        Class::Boolean => {
+            instance.get_boolean(reference, &mut boolean)?;
+            Value::Boolean(boolean[0])
         }
-        VariableType::String => Value::String(instance.get_string(reference)?.concat()),
+        Class::String => Value::String(instance.get_string(reference)?.concat()),
+        Class::Other => bail!("the type {} is not tested", kind.as_str()),
     })
+}
+
+/// Types whose values are alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Class {
+    /// Real numbers of any size.
+    Real,
+    /// Whole numbers of any size, and Enumerations.
+    Integer,
+    Boolean,
+    String,
+    /// Binaries and clocks, which are not tested.
+    Other,
+}
+
+impl Class {
+    /// The class of a type.
+    pub fn of(kind: VariableType) -> Self {
+        use VariableType as T;
+        match kind {
+            T::Real | T::Float32 | T::Float64 => Self::Real,
+            T::Boolean => Self::Boolean,
+            T::String => Self::String,
+            T::Binary | T::Clock => Self::Other,
+            _ => Self::Integer,
+        }
+    }
+}
+
+fn get_reals(
+    instance: &mut Instance,
+    kind: VariableType,
+    references: &[u32],
+    values: &mut [f64],
+) -> fmu_host::Result {
+    if kind != VariableType::Float32 {
+        return instance.get_real(references, values);
+    }
+    let mut singles = vec![0.0; values.len()];
+    let got = instance.get_float32(references, &mut singles)?;
+    for (value, single) in values.iter_mut().zip(singles) {
+        *value = single.into();
+    }
+    Ok(got)
+}
+
+/// The type by whose functions whole numbers are accessed; in FMI 3.0, an Enumeration is an Int64.
+fn accessed_as(instance: &Instance, kind: VariableType) -> VariableType {
+    match (instance.version(), kind) {
+        (Version::Fmi3, VariableType::Enumeration) => VariableType::Int64,
+        (_, kind) => kind,
+    }
+}
+
+fn get_integers(
+    instance: &mut Instance,
+    kind: VariableType,
+    references: &[u32],
+    values: &mut [i64],
+) -> fmu_host::Result {
+    fn through<T: Copy + Default>(
+        values: &mut [i64],
+        get: impl FnOnce(&mut [T]) -> fmu_host::Result,
+        widen: impl Fn(T) -> i64,
+    ) -> fmu_host::Result {
+        let mut own = vec![T::default(); values.len()];
+        let got = get(&mut own)?;
+        for (value, own) in values.iter_mut().zip(own) {
+            *value = widen(own);
+        }
+        Ok(got)
+    }
+    let (i, r) = (instance, references);
+    match accessed_as(i, kind) {
+        VariableType::Int8 => through(values, |v| i.get_int8(r, v), i64::from),
+        VariableType::UInt8 => through(values, |v| i.get_uint8(r, v), i64::from),
+        VariableType::Int16 => through(values, |v| i.get_int16(r, v), i64::from),
+        VariableType::UInt16 => through(values, |v| i.get_uint16(r, v), i64::from),
+        VariableType::UInt32 => through(values, |v| i.get_uint32(r, v), i64::from),
+        VariableType::Int64 => i.get_int64(r, values),
+        VariableType::UInt64 => through(values, |v| i.get_uint64(r, v), u64::cast_signed),
+        _ => through(values, |v| i.get_integer(r, v), i64::from),
+    }
+}
+
+/// Sets a variable. A number that its type does not have is cut off.
+pub fn set(
+    instance: &mut Instance,
+    variable: &ScalarVariable<'_>,
+    value: &Value,
+) -> fmu_host::Result {
+    let reference = &[variable.reference];
+    match value {
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "the type has this precision"
+        )]
+        Value::Real(value) if variable.kind == VariableType::Float32 => {
+            instance.set_float32(reference, &[*value as f32])
+        }
+        Value::Real(value) => instance.set_real(reference, &[*value]),
+        Value::Integer(value) => set_integer(instance, variable.kind, reference, *value),
+        Value::Boolean(value) => instance.set_boolean(reference, &[*value]),
+        Value::String(text) => {
+            let text = CString::new(text.as_str()).unwrap_or_default();
+            instance.set_string(reference, &[text])
+        }
+    }
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "values are within the range of their type"
+)]
+fn set_integer(i: &mut Instance, kind: VariableType, r: &[u32; 1], value: i64) -> fmu_host::Result {
+    match accessed_as(i, kind) {
+        VariableType::Int8 => i.set_int8(r, &[value as i8]),
+        VariableType::UInt8 => i.set_uint8(r, &[value as u8]),
+        VariableType::Int16 => i.set_int16(r, &[value as i16]),
+        VariableType::UInt16 => i.set_uint16(r, &[value as u16]),
+        VariableType::UInt32 => i.set_uint32(r, &[value as u32]),
+        VariableType::Int64 => i.set_int64(r, &[value]),
+        VariableType::UInt64 => i.set_uint64(r, &[value as u64]),
+        _ => i.set_integer(r, &[value as i32]),
+    }
 }
 
 /// Names in a file of the parent, one per line; none if there is no such file.
@@ -261,15 +415,16 @@ impl Digests {
     /// Adds a row.
     pub fn push(&mut self, row: &Row) {
         let reals = row.reals.iter().map(|value| value.to_bits());
-        let numbers = row.integers.iter().chain(&row.booleans);
-        let numbers = numbers.map(|value| u64::from(value.cast_unsigned()));
+        let integers = row.integers.iter().map(|value| value.cast_unsigned());
+        let booleans = row.booleans.iter();
+        let booleans = booleans.map(|value| u64::from(value.cast_unsigned()));
         let strings = row.strings.iter().map(|text| {
             let mut digest = Self::mix(0, text.len() as u64);
             text.bytes()
                 .for_each(|byte| digest = Self::mix(digest, byte.into()));
             digest
         });
-        let values = reals.chain(numbers).chain(strings);
+        let values = reals.chain(integers).chain(booleans).chain(strings);
         for (digest, value) in self.0.iter_mut().zip(values) {
             *digest = Self::mix(*digest, value);
         }
@@ -294,13 +449,11 @@ impl Row {
     /// All values as texts.
     fn texts(&self) -> Vec<String> {
         let reals = self.reals.iter().map(ToString::to_string);
-        let numbers = self
-            .integers
-            .iter()
-            .chain(&self.booleans)
-            .map(ToString::to_string);
+        let integers = self.integers.iter().map(ToString::to_string);
+        let booleans = self.booleans.iter().map(ToString::to_string);
         reals
-            .chain(numbers)
+            .chain(integers)
+            .chain(booleans)
             .chain(self.strings.iter().map(|text| quote(text)))
             .collect()
     }

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result};
+use fmu_description::FmiVersion;
 
 use super::rules;
 use super::tests::Test;
@@ -21,18 +22,50 @@ const MAX_LOGGED: usize = 1000;
 pub const FILE: &str = "report";
 /// The name of the file with the simulation time.
 pub const TIME_FILE: &str = "time";
+/// The name of the file with the function that was called last.
+pub const CALL_FILE: &str = "call";
 
-const CALL: &str = "call ";
 const STAGE: &str = "stage ";
 const LOGGED: &str = "log ";
 const FOUND: &str = "found ";
 const VALUE: &str = "value ";
 const END: &str = "end";
 
+/// The names of FMI 2.0 in a text, as they are in a version of FMI.
+pub fn in_version(text: &str, version: FmiVersion) -> String {
+    const NAMES: [(&str, &str); 14] = [
+        ("fmi2Instantiate", "fmi3Instantiate"),
+        ("fmi2GetRealOutputDerivatives", "fmi3GetOutputDerivatives"),
+        ("fmi2GetReal", "fmi3GetFloat64"),
+        ("fmi2SetReal", "fmi3SetFloat64"),
+        ("fmi2GetInteger", "fmi3GetInt32"),
+        ("fmi2SetInteger", "fmi3SetInt32"),
+        ("fmi2GetDerivatives", "fmi3GetContinuousStateDerivatives"),
+        ("fmi2NewDiscreteStates", "fmi3UpdateDiscreteStates"),
+        ("fmi2SetupExperiment", "fmi3EnterInitializationMode"),
+        ("FMUstate", "FMUState"),
+        ("DeSerialize", "Deserialize"),
+        (
+            "providesDirectionalDerivative",
+            "providesDirectionalDerivatives",
+        ),
+        ("the GUID", "the instantiationToken"),
+        ("fmi2", "fmi3"),
+    ];
+    match version {
+        FmiVersion::Fmi2 => text.to_owned(),
+        FmiVersion::Fmi3 => NAMES
+            .iter()
+            .fold(text.to_owned(), |text, (old, new)| text.replace(old, new)),
+    }
+}
+
 /// The child's side.
 pub struct Report {
+    version: FmiVersion,
     file: File,
     time: File,
+    call: File,
     state: Mutex<State>,
 }
 
@@ -46,14 +79,16 @@ struct State {
 
 impl Report {
     /// Opens the files of the parent.
-    pub fn open(folder: &Path) -> Result<Self> {
+    pub fn open(folder: &Path, version: FmiVersion) -> Result<Self> {
         let open = |name, options: &mut OpenOptions| {
             let file = options.open(folder.join(name));
             file.context("cannot open the report")
         };
         Ok(Self {
+            version,
             file: open(FILE, OpenOptions::new().append(true))?,
             time: open(TIME_FILE, OpenOptions::new().write(true))?,
+            call: open(CALL_FILE, OpenOptions::new().write(true))?,
             state: Mutex::default(),
         })
     }
@@ -68,18 +103,18 @@ impl Report {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records which function is called next.
+    /// Records which function is called next, in a file of its own: there may be millions of calls.
     pub fn call(&self, name: &'static str) {
         let mut state = self.state();
         if state.last_call != name {
             state.last_call = name;
-            self.line(CALL, name);
+            overwrite(&self.call, name);
         }
     }
 
     /// Records what the test is about to do, such as `after fmi2Reset`.
     pub fn stage(&self, text: impl Into<String>) {
-        let text = text.into();
+        let text = in_version(&text.into(), self.version);
         let mut state = self.state();
         if state.stage != text {
             self.line(STAGE, &text);
@@ -112,15 +147,13 @@ impl Report {
     pub fn time(&self, time: f64) {
         // Runs on several threads write it. A failure only makes the message of a crash less precise.
         let _turn = self.state();
-        let mut file = &self.time;
-        let _ = file
-            .rewind()
-            .and_then(|()| file.write_all(format!("{time:<30}").as_bytes()));
+        overwrite(&self.time, &time.to_string());
     }
 
     /// Reports a finding.
     pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
-        self.line(FOUND, &format!("{} {}", rule.id, text.as_ref()));
+        let text = in_version(text.as_ref(), self.version);
+        self.line(FOUND, &format!("{} {text}", rule.id));
     }
 
     /// Reports a value to the parent.
@@ -132,6 +165,13 @@ impl Report {
     pub fn end(&self) {
         self.line(END, "");
     }
+}
+
+/// Replaces the content of a file by a short text and spaces.
+fn overwrite(mut file: &File, text: &str) {
+    let _ = file
+        .rewind()
+        .and_then(|()| file.write_all(format!("{text:<60}").as_bytes()));
 }
 
 fn stage(text: &str) -> String {
@@ -151,7 +191,8 @@ fn logged(text: &str) -> String {
 /// The parent's side: the outcome of a test.
 #[derive(Default)]
 pub struct Outcome {
-    last_call: String,
+    /// The function that was called last.
+    pub last_call: String,
     stage: String,
     logged: String,
     ended: bool,
@@ -170,9 +211,7 @@ impl Outcome {
     pub fn read(text: &str) -> Self {
         let mut outcome = Self::default();
         for line in text.lines() {
-            if let Some(call) = line.strip_prefix(CALL) {
-                call.clone_into(&mut outcome.last_call);
-            } else if let Some(stage) = line.strip_prefix(STAGE) {
+            if let Some(stage) = line.strip_prefix(STAGE) {
                 stage.clone_into(&mut outcome.stage);
             } else if let Some(text) = line.strip_prefix(LOGGED) {
                 text.clone_into(&mut outcome.logged);
@@ -222,17 +261,21 @@ mod tests {
     fn a_report_is_read_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join(FILE);
-        for file in [&file, &folder.path().join(TIME_FILE)] {
+        let call = folder.path().join(CALL_FILE);
+        for file in [&file, &call, &folder.path().join(TIME_FILE)] {
             std::fs::write(file, "").unwrap();
         }
-        let report = Report::open(folder.path()).unwrap();
+        let report = Report::open(folder.path(), FmiVersion::Fmi2).unwrap();
         report.stage("after fmi2Reset");
+        report.call("fmi2EnterInitializationMode");
         report.call("fmi2DoStep");
         report.log("broken\n");
         report.find(&rules::RESET, "a\nb");
         report.value("c");
         let read = || Outcome::read(&std::fs::read_to_string(&file).unwrap());
-        let outcome = read();
+        let mut outcome = read();
+        let call = std::fs::read_to_string(call).unwrap();
+        call.trim().clone_into(&mut outcome.last_call);
         assert_eq!(
             outcome.unfinished("hung").unwrap(),
             "fmi2DoStep, after fmi2Reset, hung, expected it to return; the FMU logged last: broken "

@@ -216,7 +216,10 @@ impl<'a> Run<'a> {
         match self.instance.do_step(time, step) {
             Ok(_) => Ok(()),
             // By fmi2Discard, an FMU may also tell that it has reached the end of its simulation.
-            Err(failure) if is_discard(&failure) && self.instance.is_terminated() == Ok(true) => {
+            Err(failure)
+                if failure.cause == Cause::Terminated
+                    || is_discard(&failure) && self.instance.is_terminated() == Ok(true) =>
+            {
                 self.ended = true;
                 Ok(())
             }

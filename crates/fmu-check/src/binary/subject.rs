@@ -6,14 +6,30 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use fmu_description::value::unsigned;
+use fmu_description::value::{boolean, unsigned};
 use fmu_description::xml::Element;
-use fmu_description::{Capability, Causality, ModelDescription, ScalarVariable, VariableType};
-use fmu_host::{Instance, Instantiation, Kind, Library, Status, Treatment};
+use fmu_description::{
+    Capability, Causality, FmiVersion, ModelDescription, ScalarVariable, Unknown, VariableType,
+};
+use fmu_host::{Instance, Instantiation, Kind, Library, Options, Status, Treatment};
 
 use super::excitation::{Input, Level};
-use super::record::{Observed, Row};
-use super::report::Report;
+use super::record::{Class, Observed, Row};
+use super::report::{Report, in_version};
+
+/// Whether the tests read and set a variable: scalars other than Binaries, clocks and structural
+/// parameters.
+pub fn is_tested(variable: &ScalarVariable<'_>) -> bool {
+    variable.dimensions.is_empty()
+        && Class::of(variable.kind) != Class::Other
+        && !variable.is_structural
+        && variable.element.attribute("clocks").is_none()
+}
+
+/// Whether a variable is a Real, in FMI 3.0 a Float64.
+pub fn is_real(variable: &ScalarVariable<'_>) -> bool {
+    matches!(variable.kind, VariableType::Real | VariableType::Float64)
+}
 
 /// The FMU under test.
 pub struct Subject<'a> {
@@ -92,13 +108,16 @@ impl<'a> Subject<'a> {
     pub fn observed_of(model: &'a ModelDescription<'a>, without: &HashSet<String>) -> Observed<'a> {
         Observed::of(model.variables().map(|(_, v)| v).filter(|v| {
             use Causality::{CalculatedParameter, Local, Output};
-            matches!(v.causality, Output | Local | CalculatedParameter) && !without.contains(v.name)
+            matches!(v.causality, Output | Local | CalculatedParameter)
+                && is_tested(v)
+                && !without.contains(v.name)
         }))
     }
 
     /// Whether the FMU declares a capability.
     pub fn claims(&self, capability: Capability) -> bool {
-        capability.is_claimed_by(self.element)
+        let name = in_version(capability.as_str(), self.model.version);
+        self.element.attribute(&name).and_then(boolean) == Some(true)
     }
 
     /// The usual setup.
@@ -126,7 +145,7 @@ impl<'a> Subject<'a> {
 
     /// Creates an instance.
     pub fn instantiate(&self, setup: &Setup<'_>) -> Result<Instance> {
-        let guid = self.model.root.attribute("guid").unwrap_or_default();
+        let guid = self.model.token();
         self.try_instantiate(setup, guid)?.with_context(|| {
             let tool = match self.claims(Capability::NeedsExecutionTool) {
                 true => "; needsExecutionTool is true: is its tool installed?",
@@ -174,6 +193,13 @@ impl<'a> Subject<'a> {
                 report.log(&message.text);
             }
         };
+        if self.model.version == FmiVersion::Fmi3 {
+            let options = Options {
+                treatment: setup.treatment,
+                ..Options::default()
+            };
+            return Ok(self.library.instantiate_3(&arguments, options, sink)?);
+        }
         Ok(self
             .library
             .instantiate_as(&arguments, setup.treatment, sink)?)
@@ -220,7 +246,7 @@ impl<'a> Subject<'a> {
     /// All variables that can be read.
     pub fn all(&self) -> impl Iterator<Item = &ScalarVariable<'a>> {
         let all = self.model.variables().map(|(_, v)| v);
-        all.filter(|v| !self.ignored.contains(v.name))
+        all.filter(|v| is_tested(v) && !self.ignored.contains(v.name))
     }
 
     /// The variables of a causality that can be read.
@@ -228,21 +254,30 @@ impl<'a> Subject<'a> {
         self.all().filter(move |v| v.causality == causality)
     }
 
-    /// The Reals of a causality that can be read.
+    /// The Reals of a causality that can be read; in FMI 3.0 the Float64.
     pub fn reals(&self, causality: Causality) -> Vec<&ScalarVariable<'a>> {
         let all = self.variables(causality);
-        all.filter(|v| v.kind == VariableType::Real).collect()
+        all.filter(|v| is_real(v)).collect()
     }
 
     /// Number of continuous states.
     pub fn states(&self) -> usize {
-        self.model.derivatives.len()
+        self.elements(&self.model.derivatives)
     }
 
     /// Number of event indicators.
     pub fn indicators(&self) -> usize {
+        if self.model.version == FmiVersion::Fmi3 {
+            return self.elements(&self.model.event_indicators);
+        }
         let indicators = self.model.root.attribute("numberOfEventIndicators");
         indicators.and_then(unsigned).unwrap_or(0) as usize
+    }
+
+    /// Number of elements of the variables in a list.
+    fn elements(&self, unknowns: &[Unknown<'_>]) -> usize {
+        let variables = unknowns.iter().map(|u| self.model.variable(u.index));
+        variables.map(|v| v.map_or(1, ScalarVariable::count)).sum()
     }
 
     /// Whether a process may have only one instance.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use fmu_description::FmiVersion;
 use serde_json::{Value, json};
 
 use super::TOOL;
@@ -16,7 +17,7 @@ pub fn json(files: &[(PathBuf, Findings)]) -> Value {
                 "file": file.to_string_lossy(),
                 "errors": findings.errors(),
                 "warnings": findings.warnings(),
-                "rules": findings.groups().iter().map(group).collect::<Vec<_>>(),
+                "rules": findings.groups().iter().map(|group| json_of(group, findings.version())).collect::<Vec<_>>(),
             })
         })
         .collect();
@@ -27,13 +28,13 @@ pub fn json(files: &[(PathBuf, Findings)]) -> Value {
     })
 }
 
-fn group(group: &Group) -> Value {
+fn json_of(group: &Group, version: FmiVersion) -> Value {
     let rule = group.rule;
     json!({
         "id": rule.id,
         "severity": rule.severity.to_string(),
         "text": rule.text,
-        "source": rule.source.to_string(),
+        "source": rule.source.of(version).to_string(),
         "count": group.count,
         "findings": group.kept.iter().map(finding).collect::<Vec<_>>(),
     })

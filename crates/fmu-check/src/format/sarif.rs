@@ -115,7 +115,7 @@ fn result(finding: &Finding, fmu: usize, artifacts: &mut Artifacts) -> Value {
         "ruleId": rule.id,
         "ruleIndex": rules().position(|other| other.id == rule.id),
         "level": level(rule.severity),
-        "message": { "text": format!("{} ({})", finding.text, rule.source) },
+        "message": { "text": format!("{} ({})", finding.text, finding.source) },
         "locations": [location],
     })
 }

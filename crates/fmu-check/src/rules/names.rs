@@ -2,33 +2,39 @@
 
 use std::collections::HashSet;
 
-use fmu_description::{ModelDescription, VariableType};
 use fmu_file::text::quote;
 
+use super::{Kind, Model};
 use crate::finding::Findings;
 use crate::rule::rules;
 
 rules! {
     /// Names of variables.
     pub NAMES {
-        UNIQUE_VARIABLE_NAMES: Error, "variable-unique", Standard("section 2.2.7"),
-            "The names of variables are unique.";
-        VARIABLE_NAME_GIVEN: Error, "variable-named", Standard("section 2.2.7"),
+        UNIQUE_VARIABLE_NAMES: Error, "variable-unique", Standard("section 2.2.7", "section 2.4.7.4"),
+            "The names of variables, and of their aliases in FMI 3.0, are unique.";
+        VARIABLE_NAME_GIVEN: Error, "variable-named", Standard("section 2.2.7", "section 2.4.7.4"),
             "A variable has a name.";
-        STRUCTURED_NAMES: Error, "structured-names", Standard("section 2.2.9"),
+        STRUCTURED_NAMES: Error, "structured-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
             "Names follow the grammar of the naming convention structured, if the FMU declares it.";
-        FLAT_NAMES: Error, "flat-names", Standard("section 2.2.9"),
+        FLAT_NAMES: Error, "flat-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
             "Names have no line breaks and tabs.";
-        DERIVATIVE_NAMES: Error, "derivative-names", Standard("section 2.2.9"),
-            "Structured names der(...) are those of Reals.";
+        DERIVATIVE_NAMES: Error, "derivative-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
+            "Structured names der(...) are those of Reals, in FMI 3.0 Float32 or Float64.";
     }
 }
 
-pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let structured = model.root.attribute("variableNamingConvention") == Some("structured");
     let mut names = HashSet::new();
-    for (_, variable) in model.variables() {
-        let name = variable.name;
+    for (variable, name) in model.variables().flat_map(|(_, variable)| {
+        let aliases = variable.element.children("Alias");
+        let aliases = aliases.filter_map(|alias| alias.attribute("name"));
+        [variable.name]
+            .into_iter()
+            .chain(aliases)
+            .map(move |name| (variable, name))
+    }) {
         if !names.insert(name) {
             findings.add(
                 &UNIQUE_VARIABLE_NAMES,
@@ -51,9 +57,10 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
                 variable,
                 "the name is not structured, expected a form such as a.b[1,2].c or der(a.b)",
             );
-        } else if structured && name.starts_with("der(") && variable.kind != VariableType::Real {
+        } else if structured && name.starts_with("der(") && variable.kind != Kind::Float {
             let text = format!(
-                "the name is that of a derivative, expected a Real, not {}",
+                "the name is that of a derivative, expected a {}, not {}",
+                model.float(),
                 variable.value.name
             );
             findings.add(&DERIVATIVE_NAMES, variable, text);

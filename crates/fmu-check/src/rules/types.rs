@@ -2,49 +2,47 @@
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_description::value::{integer, real};
+use fmu_description::value::{items, real};
 use fmu_description::xml::Element;
-use fmu_description::{ModelDescription, ScalarVariable, VariableType};
 use fmu_file::text::quote;
 
-use super::unique;
+use super::{Kind, Model, Variable, unique};
 use crate::finding::{Findings, Location};
 use crate::rule::rules;
 
 rules! {
     /// Types, bounds and start values.
     pub TYPES {
-        MIN_MAX: Error, "min-max", Standard("sections 2.2.3 and 2.2.7"),
+        MIN_MAX: Error, "min-max", Standard("sections 2.2.3 and 2.2.7", "section 2.4.4"),
             "min is not larger than max.";
-        TYPE_NAME: Error, "type-name", Standard("section 2.2.3"),
+        TYPE_NAME: Error, "type-name", Standard("section 2.2.3", "section 2.4.4"),
             "A type and a variable have different names.";
-        NOMINAL: Error, "nominal", Standard("sections 2.2.3 and 2.2.7"),
+        NOMINAL: Error, "nominal", Standard("sections 2.2.3 and 2.2.7", "section 2.3.3"),
             "nominal is a positive number.";
         BOUNDS_OF_TYPE: Warning, "bounds-of-type", Practice("VDMCheck2 requires it"),
             "min and max of a variable are within those of its type.";
         FINITE_START: Warning, "start-finite",
             Practice("a simulation that starts from NaN or infinity gives no numbers"),
-            "Start values of Reals are finite.";
-        START_IN_BOUNDS: Error, "start-in-bounds", Standard("section 2.2.7"),
+            "Start values are finite.";
+        START_IN_BOUNDS: Error, "start-in-bounds", Standard("section 2.2.7", "section 2.4.4"),
             "A start value is within min and max.";
-        ITEM_VALUES_UNIQUE: Error, "item-values-unique", Standard("section 2.2.3"),
+        ITEM_VALUES_UNIQUE: Error, "item-values-unique", Standard("section 2.2.3", "section 2.4.4"),
             "The items of an enumeration have different values.";
-        DECLARED_TYPE: Error, "declared-type", Standard("section 2.2.7"),
+        DECLARED_TYPE: Error, "declared-type", Standard("section 2.2.7", "section 2.4.7.5"),
             "declaredType names a type of TypeDefinitions, of the same kind as the variable.";
-        START_IS_ITEM: Error, "start-is-item", Standard("section 2.2.7"),
+        START_IS_ITEM: Error, "start-is-item", Standard("section 2.2.7", "section 2.4.7.5"),
             "The start value of an enumeration is the value of one of its items.";
     }
 }
 
 /// The item values of each enumeration type, by type name.
-type Items<'a> = HashMap<&'a str, HashSet<i32>>;
+type Items<'a> = HashMap<&'a str, HashSet<i64>>;
 
-pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
-    let types = || model.root.list("TypeDefinitions", "SimpleType");
-    unique(types(), "type", findings);
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    unique(model.types().map(|(defined, _)| defined), "type", findings);
     let mut items = Items::new();
-    for defined in types() {
-        if let (Some(name), Some(value)) = (defined.attribute("name"), defined.children.first()) {
+    for (defined, value) in model.types() {
+        if let Some(name) = defined.attribute("name") {
             bounds(value, value, None, findings);
             items.insert(name, enumeration(value, findings));
         }
@@ -57,11 +55,11 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
         }
         if matches!(
             variable.kind,
-            VariableType::Real | VariableType::Integer | VariableType::Enumeration
+            Kind::Float | Kind::Integer | Kind::Enumeration
         ) {
             bounds(variable.value, variable, variable.declared, findings);
         }
-        if variable.kind == VariableType::Enumeration {
+        if variable.kind == Kind::Enumeration {
             start_item(variable, &items, findings);
         }
     }
@@ -107,17 +105,17 @@ fn bounds(
             format!("min is {min} and max is {max}, expected min <= max"),
         );
     }
-    let Some(start) = value.attribute("start").and_then(real) else {
-        return;
-    };
-    if value.name == "Real" && !start.is_finite() {
+    let starts = || items(value.attribute("start").unwrap_or_default()).filter_map(real);
+    if let Some(start) = starts().find(|start| !start.is_finite()) {
         findings.add(
             &FINITE_START,
             at,
             format!("start is {start}, expected a finite number"),
         );
     }
-    if min.is_some_and(|min| start < min) || max.is_some_and(|max| start > max) {
+    let is_outside =
+        |start: f64| min.is_some_and(|min| start < min) || max.is_some_and(|max| start > max);
+    if let Some(start) = starts().find(|start| is_outside(*start)) {
         let bound = |bound: Option<f64>| bound.map_or("none".into(), |bound| bound.to_string());
         findings.add(
             &START_IN_BOUNDS,
@@ -132,12 +130,12 @@ fn bounds(
 }
 
 /// Checks the items of an enumeration and returns their values.
-fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
+fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i64> {
     let items = || value.children("Item");
     unique(items(), "item", findings);
     let mut values = HashSet::new();
     for item in items() {
-        if let Some(number) = item.attribute("value").and_then(integer)
+        if let Some(number) = item.attribute("value").and_then(whole)
             && !values.insert(number)
         {
             findings.add(
@@ -150,12 +148,16 @@ fn enumeration(value: &Element<'_>, findings: &mut Findings) -> HashSet<i32> {
     values
 }
 
-fn declared_type(variable: &ScalarVariable<'_>, findings: &mut Findings) {
+fn declared_type(variable: &Variable<'_>, findings: &mut Findings) {
     let Some(declared) = variable.value.attribute("declaredType") else {
         return;
     };
     let is = match variable.declared {
-        Some(of_type) if of_type.name == variable.value.name => return,
+        Some(of_type)
+            if of_type.name.strip_suffix("Type").unwrap_or(of_type.name) == variable.value.name =>
+        {
+            return;
+        }
         Some(of_type) => format!(
             "is {}, expected {}",
             quote(of_type.name),
@@ -170,16 +172,19 @@ fn declared_type(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     );
 }
 
+/// Parses a whole number.
+fn whole(text: &str) -> Option<i64> {
+    text.trim().parse().ok()
+}
+
 /// Checks that the start value of an enumeration is one of its items.
-fn start_item(variable: &ScalarVariable<'_>, items: &Items<'_>, findings: &mut Findings) {
+fn start_item(variable: &Variable<'_>, items: &Items<'_>, findings: &mut Findings) {
     let declared = variable.value.attribute("declaredType");
-    let (Some(start), Some(items)) = (
-        variable.start().and_then(integer),
-        declared.and_then(|name| items.get(name)),
-    ) else {
+    let Some(items) = declared.and_then(|name| items.get(name)) else {
         return;
     };
-    if !items.contains(&start) {
+    let mut starts = variable.starts().filter_map(whole);
+    if let Some(start) = starts.find(|start| !items.contains(start)) {
         findings.add(
             &START_IS_ITEM,
             variable,

@@ -2,27 +2,28 @@
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_description::value::real;
+use fmu_description::value::{boolean, real};
 use fmu_description::xml::Element;
-use fmu_description::{ModelDescription, VariableType};
 use fmu_file::text::quote;
 
-use super::unique;
+use super::{Kind, Model, unique};
 use crate::finding::Findings;
 use crate::rule::rules;
 
 rules! {
     /// Units.
     pub UNITS {
-        UNIT_FACTOR: Error, "unit-factor", Standard("section 2.2.2"),
+        UNIT_FACTOR: Error, "unit-factor", Standard("section 2.2.2", "section 2.4.3"),
             "The factor of a unit is a number other than 0.";
-        UNIT_OFFSET: Error, "unit-offset", Standard("section 2.2.2"),
+        UNIT_OFFSET: Error, "unit-offset", Standard("section 2.2.2", "section 2.4.3"),
             "The offset of a unit is finite.";
-        UNIT_DEFINED: Error, "unit-defined", Standard("sections 2.2.3 and 2.2.7"),
+        INVERSE_OFFSET: Error, "inverse-offset", Fmi3("section 2.4.3"),
+            "An inverse display unit has no offset.";
+        UNIT_DEFINED: Error, "unit-defined", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
             "A unit that is used is defined in UnitDefinitions.";
-        DISPLAY_UNIT_NEEDS_UNIT: Error, "display-unit-needs-unit", Standard("sections 2.2.3 and 2.2.7"),
+        DISPLAY_UNIT_NEEDS_UNIT: Error, "display-unit-needs-unit", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
             "What has a display unit has a unit.";
-        DISPLAY_UNIT_DEFINED: Error, "display-unit-defined", Standard("sections 2.2.3 and 2.2.7"),
+        DISPLAY_UNIT_DEFINED: Error, "display-unit-defined", Standard("sections 2.2.3 and 2.2.7", "sections 2.4.4 and 2.4.7.5"),
             "A display unit is defined for its unit.";
     }
 }
@@ -30,7 +31,7 @@ rules! {
 /// The display units of each unit, by unit name.
 type Units<'a> = HashMap<&'a str, HashSet<&'a str>>;
 
-pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let defined = || model.root.list("UnitDefinitions", "Unit");
     unique(defined(), "unit", findings);
     let mut units = Units::new();
@@ -41,14 +42,17 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             units.insert(name, displays);
         }
     }
-    for of_type in model.root.list("TypeDefinitions", "SimpleType") {
-        if let Some(value) = of_type.child("Real") {
+    for (_, value) in model.types() {
+        if matches!(value.name, "Real" | "Float32Type" | "Float64Type") {
             usage(value, value.attribute("unit"), &units, findings);
         }
     }
     for (_, variable) in model.variables() {
-        if variable.kind == VariableType::Real {
+        if variable.kind == Kind::Float {
             usage(variable.value, variable.unit(), &units, findings);
+            for alias in variable.value.children("Alias") {
+                usage(alias, variable.unit(), &units, findings);
+            }
         }
     }
 }
@@ -57,6 +61,13 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
 fn factors(unit: &Element<'_>, findings: &mut Findings) {
     for child in &unit.children {
         let number = |name: &str| child.attribute(name).and_then(real);
+        if child.attribute("inverse").and_then(boolean) == Some(true)
+            && let Some(offset) = number("offset")
+            && offset != 0.0
+        {
+            let text = format!("the offset of an inverse unit is {offset}, expected 0");
+            findings.add(&INVERSE_OFFSET, child, text);
+        }
         if let Some(factor) = number("factor")
             && (factor == 0.0 || !factor.is_finite())
         {

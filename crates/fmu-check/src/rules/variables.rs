@@ -1,69 +1,75 @@
-//! Rules for variables, and for variables with the same value reference (FMI 2.0.5, section 2.2.7).
+//! Rules for variables, and for variables with the same value reference (FMI 2.0.5, section 2.2.7; FMI
+//! 3.0.2, section 2.4.7).
 
 use std::collections::{HashMap, HashSet};
 
 use fmu_description::value::unsigned;
-use fmu_description::{
-    Causality, Initial, ModelDescription, ScalarVariable, Variability, VariableType,
-};
 
+use fmu_description::{Causality, FmiVersion, Initial, Variability};
+
+use super::{Kind, Model, Variable};
 use crate::finding::Findings;
 use crate::rule::rules;
 
 rules! {
     /// Variables, and those that share a value reference.
     pub VARIABLES {
-        INDEPENDENT_REAL: Error, "independent-real", Standard("section 2.2.7"),
-            "The independent variable is a Real.";
-        INDEPENDENT_ONCE: Error, "independent-once", Standard("section 2.2.7"),
-            "There is at most one independent variable.";
-        COMBINATION: Error, "causality-variability", Standard("section 2.2.7"),
+        INDEPENDENT_REAL: Error, "independent-real", Standard("section 2.2.7", "section 2.4.7.4"),
+            "The independent variable is a Real, in FMI 3.0 Float32 or Float64.";
+        INDEPENDENT_ONCE: Error, "independent-once", Standard("section 2.2.7", "section 2.4.7.4"),
+            "There is at most one independent variable, in FMI 3.0 exactly one.";
+        COMBINATION: Error, "causality-variability", Standard("section 2.2.7", "section 2.4.7.4"),
             "Causality and variability are combined as the table of the standard allows.";
-        INITIAL: Error, "initial", Standard("section 2.2.7"),
+        INITIAL: Error, "initial", Standard("section 2.2.7", "section 2.4.7.5"),
             "initial is one that the table of the standard allows for causality and variability.";
-        CONTINUOUS_REAL: Error, "continuous-real", Standard("section 2.2.7"),
-            "Only Reals are continuous.";
-        START_GIVEN: Error, "start-given", Standard("section 2.2.7"),
+        CONTINUOUS_REAL: Error, "continuous-real", Standard("section 2.2.7", "section 2.4.7.4"),
+            "Only Reals, in FMI 3.0 Float32 and Float64, are continuous.";
+        START_GIVEN: Error, "start-given", Standard("section 2.2.7", "section 2.4.7.5"),
             "Inputs, constants, and variables with initial exact or approx have a start value.";
-        NO_START: Error, "no-start", Standard("section 2.2.7"),
+        NO_START: Error, "no-start", Standard("section 2.2.7", "section 2.4.7.5"),
             "Variables with initial calculated and the independent variable have no start value.";
-        DERIVATIVE_OF_STATE: Error, "derivative-of-state", Standard("section 2.2.7"),
-            "derivative names a continuous Real.";
-        DERIVATIVE_INDEX: Error, "derivative-index", Standard("section 2.2.7"),
-            "derivative is the index of a variable.";
-        MULTIPLE_SET: Error, "multiple-set", Standard("section 2.2.7"),
-            "canHandleMultipleSetPerTimeInstant is given only for inputs of an FMU for model exchange.";
-        REINIT: Error, "reinit", Standard("section 2.2.7"),
-            "reinit is given only for states of an FMU for model exchange.";
-        ALIAS_SETTABLE: Error, "alias-settable", Standard("section 2.2.7"),
+        DERIVATIVE_OF_STATE: Error, "derivative-of-state", Standard("section 2.2.7", "section 2.4.7.5"),
+            "derivative names a continuous Real, in FMI 3.0 Float32 or Float64.";
+        DERIVATIVE_INDEX: Error, "derivative-index", Standard("section 2.2.7", "section 2.4.7.5"),
+            "derivative is the index, in FMI 3.0 the value reference, of a variable.";
+        MULTIPLE_SET: Error, "multiple-set", Standard("section 2.2.7", "section 2.4.7.4"),
+            "canHandleMultipleSetPerTimeInstant is given only for inputs, in FMI 2.0 of an FMU for model exchange.";
+        REINIT: Error, "reinit", Standard("section 2.2.7", "section 2.4.7.5"),
+            "reinit is given only for states, in FMI 2.0 of an FMU for model exchange.";
+        REFERENCE_UNIQUE: Error, "reference-unique", Fmi3("section 2.4.7.4"),
+            "The value references of variables are unique.";
+        ALIAS_SETTABLE: Error, "alias-settable", Fmi2("section 2.2.7"),
             "At most one of the variables with the same value reference is set from outside.";
-        ALIAS_CONSTANT: Error, "alias-constant", Standard("section 2.2.7"),
+        ALIAS_CONSTANT: Error, "alias-constant", Fmi2("section 2.2.7"),
             "Variables with the value reference of a constant are constants with the same start value.";
-        ALIAS_START: Error, "alias-start", Standard("section 2.2.7"),
+        ALIAS_START: Error, "alias-start", Fmi2("section 2.2.7"),
             "At most one of the variables with the same value reference has a start value.";
-        ALIAS_UNIT: Error, "alias-unit", Standard("section 2.2.7"),
+        ALIAS_UNIT: Error, "alias-unit", Fmi2("section 2.2.7"),
             "Variables with the same value reference have the same unit.";
-        ALIAS_VARIABILITY: Warning, "alias-variability", Standard("section 2.2.7"),
+        ALIAS_VARIABILITY: Warning, "alias-variability", Fmi2("section 2.2.7"),
             "Variables with the same value reference have the same variability.";
     }
 }
 
-pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
+pub fn check(model: &Model<'_>, findings: &mut Findings) {
     let mut independent = None;
-    let states: HashSet<u32> = (model.variables())
-        .filter_map(|(_, v)| v.value.attribute("derivative").and_then(unsigned))
+    let states: HashSet<usize> = (model.variables())
+        .filter_map(|(_, v)| model.index(unsigned(v.value.attribute("derivative")?)?))
         .collect();
     for (index, variable) in model.variables() {
-        combination(variable, findings);
+        combination(variable, model, findings);
         start(variable, findings);
         derivative(variable, model, findings);
-        model_exchange_only(index, variable, &states, model, findings);
+        restricted(index, variable, &states, model, findings);
         if variable.causality == Causality::Independent {
-            if variable.kind != VariableType::Real {
+            if variable.kind != Kind::Float {
                 findings.add(
                     &INDEPENDENT_REAL,
                     variable,
-                    "the independent variable is not a Real, expected a Real",
+                    format!(
+                        "the independent variable is not a {0}, expected a {0}",
+                        model.float()
+                    ),
                 );
             }
             if let Some(first) = independent.replace(variable.name) {
@@ -73,12 +79,25 @@ pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
             }
         }
     }
-    aliases(model, findings);
+    match model.version {
+        FmiVersion::Fmi2 => aliases(model, findings),
+        FmiVersion::Fmi3 => {
+            if independent.is_none() {
+                let text = "there is no independent variable, expected exactly one";
+                findings.add(&INDEPENDENT_ONCE, model.root, text);
+            }
+            references(model, findings);
+        }
+    }
 }
 
 /// The values of `initial` allowed for a causality and a variability; `None` if that combination is
 /// not allowed.
-fn allowed(causality: Causality, variability: Variability) -> Option<&'static [Option<Initial>]> {
+fn allowed(
+    version: FmiVersion,
+    causality: Causality,
+    variability: Variability,
+) -> Option<&'static [Option<Initial>]> {
     use Causality::{CalculatedParameter, Independent, Input, Local, Output, Parameter};
     use Variability::{Constant, Continuous, Discrete, Fixed, Tunable};
 
@@ -91,6 +110,7 @@ fn allowed(causality: Causality, variability: Variability) -> Option<&'static [O
     ];
     const NONE: &[Option<Initial>] = &[None];
     match (causality, variability) {
+        (Input, Discrete | Continuous) if version == FmiVersion::Fmi3 => Some(EXACT),
         (Parameter, Fixed | Tunable) | (Output | Local, Constant) => Some(EXACT),
         (CalculatedParameter | Local, Fixed | Tunable) => Some(COMPUTED),
         (Output | Local, Discrete | Continuous) => Some(ANY),
@@ -99,17 +119,17 @@ fn allowed(causality: Causality, variability: Variability) -> Option<&'static [O
     }
 }
 
-fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
+fn combination(variable: &Variable<'_>, model: &Model<'_>, findings: &mut Findings) {
     let written = |name, default| variable.element.attribute(name).unwrap_or(default);
     let causality = written("causality", "local");
-    let variability = written("variability", "continuous");
-    match allowed(variable.causality, variable.variability) {
+    let variability = variable.variability.as_str();
+    match allowed(model.version, variable.causality, variable.variability) {
         None => findings.add(&COMBINATION, variable,
             format!(
                 "causality {causality} and variability {variability} are combined, expected a combination that the standard allows"
             ),
         ),
-        Some(initials) if !initials.contains(&variable.initial) => findings.add(&INITIAL, variable,
+        Some(initials) if variable.kind != Kind::Clock && !initials.contains(&variable.initial) => findings.add(&INITIAL, variable,
             format!(
                 "initial is {}, expected one that goes with causality {causality} and variability {variability}",
                 written("initial", "missing")
@@ -117,7 +137,7 @@ fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
         ),
         Some(_) => {}
     }
-    if variable.kind != VariableType::Real && variable.variability == Variability::Continuous {
+    if variable.kind != Kind::Float && variable.variability == Variability::Continuous {
         findings.add(
             &CONTINUOUS_REAL,
             variable,
@@ -129,7 +149,10 @@ fn combination(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     }
 }
 
-fn start(variable: &ScalarVariable<'_>, findings: &mut Findings) {
+fn start(variable: &Variable<'_>, findings: &mut Findings) {
+    if variable.kind == Kind::Clock {
+        return;
+    }
     let needs = matches!(variable.initial, Some(Initial::Exact | Initial::Approx))
         || variable.causality == Causality::Input;
     match variable.start() {
@@ -147,64 +170,81 @@ fn start(variable: &ScalarVariable<'_>, findings: &mut Findings) {
     }
 }
 
-fn derivative(
-    variable: &ScalarVariable<'_>,
-    model: &ModelDescription<'_>,
-    findings: &mut Findings,
-) {
-    let Some(index) = variable.value.attribute("derivative").and_then(unsigned) else {
+fn derivative(variable: &Variable<'_>, model: &Model<'_>, findings: &mut Findings) {
+    let Some(number) = variable.value.attribute("derivative").and_then(unsigned) else {
         return;
     };
-    match model.variable(index as usize) {
+    match model.variable(model.index(number)) {
         Some(state)
-            if state.kind == VariableType::Real && state.variability == Variability::Continuous => {
-        }
+            if state.kind == Kind::Float && state.variability == Variability::Continuous => {}
         Some(state) => findings.add(
             &DERIVATIVE_OF_STATE,
             variable,
             format!(
-                "it is the derivative of {:?}, expected a continuous Real",
-                state.name
+                "it is the derivative of {:?}, expected a continuous {}",
+                state.name,
+                model.float()
             ),
         ),
         None => findings.add(
             &DERIVATIVE_INDEX,
             variable,
-            format!(
-                "derivative is {index}, expected the index of a variable, 1 to {}",
-                model.variables.len()
-            ),
+            format!("derivative is {number}, expected {}", model.expected()),
         ),
     }
 }
 
-/// Checks attributes that are for model exchange only; `states` has the indices of the states.
-fn model_exchange_only(
+/// Checks attributes that are for inputs or states only; `states` has the indices of the states. In FMI
+/// 2.0, they are for model exchange only.
+fn restricted(
     index: usize,
-    variable: &ScalarVariable<'_>,
-    states: &HashSet<u32>,
-    model: &ModelDescription<'_>,
+    variable: &Variable<'_>,
+    states: &HashSet<usize>,
+    model: &Model<'_>,
     findings: &mut Findings,
 ) {
     const SET: &str = "canHandleMultipleSetPerTimeInstant";
-    let is_exchanged = model.root.child("ModelExchange").is_some();
+    let is_exchanged =
+        model.version == FmiVersion::Fmi3 || model.root.child("ModelExchange").is_some();
+    let also = match model.version {
+        FmiVersion::Fmi2 => " and model exchange",
+        FmiVersion::Fmi3 => "",
+    };
     let is_input = variable.causality == Causality::Input;
     if variable.element.attribute(SET).is_some() && !(is_exchanged && is_input) {
-        let text = format!("it has {SET}, expected it only for inputs and model exchange");
+        let text = format!("it has {SET}, expected it only for inputs{also}");
         findings.add(&MULTIPLE_SET, variable, text);
     }
-    let is_state = u32::try_from(index).is_ok_and(|index| states.contains(&index));
-    if variable.value.attribute("reinit").is_some() && !(is_exchanged && is_state) {
-        let text = "it has reinit, expected it only for states and model exchange";
+    if variable.value.attribute("reinit").is_some() && !(is_exchanged && states.contains(&index)) {
+        let text = format!("it has reinit, expected it only for states{also}");
         findings.add(&REINIT, variable, text);
     }
 }
 
-/// Checks variables of the same type and value reference, which share one value.
-fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
-    let mut sets: HashMap<(VariableType, u32), Vec<&ScalarVariable<'_>>> = HashMap::new();
+/// Checks that value references are unique, as in FMI 3.0.
+fn references(model: &Model<'_>, findings: &mut Findings) {
+    let mut names = HashMap::new();
     for (_, variable) in model.variables() {
-        let key = (variable.kind.accessed_as(), variable.reference);
+        let first = names.entry(variable.reference).or_insert(variable.name);
+        if *first != variable.name {
+            let reference = variable.reference;
+            let text =
+                format!("{first:?} has the value reference {reference}, too, expected each once");
+            findings.add(&REFERENCE_UNIQUE, variable, text);
+        }
+    }
+}
+
+/// Checks variables of the same type and value reference, which share one value.
+fn aliases(model: &Model<'_>, findings: &mut Findings) {
+    let mut sets: HashMap<(Kind, u32), Vec<&Variable<'_>>> = HashMap::new();
+    for (_, variable) in model.variables() {
+        // An Enumeration is accessed as an Integer (FMI 2.0.5, section 2.1.7).
+        let kind = match variable.kind {
+            Kind::Enumeration => Kind::Integer,
+            kind => kind,
+        };
+        let key = (kind, variable.reference);
         let set = sets.entry(key).or_default();
         set.push(variable);
     }
@@ -215,16 +255,16 @@ fn aliases(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
 }
 
-fn alias_set(set: &[&ScalarVariable<'_>], findings: &mut Findings) {
-    let constant = |v: &&&ScalarVariable<'_>| v.variability == Variability::Constant;
-    let settable = |v: &&&ScalarVariable<'_>| {
+fn alias_set(set: &[&Variable<'_>], findings: &mut Findings) {
+    let constant = |v: &&&Variable<'_>| v.variability == Variability::Constant;
+    let settable = |v: &&&Variable<'_>| {
         matches!(
             v.causality,
             Causality::Parameter | Causality::Input | Causality::Independent
         )
     };
-    let started = |v: &&&ScalarVariable<'_>| v.start().is_some();
-    let mut report = |rule, variable: &ScalarVariable<'_>, what: &str| {
+    let started = |v: &&&Variable<'_>| v.start().is_some();
+    let mut report = |rule, variable: &Variable<'_>, what: &str| {
         findings.add(
             rule,
             variable,

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use fmu_file::archive::{self, Entry, Packed};
 
-use fmu_description::VariableType;
+use fmu_description::{FmiVersion, VariableType};
 
 use crate::{Description, Order, Plan, Planned};
 
@@ -28,6 +28,15 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
+            if let Some(other) =
+                (plan.components().iter()).find(|c| c.fmu.version != FmiVersion::Fmi2)
+            {
+                bail!(
+                    "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
+                    other.fmu.file_name(),
+                    other.fmu.version.as_str()
+                );
+            }
             // The FMUs themselves check their start values.
             plan.simulate(&[])?;
             let mut resources = Resources::default();

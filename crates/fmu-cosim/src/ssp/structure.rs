@@ -193,13 +193,15 @@ fn connector(
     terms: &mut Terms,
 ) -> Element<'static> {
     let of_type = match variable.kind {
-        VariableType::Real => Element::new("ssc:Real").with_some("unit", terms.unit(fmu, variable)),
-        VariableType::Integer => Element::new("ssc:Integer"),
         VariableType::Boolean => Element::new("ssc:Boolean"),
         VariableType::String => Element::new("ssc:String"),
         VariableType::Enumeration => {
             Element::new("ssc:Enumeration").with("name", terms.enumeration(fmu, variable))
         }
+        kind if kind.is_float() => {
+            Element::new("ssc:Real").with_some("unit", terms.unit(fmu, variable))
+        }
+        _ => Element::new("ssc:Integer"),
     };
     let geometry = Element::new("ssd:ConnectorGeometry")
         .with("x", x)
@@ -241,7 +243,7 @@ fn start(variable: &Variable, value: &Typed, fmu: &Fmu, terms: &mut Terms) -> El
             .with_some("unit", terms.unit(fmu, variable)),
         Typed::Integer(number) if variable.kind == VariableType::Enumeration => {
             let mut items = variable.items.iter();
-            let item = items.find(|(_, known)| known == number);
+            let item = items.find(|(_, known)| i128::from(*known) == *number);
             Element::new("ssv:Enumeration")
                 .with_some("value", item.map(|(name, _)| name))
                 .with("name", terms.enumeration(fmu, variable))
@@ -345,7 +347,7 @@ fn master(step: f64) -> Element<'static> {
 #[derive(Default)]
 struct Terms {
     units: BTreeMap<String, Vec<(String, f64)>>,
-    enumerations: BTreeMap<String, Vec<(String, i32)>>,
+    enumerations: BTreeMap<String, Vec<(String, i64)>>,
 }
 
 impl Terms {
@@ -373,7 +375,7 @@ impl Terms {
     }
 
     fn enumerations(&self) -> Vec<Element<'static>> {
-        let item = |(name, value): &(String, i32)| {
+        let item = |(name, value): &(String, i64)| {
             Element::new("ssc:Item")
                 .with("name", name)
                 .with("value", value)

@@ -1,12 +1,14 @@
 //! Reading and writing variables (FMI 2.0.5, section 2.1.7).
 
 use super::{
-    NULL_ARRAY, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
-    fmi2ValueReference, instance::functions, slice, slice_mut, text, with,
+    NULL_ARRAY, calls, fmi2Boolean, fmi2Component, fmi2Integer, fmi2Real, fmi2Status, fmi2String,
+    fmi2ValueReference, instance::Functions, slice, slice_mut, text, with,
 };
 use crate::component::{Component, Outcome};
-use crate::phase::{self, Call};
-use crate::values::{Boolean, FmiType, Given};
+use crate::instance::functions;
+use crate::phase::Call;
+use crate::values::fmi2::{Boolean, Integer, Text};
+use crate::values::{FmiType, Given};
 
 /// `fmi2GetReal`
 #[unsafe(no_mangle)]
@@ -18,7 +20,7 @@ pub unsafe extern "C" fn fmi2GetReal(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        match functions(c) {
+        match functions::<Functions>(c) {
             Some(functions) => (functions.get_reals)(c, references, n, values),
             None => fmi2Status::fmi2Error,
         }
@@ -35,7 +37,7 @@ pub unsafe extern "C" fn fmi2SetReal(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        match functions(c) {
+        match functions::<Functions>(c) {
             Some(functions) => (functions.set_reals)(c, references, n, values),
             None => fmi2Status::fmi2Error,
         }
@@ -90,7 +92,7 @@ unsafe fn get_strings(
     else {
         return component.refuse(call.name, NULL_ARRAY);
     };
-    let outcome = component.get_texts(call, references);
+    let outcome = component.get_texts::<Text<String>>(call, references);
     if outcome == Outcome::Ok {
         for (value, text) in values.iter_mut().zip(&component.texts) {
             *value = text.as_ptr();
@@ -112,7 +114,9 @@ unsafe fn set_strings(
     match unsafe { slice(references, n).zip(slice(values, n)) } {
         Some((references, values)) => {
             // SAFETY: the caller's promise.
-            let texts: Vec<_> = values.iter().map(|&value| unsafe { text(value) }).collect();
+            let texts: Vec<_> = (values.iter())
+                .map(|&value| Text(unsafe { text(value) }))
+                .collect();
             component.set(call, references, &texts)
         }
         None => component.refuse(call.name, NULL_ARRAY),
@@ -130,10 +134,10 @@ macro_rules! entry_points {
                 n: usize,
                 values: $type,
             ) -> fmi2Status {
-                // SAFETY: the caller's promise; `Boolean` is a transparent `fmi2Boolean`.
+                // SAFETY: the caller's promise; the types of values are transparent.
                 unsafe {
                     with(c, |component| {
-                        $access$(::<$value>)?(component, &phase::$call, references, n, values.cast())
+                        $access$(::<$value>)?(component, &calls::$call, references, n, values.cast())
                     })
                 }
             }
@@ -142,10 +146,10 @@ macro_rules! entry_points {
 }
 
 entry_points! {
-    fmi2GetInteger(*mut fmi2Integer) = get::<fmi2Integer>(GET_INTEGER);
+    fmi2GetInteger(*mut fmi2Integer) = get::<Integer>(GET_INTEGER);
     fmi2GetBoolean(*mut fmi2Boolean) = get::<Boolean>(GET_BOOLEAN);
     fmi2GetString(*mut fmi2String) = get_strings(GET_STRING);
-    fmi2SetInteger(*const fmi2Integer) = set::<fmi2Integer>(SET_INTEGER);
+    fmi2SetInteger(*const fmi2Integer) = set::<Integer>(SET_INTEGER);
     fmi2SetBoolean(*const fmi2Boolean) = set::<Boolean>(SET_BOOLEAN);
     fmi2SetString(*const fmi2String) = set_strings(SET_STRING);
 }

@@ -4,10 +4,11 @@ use std::ffi::CStr;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{
-    fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String, instance::functions,
-    slice, text, with,
+    calls, fmi2Boolean, fmi2Component, fmi2False, fmi2Real, fmi2Status, fmi2String,
+    instance::Functions, slice, text, with,
 };
-use crate::component::Component;
+use crate::instance::functions;
+use crate::phase::Phase;
 
 /// `fmi2GetTypesPlatform`
 #[unsafe(no_mangle)]
@@ -25,10 +26,10 @@ pub extern "C" fn fmi2GetVersion() -> fmi2String {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2FreeInstance(c: fmi2Component) {
     // SAFETY: the caller's promise: NULL or an instance that is not freed.
-    if let Some(functions) = unsafe { functions(c) } {
+    if let Some(functions) = unsafe { functions::<Functions>(c) } {
         // If the model's destructor panics, its memory leaks, but the host keeps running.
         // SAFETY: the functions are those of the instance.
-        let _ = catch_unwind(AssertUnwindSafe(|| unsafe { (functions.free)(c) }));
+        let _ = catch_unwind(AssertUnwindSafe(|| unsafe { (functions.common.free)(c) }));
     }
 }
 
@@ -46,8 +47,12 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
     // SAFETY: the caller's promise.
     unsafe {
         with(c, |component| match names {
-            Some(names) => component.set_debug_logging(logging_on != fmi2False, &names),
-            None => component.refuse("fmi2SetDebugLogging", "a category is NULL"),
+            Some(names) => component.set_debug_logging(
+                &calls::SET_DEBUG_LOGGING,
+                logging_on != fmi2False,
+                &names,
+            ),
+            None => component.refuse(calls::SET_DEBUG_LOGGING.name, "a category is NULL"),
         })
     }
 }
@@ -65,33 +70,49 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
 ) -> fmi2Status {
     let stop = (stop_time_defined != fmi2False).then_some(stop_time);
     // SAFETY: the caller's promise.
-    unsafe { with(c, |component| component.setup_experiment(start_time, stop)) }
+    unsafe {
+        with(c, |component| {
+            component.setup_experiment(&calls::SETUP_EXPERIMENT, start_time, stop)
+        })
+    }
 }
 
 /// `fmi2EnterInitializationMode`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2EnterInitializationMode(c: fmi2Component) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe { with(c, Component::enter_initialization_mode) }
+    unsafe {
+        with(c, |component| {
+            component.enter_initialization_mode(&calls::ENTER_INITIALIZATION_MODE)
+        })
+    }
 }
 
 /// `fmi2ExitInitializationMode`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2ExitInitializationMode(c: fmi2Component) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe { with(c, Component::exit_initialization_mode) }
+    unsafe {
+        with(c, |component| {
+            component.exit_initialization_mode(&calls::EXIT_INITIALIZATION_MODE)
+        })
+    }
 }
 
 /// `fmi2Terminate`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2Terminate(c: fmi2Component) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe { with(c, Component::terminate) }
+    unsafe {
+        with(c, |component| {
+            component.change_to(&calls::TERMINATE, Phase::Terminated)
+        })
+    }
 }
 
 /// `fmi2Reset`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2Reset(c: fmi2Component) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe { with(c, Component::reset) }
+    unsafe { with(c, |component| component.reset(&calls::RESET)) }
 }

@@ -1,72 +1,20 @@
 //! Saving and restoring the state of an instance (FMI 2.0.5, section 2.1.8).
 
-use super::{fmi2Byte, fmi2Component, fmi2FMUstate, fmi2Status, slice, slice_mut, with};
-use crate::component::Failure;
-use crate::phase;
-use crate::reason::reason;
-use crate::snapshot::{MAGIC, Snapshot};
-
-/// The snapshot behind the host's pointer.
-///
-/// # Safety
-/// `state` is NULL or points to readable memory; if it came from [`fmi2GetFMUstate`] or
-/// [`fmi2DeSerializeFMUstate`], it is not freed and not used concurrently.
-unsafe fn snapshot<'a>(state: fmi2FMUstate) -> Result<&'a mut Snapshot, Failure> {
-    let state = state.cast::<Snapshot>();
-    if state.is_null() {
-        return Err(Failure::Refused("the FMU state is NULL".into()));
-    }
-    // SAFETY: the caller's promise. Our states are aligned and start with a magic number, which is
-    // checked before the memory is used as a state.
-    unsafe {
-        if state.is_aligned() && state.cast::<[u8; 8]>().read() == MAGIC {
-            return Ok(&mut *state);
-        }
-    }
-    Err(Failure::Refused(
-        "the pointer does not point to an FMU state".into(),
-    ))
-}
-
-/// The host's variable behind a pointer.
-///
-/// # Safety
-/// `pointer` is NULL, or readable and writable.
-unsafe fn variable<'a, T>(pointer: *mut T) -> Result<&'a mut T, Failure> {
-    // SAFETY: the caller's promise.
-    unsafe { pointer.as_mut() }.ok_or_else(|| Failure::Refused("a pointer is NULL".into()))
-}
+use super::{calls, fmi2Byte, fmi2Component, fmi2FMUstate, fmi2Status, with};
+use crate::state;
 
 /// `fmi2GetFMUstate`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetFMUstate(c: fmi2Component, state: *mut fmi2FMUstate) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe {
-        with(c, |component| {
-            component.call(&phase::GET_FMU_STATE, |component| {
-                let state = variable(state)?;
-                if state.is_null() {
-                    *state = Box::into_raw(Box::new(component.snapshot())).cast();
-                } else {
-                    *snapshot(*state)? = component.snapshot();
-                }
-                Ok(())
-            })
-        })
-    }
+    unsafe { with(c, |c| state::get(c, &calls::GET_FMU_STATE, state)) }
 }
 
 /// `fmi2SetFMUstate`
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetFMUstate(c: fmi2Component, state: fmi2FMUstate) -> fmi2Status {
     // SAFETY: the caller's promise.
-    unsafe {
-        with(c, |component| {
-            component.call(&phase::SET_FMU_STATE, |component| {
-                Ok(component.restore(snapshot(state)?)?)
-            })
-        })
-    }
+    unsafe { with(c, |c| state::set(c, &calls::SET_FMU_STATE, state)) }
 }
 
 /// `fmi2FreeFMUstate`
@@ -75,18 +23,8 @@ pub unsafe extern "C" fn fmi2FreeFMUstate(
     c: fmi2Component,
     state: *mut fmi2FMUstate,
 ) -> fmi2Status {
-    // SAFETY: the caller's promise. A valid snapshot came from a box.
-    unsafe {
-        with(c, |component| {
-            component.call(&phase::FREE_FMU_STATE, |_| {
-                if let Some(state) = state.as_mut().filter(|state| !state.is_null()) {
-                    drop(Box::from_raw(snapshot(*state)?));
-                    *state = std::ptr::null_mut();
-                }
-                Ok(())
-            })
-        })
-    }
+    // SAFETY: the caller's promise.
+    unsafe { with(c, |c| state::free(c, &calls::FREE_FMU_STATE, state)) }
 }
 
 /// `fmi2SerializedFMUstateSize`
@@ -98,11 +36,8 @@ pub unsafe extern "C" fn fmi2SerializedFMUstateSize(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        with(c, |component| {
-            component.call(&phase::SERIALIZED_SIZE, |component| {
-                *variable(size)? = snapshot(state)?.to_bytes(component.slave())?.len();
-                Ok(())
-            })
+        with(c, |c| {
+            state::serialized_size(c, &calls::SERIALIZED_SIZE, state, size)
         })
     }
 }
@@ -115,22 +50,10 @@ pub unsafe extern "C" fn fmi2SerializeFMUstate(
     buffer: *mut fmi2Byte,
     size: usize,
 ) -> fmi2Status {
-    // SAFETY: the caller's promise: `size` bytes, or NULL.
+    // SAFETY: the caller's promise.
     unsafe {
-        let buffer = slice_mut(buffer.cast::<u8>(), size);
-        with(c, |component| {
-            component.call(&phase::SERIALIZE, |component| {
-                let bytes = snapshot(state)?.to_bytes(component.slave())?;
-                let room = buffer.and_then(|buffer| buffer.get_mut(..bytes.len()));
-                let Some(room) = room else {
-                    let expected = bytes.len();
-                    return Err(Failure::Refused(reason!(
-                        "the buffer is NULL or its size {size} is too small; expected {expected} bytes"
-                    )));
-                };
-                room.copy_from_slice(&bytes);
-                Ok(())
-            })
+        with(c, |c| {
+            state::serialize(c, &calls::SERIALIZE, state, buffer.cast(), size)
         })
     }
 }
@@ -143,21 +66,10 @@ pub unsafe extern "C" fn fmi2DeSerializeFMUstate(
     size: usize,
     state: *mut fmi2FMUstate,
 ) -> fmi2Status {
-    // SAFETY: the caller's promise: `size` bytes, or NULL.
+    // SAFETY: the caller's promise.
     unsafe {
-        let bytes = slice(bytes.cast::<u8>(), size);
-        with(c, |component| {
-            component.call(&phase::DESERIALIZE, |component| {
-                let state = variable(state)?;
-                let bytes = bytes.ok_or_else(|| Failure::Refused("the bytes are NULL".into()))?;
-                let restored = Snapshot::from_bytes(bytes, component.slave())?;
-                if state.is_null() {
-                    *state = Box::into_raw(Box::new(restored)).cast();
-                } else {
-                    *snapshot(*state)? = restored;
-                }
-                Ok(())
-            })
+        with(c, |c| {
+            state::deserialize(c, &calls::DESERIALIZE, bytes.cast(), size, state)
         })
     }
 }

@@ -5,6 +5,7 @@ use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
 use std::sync::Once;
 
+use fmu_export::Entry;
 use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use fmu_export::fmi2::*;
 
@@ -152,7 +153,7 @@ pub fn guid(model: usize) -> CString {
 }
 
 /// Restores the panic hook, which the library replaces at the first instance, to see failed tests.
-fn keep_messages_of_panics() {
+pub fn keep_messages_of_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         // SAFETY: NULL is allowed for all of these.
@@ -264,6 +265,27 @@ calls! {
             same(knowns, direction),
             direction.as_ptr(),
             derivatives.as_mut_ptr()
+        );
+    enter_event_mode() = fmi2EnterEventMode();
+    new_discrete_states(info: &mut fmi2EventInfo) = fmi2NewDiscreteStates(info);
+    enter_continuous_time_mode() = fmi2EnterContinuousTimeMode();
+    completed_integrator_step(event: &mut i32, terminate: &mut i32)
+        = fmi2CompletedIntegratorStep(1, event, terminate);
+    set_time(time: f64) = fmi2SetTime(time);
+    set_states(states: &[f64]) = fmi2SetContinuousStates(states.as_ptr(), states.len());
+    get_derivatives(values: &mut [f64]) = fmi2GetDerivatives(values.as_mut_ptr(), values.len());
+    get_indicators(values: &mut [f64])
+        = fmi2GetEventIndicators(values.as_mut_ptr(), values.len());
+    get_states(values: &mut [f64])
+        = fmi2GetContinuousStates(values.as_mut_ptr(), values.len());
+    get_nominals(values: &mut [f64])
+        = fmi2GetNominalsOfContinuousStates(values.as_mut_ptr(), values.len());
+    get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64])
+        = fmi2GetRealOutputDerivatives(
+            references.as_ptr(),
+            same(references, orders).min(same(references, values)),
+            orders.as_ptr(),
+            values.as_mut_ptr()
         );
     get_state(state: &mut fmi2FMUstate) = fmi2GetFMUstate(state);
     set_state(state: fmi2FMUstate) = fmi2SetFMUstate(state);

@@ -7,7 +7,9 @@
 mod arguments;
 mod damage;
 mod derivatives;
+mod exchange;
 mod experiment;
+mod fmi3;
 mod fmu_state;
 mod host;
 mod instances;
@@ -19,4 +21,5 @@ mod resources;
 mod sampling;
 mod sequences;
 mod state_machine;
+mod types;
 mod variant;

@@ -1,17 +1,22 @@
 //! The models under test in one binary.
 
+use std::cell::Cell;
 use std::f64::consts;
 
 use fmu_description::{Value, ValueMut};
 use fmu_export::prelude::*;
 
-fmu_export::export!(Probe, Wide, Sampled, Reader);
+fmu_export::export!(Probe, Wide, Sampled, Reader, Sizes, Ball, Every, Lists);
 
 // Indices of the models.
 pub const PROBE: usize = 0;
 pub const WIDE: usize = 1;
 pub const SAMPLED: usize = 2;
 pub const READER: usize = 3;
+pub const SIZES: usize = 4;
+pub const BALL: usize = 5;
+pub const EVERY: usize = 6;
+pub const LISTS: usize = 7;
 
 /// Every type and role, and failures on demand
 #[derive(Debug, Clone, Model)]
@@ -365,7 +370,7 @@ impl Probe {
 
     /// The variables in the order of their value references.
     fn variables(&mut self) -> Vec<ValueMut<'_>> {
-        use ValueMut::{Boolean, Choice, Integer, Real, String};
+        use ValueMut::{Boolean, Choice, Int32, Real, String};
         let [w1, w2, w3] = &mut self.weights;
         let [part1, part2] = &mut self.parts;
         let [[t11, t12, t13], [t21, t22, t23]] = &mut self.table;
@@ -383,13 +388,13 @@ impl Probe {
             Real(w1),
             Real(w2),
             Real(w3),
-            Integer(&mut self.order),
+            Int32(&mut self.order),
             Boolean(&mut self.limited),
             Choice(&mut self.law),
             Real(&mut self.y),
             Real(part1),
             Real(part2),
-            Integer(&mut self.mode),
+            Int32(&mut self.mode),
             Boolean(&mut self.enabled),
             String(&mut self.label),
             Choice(&mut self.shape),
@@ -405,19 +410,19 @@ impl Probe {
             Boolean(flag2),
             Choice(law1),
             Choice(law2),
-            Integer(c11),
-            Integer(c12),
-            Integer(c21),
-            Integer(c22),
+            Int32(c11),
+            Int32(c12),
+            Int32(c21),
+            Int32(c22),
             Real(&mut self.part.bias),
             Real(&mut self.part.scale),
-            Integer(&mut self.steps),
+            Int32(&mut self.steps),
             Boolean(&mut self.done),
             String(&mut self.report),
             Choice(next1),
             Choice(next2),
             Real(&mut self.sum),
-            Integer(&mut self.label_length),
+            Int32(&mut self.label_length),
             Real(&mut self.tau),
             String(&mut self.version),
         ]
@@ -427,9 +432,10 @@ impl Probe {
     pub fn value(&mut self, reference: u32) -> f64 {
         match self.variables()[reference as usize].get() {
             Value::Real(value) => value,
-            Value::Integer(value) => value.into(),
+            Value::Integer(value) => value as f64,
             Value::Boolean(value) => f64::from(u8::from(value)),
             Value::String(text) => number(&text),
+            Value::Binary(bytes) => panic!("{bytes:?}"),
         }
     }
 
@@ -438,7 +444,7 @@ impl Probe {
         let variable = self.variables().swap_remove(reference as usize);
         let value = match FACTS[reference as usize].kind {
             Kind::Real => Value::Real(value),
-            Kind::Integer => Value::Integer(value as i32),
+            Kind::Integer => Value::Integer(value as i128),
             Kind::Boolean => Value::Boolean(value == 1.0),
             Kind::String => Value::String(value.to_string()),
         };
@@ -609,6 +615,327 @@ impl Simulate for Reader {
     }
 
     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+}
+
+/// Variables of types that FMI 2.0 does not have
+#[derive(Model)]
+pub struct Sizes {
+    /// single precision
+    #[input(min = 0.1, max = 16777216, start = 0.3)]
+    single: f32,
+    /// signed byte
+    #[input]
+    signed: i8,
+    /// bytes
+    #[parameter(tunable, start = [1, 2])]
+    bytes: [u8; 2],
+    /// large number
+    #[input(start = 4294967295)]
+    large: u64,
+    /// long number
+    #[output]
+    long: i64,
+    /// what was received
+    #[output]
+    message: Vec<u8>,
+    /// half of the single
+    #[output]
+    half: f32,
+}
+
+impl Simulate for Sizes {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        self.long = -i64::from(self.signed) << 24;
+        self.half = f32::from(self.bytes[0]) / self.single;
+        Ok(())
+    }
+}
+
+/// A ball that is driven, bounces, and gets a kick
+#[derive(Model)]
+#[model(continuous, step_size = 0.1)]
+pub struct Ball {
+    /// acceleration by the drive
+    #[input]
+    drive: f64,
+    /// how the equations and events fail
+    #[input(min = 0, max = PANIC)]
+    trouble: f64,
+    /// how steps after 0.15 s fail
+    #[input(min = 0, max = PANIC)]
+    fault: f64,
+    /// height
+    #[output(state, nominal = 10, initially_from("h0"))]
+    h: f64,
+    /// velocity
+    #[output(state)]
+    v: f64,
+    #[derivative(of = h, derivative_by(v = 1.0))]
+    h_dot: f64,
+    #[derivative(of = v, derivative_by(drive = 1.0, v = -2.0 * self.drag * self.v.abs()))]
+    v_dot: f64,
+    /// height of its lowest point
+    #[event_indicator(derivative_by(h = 1.0))]
+    contact: f64,
+    /// energy
+    #[output(derivative_by(h = Ball::G, v = self.v, drive = 0.125))]
+    energy: f64,
+    /// height at the start
+    #[parameter(start = 1)]
+    h0: f64,
+    /// part of the velocity that a bounce keeps
+    #[parameter(tunable, start = 0.5, min = 0, max = 1)]
+    restitution: f64,
+    /// drag
+    #[parameter(start = 0)]
+    drag: f64,
+    /// number of events
+    #[output]
+    events: i32,
+    /// a switch
+    #[input]
+    switch: i32,
+    kicked: bool,
+}
+
+impl Ball {
+    pub const DRIVE: u32 = 0;
+    pub const TROUBLE: u32 = 1;
+    pub const FAULT: u32 = 2;
+    pub const H: u32 = 3;
+    pub const V: u32 = 4;
+    pub const H_DOT: u32 = 5;
+    pub const V_DOT: u32 = 6;
+    pub const CONTACT: u32 = 7;
+    pub const ENERGY: u32 = 8;
+    pub const RESTITUTION: u32 = 10;
+    pub const DRAG: u32 = 11;
+    pub const EVENTS: u32 = 12;
+    pub const SWITCH: u32 = 13;
+    /// The reference of the independent variable in FMI 3.0.
+    pub const TIME: u32 = 14;
+    /// Acceleration by gravity (m/s2).
+    pub const G: f64 = 9.75;
+    /// Time of the kick (s).
+    pub const KICK: f64 = 0.5;
+
+    fn energy(&self) -> f64 {
+        Self::G * self.h + self.v * self.v / 2.0 + self.drive / 8.0
+    }
+
+    fn fail(trouble: f64) -> Result<(), ModelError> {
+        assert!(trouble != PANIC, "the bug shows in the ball");
+        match trouble {
+            REFUSE => Err(ModelError::refuse("refused by the ball")),
+            DISCARD => Err(ModelError::discard("discarded by the ball")),
+            BREAK => Err(ModelError::new("broken by the ball")),
+            _ => Ok(()),
+        }
+    }
+}
+
+thread_local! {
+    /// How often the equations of [`Ball`] were evaluated.
+    pub static EVALUATIONS: Cell<u32> = const { Cell::new(0) };
+}
+
+impl Simulate for Ball {
+    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
+        self.h = self.h0;
+        Ok(())
+    }
+
+    /// Exact without drag; without events.
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        if time > 0.15 {
+            Self::fail(self.fault)?;
+        }
+        let acceleration = self.drive - Self::G;
+        self.h += (self.v + acceleration * step / 2.0) * step;
+        self.v += acceleration * step;
+        self.energy = self.energy();
+        Ok(())
+    }
+}
+
+impl Continuous for Ball {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        EVALUATIONS.set(EVALUATIONS.get() + 1);
+        Self::fail(self.trouble)?;
+        self.h_dot = self.v;
+        self.v_dot = self.drive - Self::G - self.drag * self.v * self.v.abs();
+        self.contact = self.h;
+        self.energy = self.energy();
+        if self.trouble == DIVERGE {
+            self.v_dot = f64::NAN;
+        }
+        Ok(())
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        Self::fail(self.trouble)?;
+        self.events += 1;
+        if self.h <= 0.0 && self.v < 0.0 {
+            self.v *= -self.restitution;
+        }
+        if time >= Self::KICK && !self.kicked {
+            self.v += 1.0;
+            self.kicked = true;
+        }
+        Ok(())
+    }
+
+    fn next_event(&self, _time: f64) -> Option<f64> {
+        assert!(self.trouble != PANIC, "the bug shows in the next event");
+        Some(if self.kicked {
+            f64::INFINITY
+        } else {
+            Self::KICK
+        })
+    }
+}
+
+/// Inputs of all types, and an output
+#[derive(Model)]
+pub struct Every {
+    /// vector
+    #[input(min = -10, max = 10)]
+    vector: [f64; 3],
+    /// f32
+    #[input(max = 10)]
+    f32: f32,
+    /// i8
+    #[input]
+    i8: i8,
+    /// u8
+    #[input]
+    u8: u8,
+    /// i16
+    #[input]
+    i16: i16,
+    /// u16
+    #[input]
+    u16: u16,
+    /// i32
+    #[input]
+    i32: i32,
+    /// u32
+    #[input]
+    u32: u32,
+    /// i64
+    #[input]
+    i64: i64,
+    /// u64
+    #[input]
+    u64: u64,
+    /// bool
+    #[input]
+    bool: bool,
+    /// text
+    #[input(start = "text")]
+    text: String,
+    /// bytes
+    #[input(start = b"\x00\xff")]
+    bytes: Vec<u8>,
+    /// matrix
+    #[input(start = [[1, 2], [3, 4]])]
+    matrix: [[f64; 2]; 2],
+    /// flags
+    #[input]
+    flags: [bool; 2],
+    /// texts
+    #[input(start = ["a", "b"])]
+    texts: [String; 2],
+    /// scalar
+    #[input]
+    scalar: f64,
+    /// fixed
+    #[parameter(start = 7)]
+    fixed: f64,
+    /// item
+    #[input]
+    law: Law,
+    /// sum of the vector, the matrix and the scalar
+    #[output]
+    sum: f64,
+}
+
+impl Every {
+    pub const VECTOR: u32 = 0;
+    pub const F32: u32 = 3;
+    pub const BOOL: u32 = 12;
+    pub const TEXT: u32 = 13;
+    pub const BYTES: u32 = 14;
+    pub const MATRIX: u32 = 15;
+    pub const FLAGS: u32 = 19;
+    pub const TEXTS: u32 = 21;
+    pub const SCALAR: u32 = 23;
+    pub const FIXED: u32 = 24;
+    pub const LAW: u32 = 25;
+    pub const SUM: u32 = 26;
+}
+
+impl Simulate for Every {
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        let numbers = self.vector.iter().chain(self.matrix.iter().flatten());
+        self.sum = numbers.sum::<f64>() + self.scalar;
+        Ok(())
+    }
+}
+
+/// Arrays whose sizes are set in configuration mode
+#[derive(Model)]
+#[model(sample_time = 0.5)]
+pub struct Lists {
+    /// number of gains
+    #[structural_parameter(start = 2, min = 1, max = 3, tunable)]
+    n: u64,
+    /// number of names
+    #[structural_parameter(start = 1, max = 2)]
+    m: u64,
+    /// gains
+    #[input(size = "n", start = [1, 2, 4])]
+    gains: [f64; 3],
+    /// names
+    #[parameter(size = "m", start = ["a", "b"])]
+    names: [String; 2],
+    /// sum of the gains
+    #[output]
+    sum: f64,
+    /// how often the sizes changed
+    #[output]
+    changes: i32,
+}
+
+impl Lists {
+    pub const N: u32 = 0;
+    pub const M: u32 = 1;
+    pub const GAINS: u32 = 2;
+    pub const NAMES: u32 = 5;
+    pub const SUM: u32 = 7;
+    pub const CHANGES: u32 = 8;
+    /// A number of gains with which the model cannot continue.
+    pub const BAD: u64 = 1;
+}
+
+impl Simulate for Lists {
+    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
+        self.sum = self.gains[..self.n as usize].iter().sum();
+        Ok(())
+    }
+
+    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+        self.sum = self.gains[..self.n as usize].iter().sum();
+        Ok(())
+    }
+
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        if self.n == Self::BAD {
+            return Err(ModelError::refuse("one gain is not enough"));
+        }
+        self.changes += 1;
         Ok(())
     }
 }

@@ -70,6 +70,10 @@ const TABLE: &[(&str, &str, Call)] = &[
     ("fmi2DeSerializeFMUstate", "xxxxxx", deserialize_and_free),
     ("fmi2GetDirectionalDerivative", ".xxxxx", |s| s.directional_derivative(&[Y], &[U], &[1.0], &mut [0.0])),
     ("fmi2SetRealInputDerivatives", "xxx...", |s| s.set_input_derivatives(&[U], &[1], &[1.0])),
+    // SAFETY: no derivatives are read, so the arrays may be NULL.
+    ("fmi2GetRealOutputDerivatives", "..xxxx", |s| unsafe {
+        fmi2GetRealOutputDerivatives(s.c, NONE, 0, std::ptr::null(), null_mut())
+    }),
     ("fmi2DoStep", "..x...", |s| s.step(0.5, 0.5)),
     ("fmi2GetRealStatus", "..xxx.", |s| s.real_status(fmi2LastSuccessfulTime, &mut 0.0)),
     ("fmi2GetBooleanStatus", "..xxx.", |s| s.boolean_status(fmi2Terminated, &mut 0)),
@@ -99,7 +103,6 @@ const UNSUPPORTED: &[(&str, Call)] = {
         };
     }
     unsupported! {
-        fmi2GetRealOutputDerivatives(null(), 0, null(), null_mut());
         fmi2CancelStep();
         fmi2GetStatus(0, null_mut());
         fmi2GetIntegerStatus(0, null_mut());

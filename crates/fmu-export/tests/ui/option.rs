@@ -13,6 +13,9 @@ struct Options {
     /// not a variable
     #[nested(unit = "m")]
     nested: Other,
+    /// no member
+    #[input(terminal = "loop")]
+    terminal: f64,
     /// two roles
     #[input]
     #[output]
@@ -26,6 +29,9 @@ struct Options {
     /// of an array
     #[output(derivative_by(tunable = 1.0))]
     outputs: [f64; 2],
+    /// not bytes
+    #[input(mime_type = "text/plain")]
+    text: String,
     /// a word
     #[input(unit)]
     word: f64,

@@ -47,6 +47,21 @@ struct Mismatch {
     /// a number for an item
     #[parameter(start = 1)]
     law: Law,
+    /// beyond its type
+    #[parameter(start = 256)]
+    byte: u8,
+    /// an element beyond its type
+    #[parameter(start = [-129, 0])]
+    signed: [i8; 2],
+    /// a bound beyond its type
+    #[parameter(min = -1)]
+    unsigned: u64,
+    /// infinite
+    #[parameter(start = 1e39)]
+    single: f32,
+    /// a text for bytes
+    #[parameter(start = "abc")]
+    bytes: Vec<u8>,
     /// a text as a bound
     #[parameter(min = "0")]
     bound: f64,

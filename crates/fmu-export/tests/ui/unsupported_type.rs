@@ -4,15 +4,15 @@ use fmu_export::prelude::*;
 
 #[derive(Variables)]
 struct Types {
-    /// single precision
+    /// a size that depends on the platform
     #[input]
-    single: f32,
+    size: usize,
     /// any number of elements
     #[input]
     list: Vec<f64>,
-    /// unsigned
+    /// too large
     #[input]
-    count: u32,
+    count: u128,
     /// may be missing
     #[input]
     option: Option<f64>,
@@ -24,7 +24,7 @@ struct Types {
     pair: (f64, f64),
     /// of an unsupported type
     #[input]
-    array: [u8; 3],
+    array: [char; 3],
 }
 
 fn main() {}

@@ -220,7 +220,8 @@ fn choose(
 
 /// Whether the file is irrelevant for simulation. Pages may mention when and where they were created.
 fn is_documentation(name: &str) -> bool {
-    name.starts_with("documentation/") || name == ICON
+    let is_image = |extension| name.starts_with("terminalsAndIcons/") && name.ends_with(extension);
+    name.starts_with("documentation/") || name == ICON || is_image(".png") || is_image(".svg")
 }
 
 /// A note on a harmless difference, and which FMU was used.
@@ -337,6 +338,44 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn fmus_of_fmi_3_are_merged() {
+        let folder = Folder::new();
+        let unknown = |dependencies| {
+            format!(
+                "<fmiModelDescription fmiVersion='3.0' instantiationToken='1'><ModelStructure>
+                <Output valueReference='7' dependencies='{dependencies}'/>
+                </ModelStructure></fmiModelDescription>"
+            )
+        };
+        let (linux, macos) = (
+            ("binaries/x86_64-linux/A.so", "l"),
+            ("binaries/aarch64-darwin/A.dylib", "m"),
+        );
+        let icon = |text| ("terminalsAndIcons/icon.png", text);
+        folder.fmu("a", &unknown("1"), &[linux, icon("1")]);
+        folder.fmu("b", &unknown("1"), &[macos, icon("2")]);
+        let merged = folder.merge(&["a", "b"]).unwrap();
+        assert_eq!(merged.platforms, ["aarch64-darwin", "x86_64-linux"]);
+        assert_eq!(merged.notes.len(), 1);
+        folder.fmu("c", &unknown("2"), &[macos]);
+        fs::remove_file(folder.file("out")).unwrap();
+        let error = folder.error(&["a", "c"]);
+        assert!(error.contains("Output/dependencies"), "{error}");
+        folder.fmu(
+            "d",
+            &unknown("1"),
+            &[("terminalsAndIcons/terminalsAndIcons.xml", "1")],
+        );
+        folder.fmu(
+            "e",
+            &unknown("1"),
+            &[("terminalsAndIcons/terminalsAndIcons.xml", "2")],
+        );
+        let error = folder.error(&["d", "e"]);
+        assert!(error.contains("terminalsAndIcons.xml"), "{error}");
     }
 
     #[test]

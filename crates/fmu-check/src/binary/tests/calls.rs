@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::Result;
-use fmu_description::{Causality, ScalarVariable, Variability, VariableType};
+use fmu_description::{Causality, FmiVersion, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
 
@@ -13,7 +13,7 @@ use crate::binary::rules::{
     AFTER_ERROR, ORDER, PAST_STOP, SETTABLE, STEP_ARGUMENTS, UNKNOWN_REFERENCE,
 };
 use crate::binary::run::Run;
-use crate::binary::subject::{Setup, Subject};
+use crate::binary::subject::{Setup, Subject, is_real, is_tested};
 
 /// Makes mistakes about which an FMU should log a message, unless it crashes then, which is a finding of
 /// its own.
@@ -61,7 +61,7 @@ fn unknown(subject: &Subject<'_>) -> u32 {
 fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
     let inputs: Vec<_> = (subject.inputs.iter())
         .map(|input| input.variable)
-        .filter(|v| v.kind == VariableType::Real)
+        .filter(|v| is_real(v))
         .take(10)
         .collect();
     for input in inputs {
@@ -146,11 +146,12 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
     let mut accepted = with_unknown(subject, &GET)?;
     let variables = subject.model.variables();
     let known: HashSet<_> = variables
-        .map(|(_, v)| (v.kind.accessed_as(), v.reference))
+        .map(|(_, v)| (class(v.kind), v.reference))
         .collect();
     for (function, kind, get) in GET {
         let others = subject.model.variables().map(|(_, v)| v).filter(|v| {
-            v.kind != kind
+            class(v.kind) != kind
+                && is_tested(v)
                 && v.kind != VariableType::Enumeration
                 && !known.contains(&(kind, v.reference))
         });
@@ -167,6 +168,15 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
     }
     report(subject, &UNKNOWN_REFERENCE, &accepted);
     Ok(())
+}
+
+/// The type of FMI 2.0 whose functions, or those of FMI 3.0 that replace them, access a type.
+fn class(kind: VariableType) -> VariableType {
+    match kind {
+        VariableType::Float64 => VariableType::Real,
+        VariableType::Int32 => VariableType::Integer,
+        kind => kind.accessed_as(),
+    }
 }
 
 /// The first variable of each type.
@@ -233,7 +243,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
     let first = |causality, variability| {
         subject
             .variables(causality)
-            .find(|v| v.variability == variability && v.kind == VariableType::Real)
+            .find(|v| v.variability == variability && is_real(v))
     };
     if let Some(v) = first(Causality::Output, Variability::Continuous) {
         attempt(v, "an output", 0.0)?;
@@ -342,14 +352,14 @@ pub fn order(subject: &Subject<'_>) -> Result<()> {
         what,
         begun(what)?.instance.enter_initialization_mode().is_ok(),
     );
-    let what = "fmi2SetupExperiment after initialization";
-    attempt(
-        what,
-        begun(what)?
-            .instance
-            .setup_experiment(start, None, None)
-            .is_ok(),
-    );
+    if subject.model.version == FmiVersion::Fmi2 {
+        let what = "fmi2SetupExperiment after initialization";
+        let mut run = begun(what)?;
+        attempt(
+            what,
+            run.instance.setup_experiment(start, None, None).is_ok(),
+        );
+    }
     report(subject, &ORDER, &accepted);
     Ok(())
 }

@@ -4,14 +4,14 @@ use std::collections::{HashMap, HashSet};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{integer, unsigned};
-use fmu_description::{Capability, Causality, ScalarVariable, Variability, VariableType};
+use fmu_description::{Capability, Causality, FmiVersion, ScalarVariable, Variability};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
 use crate::binary::excitation::other;
-use crate::binary::record::{Value, read, references};
+use crate::binary::record::{Class, Value, read, references};
 use crate::binary::run::Run;
-use crate::binary::subject::Subject;
+use crate::binary::subject::{Subject, is_real, is_tested};
 
 /// Maximum number of inputs whose effects are tested.
 const MAX_INPUTS: usize = 100;
@@ -138,12 +138,19 @@ pub fn of_states(subject: &Subject<'_>) -> Result<()> {
     }
     let of_derivatives = subject.model.derivatives.iter().map(|unknown| {
         let derivative = subject.model.variable(unknown.index)?;
-        let state = derivative
+        let number = derivative
             .value
             .attribute("derivative")
             .and_then(unsigned)?;
-        let state = subject.model.variable(state as usize)?;
-        Some((derivative, state))
+        let state = match subject.model.version {
+            FmiVersion::Fmi2 => subject.model.variable(number as usize)?,
+            FmiVersion::Fmi3 => {
+                let mut variables = subject.model.variables().map(|(_, v)| v);
+                variables.find(|v| v.reference == number)?
+            }
+        };
+        (is_real(derivative) && is_real(state) && is_tested(derivative) && is_tested(state))
+            .then_some((derivative, state))
     });
     let Some(pairs) = of_derivatives.collect::<Option<Vec<_>>>() else {
         return Ok(());
@@ -436,7 +443,7 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let n = subject.states();
     let discrete = |v: &&ScalarVariable<'_>| {
         v.variability == Variability::Discrete
-            || v.kind != VariableType::Real && v.causality == Causality::Output
+            || Class::of(v.kind) != Class::Real && v.causality == Causality::Output
     };
     let discrete: Vec<_> = subject.observed.variables().filter(discrete).collect();
     let values = |run: &mut Run<'_>| -> Result<Vec<Value>> {

@@ -1,7 +1,7 @@
 //! Loading a binary and creating instances.
 
 use anyhow::Result;
-use fmu_description::{Capability, Causality, VariableType};
+use fmu_description::{Capability, Causality, FmiVersion, VariableType};
 use fmu_file::text::quote;
 use fmu_host::Treatment;
 
@@ -11,7 +11,11 @@ use crate::binary::run::Run;
 use crate::binary::subject::{Setup, Subject};
 
 pub fn identity(subject: &Subject<'_>) -> Result<()> {
-    let missing = subject.library.missing(subject.kind);
+    let version = match subject.model.version {
+        FmiVersion::Fmi2 => fmu_host::Version::Fmi2,
+        FmiVersion::Fmi3 => fmu_host::Version::Fmi3,
+    };
+    let missing = subject.library.missing_of(version, subject.kind);
     for name in &missing {
         let text = format!("the function {name} is missing, expected it in the library");
         subject.report.find(&LOADS, text);
@@ -19,14 +23,15 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
     if !missing.is_empty() {
         return Ok(());
     }
-    for (function, text, expected) in [
-        ("fmi2GetVersion", subject.library.version()?, "2.0"),
-        (
-            "fmi2GetTypesPlatform",
-            subject.library.types_platform()?,
-            "default",
-        ),
-    ] {
+    let library = subject.library;
+    let texts = match subject.model.version {
+        FmiVersion::Fmi2 => vec![
+            ("fmi2GetVersion", library.version()?, "2.0"),
+            ("fmi2GetTypesPlatform", library.types_platform()?, "default"),
+        ],
+        FmiVersion::Fmi3 => vec![("fmi3GetVersion", library.version_3()?, "3.0")],
+    };
+    for (function, text, expected) in texts {
         if text != expected {
             let text = format!("{function} gave {}, expected {expected:?}", quote(&text));
             subject.report.find(&VERSION, text);
@@ -67,7 +72,7 @@ pub fn no_logger(subject: &Subject<'_>) -> Result<()> {
     };
     subject.report.stage("with a logger that is NULL");
     let _ = subject.try_instantiate(&setup, "{00000000-0000-0000-0000-000000000000}");
-    let guid = subject.model.root.attribute("guid").unwrap_or_default();
+    let guid = subject.model.token();
     // An FMU may refuse to run without a logger.
     if subject.try_instantiate(&setup, guid)?.is_some() {
         provoke(subject, &setup);

@@ -11,8 +11,8 @@ use fmu_file::text::quote;
 use fmu_host::Kind;
 
 use crate::binary::child::is_refusal;
-use crate::binary::excitation::{Level, integer_range, other, set};
-use crate::binary::record::{Digests, Row, Trajectory, Value, read};
+use crate::binary::excitation::{Level, integer_range, numbers, other};
+use crate::binary::record::{Digests, Row, Trajectory, Value, read, set};
 use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
 use crate::binary::run::Run;
 use crate::binary::subject::{Setup, Subject};
@@ -144,21 +144,19 @@ fn constants<'a>(subject: &'a Subject<'_>) -> impl Iterator<Item = &'a ScalarVar
 
 /// The values that the XML allows for an Integer or an Enumeration.
 enum Allowed {
-    Range(RangeInclusive<i32>),
-    Items(HashSet<i32>),
+    Range(RangeInclusive<i64>),
+    Items(HashSet<i64>),
 }
 
 impl Allowed {
     fn of(variable: &ScalarVariable<'_>) -> Self {
         match variable.kind {
-            VariableType::Enumeration => {
-                Self::Items(variable.items().map(|(_, value)| value).collect())
-            }
+            VariableType::Enumeration => Self::Items(numbers(variable).collect()),
             _ => Self::Range(integer_range(variable)),
         }
     }
 
-    fn contain(&self, value: &i32) -> bool {
+    fn contain(&self, value: &i64) -> bool {
         match self {
             Self::Range(range) => range.contains(value),
             Self::Items(items) => items.is_empty() || items.contains(value),
@@ -346,7 +344,7 @@ pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::instantiate(subject, &subject.setup())?;
     for variable in &settable {
         if let Some(value) = other(variable)
-            && set(&mut run.instance, variable.reference, &value).is_err()
+            && set(&mut run.instance, variable, &value).is_err()
         {
             return Ok(());
         }

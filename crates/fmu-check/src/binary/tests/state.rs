@@ -6,8 +6,8 @@ use fmu_description::{Causality, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
 use fmu_host::State;
 
-use crate::binary::excitation::{other, set};
-use crate::binary::record::{Value, read};
+use crate::binary::excitation::other;
+use crate::binary::record::{Value, read, set};
 use crate::binary::rules::DAMAGED_STATE;
 use crate::binary::run::Run;
 use crate::binary::subject::{Setup, Subject};
@@ -89,7 +89,7 @@ fn tune(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     });
     for variable in settable {
         if let Some(value) = other(variable)
-            && set(&mut run.instance, variable.reference, &value).is_err()
+            && set(&mut run.instance, variable, &value).is_err()
         {
             break;
         }

@@ -4,16 +4,16 @@ use std::collections::HashMap;
 use std::hint::black_box;
 
 use anyhow::{Context, Result, ensure};
-use fmu_description::value::{boolean, integer, real};
-use fmu_description::{Causality, Initial, ScalarVariable, Variability, VariableType};
+use fmu_description::value::{boolean, real};
+use fmu_description::{Causality, FmiVersion, Initial, ScalarVariable, Variability, VariableType};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
-use crate::binary::excitation::{other, set};
-use crate::binary::record::{Row, Trajectory, Value, read, references};
+use crate::binary::excitation::other;
+use crate::binary::record::{Row, Trajectory, Value, read, references, set};
 use crate::binary::rules::{READABLE, START, WRITES_INSIDE};
 use crate::binary::run::Run;
-use crate::binary::subject::Subject;
+use crate::binary::subject::{Subject, is_real, is_tested};
 
 /// Maximum number of variables that are reported as unreadable.
 const MAX_UNREADABLE: usize = 20;
@@ -78,7 +78,13 @@ fn is_start(value: &Value, start: &str) -> bool {
                 || (start.is_nan() && value.is_nan())
                 || (start - value).abs() <= 1e-6 * start.abs()
         }),
-        Value::Integer(value) => integer(start).is_none_or(|start| start == *value),
+        Value::Integer(value) => {
+            let start = start.trim().parse::<i128>();
+            // Those of a UInt64 are read as those of an Int64.
+            start.is_ok_and(|start| {
+                start == i128::from(*value) || start == i128::from(value.cast_unsigned())
+            })
+        }
         Value::Boolean(value) => boolean(start).is_none_or(|start| i32::from(start) == *value),
         Value::String(value) => start == value,
     }
@@ -124,16 +130,21 @@ fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Reads the Reals together in the opposite order.
+/// Reads the Reals together in the opposite order, in FMI 3.0 the Float64.
 fn backwards(subject: &Subject<'_>, run: &mut Run<'_>, expected: &Trajectory) -> Result<()> {
-    let mut references = references(subject.observed.reals());
-    references.reverse();
+    let variables: Vec<_> = (subject.observed.reals().iter().copied().enumerate())
+        .filter(|(_, v)| is_real(v))
+        .collect();
+    let references: Vec<u32> = variables.iter().rev().map(|(_, v)| v.reference).collect();
     if references.is_empty() {
         return Ok(());
     }
     let (time, mut row) = expected[0].clone();
-    run.instance.get_real(&references, &mut row.reals)?;
-    row.reals.reverse();
+    let mut values = vec![0.0; references.len()];
+    run.instance.get_real(&references, &mut values)?;
+    for ((place, _), value) in variables.iter().rev().zip(values) {
+        row.reals[*place] = value;
+    }
     let when = "read together in another order";
     subject.ensure_same(&[(time, row)], expected, 0.0, when, "")
 }
@@ -156,12 +167,12 @@ fn one_by_one(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<Trajectory> {
     Ok(vec![(run.time(), row)])
 }
 
-/// Reads the Reals into a buffer that is longer than needed.
+/// Reads the Reals into a buffer that is longer than needed. FMI 3.0 passes its length.
 fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     const GUARD: f64 = 1.234_567_89e300;
     let references = references(subject.observed.reals());
     let n = references.len();
-    if n > 0 {
+    if n > 0 && subject.model.version == FmiVersion::Fmi2 {
         let mut values = vec![GUARD; n + 8];
         run.instance.get_real(&references, &mut values)?;
         if values[n..].iter().any(|value| *value != GUARD) {
@@ -242,7 +253,7 @@ fn set_and_read(
     when: &str,
     may_be_unreadable: bool,
 ) -> Result<bool> {
-    let is_free = variable.kind == VariableType::Integer
+    let is_free = matches!(variable.kind, VariableType::Integer | VariableType::Int32)
         && variable.inherited("min").is_none()
         && variable.inherited("max").is_none();
     let value = match is_free {
@@ -253,7 +264,7 @@ fn set_and_read(
     let Some(value) = value else {
         return Ok(true);
     };
-    if set(&mut run.instance, variable.reference, &value).is_err() {
+    if set(&mut run.instance, variable, &value).is_err() {
         return Ok(false);
     }
     let read = match read(&mut run.instance, variable) {
@@ -280,8 +291,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     let listed: Vec<_> = (subject.model.initial_unknowns.iter())
         .filter_map(|unknown| subject.model.variable(unknown.index))
         .filter(|v| {
-            let continuous =
-                v.variability == Variability::Continuous && v.kind == VariableType::Real;
+            let continuous = v.variability == Variability::Continuous && is_real(v) && is_tested(v);
             continuous && v.causality == Causality::Output
         })
         .collect();
@@ -289,7 +299,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     run.enter_initialization()?;
     for variable in subject.reals(Causality::Input) {
         if let Some(value) = other(variable)
-            && set(&mut run.instance, variable.reference, &value).is_err()
+            && set(&mut run.instance, variable, &value).is_err()
         {
             return Ok(());
         }
@@ -323,7 +333,7 @@ pub fn tunable(subject: &Subject<'_>) -> Result<()> {
     let parameters = subject.variables(Causality::Parameter);
     for variable in parameters.filter(|v| v.variability == Variability::Tunable) {
         let value = read(&mut run.instance, variable)?;
-        let set = set(&mut run.instance, variable.reference, &value);
+        let set = set(&mut run.instance, variable, &value);
         set.with_context(|| format!("{} is tunable, but between two steps", quote(variable.name)))?;
     }
     run.advance()?;

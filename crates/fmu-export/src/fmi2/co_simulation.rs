@@ -1,11 +1,12 @@
 //! Functions of co-simulation (FMI 2.0.5, section 4.2).
 
 use super::{
-    fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,
-    fmi2StatusKind, fmi2Terminated, instance::functions, with,
+    calls, fmi2Boolean, fmi2Component, fmi2False, fmi2LastSuccessfulTime, fmi2Real, fmi2Status,
+    fmi2StatusKind, fmi2Terminated, instance::Functions, with,
 };
 use crate::component::{Component, Failure};
-use crate::phase::{self, Call};
+use crate::instance::functions;
+use crate::phase::Call;
 
 /// `fmi2DoStep`
 #[unsafe(no_mangle)]
@@ -17,7 +18,7 @@ pub unsafe extern "C" fn fmi2DoStep(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        match functions(c) {
+        match functions::<Functions>(c) {
             Some(functions) => {
                 (functions.do_step)(c, current_communication_point, communication_step_size)
             }
@@ -65,8 +66,8 @@ pub unsafe extern "C" fn fmi2GetRealStatus(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        answer(&phase::REAL_STATUS, c, value, |component| {
-            (kind == fmi2LastSuccessfulTime).then(|| component.lifecycle.last_point())
+        answer(&calls::REAL_STATUS, c, value, |component| {
+            (kind == fmi2LastSuccessfulTime).then(|| component.lifecycle.now())
         })
     }
 }
@@ -80,7 +81,7 @@ pub unsafe extern "C" fn fmi2GetBooleanStatus(
 ) -> fmi2Status {
     // SAFETY: the caller's promise.
     unsafe {
-        answer(&phase::BOOLEAN_STATUS, c, value, |_| {
+        answer(&calls::BOOLEAN_STATUS, c, value, |_| {
             (kind == fmi2Terminated).then_some(fmi2False)
         })
     }

@@ -1,9 +1,5 @@
-//! Proves at compile time that the C interfaces of `fmu-export` and `fmu-host` match the official
-//! headers, for which the crate `fmi` provides bindings: all 44 functions, the structures, and the
-//! status values.
-#![allow(non_snake_case, reason = "names of the standard")]
+//! The 44 functions of FMI 2.0.
 
-use std::ffi::{c_int, c_uint};
 use std::mem::{align_of, offset_of, size_of};
 
 use fmi::fmi2::binding as headers;
@@ -11,41 +7,12 @@ use fmu_export::fmi2 as ours;
 use fmu_source::fmi2Instantiate;
 use ours::*;
 
-/// One of our types that has the same C ABI as the type `Official` of the headers.
-trait Like<Official> {}
+use crate::*;
 
-impl<T> Like<T> for T {}
 impl Like<headers::fmi2Status> for ours::fmi2Status {}
 impl Like<*mut headers::fmi2Status> for *mut ours::fmi2Status {}
 impl Like<*const headers::fmi2CallbackFunctions> for *const ours::fmi2CallbackFunctions {}
 impl Like<*mut headers::fmi2EventInfo> for *mut ours::fmi2EventInfo {}
-// C enums, which are declared here as integers to accept any value: `fmi2Type` and `fmi2StatusKind`,
-// and in the host `fmi2Status`.
-impl Like<c_uint> for c_int {}
-impl Like<*mut c_uint> for *mut c_int {}
-
-macro_rules! alike {
-    ($($check:ident($($mine:ident $official:ident),*);)*) => {
-        $(
-            const fn $check<$($mine: Like<$official>, $official,)* R: Like<S>, S>(
-                _: unsafe extern "C" fn($($mine),*) -> R,
-                _: Option<unsafe extern "C" fn($($official),*) -> S>,
-            ) {
-            }
-        )*
-    };
-}
-
-alike! {
-    alike0();
-    alike1(A0 B0);
-    alike2(A0 B0, A1 B1);
-    alike3(A0 B0, A1 B1, A2 B2);
-    alike4(A0 B0, A1 B1, A2 B2, A3 B3);
-    alike5(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4);
-    alike6(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5);
-    alike7(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6);
-}
 
 macro_rules! proofs {
     ($($check:ident $function:ident $official:ident;)*) => {

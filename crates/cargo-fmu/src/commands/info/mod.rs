@@ -1,11 +1,15 @@
 //! `cargo fmu info`: the contents of an FMU.
 
+mod fmi3;
+
 use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Error, Result};
 use fmu_build::table;
 use fmu_description::model::item;
+use fmu_description::value::real;
+use fmu_description::xml::Element;
 use fmu_description::{Capability, ModelDescription, xml};
 use fmu_file::archive::{Archive, DOCUMENTATION, ICON, MODEL_DESCRIPTION};
 use fmu_file::platform;
@@ -29,12 +33,22 @@ pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
         )
     };
     let root = xml::parse(&text).map_err(cannot)?;
+    if fmi3::is_of(&root) {
+        header(&root, &archive, out)?;
+        return fmi3::print(&root, archive, out);
+    }
     let model = ModelDescription::read(&root).map_err(cannot)?;
-    header(&model, &archive, out)?;
+    header(&root, &archive, out)?;
     capabilities(&model, out)?;
-    variables(&model, out)?;
-    enumerations(&model, out)?;
-    Ok(())
+    let invalid = model.variables.iter().filter(|v| v.is_none()).count();
+    variables(table::rows(&model), invalid, out)?;
+    let types = root
+        .list("TypeDefinitions", "SimpleType")
+        .filter_map(|defined| {
+            let name = defined.attribute("name").unwrap_or_default();
+            Some((name, defined.child("Enumeration")?))
+        });
+    enumerations(types, out)
 }
 
 fn open(file: &Path) -> Result<(Archive, String)> {
@@ -43,20 +57,22 @@ fn open(file: &Path) -> Result<(Archive, String)> {
     Ok((archive, text))
 }
 
-fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
+fn header(root: &Element<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
+    let experiment = root.child("DefaultExperiment");
+    let number = |name: &str| experiment.and_then(|at| real(at.attribute(name)?));
     let times = [
         ("start", "startTime"),
         ("stop", "stopTime"),
         ("step", "stepSize"),
     ];
-    let tolerance = model.experiment("tolerance");
+    let tolerance = number("tolerance");
     let experiment: Vec<String> = times
         .iter()
-        .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
+        .filter_map(|(name, attribute)| Some(format!("{name} {} s", number(attribute)?)))
         .chain(tolerance.map(|value| format!("tolerance {value:?}")))
         .collect();
     let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
-    let documents: Vec<&str> = [DOCUMENTATION, ICON]
+    let documents: Vec<&str> = [DOCUMENTATION, ICON, fmi3::ICON]
         .into_iter()
         .filter(|file| archive.names.iter().any(|name| name == file))
         .collect();
@@ -64,12 +80,13 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         .filter_map(|name| name.strip_prefix("resources/"))
         .filter(|name| !name.is_empty())
         .collect();
-    let text = |name| model.root.attribute(name).unwrap_or_default().to_owned();
+    let text = |name| root.attribute(name).unwrap_or_default().to_owned();
     let lines = [
         ("model", text("modelName")),
         ("description", text("description")),
         ("FMI version", text("fmiVersion")),
         ("GUID", text("guid")),
+        ("token", text("instantiationToken")),
         ("version", text("version")),
         ("author", text("author")),
         ("copyright", text("copyright")),
@@ -109,13 +126,15 @@ fn capabilities(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()
     Ok(())
 }
 
-fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+/// Prints a table of the variables, without those that are invalid.
+fn variables(
+    rows: impl Iterator<Item = table::Row>,
+    invalid: usize,
+    out: &mut impl Write,
+) -> Result<()> {
     let cells = |row: table::Row| row.map(|cell| plain(&cell, MAX_WIDTH));
     let head = table::HEAD.map(str::to_owned);
-    let rows: Vec<_> = [head]
-        .into_iter()
-        .chain(table::rows(model).map(cells))
-        .collect();
+    let rows: Vec<_> = [head].into_iter().chain(rows.map(cells)).collect();
     let mut widths = [0; table::HEAD.len()];
     for row in &rows {
         for (width, cell) in widths.iter_mut().zip(row) {
@@ -125,7 +144,6 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
     let terminal = terminal_size::terminal_size_of(std::io::stdout());
     let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
-    let invalid = model.variables.iter().filter(|v| v.is_none()).count();
     let left_out = match invalid {
         0 => String::new(),
         _ => format!(", without {invalid} that are invalid"),
@@ -143,21 +161,20 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
-/// The items of each enumeration.
-fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
-    let types = model.root.list("TypeDefinitions", "SimpleType");
-    let mut enumerations = types
-        .filter(|defined| defined.child("Enumeration").is_some())
-        .peekable();
-    if enumerations.peek().is_some() {
+/// The items of each enumeration, given its name and the element with the items.
+fn enumerations<'a>(
+    types: impl Iterator<Item = (&'a str, &'a Element<'a>)>,
+    out: &mut impl Write,
+) -> Result<()> {
+    let mut types = types.peekable();
+    if types.peek().is_some() {
         writeln!(out, "\nenumerations")?;
     }
-    for defined in enumerations {
-        let items: Vec<String> = (defined.list("Enumeration", "Item"))
+    for (name, defined) in types {
+        let items: Vec<String> = (defined.children("Item"))
             .filter_map(item)
             .map(|(name, value)| format!("{name} = {value}"))
             .collect();
-        let name = defined.attribute("name").unwrap_or_default();
         let line = format!("{name}: {}", items.join(", "));
         writeln!(out, "  {}", plain(&line, MAX_ITEMS))?;
     }
