@@ -81,10 +81,10 @@ report: fmus $(VENV)/.test
 bench: fmus native $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
-## fmus: export the FMUs to target/fmu, and that of the example of a sensor to target/examples
+## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and that of the example of a sensor to target/examples
 fmus:
 	cargo build --locked --package cargo-fmu
-	cargo fmu export
+	cargo fmu export --fmi 2.0,3.0
 	cargo fmu export --package sensor --out target/examples
 
 ## native: build the command line as fast as it gets, for benchmarks

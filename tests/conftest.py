@@ -35,7 +35,7 @@ def fmus() -> Path:
     if shutil.which("cargo") is None:
         pytest.fail("`cargo` is not on the PATH: the FMUs cannot be exported", pytrace=False)
     # The default output folder depends on cargo's target folder.
-    command = ["cargo", "fmu", "export", "--out", str(FMUS)]
+    command = ["cargo", "fmu", "export", "--fmi", "2.0,3.0", "--out", str(FMUS)]
     export = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if export.returncode:
         pytest.fail(f"`cargo fmu export` failed:\n{export.stdout}{export.stderr}", pytrace=False)

@@ -113,14 +113,14 @@ GUID = "{relay <&> 'single' \"double\"}"
 """As in relay.c."""
 
 
-def compiled(folder: Path, *definitions: str) -> bytes:
-    """Return the binary of tests/c/relay.c."""
+def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
+    """Return the binary of a source in tests/c."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
-    library = folder / "Relay.so"
+    library = folder / "library.so"
     subprocess.run(
         [compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Wextra",
          *(f"-D{name}" for name in definitions),
-         "-o", library, ROOT / "tests" / "c" / "relay.c"],
+         "-o", library, ROOT / "tests" / "c" / source],
         check=True,
     )  # fmt: skip
     return library.read_bytes()

@@ -46,7 +46,8 @@ def library(fmus: Path, model: str, folder: Path) -> Path:
 
 
 def test_all_models_are_exported(fmus: Path) -> None:
-    assert sorted(file.stem for file in fmus.glob("*.fmu")) == MODELS
+    files = {f"{model}{version}.fmu" for model in MODELS for version in ("", "_fmi3")}
+    assert {file.name for file in fmus.glob("*.fmu")} == files
 
 
 def test_models_and_folder_can_be_selected(fmus: Path, tmp_path: Path) -> None:
@@ -57,10 +58,11 @@ def test_models_and_folder_can_be_selected(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_the_same_input_gives_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
-    assert cargo_fmu("export", "--out", tmp_path).returncode == 0
-    for model in MODELS:
-        first, again = fmus / f"{model}.fmu", tmp_path / f"{model}.fmu"
-        assert first.read_bytes() == again.read_bytes(), model
+    for version in ("2.0", "3.0"):
+        assert cargo_fmu("export", "--fmi", version, "--out", tmp_path).returncode == 0
+    assert len(list(tmp_path.iterdir())) == 2 * len(MODELS)
+    for again in tmp_path.iterdir():
+        assert (fmus / again.name).read_bytes() == again.read_bytes(), again.name
 
 
 def test_time_stamps_are_fixed(fmus: Path) -> None:

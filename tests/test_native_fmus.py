@@ -100,7 +100,7 @@ def test_a_connection_can_convert_the_unit(relay, tmp_path):
     assert "the units differ; give the connection a factor" in refusal(tmp_path, "simulate", system)
     connection = {"from": "a.count", "to": "b.n", "factor": 2.0}
     system = write_system(tmp_path, {"a": {}, "b": {}}, [connection])
-    assert "with a factor: both must be Real" in refusal(tmp_path, "simulate", system)
+    assert "with a factor: both must be real numbers" in refusal(tmp_path, "simulate", system)
 
 
 def test_algebraic_loops_can_be_allowed(relay, tmp_path):

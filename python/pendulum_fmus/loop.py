@@ -65,6 +65,8 @@ class Loop:
         Order of stepping: "sequential" or "parallel".
     steps
         Number of communication points, 1 ms apart, that `execute` records.
+    fmi3
+        The components whose FMU is that of FMI 3.0, ("plant",), or ("all",).
     """
 
     controller: str
@@ -78,6 +80,7 @@ class Loop:
     overrides: tuple[tuple[str, Any], ...] = ()
     order: str = "sequential"
     steps: int = STEPS
+    fmi3: tuple[str, ...] = ()
 
     def models(self) -> dict[str, str]:
         """Return the FMU of each component, in the order of sequential stepping."""
@@ -124,22 +127,41 @@ class Loop:
             connections.append(("supervisor.u", "controller.u_supervisor"))
         return connections
 
-    def system(self, fmus: str | os.PathLike = FMUS) -> System:
-        """Instantiate the FMUs of a folder; if one fails, the earlier ones are freed."""
-        models, starts = self.models(), self.starts()
+    def files(self) -> dict[str, str]:
+        """Return the name of the FMU file of each component."""
+        models = self.models()
+        if unknown := set(self.fmi3) - {"all", *models}:
+            known = ", ".join(models)
+            raise MasterError(f"there is no component {unknown.pop()!r}, only {known} and all")
+        new = models if "all" in self.fmi3 else self.fmi3
+        return {name: f"{model}{'_fmi3' * (name in new)}.fmu" for name, model in models.items()}
+
+    def system(
+        self,
+        fmus: str | os.PathLike = FMUS,
+        kind: type[Component] = Component,
+        without: str | None = None,
+    ) -> System:
+        """Instantiate the FMUs of a folder, except that of one component.
+
+        If one fails, the earlier ones are freed.
+        """
+        files, starts = self.files(), self.starts()
+        models = {name: model for name, model in self.models().items() if name != without}
         with ExitStack() as stack:
             components = [
                 stack.enter_context(
-                    Component(
+                    kind(
                         name,
-                        Path(fmus) / f"{model}.fmu",
+                        Path(fmus) / files[name],
                         starts[name],
                         sampled=model in PREVIOUS_SAMPLE_TERMS,
                     )
                 )
                 for name, model in models.items()
             ]
-            system = System(components, self.connections())
+            connections = [pair for pair in self.connections() if pair[0].split(".")[0] in models]
+            system = System(components, connections)
             stack.pop_all()
         return system
 

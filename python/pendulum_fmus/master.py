@@ -1,4 +1,4 @@
-"""Couple FMI 2.0 co-simulation FMUs from any vendor with FMPy, at a fixed communication step.
+"""Couple co-simulation FMUs from any vendor with FMPy, at a fixed communication step.
 
     with System(
         [
@@ -15,6 +15,9 @@ There are two orders of stepping. At every communication point t,
   outputs and steps. With the controller first, the plant receives u(t) at t, without delay;
 - parallel (Jacobi): all outputs are read, all inputs are set, then all components step.
   The plant receives u(t) one step later. Most tools use this order.
+
+FMUs of FMI 2.0 and 3.0 can be coupled. Elements of the arrays of FMI 3.0 have names like those of
+the scalar variables of FMI 2.0: `rbf.w[2]`.
 """
 
 import difflib
@@ -23,25 +26,19 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from ctypes import byref, c_double, c_int, c_uint
+from copy import copy
+from ctypes import byref, c_double, c_uint
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import fmpy
 import numpy as np
-from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Slave,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
-from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelVariable
 from tqdm import tqdm
+
+from . import fmi
 
 CHUNK = 500
 """Steps between two updates of the progress bar: looks smooth at negligible cost."""
@@ -52,30 +49,6 @@ MAX_STEPS = 10**7
 
 class MasterError(Exception):
     """An error that the user can correct; the message says what is wrong and where."""
-
-
-# --- log messages -------------------------------------------------------------------------------
-
-_messages: dict[str, str] = {}
-
-
-def _log(_environment, instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
-    """Keep the newest message of every instance, which explains the status of a failed call."""
-    _messages[instance.decode()] = message.decode(errors="replace")
-
-
-def _callbacks() -> fmi2CallbackFunctions:
-    """Return the callbacks for FMUs: our logger and the C library's memory functions."""
-    callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(_log)
-    callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-    addLoggerProxy(byref(callbacks))
-    return callbacks
-
-
-# Shared by all instances: FMPy's proxy, which formats variadic messages, supports only one logger.
-_CALLBACKS = _callbacks()
 
 
 # --- components ---------------------------------------------------------------------------------
@@ -98,6 +71,8 @@ class Component:
         at t. False for a plant or a source: they are the values at t+h.
     """
 
+    KIND = "coSimulation"
+
     def __init__(
         self,
         name: str,
@@ -113,31 +88,78 @@ class Component:
         self._running = False
         with ExitStack() as stack:
             self.description = _read_description(self.path)
+            self.fmi = self._load(stack)
+            self.slave = self.fmi.fmu
+            self.places: dict[str, tuple[int, int]] = {}
             self.variables = {v.name: v for v in self.description.modelVariables}
-            self.slave = self._load(stack)
-            self._set_start_values(start or {})
+            start = dict(start or {})
+            self._set_structure(start)
+            self.variables = self._scalars()
+            for element in self.places.keys() & start.keys():
+                self.variables[element].start = start[element]  # arrays are set as a whole
+            for variable, value in start.items():
+                self.set(variable, value)
             self._resources = stack.pop_all()
 
-    def _load(self, stack: ExitStack) -> FMU2Slave:
+    def _load(self, stack: ExitStack) -> fmi.Fmi2:
         """Unzip and instantiate; closing `stack` undoes it."""
-        if self.description.coSimulation is None:
-            raise MasterError(f"{self.path} is not a co-simulation FMU")
+        version = self.description.fmiVersion
+        if version not in fmi.VERSIONS:
+            raise MasterError(f"{self.path} is of FMI {version}; FMI 2.0 or 3.0 is expected")
+        if getattr(self.description, self.KIND) is None:
+            what = {"coSimulation": "co-simulation", "modelExchange": "model-exchange"}[self.KIND]
+            raise MasterError(f"{self.path} is not a {what} FMU")
         folder = stack.enter_context(TemporaryDirectory(prefix="fmu-"))
         try:
             fmpy.extract(self.path, folder)
-            slave = FMU2Slave(
-                guid=self.description.guid,
-                unzipDirectory=folder,
-                modelIdentifier=self.description.coSimulation.modelIdentifier,
-                instanceName=self.name,
-            )
-            stack.callback(slave.freeLibrary)
-            slave.instantiate(callbacks=_CALLBACKS, loggingOn=True)
+            instance = fmi.VERSIONS[version](self.description, folder, self.name, self.KIND)
+            stack.callback(instance.fmu.freeLibrary)
+            instance.instantiate()
         except Exception as error:
-            reason = _messages.pop(self.name, None) or error
+            reason = fmi.messages.pop(self.name, None) or error
             raise MasterError(f"{self.path} cannot be instantiated: {reason}") from error
-        stack.callback(slave.fmi2FreeInstance, slave.component)
-        return slave
+        stack.callback(instance.free)
+        return instance
+
+    def _set_structure(self, start: dict[str, Any]) -> None:
+        """Set the structural parameters among the start values, and take them out."""
+        names = [
+            name
+            for name in start
+            if name in self.variables and self.variables[name].causality == "structuralParameter"
+        ]
+        if not names:
+            return
+        with self.explained("configuration"):
+            self.slave.enterConfigurationMode()
+        for name in names:
+            variable, value = self.variables[name], start.pop(name)
+            number = _number(f"{self.name}.{name}", variable, value)
+            with self.explained(f"{name} = {value}"):
+                self.fmi.set(variable.type, variable.valueReference, [number])
+            variable.start = str(number)  # the sizes of arrays follow
+        with self.explained("configuration"):
+            self.slave.exitConfigurationMode()
+
+    def _scalars(self) -> dict[str, ModelVariable]:
+        """Return scalar variables and elements of arrays by name."""
+        scalars = {}
+        for variable in self.description.modelVariables:
+            if not variable.dimensions:
+                scalars[variable.name] = variable
+                continue
+            shape = [int(d.start or d.variable.start) for d in variable.dimensions]
+            size = math.prod(shape)
+            starts = (variable.start or "").split()
+            if len(starts) == 1:
+                starts *= size
+            for index, position in enumerate(np.ndindex(*shape)):
+                element = copy(variable)
+                element.name = f"{variable.name}[{','.join(str(i + 1) for i in position)}]"
+                element.start = starts[index] if index < len(starts) else None
+                scalars[element.name] = element
+                self.places[element.name] = (index, size)
+        return scalars
 
     def variable(self, name: str) -> ModelVariable:
         """Look up a variable; the error for an unknown name suggests similar ones."""
@@ -155,7 +177,9 @@ class Component:
     def outputs(self) -> list[str]:
         """Return the names of the Real outputs, in the order of the model description."""
         return [
-            v.name for v in self.variables.values() if v.causality == "output" and v.type == "Real"
+            v.name
+            for v in self.variables.values()
+            if v.causality == "output" and v.type == self.fmi.REAL
         ]
 
     def set(self, name: str, value: Any) -> None:
@@ -166,45 +190,45 @@ class Component:
             raise MasterError(
                 f"{self.name}.{name} has causality {kind}: only inputs and parameters can be set"
             )
-        setter, c_type = self._setter(variable)
         number = _number(f"{self.name}.{name}", variable, value)
-        reference, buffer = (c_uint * 1)(variable.valueReference), (c_type * 1)(number)
         with self.explained(f"{name} = {value}"):
-            setter(self.slave.component, reference, 1, buffer)
+            self.fmi.set(variable.type, variable.valueReference, self._array(variable, number))
+
+    def _array(self, changed: ModelVariable, number: float) -> list[float]:
+        """Return the numbers of a variable, all elements if it is one of an array."""
+        if changed.name not in self.places:
+            return [number]
+        changed.start = str(number)  # kept for when another element is set
+        elements = [
+            v
+            for name, v in self.variables.items()
+            if name in self.places and v.valueReference == changed.valueReference
+        ]
+        for element in elements:
+            if element.start is None:
+                raise MasterError(
+                    f"{self.name}.{element.name} needs a value, too: an array is set as a whole"
+                )
+        return [_number(f"{self.name}.{v.name}", v, v.start) for v in elements]
 
     def get(self, name: str) -> float:
         """Return the value of a Real variable."""
         reals = Reals(self, [name])
         reals.get()
-        return reals.values[0]
-
-    def _setter(self, variable: ModelVariable):
-        """Return the FMI function that sets a variable of this type, and its C type."""
-        return {
-            "Real": (self.slave.fmi2SetReal, c_double),
-            "Integer": (self.slave.fmi2SetInteger, c_int),
-            "Enumeration": (self.slave.fmi2SetInteger, c_int),
-            "Boolean": (self.slave.fmi2SetBoolean, c_int),
-        }[variable.type]
-
-    def _set_start_values(self, start: Mapping[str, Any]) -> None:
-        for name, value in start.items():
-            self.set(name, value)
+        return reals.values[reals.positions[0]]
 
     def initialize(self, time: float) -> None:
         """Go through the initialization mode at `time` [s]."""
         self.time = time
         with self.explained("initialization"):
-            self.slave.setupExperiment(startTime=time)
-            self.slave.enterInitializationMode()
-            self.slave.exitInitializationMode()
+            self.fmi.initialize(time)
         self._running = True
 
     def step(self, time: float, step: float) -> None:
         """Step from `time` to `time + step` [s]."""
         self.time = time
         try:
-            self.slave.fmi2DoStep(self.slave.component, time, step, True)
+            self.fmi.step(time, step)
         except FMICallException as error:
             raise self.failure(error, f"step of {step!r} s") from None
 
@@ -220,7 +244,7 @@ class Component:
         """Describe a failed call: FMU, function, variables, time, and the FMU's log message."""
         self._running = False
         when = "" if math.isnan(self.time) else f" at t = {self.time!r} s"
-        logged = _messages.pop(self.name, "the FMU logged no reason")
+        logged = fmi.messages.pop(self.name, "the FMU logged no reason")
         return MasterError(
             f"{self.name} ({self.path.name}), {what}{when}:"
             f" {error.function} returned status {error.status}: {logged}"
@@ -250,44 +274,71 @@ class Reals:
         The instance that the variables belong to.
     names
         Their names, without that of the component.
+    source
+        Variables whose values these get, if these are inputs.
+
+    Attributes
+    ----------
     values
-        The buffer, `len(names)` doubles; passed in if two `Reals` share one.
+        The buffer: the values of variables, and of all elements of the arrays with one of `names`.
+    positions
+        The places of the variables `names` in the buffer.
+    size
+        The number of values in the buffer.
     """
 
-    def __init__(self, component: Component, names: Sequence[str], values=None):
+    def __init__(self, component: Component, names: Sequence[str], source: "Reals | None" = None):
         variables = [component.variable(name) for name in names]
         for variable in variables:
-            if variable.type != "Real":
-                raise MasterError(f"{component.name}.{variable.name} is not a Real")
+            if variable.type != component.fmi.REAL:
+                raise MasterError(f"{component.name}.{variable.name} is not a {component.fmi.REAL}")
         self.component = component
         self.names = list(names)
-        self.count = len(variables)
-        self.references = (c_uint * self.count)(*[v.valueReference for v in variables])
-        self.values = values or (c_double * self.count)()
+        self.positions, references = [], {}
+        self.size = 0
+        for variable in variables:
+            index, size = component.places.get(variable.name, (0, 1))
+            if variable.valueReference not in references:
+                references[variable.valueReference] = self.size
+                self.size += size
+            self.positions.append(references[variable.valueReference] + index)
+        self.count = len(references)
+        self.references = (c_uint * self.count)(*references)
+        self._copies = []
+        if source and self.positions == source.positions and self.size == source.size:
+            self.values = source.values
+        else:
+            self.values = (c_double * self.size)()
+            if source:
+                self._source = source.values
+                self._copies = list(zip(self.positions, source.positions, strict=True))
 
     def get(self, into=None) -> None:
         """Read the values into the buffer, or to the C pointer `into`."""
-        slave = self.component.slave
+        values = into or self.values
         try:
-            slave.fmi2GetReal(slave.component, self.references, self.count, into or self.values)
+            self.component.fmi.get_reals(self.references, self.count, values, self.size)
         except FMICallException as error:
             raise self.component.failure(error, ", ".join(self.names)) from None
 
     def set(self) -> None:
-        """Write the values in the buffer to the FMU."""
-        slave = self.component.slave
+        """Write the values in the buffer, or those of the source, to the FMU."""
+        for to, of in self._copies:
+            self.values[to] = self._source[of]
         try:
-            slave.fmi2SetReal(slave.component, self.references, self.count, self.values)
+            self.component.fmi.set_reals(self.references, self.count, self.values, self.size)
         except FMICallException as error:
-            values = zip(self.names, self.values, strict=True)
-            what = ", ".join(f"{name} = {value!r}" for name, value in values)
+            values = [self.values[position] for position in self.positions]
+            pairs = zip(self.names, values, strict=True)
+            what = ", ".join(f"{name} = {value!r}" for name, value in pairs)
             raise self.component.failure(error, what) from None
 
 
 def _read_description(path: Path) -> fmpy.model_description.ModelDescription:
     """Read the model description of an FMU file."""
     if not path.is_file():
-        raise MasterError(f"{path} does not exist; run `cargo fmu export` first")
+        option = " --fmi 3.0" * path.stem.endswith("_fmi3")
+        raise MasterError(f"{path} does not exist; run `cargo fmu export{option}` first")
     try:
         return fmpy.read_model_description(path)
     except (OSError, KeyError, zipfile.BadZipFile) as error:
@@ -300,17 +351,27 @@ def _number(name: str, variable: ModelVariable, value: Any) -> float | int:
     """Convert a start value to the number that FMI expects for the type of the variable."""
     try:
         match variable.type:
-            case "Real":
+            case "Real" | "Float64" | "Float32":
                 return float(value)
-            case "Integer":
-                return int(value)
             case "Enumeration":
                 return _item(variable, value)
             case "Boolean":
                 return {"true": 1, "1": 1, "false": 0, "0": 0}[str(value).lower()]
+            case kind if "Int" in kind:
+                return _whole(kind, value)
     except (ValueError, KeyError, TypeError):
         pass
     raise MasterError(f"{name} cannot be set to {value!r}: {_expectation(variable)} is expected")
+
+
+def _whole(kind: str, value: Any) -> int:
+    """Convert to a whole number of the type "Integer", "UInt8" and so on."""
+    number = int(value)
+    bits = int(kind.partition("Int")[2].replace("eger", "32"))
+    lowest = 0 if kind.startswith("U") else -(2 ** (bits - 1))
+    if not lowest <= number < lowest + 2**bits or (not isinstance(value, str) and number != value):
+        raise ValueError(value)
+    return number
 
 
 def _item(variable: ModelVariable, value: Any) -> int:
@@ -328,9 +389,12 @@ def _expectation(variable: ModelVariable) -> str:
     """Describe the values that a variable accepts."""
     if variable.type == "Enumeration":
         return "one of " + ", ".join(item.name for item in variable.declaredType.items)
-    return {"Real": "a number", "Integer": "a whole number", "Boolean": "true or false"}.get(
-        variable.type, f"nothing (type {variable.type})"
-    )
+    kind = variable.type
+    if kind == "Boolean":
+        return "true or false"
+    if kind in ("Real", "Float64", "Float32"):
+        return "a number"
+    return f"a whole number of type {kind}" if "Int" in kind else f"nothing (type {kind})"
 
 
 # --- systems ------------------------------------------------------------------------------------
@@ -386,7 +450,7 @@ class System:
         for (source, fed), pairs in bundles.items():
             outputs, inputs = zip(*pairs, strict=True)
             read = Reals(self.components[source], outputs)
-            links[fed].append((read, Reals(self.components[fed], inputs, read.values)))
+            links[fed].append((read, Reals(self.components[fed], inputs, read)))
         return links
 
     def unit(self, name: str) -> str:
@@ -443,8 +507,8 @@ class Recorder:
             by_component.setdefault(component.name, []).append(variable)
         self.blocks = []
         for name, variables in by_component.items():
-            block = np.empty((steps, len(variables)))
-            self.blocks.append((Reals(system.components[name], variables), block))
+            reals = Reals(system.components[name], variables)
+            self.blocks.append((reals, np.empty((steps, reals.size))))
 
     def rows(self, *, sampled: bool) -> list[tuple[Reals, c_double, int]]:
         """Return (variables, first value, bytes per row) of the sampled or the other components."""
@@ -457,9 +521,9 @@ class Recorder:
     def results(self) -> dict[str, np.ndarray]:
         """Return the recorded columns by full name, each of shape (steps,)."""
         columns = {
-            f"{reals.component.name}.{name}": np.ascontiguousarray(column)
+            f"{reals.component.name}.{name}": np.ascontiguousarray(block[:, position])
             for reals, block in self.blocks
-            for name, column in zip(reals.names, block.T, strict=True)
+            for name, position in zip(reals.names, reals.positions, strict=True)
         }
         return {name: columns[name] for name in self.names}
 

@@ -54,6 +54,8 @@ examples:
       row 3: IPID-RBF with a PID-RBF loop as supervisor
   python tests/master.py --order parallel --step 0.00025 --plant-model nonlinear
       parallel order as in most tools, four steps per sample, nonlinear pendulum
+  python tests/master.py --fmi3 plant --controller PidRbf
+      the plant is an FMU of FMI 3.0, the others are of FMI 2.0
   python tests/master.py --set controller.rbf.eta=0.5 --set plant.M=2
       other parameters; `cargo fmu info FILE` lists the parameters of an FMU
 
@@ -144,6 +146,13 @@ def parser() -> argparse.ArgumentParser:
         help="initial weights of the supervisor's network [N]",
     )
     add(
+        "--fmi3",
+        nargs="*",
+        metavar="COMPONENT",
+        help="take the FMI 3.0 FMUs of these components, or of all if none is named; FMUs of both"
+        " versions can be coupled",
+    )
+    add(
         "--set",
         dest="overrides",
         action="append",
@@ -172,6 +181,7 @@ def loop_of(options: argparse.Namespace) -> Loop:
         values["previous_sample_terms"] = None if options.order == "sequential" else False
     else:
         values["previous_sample_terms"] = late == "on"
+    values["fmi3"] = () if options.fmi3 is None else tuple(options.fmi3) or ("all",)
     return Loop(**values)
 
 
