@@ -53,7 +53,8 @@ check: lint fmus
 	$(RUN) -m pendulum_fmus.table1
 
 ## test: run `make check` and all Python tests
-test: check portable
+test: check $(VENV)/.portable
+	$(WITH_ZIG) cargo fmu export Pid --portable --out target/portable
 	$(RUN) -m pytest --numprocesses auto --dist loadfile --ignore tests/test_distributed.py
 	$(RUN) -m pytest tests/test_distributed.py # by itself: clusters share ports and have deadlines
 

@@ -18,7 +18,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-import pages
 import reference
 from pendulum_fmus.master import Component, MasterError, Reals
 
@@ -100,20 +99,6 @@ def test_the_library_is_unloaded_after_use(fmus):
             component.step(0.0, H)
             assert is_mapped()
         assert not is_mapped()
-
-
-def test_a_panic_only_affects_its_instance_and_writes_nothing(tmp_path, capfd):
-    fmu = pages.export_panicking(tmp_path)
-    capfd.readouterr()
-    with Component("bad", fmu, {"u": -1.0}) as bad, Component("good", fmu) as good:
-        bad.initialize(0.0)
-        good.initialize(0.0)
-        with pytest.raises(MasterError, match=r"status 4: .*panicked and is dead: u is -1\.0"):
-            bad.step(0.0, H)
-        with pytest.raises(MasterError, match="status 4"), bad.explained("reset"):
-            bad.slave.reset()
-        good.step(0.0, H)
-    assert capfd.readouterr() == ("", "")
 
 
 # --- model-specific behaviour -------------------------------------------------------------------

@@ -219,6 +219,22 @@ fn with_unknown(
     Ok(accepted)
 }
 
+/// Value references of the states of model exchange, which some hosts, such as CasADi, set one by one.
+fn states(subject: &Subject<'_>) -> Vec<u32> {
+    if subject.kind != Kind::ModelExchange {
+        return Vec::new();
+    }
+    let model = subject.model;
+    let state = |v: &ScalarVariable<'_>| {
+        let of: u32 = v.value.attribute("derivative")?.parse().ok()?;
+        match model.version {
+            FmiVersion::Fmi2 => Some(model.variable(of as usize)?.reference),
+            FmiVersion::Fmi3 => Some(of),
+        }
+    };
+    model.variables().filter_map(|(_, v)| state(v)).collect()
+}
+
 /// Sets what the XML does not allow to set.
 pub fn settable(subject: &Subject<'_>) -> Result<()> {
     let mut accepted = Vec::new();
@@ -240,9 +256,11 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
         }
         Ok(())
     };
+    let states = states(subject);
     let first = |causality, variability| {
         subject
             .variables(causality)
+            .filter(|v| !states.contains(&v.reference))
             .find(|v| v.variability == variability && is_real(v))
     };
     if let Some(v) = first(Causality::Output, Variability::Continuous) {
