@@ -129,6 +129,7 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
     pub(crate) const ROWS: &'static [Row; N] = &table::scalars(M::ROWS);
     const PLACES: &'static [Place; N] = &Self::places();
+    const SCALARS: &'static [Place; N] = &Self::scalars();
     const ARRAYS: &'static [Array; N] = &Self::arrays();
     /// Whether the host may set the time derivative of any input.
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::has_derivatives().0;
@@ -183,6 +184,20 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
                 elements = row.elements(Self::ROWS);
             }
             if row.element < elements {
+                places[reference] = Place::of(row);
+            }
+            reference += 1;
+        }
+        places
+    }
+
+    /// The places of the variables that are not arrays.
+    const fn scalars() -> [Place; N] {
+        let mut places = [Place::EMPTY; N];
+        let mut reference = 0;
+        while reference < N {
+            let row = &Self::ROWS[reference];
+            if row.variable.count() == 1 && row.size(Self::ROWS).is_none() {
                 places[reference] = Place::of(row);
             }
             reference += 1;
@@ -347,66 +362,95 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
     /// Reads Reals. Returns false and writes nothing to `values` if a reference is not that of a Real.
     #[inline(always)]
     pub(crate) fn get_reals(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        let is_real = |&reference: &u32| {
-            Self::PLACES
-                .get(reference as usize)
-                .is_some_and(|place| place.offset != Place::NONE)
-        };
-        // All references are checked before the first value is written.
-        if self.is_smaller() || !references.iter().all(is_real) {
-            return false;
-        }
-        for (&reference, value) in references.iter().zip(values) {
-            // SAFETY: the reference is that of a Real, by the check.
-            *value = unsafe { *self.real(reference) };
-        }
-        true
+        !self.is_smaller() && self.get_each(Self::PLACES, references, values)
     }
 
     /// Writes Reals that may be set between steps. Returns false and writes nothing if a variable or
     /// value is not allowed.
     #[inline(always)]
     pub(crate) fn set_reals(&mut self, references: &[u32], values: &[f64]) -> bool {
+        !self.is_smaller() && self.set_each(Self::PLACES, references, values)
+    }
+
+    /// Reads one Real per reference.
+    #[inline(always)]
+    fn get_each(
+        &mut self,
+        places: &'static [Place; N],
+        references: &[u32],
+        values: &mut [f64],
+    ) -> bool {
+        let is_real = |&reference: &u32| {
+            (places.get(reference as usize)).is_some_and(|place| place.offset != Place::NONE)
+        };
+        // All references are checked before the first value is written.
+        if !references.iter().all(is_real) {
+            return false;
+        }
+        for (&reference, value) in references.iter().zip(values) {
+            // SAFETY: the reference is that of a Real, by the check.
+            *value = unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) };
+        }
+        true
+    }
+
+    /// Writes one Real per reference.
+    #[inline(always)]
+    fn set_each(
+        &mut self,
+        places: &'static [Place; N],
+        references: &[u32],
+        values: &[f64],
+    ) -> bool {
         // The range is empty unless the variable is a Real that may be set.
         let is_allowed = |(&reference, value): (&u32, &f64)| {
-            Self::PLACES
-                .get(reference as usize)
+            (places.get(reference as usize))
                 .is_some_and(|place| place.min <= *value && *value <= place.max)
         };
         let all = references.iter().zip(values);
-        if self.is_smaller() || !all.clone().all(is_allowed) {
+        if !all.clone().all(is_allowed) {
             return false;
         }
         for (&reference, &value) in all {
             // SAFETY: the reference is that of a Real, by the check.
-            unsafe { *self.real(reference) = value };
+            unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) = value };
         }
         true
     }
 
     /// As [`get_reals`](Self::get_reals) for FMI 3.0, where a reference is that of a variable with all its
-    /// elements.
+    /// elements. Some values may have been written if it returns false: they are undefined after an
+    /// error, and a loop that checks all references before would take 5 ns.
     #[inline(always)]
     pub(crate) fn get_arrays(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        let count = self.count_elements(references, |array| array.offset != Place::NONE);
-        if count != Some(values.len()) {
-            return false;
+        if references.len() == values.len() && self.get_each(Self::SCALARS, references, values) {
+            return true;
         }
-        let mut at = 0;
+        let mut rest = values;
         for &reference in references {
+            let Some(array) = Self::ARRAYS.get(reference as usize) else {
+                return false;
+            };
+            if array.offset == Place::NONE {
+                return false;
+            }
             // SAFETY: the reference is that of Reals, by the check.
             let array = unsafe { self.reals(reference) };
-            // SAFETY: the lengths of all arrays add up to that of the values, by the check.
-            let values = unsafe { values.get_unchecked_mut(at..at + array.len()) };
+            let Some((values, others)) = rest.split_at_mut_checked(array.len()) else {
+                return false;
+            };
             copy(array, values);
-            at += values.len();
+            rest = others;
         }
-        true
+        rest.is_empty()
     }
 
     /// As [`set_reals`](Self::set_reals) for FMI 3.0.
     #[inline(always)]
     pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
+        if references.len() == values.len() && self.set_each(Self::SCALARS, references, values) {
+            return true;
+        }
         let mut rest = values;
         for &reference in references {
             let Some(array) = Self::ARRAYS.get(reference as usize) else {
@@ -438,24 +482,6 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         true
     }
 
-    /// The number of elements of some variables; `None` if one is not as required.
-    #[inline(always)]
-    fn count_elements(
-        &self,
-        references: &[u32],
-        is_allowed: impl Fn(&Array) -> bool,
-    ) -> Option<usize> {
-        let mut count = 0;
-        for &reference in references {
-            let array = Self::ARRAYS.get(reference as usize)?;
-            if !is_allowed(array) {
-                return None;
-            }
-            count += self.length(array);
-        }
-        Some(count)
-    }
-
     /// The number of elements in use.
     #[inline(always)]
     fn length(&self, array: &Array) -> usize {
@@ -479,19 +505,6 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
             let array = Self::ARRAYS.get_unchecked(reference as usize);
             let length = self.length(array);
             std::slice::from_raw_parts_mut(self.real_at(array.offset), length)
-        }
-    }
-
-    /// The Real with the given reference.
-    ///
-    /// # Safety
-    /// The reference is that of a Real in `PLACES`.
-    #[inline(always)]
-    unsafe fn real(&mut self, reference: u32) -> &mut f64 {
-        // SAFETY: the caller's promise.
-        unsafe {
-            let place = Self::PLACES.get_unchecked(reference as usize);
-            self.real_at(place.offset)
         }
     }
 
@@ -535,20 +548,22 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
 /// take longer.
 #[inline(always)]
 fn copy(from: &[f64], to: &mut [f64]) {
-    if let ([from], [to]) = (from, &mut *to) {
-        *to = *from;
-        return;
+    match (from, to) {
+        ([from], [to]) => *to = *from,
+        (from, to) if (2..=4).contains(&from.len()) => copy_ends::<2>(from, to),
+        (from, to) if (5..=8).contains(&from.len()) => copy_ends::<4>(from, to),
+        (from, to) => to.copy_from_slice(from),
     }
-    let (from_blocks, from) = from.as_chunks::<4>();
-    let (to_blocks, to) = to.as_chunks_mut::<4>();
-    for (to, from) in to_blocks.iter_mut().zip(from_blocks) {
+}
+
+/// Copies the first and the last `K` numbers, which may overlap.
+#[inline(always)]
+fn copy_ends<const K: usize>(from: &[f64], to: &mut [f64]) {
+    if let (Some(from), Some(to)) = (from.first_chunk::<K>(), to.first_chunk_mut()) {
         *to = *from;
     }
-    // Not a loop over both, which would become `memcpy` again.
-    for i in 0..3 {
-        if let (Some(to), Some(from)) = (to.get_mut(i), from.get(i)) {
-            *to = *from;
-        }
+    if let (Some(from), Some(to)) = (from.last_chunk::<K>(), to.last_chunk_mut()) {
+        *to = *from;
     }
 }
 

@@ -102,7 +102,6 @@ fn arrays_are_accessed_with_all_their_elements_in_row_major_order() {
             let values = &mut [9.0; 4][..n];
             instance.refuses(&words, |f| f.set_f64(&[Every::VECTOR], values));
             instance.refuses(&words, |f| f.get_f64(&[Every::VECTOR], values));
-            assert_eq!(values, &[9.0; 4][..n]);
         }
         // Elements have no references of their own.
         for inner in [1, 2, 16, 18, 28, u32::MAX] {
@@ -269,10 +268,11 @@ fn compare(references: &[u32], values: &[f64], n_read: usize) {
         slow.set_f64(references, values)
     );
     let (mut fast, mut expected) = (vec![-7.0; n_read], vec![-7.0; n_read]);
-    assert_eq!(
-        stepping.get_f64(references, &mut fast),
-        slow.get_f64(references, &mut expected)
-    );
+    let status = stepping.get_f64(references, &mut fast);
+    assert_eq!(status, slow.get_f64(references, &mut expected));
+    if status != fmi3OK {
+        return; // values are undefined after an error
+    }
     let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|v| v.to_bits()).collect() };
     assert_eq!(bits(&fast), bits(&expected));
 }
