@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from subjects import BENCH, PAIR, REFERENCE, Host, by_name, standing
+from subjects import BENCH, PAIR, REFERENCE, Host, by_name, in_fmi3, standing
 
 Counts = dict[str, float]
 
@@ -27,6 +27,7 @@ def counts(host: Host, program: Path, fewer: int, more: int) -> dict[str, Counts
     cases = {"bare PID in C, move": REFERENCE}
     cases |= {f"{name}, move": by_name(name) for name in ("Pid", "PidRbf", "IpidRbf")}
     cases |= {"PidRbf, stand": standing(by_name("PidRbf")), "Pendulum": by_name("Pendulum, linear")}
+    cases |= {f"{name}, FMI 3.0, move": in_fmi3(by_name(name)) for name in ("Pid", "PidRbf")}
 
     def per_step(command: Callable[[int], Sequence[str | Path]]) -> Counts:
         less, all_ = (counted(command(count)) for count in (fewer, more))

@@ -1,4 +1,4 @@
-/* Measures the run time and memory of FMI 2.0 co-simulation binaries, from any vendor.
+/* Measures the run time and memory of co-simulation binaries of FMI 2.0 and 3.0, from any vendor.
  *
  * usage: cycle MODE COUNT REPEATS FMU [-- FMU]...
  *
@@ -6,26 +6,28 @@
  *
  *     name=TEXT         its name in the output
  *     binary=FILE       its binary, for dlopen
- *     guid=TEXT         its GUID, as in its modelDescription.xml
- *     resources=URI     its resource location; default: empty
+ *     fmi=VERSION       2, the default, or 3
+ *     guid=TEXT         its GUID or instantiation token, as in its modelDescription.xml
+ *     resources=TEXT    its resources: a URI in FMI 2.0, a path in FMI 3.0; default: none
  *     in=REF            a real input that a cycle sets to another value each time
  *     in=REF:VALUE      a real input that a cycle sets to the same value each time
  *     in=REF:NAME.I     mode loop: a real input that receives output I, from 0, of the FMU NAME
  *     out=REF           a real output that a cycle reads
+ *     out=REF:COUNT     FMI 3.0: an output that is an array of COUNT elements
  *     real=REF:VALUE    a real parameter or start value, set before the initialization
- *     integer=REF:VALUE an Integer or Enumeration parameter, likewise
+ *     integer=REF:VALUE an Integer, Int64 or Enumeration parameter, likewise
  *     boolean=REF:VALUE a Boolean parameter, likewise
  *
  * MODE is one of
  *
- *     cycle   COUNT cycles of one instance: fmi2SetReal of all inputs in one call, fmi2DoStep by
- *             1 ms, fmi2GetReal of all outputs in one call
+ *     cycle   COUNT cycles of one instance: set all inputs in one call, step by 1 ms, get all
+ *             outputs in one call
  *     many    the same cycles, distributed over 1, 10, 100, 1000, 10000 instances in turn
  *     threads COUNT cycles in each of 1, 2, ... threads, one per core at most; each thread has an
  *             instance of its own; the time is the duration of all, divided by all cycles
  *     loop    COUNT steps of all FMUs, coupled: in each step one cycle of each, in their order
- *     life    COUNT simultaneous instances: time from fmi2Instantiate to fmi2FreeInstance and
- *             memory of one, with and without initialization
+ *     life    COUNT simultaneous instances: time from instantiating to freeing and memory of one,
+ *             with and without initialization
  *
  * Every repeat measures all FMUs in turn, so that a temporary slowdown of the machine affects all of
  * them; and it creates new instances, so that unstable models do not overflow if COUNT is small
@@ -34,145 +36,13 @@
  * Build: cc -O2 -o cycle cycle.c -ldl -lm -lpthread */
 
 #define _GNU_SOURCE
-#include <dlfcn.h>
 #include <malloc.h>
-#include <math.h>
 #include <pthread.h>
 #include <sched.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "../tests/c/fmi2.h"
-
-/* --- the FMUs of the command line ------------------------------------------------------------- */
-
-enum { MAX_REFERENCES = 64, MAX_FMUS = 64 };
-
-typedef struct {
-    unsigned reference;
-    double value;     /* NAN: the signal, or that of the source */
-    const char *from; /* the source, NAME.I, or NULL */
-} Assignment;
-
-typedef struct {
-    Assignment items[MAX_REFERENCES];
-    size_t n;
-} Assignments;
-
-typedef struct {
-    const char *name, *binary, *guid, *resources;
-    Assignments in, out, reals, integers, booleans;
-    double *times;  /* ns, one per repeat */
-    double *others; /* ns, second measurement of a mode */
-    double last;    /* the first output after the last cycle, so that results can be compared */
-#define MEMBER(type, name, arguments) type(*name) arguments;
-    FUNCTIONS(MEMBER)
-} Fmu;
-
-static void fail(const char *who, const char *what) {
-    fprintf(stderr, "cycle: %s: %s\n", who, what);
-    exit(1);
-}
-
-static void load(Fmu *fmu) {
-    void *library = dlopen(fmu->binary, RTLD_NOW | RTLD_LOCAL);
-    if (!library) fail(fmu->name, dlerror());
-#define BIND(type, function, arguments)                                                           \
-    *(void **)&fmu->function = dlsym(library, "fmi2" #function);                                  \
-    if (!fmu->function) fail(fmu->name, "fmi2" #function " is missing");
-    FUNCTIONS(BIND)
-}
-
-static void append(Fmu *fmu, Assignments *list, const char *text, int needs_value) {
-    if (list->n == MAX_REFERENCES) fail(fmu->name, "too many variables");
-    char *end;
-    Assignment item = {.reference = (unsigned)strtoul(text, &end, 10), .value = NAN};
-    if (*end == ':') {
-        const char *rest = end + 1;
-        item.value = strtod(rest, &end);
-        if (end == rest && !needs_value) item = (Assignment){item.reference, NAN, rest};
-    }
-    if (end == text || (*end && !item.from) || (needs_value && isnan(item.value)))
-        fail(text, "not a variable");
-    list->items[list->n++] = item;
-}
-
-static void option(Fmu *fmu, const char *word) {
-    const char *value = strchr(word, '=');
-    if (!value) fail(word, "expected KEY=VALUE");
-    size_t length = (size_t)(value++ - word);
-#define IS(key) (length == strlen(key) && !strncmp(word, key, length))
-    if (IS("name")) fmu->name = value;
-    else if (IS("binary")) fmu->binary = value;
-    else if (IS("guid")) fmu->guid = value;
-    else if (IS("resources")) fmu->resources = value;
-    else if (IS("in")) append(fmu, &fmu->in, value, 0);
-    else if (IS("out")) append(fmu, &fmu->out, value, 0);
-    else if (IS("real")) append(fmu, &fmu->reals, value, 1);
-    else if (IS("integer")) append(fmu, &fmu->integers, value, 1);
-    else if (IS("boolean")) append(fmu, &fmu->booleans, value, 1);
-    else fail(word, "unknown key");
-}
-
-/* The step (s), and the time at the start, as in the loops of the paper. */
-static const double TS = 0.001;
-
-/* --- an instance ------------------------------------------------------------------------------ */
-
-static void logger(void *environment, const char *instance, Status status, const char *category,
-                   const char *format, ...) {
-    (void)environment;
-    if (status == OK || status == WARNING) return;
-    va_list arguments;
-    va_start(arguments, format);
-    fprintf(stderr, "%s: [%s] ", instance, category);
-    vfprintf(stderr, format, arguments);
-    fputc('\n', stderr);
-    va_end(arguments);
-    exit(1);
-}
-
-static const Callbacks CALLBACKS = {logger, calloc, free, NULL, NULL};
-
-static void must(const Fmu *fmu, Status status, const char *call) {
-    if (status != OK && status != WARNING) fail(fmu->name, call);
-}
-
-static Component instantiate(const Fmu *fmu) {
-    Component c = fmu->Instantiate(fmu->name, CO_SIMULATION, fmu->guid, fmu->resources, &CALLBACKS,
-                                   0, 0);
-    if (!c) fail(fmu->name, "fmi2Instantiate");
-    return c;
-}
-
-static void initialize(const Fmu *fmu, Component c) {
-    for (size_t i = 0; i < fmu->reals.n; i++) {
-        Assignment item = fmu->reals.items[i];
-        must(fmu, fmu->SetReal(c, &item.reference, 1, &item.value), "fmi2SetReal");
-    }
-    for (size_t i = 0; i < fmu->integers.n; i++) {
-        Assignment item = fmu->integers.items[i];
-        int value = (int)item.value;
-        must(fmu, fmu->SetInteger(c, &item.reference, 1, &value), "fmi2SetInteger");
-    }
-    for (size_t i = 0; i < fmu->booleans.n; i++) {
-        Assignment item = fmu->booleans.items[i];
-        int value = item.value != 0;
-        must(fmu, fmu->SetBoolean(c, &item.reference, 1, &value), "fmi2SetBoolean");
-    }
-    must(fmu, fmu->SetupExperiment(c, 0, 0, TS, 0, 0), "fmi2SetupExperiment");
-    must(fmu, fmu->EnterInitializationMode(c), "fmi2EnterInitializationMode");
-    must(fmu, fmu->ExitInitializationMode(c), "fmi2ExitInitializationMode");
-}
-
-static void end(const Fmu *fmu, Component c) {
-    must(fmu, fmu->Terminate(c), "fmi2Terminate");
-    fmu->FreeInstance(c);
-}
+#include "fmu.h"
 
 /* --- measuring -------------------------------------------------------------------------------- */
 
@@ -215,23 +85,30 @@ static Plan *prepare(const Fmu *fmu) {
 }
 
 /* One cycle; returns the combined status of its calls. Hosts make no call without variables. */
-static inline Status cycle(Fmu *fmu, Plan *plan, Component c, size_t k, const double *inputs) {
-    size_t n_in = fmu->in.n, n_out = fmu->out.n;
+INLINE Status cycle(int fmi, const Fmu *fmu, Plan *plan, Component c, size_t k,
+                    const double *inputs) {
     unsigned status = OK;
-    if (n_in) status |= fmu->SetReal(c, plan->in, n_in, inputs);
-    status |= fmu->DoStep(c, TS * (double)(k + 1), TS, 1);
-    if (n_out) status |= fmu->GetReal(c, plan->out, n_out, plan->outputs);
+    if (fmu->in.n) status |= set_inputs(fmi, fmu, c, plan->in, inputs);
+    status |= step(fmi, fmu, c, TS * (double)(k + 1));
+    if (fmu->out.n) status |= get_outputs(fmi, fmu, c, plan->out, plan->outputs);
     return status;
 }
 
 /* Runs the steps from `first` up to, not including, `last` of every instance in turn. Returns the
  * combined status of all calls. */
-static Status run(Fmu *fmu, Plan *plan, Component *instances, size_t n, size_t first, size_t last) {
+INLINE Status run_in(int fmi, const Fmu *fmu, Plan *plan, Component *instances, size_t n,
+                     size_t first, size_t last) {
     unsigned status = OK;
     for (size_t k = first; k < last; k++)
         for (size_t i = 0; i < n; i++)
-            status |= cycle(fmu, plan, instances[i], k, plan->inputs[k % PERIOD]);
+            status |= cycle(fmi, fmu, plan, instances[i], k, plan->inputs[k % PERIOD]);
     return status;
+}
+
+static Status run(const Fmu *fmu, Plan *plan, Component *instances, size_t n, size_t first,
+                  size_t last) {
+    if (fmu->fmi == 3) return run_in(3, fmu, plan, instances, n, first, last);
+    return run_in(2, fmu, plan, instances, n, first, last);
 }
 
 /* The time (ns) per cycle of about `count` cycles distributed over `n` instances. */
@@ -356,7 +233,7 @@ static const double *source(const char *from, const Fmu *fmus, Plan *const *plan
     for (size_t f = 0; dot && f < n_fmus; f++) {
         size_t length = strlen(fmus[f].name), i = strtoul(dot + 1, NULL, 10);
         if ((size_t)(dot - from) == length && !strncmp(from, fmus[f].name, length) &&
-            i < fmus[f].out.n)
+            i < fmus[f].n_outputs)
             return &plans[f]->outputs[i];
     }
     fail(from, "no such output");
@@ -374,7 +251,8 @@ static double loop_time(Fmu *fmus, size_t n_fmus, size_t count) {
         initialize(fmu, instances[f] = instantiate(fmu));
         if (!fmu->out.n) continue;
         Plan *plan = plans[f];
-        must(fmu, fmu->GetReal(instances[f], plan->out, fmu->out.n, plan->outputs), "fmi2GetReal");
+        Status status = get_outputs(fmu->fmi, fmu, instances[f], plan->out, plan->outputs);
+        must(fmu, status, "the first outputs");
     }
     for (size_t f = 0; f < n_fmus; f++)
         for (size_t i = 0; i < fmus[f].in.n; i++) {
@@ -386,7 +264,7 @@ static double loop_time(Fmu *fmus, size_t n_fmus, size_t count) {
     for (size_t k = 0; k < count; k++)
         for (size_t f = 0; f < n_fmus; f++) {
             for (size_t i = 0; i < fmus[f].in.n; i++) inputs[i] = *sources[f][i];
-            status |= cycle(&fmus[f], plans[f], instances[f], k, inputs);
+            status |= cycle(fmus[f].fmi, &fmus[f], plans[f], instances[f], k, inputs);
         }
     double time = (now() - begin) / (double)count;
     must(fmus, status, "a step");
@@ -427,7 +305,7 @@ static void measure_lives(Fmu *fmus, size_t n_fmus, size_t n, size_t repeats) {
             double made = now();
             bytes[f] = (allocated() - before) / (double)n;
             double between = now();
-            for (size_t i = 0; i < n; i++) fmu->FreeInstance(instances[i]);
+            for (size_t i = 0; i < n; i++) release(fmu, instances[i]);
             fmu->times[repeat] = (made - begin + now() - between) / (double)n;
 
             begin = now();
@@ -461,7 +339,7 @@ int main(int n_words, char **words) {
     }
     for (Fmu *fmu = fmus; fmu < fmus + n_fmus; fmu++) {
         if (!fmu->name || !fmu->binary || !fmu->guid) fail(mode, "an FMU needs name, binary, guid");
-        if (!fmu->resources) fmu->resources = "";
+        if (!fmu->fmi) fmu->fmi = 2;
         fmu->times = calloc(repeats, sizeof *fmu->times);
         fmu->others = calloc(repeats, sizeof *fmu->others);
         load(fmu);

@@ -15,6 +15,7 @@ from counts import counts
 from pendulum_fmus.master import Component, System, simulate
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
 from subjects import (
+    ALL_OUTPUTS,
     BENCH,
     LOOP,
     MODELS,
@@ -22,10 +23,12 @@ from subjects import (
     REFERENCE,
     SINE,
     SOURCE,
+    VERSIONS,
     Case,
     Host,
     alone,
     by_name,
+    in_fmi3,
     run,
     standing,
 )
@@ -84,7 +87,8 @@ def measure(effort: Effort, folder: Path, log: Log) -> dict:
     log("instances, threads")
     moving = [REFERENCE, *(by_name(name) for name in ("Pid", "PidRbf", "Pendulum, linear"))]
     short = max(effort.rounds // 10, 3)
-    results["life"] = host.measure("life", effort.instances, short // 2 + 1, moving)
+    lives = [*moving, in_fmi3(by_name("PidRbf"))]
+    results["life"] = host.measure("life", effort.instances, short // 2 + 1, lives)
     results["many"] = host.measure("many", 20_000, short, moving)
     controllers = moving[:-1]  # the plant would overflow
     results["threads"] = host.measure("threads", effort.thread_cycles, short, controllers)
@@ -135,6 +139,7 @@ def cycles(host: Host, effort: Effort) -> list[dict]:
     cases: list[tuple[str, Case]] = []
     for kind in ("stand", "move"):
         models = [REFERENCE, *MODELS, REFERENCE, by_name("PidRbf")]
+        models += [ALL_OUTPUTS, *map(in_fmi3, VERSIONS)]
         source = replace(SOURCE, start=SINE if kind == "move" else {})
         of_kind = models if kind == "move" else [standing(case) for case in models]
         cases += [(kind, case) for case in [*of_kind, source]]

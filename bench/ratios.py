@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from subjects import REFERENCE
+from subjects import REFERENCE, VERSIONS, in_fmi3
 
 AIMS = {
     ("Pid", "stand"): 1.3,
@@ -16,6 +16,9 @@ AIMS = {
     ("Pendulum, linear", "move"): 2.0,
 }
 """Upper limits of a cycle, as multiples of that of the bare PID in C."""
+
+VERSIONS_AIM = 1.2
+"""Upper limit of a cycle in FMI 3.0, as a multiple of that in FMI 2.0."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,16 @@ def cycle_ratio(results: Mapping, name: str, inputs: str) -> Ratio:
     """Return the cost of a cycle relative to the bare PID in C."""
     ours, reference = (lines_of(results, n, inputs)[0] for n in (name, REFERENCE.name))
     return Ratio(ours, reference, most=AIMS.get((name, inputs)))
+
+
+def version_ratios(results: Mapping) -> dict[tuple[str, str], Ratio]:
+    """Return the costs of cycles in FMI 3.0 relative to FMI 2.0, by FMU and inputs."""
+    ratios = {}
+    for case in VERSIONS:
+        for inputs in ("stand", "move"):
+            new, old = (lines_of(results, c.name, inputs)[0] for c in (in_fmi3(case), case))
+            ratios[case.name, inputs] = Ratio(new, old, most=VERSIONS_AIM)
+    return ratios
 
 
 def host_ratios(results: Mapping) -> dict[str, Ratio]:

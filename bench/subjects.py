@@ -9,10 +9,12 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from math import prod
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import fmpy
+from fmpy.model_description import ModelVariable
 
 from pendulum_fmus.project import FMUS, ROOT
 
@@ -53,6 +55,17 @@ MODELS = [
 ]
 """The FMUs of the project with inputs; all move."""
 
+ALL_OUTPUTS = Case(
+    "PidRbf, all outputs",
+    "PidRbf",
+    CONTROLLER,
+    ["u", "u_p", "e", "u_n", *(f"rbf.{x}[{i}]" for x in "wh" for i in range(1, 5))],
+)
+"""The outputs of the network are arrays in FMI 3.0."""
+
+VERSIONS = [*MODELS[:4], ALL_OUTPUTS]
+"""The cases that are compared with FMI 3.0."""
+
 SOURCE = Case("Source", "Source", {}, ["r", "d"])
 
 LOOP = [
@@ -83,6 +96,13 @@ def by_name(name: str) -> Case:
 def standing(case: Case) -> Case:
     """Return a case with all inputs standing."""
     return replace(case, inputs={name: STANDING[name] for name in case.inputs})
+
+
+def in_fmi3(case: Case) -> Case:
+    """Return a case with the FMU of FMI 3.0, which has whole arrays as outputs."""
+    outputs = dict.fromkeys(name.partition("[")[0] for name in case.outputs)
+    name, model = f"{case.name}, FMI 3.0", f"{case.model}_fmi3"
+    return replace(case, name=name, model=model, outputs=list(outputs))
 
 
 def alone(case: Case) -> Case:
@@ -148,8 +168,8 @@ class Unpacked(NamedTuple):
     """An FMU that was unpacked for the C host."""
 
     words: list[str]
-    """Arguments of the host: binary, GUID and resources."""
-    references: dict[str, int]
+    """Arguments of the host: version of FMI, binary, GUID and resources."""
+    references: dict[str, str]
     types: dict[str, str]
 
     @classmethod
@@ -161,18 +181,30 @@ class Unpacked(NamedTuple):
         description = fmpy.read_model_description(str(folder), validate=False)
         identifier = description.coSimulation.modelIdentifier
         binary = f"{identifier}{fmpy.sharedLibraryExtension}"
+        resources = folder / "resources"
+        if description.fmiVersion.startswith("3"):
+            fmi, platform, place = 3, fmpy.platform_tuple, f"{resources}{os.sep}"
+        else:
+            fmi, platform, place = 2, fmpy.platform, resources.as_uri()
         words = [
-            f"binary={folder / 'binaries' / fmpy.platform / binary}",
+            f"fmi={fmi}",
+            f"binary={folder / 'binaries' / platform / binary}",
             f"guid={description.guid}",
-            f"resources={(folder / 'resources').as_uri()}",
         ]
-        types = {"Real": "real", "Boolean": "boolean", "Enumeration": "integer"}
+        words += [f"resources={place}"] if resources.is_dir() else []
+        types = {"Real": "real", "Float64": "real", "Boolean": "boolean"}
         variables = description.modelVariables
         return cls(
             words,
-            {variable.name: variable.valueReference for variable in variables},
+            {variable.name: reference(variable) for variable in variables},
             {variable.name: types.get(variable.type, "integer") for variable in variables},
         )
+
+
+def reference(variable: ModelVariable) -> str:
+    """Return the value reference; REF:COUNT of an array."""
+    elements = f":{prod(variable.shape)}" if variable.shape else ""
+    return f"{variable.valueReference}{elements}"
 
 
 def python_library() -> Path | None:

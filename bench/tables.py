@@ -3,7 +3,16 @@
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import median, quantiles
 
-from ratios import AIMS, Ratio, again, cycle_ratio, host_ratios, slope, thread_times
+from ratios import (
+    AIMS,
+    Ratio,
+    again,
+    cycle_ratio,
+    host_ratios,
+    slope,
+    thread_times,
+    version_ratios,
+)
 from subjects import MODELS, REFERENCE, SOURCE
 
 FMU_NAMES = {case.model for case in MODELS}
@@ -15,6 +24,7 @@ def blocks(results: Mapping) -> dict[str, str]:
         "care": care(results),
         "missed": missed(results),
         "cycle": cycle(results),
+        "versions": versions(results),
         "host": host(results),
         "counts": counts(results),
         "other": other(results),
@@ -37,6 +47,8 @@ def care(results: Mapping) -> str:
     for reader, name in (("import one FMU", "Pid"), ("", "PidRbf")):
         text = f"a cycle of `{name}` whose inputs all move, relative to a PID in plain C"
         add(reader, text, cycle_ratio(results, name, "move"))
+    text = "the same cycle in FMI 3.0, relative to FMI 2.0"
+    add("", text, version_ratios(results)["PidRbf", "move"])
     text = "a native step of two coupled FMUs, relative to the cycles of these FMUs"
     add("run co-simulations natively", text, host["own"])
     add("", "the speed of the same run, relative to FMPy", host["FMPy"])
@@ -61,6 +73,10 @@ def missed(results: Mapping) -> str:
     ratios = [
         (f"a cycle of {code(name)} whose inputs {inputs}", cycle_ratio(results, name, inputs))
         for name, inputs in AIMS
+    ]
+    ratios += [
+        (f"a cycle in FMI 3.0 relative to FMI 2.0, {code(name)}, inputs {inputs}", ratio)
+        for (name, inputs), ratio in version_ratios(results).items()
     ]
     host = host_ratios(results)
     ratios += [(text, host[name]) for name, text in names.items() if name in host]
@@ -90,6 +106,15 @@ def cycle(results: Mapping) -> str:
                     *(last_cells(ratio) if model != REFERENCE else [""] * 4),
                 ]
             )
+    return markdown(rows)
+
+
+def versions(results: Mapping) -> str:
+    """Return the table of cycles in both versions of FMI."""
+    rows = [["FMU", "Inputs", "FMI 2.0", "FMI 3.0", "Ratio", "Of minima", "Aim", ""]]
+    for (name, inputs), ratio in version_ratios(results).items():
+        medians = [ns(median(ratio.other)), ns(median(ratio.ours))]
+        rows.append([code(name), inputs, *medians, *last_cells(ratio)])
     return markdown(rows)
 
 

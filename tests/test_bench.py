@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -28,21 +29,29 @@ def subjects(fmus: Path):
 
 
 def test_the_c_host_steps_as_documented(subjects, tmp_path: Path) -> None:
-    # One host, two FMUs with the same law and variables: the outputs must be equal.
-    models = [subjects.REFERENCE, subjects.MODELS[0]]
+    # One host, FMUs with the same law and variables: the outputs must be equal.
+    models = [subjects.REFERENCE, *subjects.VERSIONS[:1]]
+    host = subjects.Host(tmp_path)
     for cases in (models, [subjects.standing(case) for case in models]):
-        lines = subjects.Host(tmp_path).measure("cycle", 1000, 3, cases)
-        assert [line["fmu"] for line in lines] == ["bare PID in C", "Pid"]
-        assert lines[0]["last_output"] == lines[1]["last_output"] != 0
+        lines = host.measure("cycle", 1000, 3, [*cases, subjects.in_fmi3(cases[1])])
+        assert [line["fmu"] for line in lines] == ["bare PID in C", "Pid", "Pid, FMI 3.0"]
+        assert len({line["last_output"] for line in lines}) == 1
+        assert lines[0]["last_output"] != 0
         assert all(len(line["ns"]) == 3 and min(line["ns"]) > 0 for line in lines)
+    arrays = replace(subjects.ALL_OUTPUTS, outputs=subjects.ALL_OUTPUTS.outputs[4:])
+    lines = host.measure("cycle", 1000, 1, [arrays, subjects.in_fmi3(arrays)])
+    assert lines[0]["last_output"] == lines[1]["last_output"] != 0
 
 
 @pytest.mark.parametrize("file", ["examples/closed-loop/pid-rbf.toml", "bench/coupled.toml"])
 def test_the_master_in_c_gives_the_same_bits(subjects, file: str, tmp_path: Path) -> None:
     cases = subjects.LOOP if "examples" in file else subjects.PAIR
-    (line,) = subjects.Host(tmp_path).measure("loop", 500, 2, cases)
+    newer = [replace(subjects.in_fmi3(case), name=case.name) for case in cases]
+    host = subjects.Host(tmp_path)
     ours = simulate(ROOT / file, tmp_path, "--stop", "0.5", "--output", "controller.u")
-    assert ours["controller.u"][-1] == line["last_outputs"]["controller"] != 0
+    for version in (cases, newer):
+        (line,) = host.measure("loop", 500, 2, version)
+        assert ours["controller.u"][-1] == line["last_outputs"]["controller"] != 0
 
 
 def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
@@ -57,6 +66,7 @@ def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
     assert "with `--quick`" in texts["machine"]
     for model in MODELS:
         assert f"| `{model}`" in texts["cycle"]
+    assert texts["versions"].count("at most") == 10
     assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
 
 
@@ -66,5 +76,5 @@ def texts_in(table: str, texts: dict[str, str]) -> list[str]:
 
 
 def test_numbers_of_the_page_are_measured() -> None:
-    prose = PLACE.sub("", PAGE.read_text(encoding="utf-8")).replace("PUBLISH=1", "")
-    assert not re.findall(r".*\d.*", prose)
+    prose = PLACE.sub("", PAGE.read_text(encoding="utf-8"))
+    assert not re.findall(r".*\d.*", re.sub(r"PUBLISH=1|FMI [23]\.0", "", prose))
