@@ -6,7 +6,7 @@ use fmu_host::{Cause, Failure, Instance, Result};
 use crate::recorder::Function;
 
 /// Gets real numbers with the function of a type.
-#[inline]
+#[inline(always)]
 pub(crate) fn get_reals(
     slave: &mut Instance,
     access: VariableType,
@@ -14,13 +14,18 @@ pub(crate) fn get_reals(
     values: &mut [f64],
 ) -> Result {
     match access {
-        VariableType::Float32 => get(values, |own| slave.get_float32(references, own)),
+        VariableType::Float32 => get_singles(slave, references, values),
         _ => slave.get_real(references, values),
     }
 }
 
+#[inline(never)]
+fn get_singles(slave: &mut Instance, references: &[u32], values: &mut [f64]) -> Result {
+    get(values, |own| slave.get_float32(references, own))
+}
+
 /// Sets real numbers with the function of a type; those of `f32` are rounded.
-#[inline]
+#[inline(always)]
 pub(crate) fn set_reals(
     slave: &mut Instance,
     access: VariableType,
@@ -28,12 +33,15 @@ pub(crate) fn set_reals(
     values: &[f64],
 ) -> Result {
     match access {
-        VariableType::Float32 => {
-            let own: Vec<f32> = values.iter().map(|value| *value as f32).collect();
-            slave.set_float32(references, &own)
-        }
+        VariableType::Float32 => set_singles(slave, references, values),
         _ => slave.set_real(references, values),
     }
+}
+
+#[inline(never)]
+fn set_singles(slave: &mut Instance, references: &[u32], values: &[f64]) -> Result {
+    let own: Vec<f32> = values.iter().map(|value| *value as f32).collect();
+    slave.set_float32(references, &own)
 }
 
 /// Gets whole numbers or Booleans with the function of a type.
@@ -65,14 +73,14 @@ pub(crate) fn set_wholes(
     values: &[i128],
 ) -> Result {
     let r = references;
-    let too_large = |value| {
+    let too_large = |value: i128| {
         let version = match access {
             VariableType::Boolean | VariableType::Integer => FmiVersion::Fmi2,
             _ => FmiVersion::Fmi3,
         };
         Failure {
             function: Function::set(access).name(version),
-            cause: Cause::OutOfRange(value),
+            cause: Cause::OutOfRange(value as f64),
         }
     };
     match access {

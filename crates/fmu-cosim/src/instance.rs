@@ -100,21 +100,18 @@ impl Instance {
         what: impl FnOnce() -> String,
         call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
     ) -> Called {
-        match self.try_call(function, call) {
+        match call(self.calling(function)) {
             Ok(Success::Ok) => Ok(()),
             outcome => self.explain(what, outcome),
         }
     }
 
-    /// Calls a function. Everything but [`Success::Ok`] is to be explained.
+    /// Records that a function is about to be called, and returns what to call it of. An outcome other than
+    /// [`Success::Ok`] is to be explained.
     #[inline(always)]
-    pub(crate) fn try_call(
-        &mut self,
-        function: Function,
-        call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
-    ) -> fmu_host::Result {
+    pub(crate) fn calling(&mut self, function: Function) -> &mut fmu_host::Instance {
         self.calls.begin(function);
-        call(&mut self.slave)
+        &mut self.slave
     }
 
     /// Handles a warning or an error of a call.
@@ -168,9 +165,9 @@ impl Instance {
         self.call(Function::ExitInitializationMode, what, call)
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
-        match self.try_call(Function::DoStep, |slave| slave.do_step(time, step)) {
+        match self.calling(Function::DoStep).do_step(time, step) {
             Ok(Success::Ok) => Ok(()),
             outcome => self.explain(|| format!("step of {step:?} s"), outcome),
         }

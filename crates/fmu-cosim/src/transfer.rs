@@ -42,7 +42,7 @@ pub(crate) struct Real;
 impl Type for Real {
     type Value = f64;
 
-    #[inline]
+    #[inline(always)]
     fn get(
         slave: &mut fmu_host::Instance,
         access: VariableType,
@@ -52,7 +52,7 @@ impl Type for Real {
         access::get_reals(slave, access, references, values)
     }
 
-    #[inline]
+    #[inline(always)]
     fn set(
         slave: &mut fmu_host::Instance,
         access: VariableType,
@@ -287,7 +287,7 @@ fn read<T: Type>(instance: &mut Instance, ports: &Ports, outputs: &mut [T::Value
     }
     let access = ports.access;
     // The closure that explains a failure is made after the call, so that nothing is stored for it before.
-    match instance.try_call(ports.get, |s| T::get(s, access, references, values)) {
+    match T::get(instance.calling(ports.get), access, references, values) {
         Ok(Success::Ok) => Ok(()),
         outcome => instance.explain(|| ports.outputs.names.join(", "), outcome),
     }
@@ -356,7 +356,7 @@ fn write<T: Type>(
         None => gather::<T>(ports, outputs, values),
     };
     let access = ports.access;
-    match instance.try_call(ports.set, |s| T::set(s, access, references, values)) {
+    match T::set(instance.calling(ports.set), access, references, values) {
         Ok(Success::Ok) => Ok(()),
         outcome => instance.explain(|| assignments::<T>(&ports.inputs, values), outcome),
     }

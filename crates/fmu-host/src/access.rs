@@ -5,8 +5,9 @@ use std::ptr;
 
 use fmu_types::fmi2::{fmi2Boolean, fmi2Integer, fmi2Real, fmi2String};
 use fmu_types::fmi3::{
-    fmi3Binary, fmi3Boolean, fmi3Clock, fmi3DependencyKind, fmi3False, fmi3Float32, fmi3Int8,
-    fmi3Int16, fmi3Int64, fmi3String, fmi3UInt8, fmi3UInt16, fmi3UInt32, fmi3UInt64,
+    fmi3Binary, fmi3Boolean, fmi3Clock, fmi3DependencyKind, fmi3False, fmi3Float32, fmi3Float64,
+    fmi3Int8, fmi3Int16, fmi3Int32, fmi3Int64, fmi3String, fmi3UInt8, fmi3UInt16, fmi3UInt32,
+    fmi3UInt64,
 };
 
 use crate::instance::{call, call_3};
@@ -14,31 +15,32 @@ use crate::logger::text;
 use crate::{Cause, Failure, Instance, Result, Version};
 
 /// Defines functions that read and write numbers with one function of each version. In FMI 2.0, if the
-/// slices differ in length, the rest of the longer one is ignored; in FMI 3.0, the values are those of
-/// all elements of the variables.
+/// slices differ in length, the rest of the longer one is ignored.
 macro_rules! access {
     ($($type:ty: $get:ident $get_2:ident $get_3:ident $set:ident $set_2:ident $set_3:ident;)*) => {
         impl Instance {
             $(
-                #[doc = concat!("`", stringify!($get_2), "`, `", stringify!($get_3), "`")]
-                #[inline]
+                #[doc = concat!("`", stringify!($get_2), "`, or [`Instance::", stringify!($get_3), "`]")]
+                #[inline(always)]
                 pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
-                    let (count, n) = (references.len(), values.len());
-                    let (references, values) = (references.as_ptr(), values.as_mut_ptr());
+                    let n = references.len().min(values.len());
                     match self.version {
-                        Version::Fmi2 => call!(self.$get_2(references, count.min(n), values)),
-                        Version::Fmi3 => call_3!(self.$get_3(references, count, values, n)),
+                        Version::Fmi2 => {
+                            call!(self.$get_2(references.as_ptr(), n, values.as_mut_ptr()))
+                        }
+                        Version::Fmi3 => self.$get_3(references, values),
                     }
                 }
 
-                #[doc = concat!("`", stringify!($set_2), "`, `", stringify!($set_3), "`")]
-                #[inline]
+                #[doc = concat!("`", stringify!($set_2), "`, or [`Instance::", stringify!($set_3), "`]")]
+                #[inline(always)]
                 pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
-                    let (count, n) = (references.len(), values.len());
-                    let (references, values) = (references.as_ptr(), values.as_ptr());
+                    let n = references.len().min(values.len());
                     match self.version {
-                        Version::Fmi2 => call!(self.$set_2(references, count.min(n), values)),
-                        Version::Fmi3 => call_3!(self.$set_3(references, count, values, n)),
+                        Version::Fmi2 => {
+                            call!(self.$set_2(references.as_ptr(), n, values.as_ptr()))
+                        }
+                        Version::Fmi3 => self.$set_3(references, values),
                     }
                 }
             )*
@@ -47,22 +49,25 @@ macro_rules! access {
 }
 
 access! {
-    fmi2Real: get_real fmi2GetReal fmi3GetFloat64 set_real fmi2SetReal fmi3SetFloat64;
-    fmi2Integer: get_integer fmi2GetInteger fmi3GetInt32 set_integer fmi2SetInteger fmi3SetInt32;
+    fmi2Real: get_real fmi2GetReal get_float64 set_real fmi2SetReal set_float64;
+    fmi2Integer: get_integer fmi2GetInteger get_int32 set_integer fmi2SetInteger set_int32;
 }
 
-/// Defines functions that read and write numbers of types that only FMI 3.0 has.
+/// Defines functions that read and write numbers of the types of FMI 3.0. They are not inlined, so that
+/// those of FMI 2.0 are.
 macro_rules! access_3 {
     ($($type:ty: $get:ident $get_3:ident $set:ident $set_3:ident;)*) => {
         impl Instance {
             $(
                 #[doc = concat!("`", stringify!($get_3), "`, with the values of all elements")]
+                #[inline(never)]
                 pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
                     let (n, count) = (references.len(), values.len());
                     call_3!(self.$get_3(references.as_ptr(), n, values.as_mut_ptr(), count))
                 }
 
                 #[doc = concat!("`", stringify!($set_3), "`, with the values of all elements")]
+                #[inline(never)]
                 pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
                     let (n, count) = (references.len(), values.len());
                     call_3!(self.$set_3(references.as_ptr(), n, values.as_ptr(), count))
@@ -74,10 +79,12 @@ macro_rules! access_3 {
 
 access_3! {
     fmi3Float32: get_float32 fmi3GetFloat32 set_float32 fmi3SetFloat32;
+    fmi3Float64: get_float64 fmi3GetFloat64 set_float64 fmi3SetFloat64;
     fmi3Int8: get_int8 fmi3GetInt8 set_int8 fmi3SetInt8;
     fmi3UInt8: get_uint8 fmi3GetUInt8 set_uint8 fmi3SetUInt8;
     fmi3Int16: get_int16 fmi3GetInt16 set_int16 fmi3SetInt16;
     fmi3UInt16: get_uint16 fmi3GetUInt16 set_uint16 fmi3SetUInt16;
+    fmi3Int32: get_int32 fmi3GetInt32 set_int32 fmi3SetInt32;
     fmi3UInt32: get_uint32 fmi3GetUInt32 set_uint32 fmi3SetUInt32;
     fmi3Int64: get_int64 fmi3GetInt64 set_int64 fmi3SetInt64;
     fmi3UInt64: get_uint64 fmi3GetUInt64 set_uint64 fmi3SetUInt64;

@@ -26,17 +26,20 @@ pub struct Stepped {
 impl Instance {
     /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true. In FMI 3.0, a step that
     /// ends early or asks to end the simulation has failed.
-    #[inline]
+    #[inline(always)]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         match self.version {
             Version::Fmi2 => call!(self.fmi2DoStep(time, step, 1)),
-            Version::Fmi3 => {
-                let (done, stepped) = self.step(time, step, true)?;
-                match stepped.terminate | stepped.early_return {
-                    false => Ok(done),
-                    true => Err(not_to_the_end(stepped)),
-                }
-            }
+            Version::Fmi3 => self.step_to_the_end(time, step),
+        }
+    }
+
+    #[inline(never)]
+    fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
+        let (done, stepped) = self.step(time, step, true)?;
+        match stepped.terminate | stepped.early_return {
+            false => Ok(done),
+            true => Err(not_to_the_end(stepped)),
         }
     }
 

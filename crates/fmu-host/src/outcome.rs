@@ -102,7 +102,7 @@ pub enum Cause {
     /// The step ended early, at this time (s), which the host did not allow.
     ReturnedEarly(f64),
     /// The type of the variable cannot represent the value.
-    OutOfRange(i128),
+    OutOfRange(f64),
 }
 
 impl Failure {
