@@ -65,6 +65,39 @@ def test_elements_of_arrays_are_set_and_recorded_as_variables_of_fmi_2(
     assert run_with("_fmi3", *options) == run_with("", *options) != run_with("")
 
 
+def test_a_structural_parameter_makes_arrays_larger(fmus, tmp_path):
+    outputs = 'outputs = ["controller.u", "controller.rbf.nodes"]\n'
+    system = loop(tmp_path, "pid-rbf.toml", outputs, PidRbf="_fmi3")
+
+    def run_with(nodes: int, **arrays: list[float]) -> tuple[np.ndarray, np.ndarray]:
+        elements = [
+            f"controller.rbf.{name}[{k}]={value}"
+            for name, values in arrays.items()
+            for k, value in enumerate(values, 1)
+        ]
+        sets = [f"--set={word}" for word in [f"controller.rbf.nodes={nodes}", *elements]]
+        results = simulate(system, tmp_path, "--stop", "1", *sets)
+        return results["controller.u"], results["controller.rbf.nodes"]
+
+    centres, widths = [-2.0, -1.0, 1.0, 2.0], [0.5] * 4
+    forces, _ = run_with(4)
+    # Nodes that are never active add nothing.
+    more, nodes = run_with(8, c=centres + [1e9] * 4, b=widths + [1e-6] * 4, w0=[0.0] * 8)
+    assert set(nodes) == {8}
+    np.testing.assert_allclose(more, forces, rtol=1e-12)
+    fewer, nodes = run_with(1, c=[0.0], b=[1.0], w0=[0.0])
+    assert set(nodes) == {1}
+    assert np.any(fewer != forces)
+    sweep = tmp_path / "sweep.toml"
+    parameter = '[[parameter]]\nvariable = "controller.rbf.nodes"\nvalues = [4, 8]\n'
+    names = {"reference": "source.r", "output": "plant.theta", "error": "controller.e"}
+    signals = [f'{key} = "{name}"' for key, name in (names | {"control": "controller.u"}).items()]
+    sweep.write_text(f'system = "{system.name}"\n{parameter}[signals]\n' + "\n".join(signals))
+    assert "controller.rbf.nodes = 4 cannot be set for single runs, as it is the size of" in (
+        refusal(tmp_path, "sweep", sweep, "--out", tmp_path / "out.csv")
+    )
+
+
 def test_wrong_start_values_of_elements_are_named(fmus, tmp_path):
     system = loop(tmp_path, "pid-rbf.toml", PidRbf="_fmi3")
 
@@ -75,8 +108,14 @@ def test_wrong_start_values_of_elements_are_named(fmus, tmp_path):
         "controller.rbf.c: PidRbf_fmi3.fmu has no variable rbf.c; its elements are rbf.c[1] to"
         in (message("rbf.c=1"))
     )
-    assert 'controller.rbf.nodes = "3" cannot be set: structural parameters are not supported' in (
-        message("rbf.nodes=3")
+    assert (
+        "controller (PidRbf_fmi3.fmu), rbf.nodes = 17: fmi3SetUInt64 returned fmi3Error: rbf.nodes"
+        in message("rbf.nodes=17")
+    )
+    both = ("--set", "controller.rbf.nodes=8", "--set", "controller.rbf.c[8]=3")
+    assert (
+        "controller.rbf.c[8] cannot be set without controller.rbf.c[5], for which the FMU has no"
+        in refusal(tmp_path, "simulate", system, *both)
     )
     assert (
         "controller (PidRbf_fmi3.fmu), rbf.b[2] = -1.0: fmi3SetFloat64 returned fmi3Error: rbf.b[2]"

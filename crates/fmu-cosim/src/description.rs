@@ -211,6 +211,15 @@ impl Description {
         }
     }
 
+    /// Replaces the start value of `component.variable`, if there is such a component.
+    pub fn set_start(&mut self, name: &str, value: Value) {
+        if let Some((component, variable)) = name.split_once('.')
+            && let Some(component) = self.components.iter_mut().find(|c| c.name == component)
+        {
+            component.start.insert(variable.to_owned(), value);
+        }
+    }
+
     /// Uses the FMUs of the same file names from another folder.
     pub fn take_fmus_from(&mut self, folder: &Path) {
         for component in &mut self.components {

@@ -1,6 +1,6 @@
 //! An unpacked FMU: the parts of its model description that the master needs, and its instances.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -64,6 +64,8 @@ pub struct Variable {
     pub(crate) unsupported: Option<&'static str>,
     /// Its start value in the model description, if it is an element of an array, which is set as a whole.
     pub(crate) start: Option<Typed>,
+    /// Whether its value is the size of arrays.
+    pub(crate) is_structural: bool,
     /// Its causality.
     pub causality: Causality,
     /// Its variability.
@@ -84,13 +86,19 @@ impl Fmu {
     /// # Errors
     /// The file is not a valid co-simulation FMU of FMI 2.0 or 3.0 with a binary for this machine.
     pub fn open(path: &Path) -> Result<Self> {
-        Self::read(path).with_context(|| format!("{} cannot be used", path.display()))
+        Self::open_sized(path, &Sizes::new())
     }
 
-    fn read(path: &Path) -> Result<Self> {
+    /// As [`Fmu::open`], with other values of structural parameters, which are the sizes of arrays.
+    pub(crate) fn open_sized(path: &Path, sizes: &Sizes) -> Result<Self> {
+        Self::read(path, sizes).with_context(|| format!("{} cannot be used", path.display()))
+    }
+
+    fn read(path: &Path, sizes: &Sizes) -> Result<Self> {
         let mut archive = Archive::open_sound(path)?;
         let text = archive.model_description()?;
-        let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        resize(&mut root, sizes);
         let model = ModelDescription::read(&root)?;
         let slave = slave(&model)?;
         let identifier = slave.attribute("modelIdentifier").unwrap_or_default();
@@ -237,6 +245,23 @@ impl Fmu {
     }
 }
 
+/// Values of structural parameters by their names.
+pub(crate) type Sizes = BTreeMap<String, i128>;
+
+/// Replaces the start values of structural parameters.
+fn resize(root: &mut Element<'_>, sizes: &Sizes) {
+    let lists = root.children.iter_mut();
+    for variable in lists.flat_map(|list| &mut list.children) {
+        let size = variable.attribute("name").and_then(|name| sizes.get(name));
+        if let Some(size) = size.map(i128::to_string) {
+            let starts = variable.attributes.iter_mut();
+            for (_, start) in starts.filter(|(key, _)| *key == "start") {
+                *start = size.clone().into();
+            }
+        }
+    }
+}
+
 /// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
 const MAX_VARIABLES: usize = 1 << 20;
 
@@ -311,14 +336,13 @@ fn variable(v: &ScalarVariable<'_>, version: FmiVersion) -> Variable {
         },
         unsupported: if matches!(v.kind, VariableType::Binary | VariableType::Clock) {
             Some("variables of this type are not supported")
-        } else if v.is_structural {
-            Some("structural parameters are not supported")
         } else if v.element.attribute("clocks").is_some() {
             Some("clocked variables are not supported")
         } else {
             None
         },
         start: None,
+        is_structural: v.is_structural,
         causality: v.causality,
         variability: v.variability,
         initial: v.initial,

@@ -153,6 +153,18 @@ impl Instance {
         })
     }
 
+    pub(crate) fn enter_configuration(&mut self) -> Called {
+        let what = || "start of the configuration".to_owned();
+        let call = fmu_host::Instance::enter_configuration_mode;
+        self.call(Function::EnterConfigurationMode, what, call)
+    }
+
+    pub(crate) fn exit_configuration(&mut self) -> Called {
+        let what = || "end of the configuration".to_owned();
+        let call = fmu_host::Instance::exit_configuration_mode;
+        self.call(Function::ExitConfigurationMode, what, call)
+    }
+
     pub(crate) fn enter_initialization(&mut self) -> Called {
         let what = || "start of the initialization".to_owned();
         let call = fmu_host::Instance::enter_initialization_mode;

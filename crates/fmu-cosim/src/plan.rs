@@ -167,8 +167,18 @@ impl Plan {
     /// There is no such variable, or the value has the wrong type.
     pub fn start(&self, name: &str, value: &Value) -> Result<Start> {
         let port = port(&self.components, name)?;
-        let value = start(port.of(&self.components), name, value)?;
+        let variable = port.of(&self.components);
+        ensure!(
+            !variable.is_structural,
+            "{name} = {value} cannot be set for single runs, as it is the size of arrays; expected it in the start values of the system"
+        );
+        let value = start(variable, name, value)?;
         Ok(Start { port, value })
+    }
+
+    /// Whether a variable, `component.variable`, is a structural parameter.
+    pub fn is_structural(&self, name: &str) -> bool {
+        port(&self.components, name).is_ok_and(|port| port.of(&self.components).is_structural)
     }
 
     /// The start values of a component by the indices of its variables: those of the description, unless
@@ -189,6 +199,35 @@ impl Plan {
             .filter(|start| start.port.component == component);
         starts.extend(others.map(|start| (start.port.variable, &start.value)));
         starts
+    }
+
+    /// Checks that arrays of which elements are set can be set as a whole.
+    ///
+    /// # Errors
+    /// An element is not set, and the FMU has no start value for it, as its description is that of a
+    /// smaller array.
+    pub(crate) fn check_arrays(
+        &self,
+        component: usize,
+        starts: &BTreeMap<usize, &Typed>,
+    ) -> Result<()> {
+        let planned = &self.components[component];
+        let variables = &planned.fmu.variables;
+        for index in starts.keys() {
+            let (element, count) = (variables[*index].element, variables[*index].count);
+            let mut array = index - element..index - element + count;
+            let is_missing = |i: &usize| variables[*i].start.is_none() && !starts.contains_key(i);
+            if count > 1
+                && let Some(missing) = array.find(is_missing)
+            {
+                bail!(
+                    "{} cannot be set without {}, for which the FMU has no start value",
+                    planned.name_of(*index),
+                    planned.name_of(missing)
+                );
+            }
+        }
+        Ok(())
     }
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,

@@ -78,6 +78,8 @@ pub(crate) enum Function {
     SetUInt32,
     SetInt64,
     SetUInt64,
+    EnterConfigurationMode,
+    ExitConfigurationMode,
 }
 
 /// The bit of a function in the word `CALL` that tells that it is of FMI 3.0.
@@ -85,7 +87,7 @@ const FMI_3: u64 = 1 << (FUNCTION_BITS - 1);
 
 /// The names of the functions in FMI 2.0 and FMI 3.0 and the purposes of the calls, in the order of
 /// [`Function`].
-const FUNCTIONS: [(&str, &str, &str); 32] = [
+const FUNCTIONS: [(&str, &str, &str); 34] = [
     ("", "", ""),
     ("loading the binary", "loading the binary", "instantiation"),
     (
@@ -130,6 +132,8 @@ const FUNCTIONS: [(&str, &str, &str); 32] = [
     ("", "fmi3SetUInt32", SETTING),
     ("", "fmi3SetInt64", SETTING),
     ("", "fmi3SetUInt64", SETTING),
+    ("", "fmi3EnterConfigurationMode", SETTING),
+    ("", "fmi3ExitConfigurationMode", SETTING),
 ];
 const READING: &str = "reading outputs";
 const SETTING: &str = "setting inputs and parameters";
@@ -399,7 +403,10 @@ mod tests {
     fn every_function_has_its_name() {
         assert_eq!(Function::DoStep.name(FmiVersion::Fmi2), "fmi2DoStep");
         assert_eq!(Function::SetString.name(FmiVersion::Fmi2), "fmi2SetString");
-        assert_eq!(FUNCTIONS.len(), Function::SetUInt64 as usize + 1);
+        assert_eq!(
+            FUNCTIONS.len(),
+            Function::ExitConfigurationMode as usize + 1
+        );
         for kind in VariableType::of(FmiVersion::Fmi3) {
             use VariableType as T;
             if !matches!(kind, T::Binary | T::Clock | T::Enumeration | T::String) {

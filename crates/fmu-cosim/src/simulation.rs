@@ -1,5 +1,7 @@
 //! One run of a system.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 
 use crate::instance::{Called, Instance};
@@ -45,8 +47,10 @@ impl<'a> Simulation<'a> {
             .zip(&plan.wiring.components)
             .enumerate()
             .map(|(index, (c, ports))| {
+                let starts = plan.starts(index, starts);
+                plan.check_arrays(index, &starts)?;
                 let instance = Instance::new(index, &c.name, &c.fmu, messages)?;
-                Ok(Component::new(instance, ports, &plan.starts(index, starts)))
+                Ok(Component::new(instance, ports, &starts))
             });
         let mut simulation = Self {
             plan,
@@ -67,7 +71,15 @@ impl<'a> Simulation<'a> {
         for (index, component) in self.components.iter_mut().enumerate() {
             let instance = &mut component.instance;
             instance.set_up(start, end, plan.components[index].tolerance)?;
-            transfer::start(instance, &plan.starts(index, starts))?;
+            let fmu = instance.fmu().clone();
+            let (sizes, starts): (BTreeMap<_, _>, _) = (plan.starts(index, starts).into_iter())
+                .partition(|(index, _)| fmu.variables[*index].is_structural);
+            if !sizes.is_empty() {
+                instance.enter_configuration()?;
+                transfer::start(instance, &sizes)?;
+                instance.exit_configuration()?;
+            }
+            transfer::start(instance, &starts)?;
         }
         self.initialize_all().map_err(|failure| failure.at(start))
     }

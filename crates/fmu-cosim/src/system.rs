@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use fmu_description::{Causality, Initial, Variability};
 
-use crate::fmu::similar;
+use crate::fmu::{Sizes, similar};
 use crate::value::Typed;
 use crate::{Component, Fmu, Scale, Value, Variable};
 
@@ -57,13 +57,22 @@ impl Planned {
     }
 }
 
+/// The opened FMUs by their files and sizes.
+pub(crate) type Fmus = HashMap<(PathBuf, Sizes), Arc<Fmu>>;
+
 pub(crate) fn planned(
     component: &Component,
     tolerance: Option<f64>,
-    fmus: &mut HashMap<PathBuf, Arc<Fmu>>,
+    fmus: &mut Fmus,
 ) -> Result<Planned> {
-    let fmu =
-        open(&component.fmu, fmus).with_context(|| format!("component {}", component.name))?;
+    let mut open = |sizes| {
+        open(&component.fmu, sizes, fmus).with_context(|| format!("component {}", component.name))
+    };
+    let mut fmu = open(Sizes::new())?;
+    let sizes = sizes(component, &fmu)?;
+    if !sizes.is_empty() {
+        fmu = open(sizes)?;
+    }
     let starts = component
         .start
         .iter()
@@ -82,12 +91,31 @@ pub(crate) fn planned(
     })
 }
 
-fn open(path: &Path, fmus: &mut HashMap<PathBuf, Arc<Fmu>>) -> Result<Arc<Fmu>> {
-    if let Some(fmu) = fmus.get(path) {
+/// The values of structural parameters that the description gives.
+fn sizes(component: &Component, fmu: &Fmu) -> Result<Sizes> {
+    let mut sizes = Sizes::new();
+    for (name, value) in &component.start {
+        // Names of other elements may exist only with these sizes.
+        let Some(variable) = fmu.find(name).ok().map(|index| &fmu.variables[index]) else {
+            continue;
+        };
+        if variable.is_structural
+            && let Typed::Integer(size) =
+                start(variable, &format!("{}.{name}", component.name), value)?
+        {
+            sizes.insert(name.clone(), size);
+        }
+    }
+    Ok(sizes)
+}
+
+fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
+    let key = (path.to_owned(), sizes);
+    if let Some(fmu) = fmus.get(&key) {
         return Ok(fmu.clone());
     }
-    let fmu = Arc::new(Fmu::open(path)?);
-    fmus.insert(path.to_owned(), fmu.clone());
+    let fmu = Arc::new(Fmu::open_sized(path, &key.1)?);
+    fmus.insert(key, fmu.clone());
     Ok(fmu)
 }
 

@@ -275,6 +275,7 @@ mod tests {
             access: VariableType::Float64,
             unsupported: None,
             start: None,
+            is_structural: false,
             causality: Causality::Output,
             variability: Variability::Continuous,
             initial: None,

@@ -197,14 +197,20 @@ fn work(
     recorder: &Recorder,
     out: &mut impl Write,
 ) -> Result<()> {
-    let description = describe(args)?;
-    let plan = Plan::new(&description).map_err(|error| located(args, error))?;
+    let mut description = describe(args)?;
+    let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
+    let value = |set: &Assignment| Value::Text(set.value.clone());
+    let (sizes, sets): (Vec<_>, Vec<_>) =
+        (args.sets.iter()).partition(|set| plan.is_structural(&set.name));
+    if !sizes.is_empty() {
+        for set in sizes {
+            description.set_start(&set.name, value(set));
+        }
+        plan = Plan::new(&description)?;
+    }
     worker::write_names(folder, &plan.names())?;
-    let starts = args
-        .sets
-        .iter()
-        .map(|set| plan.start(&set.name, &Value::Text(set.value.clone())))
-        .collect::<Result<Vec<_>>>()?;
+    let starts =
+        (sets.iter().map(|set| plan.start(&set.name, &value(set)))).collect::<Result<Vec<_>>>()?;
     let mut csv = match &args.csv {
         Some(path) => Some(Csv::shared(
             path,
