@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Cart with an inverted pendulum
 #[derive(Model)]
-#[model(continuous, tolerance = nonlinear::RELATIVE)]
+#[model(continuous, step = Self::step, tolerance = nonlinear::RELATIVE)]
 pub struct Pendulum {
     /// Force on the cart
     #[input(unit = "N", derivative = self.u_slope, terminal = "loop.u")]
@@ -129,7 +129,7 @@ enum Dynamics {
 /// Maximum number of samples of the transfer function in one step.
 const MAX_SAMPLES: f64 = 1e8;
 
-impl Simulate for Pendulum {
+impl Continuous for Pendulum {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
         let mut state = State {
             x: self.x0,
@@ -158,25 +158,6 @@ impl Simulate for Pendulum {
         Ok(())
     }
 
-    fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
-        let last = Step {
-            from: self.state(),
-            u: Force {
-                value: self.u,
-                slope: self.u_slope,
-            },
-            step: match &self.last {
-                Some(last) if last.step == step => step, // already snapped if needed
-                _ => snap(step, self.ts),
-            },
-        };
-        self.advance(&last)?;
-        self.last = Some(last);
-        Ok(())
-    }
-}
-
-impl Continuous for Pendulum {
     /// With the transfer function, the derivatives are not computed and stay 0.
     fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
         let state = self.state();
@@ -196,6 +177,24 @@ impl Continuous for Pendulum {
 }
 
 impl Pendulum {
+    /// Takes a step of co-simulation, exactly for the linear models.
+    fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+        let last = Step {
+            from: self.state(),
+            u: Force {
+                value: self.u,
+                slope: self.u_slope,
+            },
+            step: match &self.last {
+                Some(last) if last.step == step => step, // already snapped if needed
+                _ => snap(step, self.ts),
+            },
+        };
+        self.advance(&last)?;
+        self.last = Some(last);
+        Ok(())
+    }
+
     #[inline(always)]
     fn state(&self) -> State {
         State {

@@ -54,6 +54,11 @@ pub unsafe trait Variables: Sized {
     /// A copy of all fields.
     fn copy(&self) -> Self;
 
+    /// Copies all fields into this struct, whose memory is used again.
+    fn copy_from(&mut self, from: &Self) {
+        *self = from.copy();
+    }
+
     /// Saves all fields.
     ///
     /// # Errors
@@ -93,6 +98,11 @@ pub trait Choice: Copy + 'static {
         *self
     }
 
+    /// Copies another item.
+    fn copy_from(&mut self, from: &Self) {
+        *self = *from;
+    }
+
     /// The item as one of any type.
     fn any(&mut self) -> &mut dyn AnyChoice {
         self
@@ -125,6 +135,7 @@ pub trait Choice: Copy + 'static {
 pub trait Internal: Sized {
     fn unset() -> Self;
     fn copy(&self) -> Self;
+    fn copy_from(&mut self, from: &Self);
     fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
     fn load(from: &mut Loader<'_>) -> Result<Self, Damaged>;
 }
@@ -137,6 +148,10 @@ impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
 
     fn copy(&self) -> Self {
         self.clone()
+    }
+
+    fn copy_from(&mut self, from: &Self) {
+        self.clone_from(from);
     }
 
     fn save(&self, to: &mut Saver) -> Result<(), Damaged> {

@@ -24,6 +24,8 @@ pub struct StructAttributes {
     pub sample_time: Option<Expr>,
     /// Whether the model is described by equations; where the option is written.
     pub continuous: Option<Span>,
+    /// Function that takes a step of a model with equations.
+    pub step: Option<Path>,
     /// Stop time of the default experiment (s).
     pub stop_time: Option<Expr>,
     /// Step size of the default experiment (s).
@@ -40,6 +42,7 @@ impl StructAttributes {
             name: None,
             sample_time: None,
             continuous: None,
+            step: None,
             stop_time: None,
             step_size: None,
             tolerance: None,
@@ -72,6 +75,8 @@ impl StructAttributes {
             self.sample_time = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("continuous") {
             self.continuous = Some(meta.path.span());
+        } else if meta.path.is_ident("step") {
+            self.step = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("stop_time") {
             self.stop_time = Some(meta.value()?.parse()?);
         } else if meta.path.is_ident("step_size") {
@@ -82,7 +87,7 @@ impl StructAttributes {
             self.krate = meta.value()?.parse()?;
         } else {
             return Err(meta.error(
-                "unknown option; expected `name`, `sample_time`, `continuous`, `stop_time`, `step_size`, `tolerance` or `crate`",
+                "unknown option; expected `name`, `sample_time`, `continuous`, `step`, `stop_time`, `step_size`, `tolerance` or `crate`",
             ));
         }
         Ok(())

@@ -432,6 +432,16 @@ pub fn copy(field: &Field, krate: &TokenStream) -> TokenStream {
     quote!(#ident: #copy(&self.#ident))
 }
 
+/// The statement that copies a field into the same field of this struct.
+pub fn copy_from(field: &Field, krate: &TokenStream) -> TokenStream {
+    let ident = &field.ident;
+    let copy = match field.dimensions().is_empty() {
+        true => element(field, &quote!(copy_from), krate),
+        false => spans::at(field.span(), quote!(::core::clone::Clone::clone_from)),
+    };
+    quote!(#copy(&mut self.#ident, &from.#ident);)
+}
+
 /// The statement that saves a field.
 pub fn save(field: &Field, krate: &TokenStream) -> TokenStream {
     let ident = &field.ident;

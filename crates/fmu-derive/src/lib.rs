@@ -18,16 +18,17 @@ use syn::{DeriveInput, Error, parse_macro_input};
 ///
 /// The doc comment of the struct is the description of the model, up to the first empty line. The
 /// attributes of the fields are those of [`derive@Variables`]. What the model does is an
-/// implementation of `Simulate`, and `export!` makes an FMU of it.
+/// implementation of `Simulate`, or of `Continuous`, and `export!` makes an FMU of it.
 ///
 /// | `#[model(...)]` | Meaning | Default |
 /// |---|---|---|
 /// | `name = "Pd"` | name of the model and of its FMU, a C identifier | name of the struct |
 /// | `sample_time = self.ts` | sample time in s, any expression of type `f64`: `step` is called once for each sample instant, and the outputs hold in between | none: `step` is called for each communication step |
-/// | `continuous` | the model is described by equations that hold at any time: implement `Continuous`, too, and it is for model exchange as well | no |
+/// | `continuous` | the model is described by equations that hold at any time: implement `Continuous` instead of `Simulate`, and it is for model exchange as well | no |
+/// | `step = Self::step` | a function of a continuous model that takes its steps in co-simulation, as `Simulate::step`, instead of the integrator | none: it is integrated |
 /// | `stop_time = 10` | stop time of the default experiment in s | 20 |
 /// | `step_size = 0.01` | communication step size of the default experiment in s | 0.001 |
-/// | `tolerance = 1e-8` | relative tolerance that the integrator of the model keeps, shown in the default experiment | none |
+/// | `tolerance = 1e-8` | relative tolerance of the integrator, shown in the default experiment | 1e-6 if the model is integrated, otherwise none |
 /// | `crate = path` | path of the crate `fmu_export` | `::fmu_export` |
 ///
 /// ```

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use proc_macro2::TokenStream;
 use quote::quote;
-use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
+use syn::{Data, DeriveInput, Error, Fields, Ident, LitStr, Result};
 
 use crate::attributes::{Role, StructAttributes};
 use crate::field::{Content, Field, Kind};
@@ -35,29 +35,20 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let number = |e| start::number(e, &Kind::Real);
     let is_sampled = attributes.sample_time.is_some();
     let is_continuous = attributes.continuous.is_some();
+    let is_integrated = is_continuous && attributes.step.is_none();
     if let (Some(span), true) = (attributes.continuous, is_sampled) {
         return Err(Error::new(
             span,
             "a model with a sample time is not continuous",
         ));
     }
-    let equations = attributes.continuous.map(|span| {
-        let continuous = spans::at(span, quote!(<Self as #krate::Continuous>));
-        quote! {
-            #[inline]
-            fn on_evaluate(&mut self, time: f64) -> ::core::result::Result<(), #krate::ModelError> {
-                #continuous::evaluate(self, time)
-            }
-
-            fn on_event(&mut self, time: f64) -> ::core::result::Result<(), #krate::ModelError> {
-                #continuous::event(self, time)
-            }
-
-            fn on_next_event(&self, time: f64) -> ::core::option::Option<f64> {
-                #continuous::next_event(self, time)
-            }
-        }
-    });
+    if let (Some(step), false) = (&attributes.step, is_continuous) {
+        return Err(Error::new_spanned(
+            step,
+            "only a continuous model names its step; expected `fn step` in `impl Simulate`",
+        ));
+    }
+    let behaviour = behaviour(ident, &attributes);
     let sample_time = match attributes.sample_time.as_ref().map(number) {
         Some(sample_time) => quote!(#sample_time),
         None => quote!(0.0),
@@ -66,28 +57,90 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let stop_time = stop_time.map_or_else(|| quote!(20.0), |e| quote!(#e));
     let step_size = attributes.step_size.as_ref().map(number);
     let step_size = step_size.map_or_else(|| quote!(0.001), |e| quote!(#e));
-    let tolerance = attributes.tolerance.as_ref().map(number);
-    let tolerance = tolerance.map(|e| quote!(const TOLERANCE: f64 = #e;));
+    let tolerance = match attributes.tolerance.as_ref().map(number) {
+        Some(tolerance) => quote!(#tolerance),
+        None if is_integrated => quote!(1e-6),
+        None => quote!(0.0),
+    };
     let (generics, arguments, condition) = input.generics.split_for_impl();
+    let stepped = (!is_continuous).then(|| {
+        quote! {
+            impl #generics #krate::Stepped for #ident #arguments #condition {}
+        }
+    });
     Ok(quote! {
         #variables
+
+        #stepped
 
         impl #generics #krate::Model for #ident #arguments #condition {
             const NAME: &'static str = #name;
             const DESCRIPTION: &'static str = #description;
             const IS_SAMPLED: bool = #is_sampled;
             const IS_CONTINUOUS: bool = #is_continuous;
+            const IS_INTEGRATED: bool = #is_integrated;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
-            #tolerance
+            const TOLERANCE: f64 = #tolerance;
 
             #[inline(always)]
             fn sample_time(&self) -> f64 {
                 #sample_time
             }
 
-            #equations
+            #behaviour
         }
     })
+}
+
+/// The functions of a model that call those of its author.
+fn behaviour(ident: &Ident, attributes: &StructAttributes) -> TokenStream {
+    let krate = &attributes.krate;
+    let result = quote!(::core::result::Result<(), #krate::ModelError>);
+    let (author, step, equations) = match attributes.continuous {
+        None => {
+            let author = spans::at(ident.span(), quote!(<Self as #krate::Simulate>));
+            let step = quote!(#author::step(self, time, step));
+            (author, step, None)
+        }
+        Some(span) => {
+            let author = spans::at(span, quote!(<Self as #krate::Continuous>));
+            let step = match &attributes.step {
+                Some(function) => quote!(#function(self, time, step)),
+                None => quote!(::core::unreachable!("from {time} s by {step} s")),
+            };
+            let equations = quote! {
+                #[inline]
+                fn on_evaluate(&mut self, time: f64) -> #result {
+                    #author::evaluate(self, time)
+                }
+
+                fn on_event(&mut self, time: f64) -> #result {
+                    #author::event(self, time)
+                }
+
+                fn on_next_event(&self, time: f64) -> ::core::option::Option<f64> {
+                    #author::next_event(self, time)
+                }
+            };
+            (author, step, Some(equations))
+        }
+    };
+    quote! {
+        fn on_initialize(&mut self, start: &#krate::Start) -> #result {
+            #author::initialize(self, start)
+        }
+
+        fn on_reconfigure(&mut self) -> #result {
+            #author::reconfigure(self)
+        }
+
+        #[inline(always)]
+        fn on_step(&mut self, time: f64, step: f64) -> #result {
+            #step
+        }
+
+        #equations
+    }
 }
 
 pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
@@ -126,6 +179,7 @@ fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Re
     };
     let (copies, saves) = (of_fields(generate::copy), of_fields(generate::save));
     let (unsets, loads) = (of_fields(generate::unset), of_fields(generate::load));
+    let copies_from = of_fields(generate::copy_from);
     let unset = match attributes.by_default {
         true => quote!(::core::default::Default::default()),
         false => quote!(Self { #(#unsets),* }),
@@ -189,6 +243,10 @@ fn implement_variables(input: &DeriveInput, attributes: &StructAttributes) -> Re
 
             fn copy(&self) -> Self {
                 Self { #(#copies),* }
+            }
+
+            fn copy_from(&mut self, from: &Self) {
+                #(#copies_from)*
             }
 
             fn save(

@@ -71,6 +71,8 @@ pub fn model(input: &DeriveInput) -> TokenStream {
     quote! {
         #variables
 
+        impl #generics #krate::Stepped for #ident #arguments #condition {}
+
         impl #generics #krate::Model for #ident #arguments #condition {
             const NAME: &'static str = "";
             const DESCRIPTION: &'static str = "";
@@ -80,6 +82,25 @@ pub fn model(input: &DeriveInput) -> TokenStream {
 
             fn sample_time(&self) -> f64 {
                 0.0
+            }
+
+            fn on_initialize(
+                &mut self,
+                _: &#krate::Start,
+            ) -> ::core::result::Result<(), #krate::ModelError> {
+                ::core::unreachable!()
+            }
+
+            fn on_reconfigure(&mut self) -> ::core::result::Result<(), #krate::ModelError> {
+                ::core::unreachable!()
+            }
+
+            fn on_step(
+                &mut self,
+                _: f64,
+                _: f64,
+            ) -> ::core::result::Result<(), #krate::ModelError> {
+                ::core::unreachable!()
             }
         }
     }

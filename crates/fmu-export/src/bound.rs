@@ -5,12 +5,14 @@ use std::any::Any;
 use fmu_description::{
     Causality, Domain, Dynamics, Loader, Saver, Scalar as Row, Value, Variability, table,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 use crate::clock::SampleClock;
 use crate::entry::Entry;
-use crate::model::{Simulate, Start};
+use crate::model::{Model, Start};
 use crate::slave::{Guid, Numbers, Scalar, Slave};
+use crate::solver::{self, System, Workspace};
 
 /// A model with `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize> {
@@ -18,6 +20,14 @@ pub(crate) struct Bound<M, const N: usize> {
     entry: &'static Entry,
     /// Whether a variant uses fewer elements of an array than the table.
     is_smaller: bool,
+    integrator: Integrator<M>,
+}
+
+/// The memory for steps of a model that is integrated; empty for others.
+struct Integrator<M> {
+    workspace: Workspace,
+    /// The model before a step, to which it returns if the step fails.
+    before: Option<Box<M>>,
 }
 
 /// What changes while a model is simulated.
@@ -25,6 +35,16 @@ struct Running<M> {
     model: M,
     /// Its sample instants, if it has a sample time.
     clock: SampleClock,
+    integration: Integration,
+}
+
+/// How a model is integrated.
+#[derive(Clone, Copy, Default, Serialize, Deserialize)]
+struct Integration {
+    /// Relative tolerance.
+    tolerance: f64,
+    /// The time until which time events are handled (s).
+    handled: f64,
 }
 
 /// Where a Real is stored, and the values that it may be set to between steps.
@@ -125,7 +145,7 @@ impl<T: Copy, const N: usize> List<T, N> {
     }
 }
 
-impl<M: Simulate, const N: usize> Bound<M, N> {
+impl<M: Model, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
     pub(crate) const ROWS: &'static [Row; N] = &table::scalars(M::ROWS);
     const PLACES: &'static [Place; N] = &Self::places();
@@ -288,9 +308,17 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
             state: Running {
                 model: Self::start(entry),
                 clock: SampleClock::default(),
+                integration: Integration::default(),
             },
             entry,
             is_smaller: false,
+            integrator: Integrator {
+                workspace: match M::IS_INTEGRATED {
+                    true => Workspace::new::<Self>(),
+                    false => Workspace::default(),
+                },
+                before: None,
+            },
         };
         let is_smaller = |array: &Array| new.length(array) < array.default;
         new.is_smaller = Self::STRUCTURAL_PARAMETERS.0 && Self::ARRAYS.iter().any(is_smaller);
@@ -310,15 +338,66 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         model
     }
 
-    /// See [`Simulate::step`].
+    /// Takes a step, see [`Simulate::step`](crate::Simulate::step).
     #[inline(always)]
     pub(crate) fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        if M::IS_INTEGRATED {
+            return self.integrate(time, step, true);
+        }
         if M::IS_SAMPLED {
             self.state.sample(time, step)?;
         } else {
-            self.state.model.step(time, step)?;
+            self.state.model.on_step(time, step)?;
         }
         Self::check_outputs(&mut self.state.model)
+    }
+
+    /// Integrates the equations over a step, which changes nothing if it fails.
+    #[inline(never)]
+    fn integrate(&mut self, time: f64, size: f64, handles_events: bool) -> Result<(), ModelError> {
+        self.keep_model();
+        let Integration { tolerance, handled } = self.state.integration;
+        let step = solver::Step {
+            time,
+            size,
+            tolerance,
+            longest: M::DEFAULT_EXPERIMENT.1.max(1e-3 * size),
+            handled: handles_events.then_some(handled),
+        };
+        // It returns unless the model panics, after which the instance is only freed.
+        let mut workspace = std::mem::take(&mut self.integrator.workspace);
+        let outcome = solver::advance(self, &mut workspace, &step);
+        self.integrator.workspace = workspace;
+        match (outcome, &mut self.integrator.before) {
+            (Ok(handled), _) => self.state.integration.handled = handled,
+            (Err(error), before) => {
+                if let Some(before) = before {
+                    std::mem::swap(&mut self.state.model, before);
+                }
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// Keeps a copy of the model, in memory that is there after the initialization.
+    fn keep_model(&mut self) {
+        let model = &self.state.model;
+        match &mut self.integrator.before {
+            Some(before) => before.copy_from(model),
+            none => *none = Some(Box::new(model.copy())),
+        }
+    }
+
+    /// The tolerance of the integration, as the host wants it, or as the model says.
+    fn tolerance(start: &Start) -> Result<f64, ModelError> {
+        match start.tolerance {
+            Some(tolerance) if tolerance > 0.0 && tolerance.is_finite() => Ok(tolerance),
+            Some(tolerance) => Err(ModelError::new(format_args!(
+                "the tolerance is {tolerance:?}; expected a positive number"
+            ))),
+            None => Ok(M::TOLERANCE),
+        }
     }
 
     /// Checks that all Real outputs are finite.
@@ -526,6 +605,18 @@ impl<M: Simulate, const N: usize> Bound<M, N> {
         states
     }
 
+    /// Whether outputs, derivatives and event indicators are finite. As a sum of finite numbers may
+    /// overflow, outputs may be, though it says that they are not.
+    fn are_equations_finite(&mut self) -> bool {
+        let mut sum = 0.0 * self.state.model.add_outputs(-0.0);
+        let derivatives = Self::STATES.iter().map(|state| state.derivative);
+        for offset in derivatives.chain(Self::EVENT_INDICATORS.iter().copied()) {
+            // SAFETY: the offsets are those of the table.
+            sum += 0.0 * unsafe { *self.real_at(offset) };
+        }
+        sum == 0.0
+    }
+
     /// Checks that outputs, derivatives and event indicators are finite.
     fn check_equations(&mut self) -> Result<(), ModelError> {
         Self::check_outputs(&mut self.state.model)?;
@@ -567,7 +658,7 @@ fn copy_ends<const K: usize>(from: &[f64], to: &mut [f64]) {
     }
 }
 
-impl<M: Simulate> Running<M> {
+impl<M: Model> Running<M> {
     /// Takes the samples that are due.
     #[inline(always)]
     fn sample(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
@@ -583,7 +674,7 @@ impl<M: Simulate> Running<M> {
         while remaining > 0 {
             let sample_time = self.model.sample_time();
             let instant = self.clock.instant_before(remaining, sample_time);
-            if let Err(error) = self.model.step(instant, sample_time) {
+            if let Err(error) = self.model.on_step(instant, sample_time) {
                 if remaining < due {
                     return Err(error.broken()); // earlier samples have changed the model
                 }
@@ -599,11 +690,55 @@ impl<M: Simulate> Running<M> {
         Self {
             model: self.model.copy(),
             clock: self.clock,
+            integration: self.integration,
         }
     }
 }
 
-impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
+impl<M: Model, const N: usize> System for Bound<M, N> {
+    const STATES: usize = Self::STATES.len();
+    const INDICATORS: usize = Self::EVENT_INDICATORS.len();
+
+    fn nominal(&self, state: usize) -> f64 {
+        Self::STATES[state].nominal
+    }
+
+    fn states(&mut self, states: &mut [f64]) {
+        self.read(Numbers::States, states);
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
+        self.set_states(states);
+        self.state.model.on_evaluate(time)?;
+        Ok(self.are_equations_finite() || self.check_equations().is_ok())
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        self.read(Numbers::Derivatives, derivatives);
+    }
+
+    fn is_positive(&mut self, indicator: usize) -> bool {
+        // SAFETY: the offsets are those of the table.
+        unsafe { *self.real_at(Self::EVENT_INDICATORS[indicator]) > 0.0 }
+    }
+
+    fn not_finite(&mut self) -> ModelError {
+        let checked = self.check_equations();
+        checked
+            .err()
+            .unwrap_or_else(|| ModelError::new("the states became too large"))
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.state.model.on_event(time)
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        self.state.model.on_next_event(time)
+    }
+}
+
+impl<M: Model, const N: usize> Slave for Bound<M, N> {
     fn reset(&mut self) {
         *self = Self::new(self.entry);
     }
@@ -619,7 +754,17 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
                 }
             }
         }
-        model.initialize(start)?;
+        model.on_initialize(start)?;
+        let mut integration = Integration::default();
+        if M::IS_INTEGRATED && !start.is_model_exchange {
+            integration = Integration {
+                tolerance: Self::tolerance(start)?,
+                handled: start.time,
+            };
+            if start.handles_events {
+                model.on_event(start.time)?;
+            }
+        }
         if M::IS_CONTINUOUS {
             model.on_evaluate(start.time)?;
         }
@@ -627,15 +772,27 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
             true => SampleClock::new(start.time, model.sample_time())?,
             false => SampleClock::default(),
         };
-        let before = std::mem::replace(&mut self.state, Running { model, clock });
+        let running = Running {
+            model,
+            clock,
+            integration,
+        };
+        let before = std::mem::replace(&mut self.state, running);
         self.check_equations().map_err(|error| {
             self.state = before;
             let reason = error.reason();
             ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
-        })
+        })?;
+        if M::IS_INTEGRATED {
+            self.keep_model();
+        }
+        Ok(())
     }
 
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+    fn step(&mut self, time: f64, step: f64, handles_events: bool) -> Result<(), ModelError> {
+        if M::IS_INTEGRATED {
+            return self.integrate(time, step, handles_events);
+        }
         Self::step(self, time, step)
     }
 
@@ -749,7 +906,7 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
     }
 
     fn reconfigure(&mut self) -> Result<(), ModelError> {
-        self.state.model.reconfigure()
+        self.state.model.on_reconfigure()
     }
 
     fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
@@ -801,17 +958,20 @@ impl<M: Simulate, const N: usize> Slave for Bound<M, N> {
     fn serialize(&self, saved: &dyn Any) -> Option<Vec<u8>> {
         let state = saved.downcast_ref::<Running<M>>()?;
         let mut saver = Saver::default();
-        saver.put(&state.clock).ok()?;
+        saver.put(&(state.clock, state.integration)).ok()?;
         state.model.save(&mut saver).ok()?;
         Some(saver.into_bytes())
     }
 
     fn deserialize(&self, bytes: &[u8]) -> Option<Box<dyn Any>> {
         let mut loader = Loader::new(bytes);
-        let clock = loader.take().ok()?;
+        let (clock, integration) = loader.take().ok()?;
         let model = M::load(&mut loader).ok()?;
-        loader
-            .is_empty()
-            .then(|| Box::new(Running { model, clock }) as Box<dyn Any>)
+        let running = Running {
+            model,
+            clock,
+            integration,
+        };
+        (loader.is_empty()).then(|| Box::new(running) as Box<dyn Any>)
     }
 }

@@ -238,12 +238,18 @@ impl Component {
         call: &Call,
         start: f64,
         stop: Option<f64>,
+        tolerance: Option<f64>,
     ) -> Outcome {
-        self.call(call, |c| c.set_experiment(start, stop))
+        self.call(call, |c| c.set_experiment(start, stop, tolerance))
     }
 
-    /// Sets the times of the experiment.
-    pub(crate) fn set_experiment(&mut self, start: f64, stop: Option<f64>) -> Result<(), Failure> {
+    /// Sets the times of the experiment, and the relative tolerance.
+    pub(crate) fn set_experiment(
+        &mut self,
+        start: f64,
+        stop: Option<f64>,
+        tolerance: Option<f64>,
+    ) -> Result<(), Failure> {
         if !start.is_finite() {
             return Err(reason!("the start time is {start}; expected a finite number").into());
         }
@@ -257,6 +263,7 @@ impl Component {
         }
         self.lifecycle.start_time = start;
         self.lifecycle.stop_time = stop.unwrap_or(f64::MAX);
+        self.lifecycle.tolerance = tolerance;
         self.lifecycle.stale = true;
         Ok(())
     }
@@ -516,7 +523,7 @@ impl Component {
         Ok(())
     }
 
-    /// Takes a part of a step. With events, samples are not taken here.
+    /// Takes a part of a step. With events, samples are not taken here, and time events not handled.
     pub(crate) fn take_part(
         &mut self,
         call: &Call,
@@ -527,7 +534,7 @@ impl Component {
         self.call(call, |c| {
             let holds = has_events && c.slave.is_sampled();
             if step > 0.0 && !holds {
-                c.slave.step(time, step).map_err(|error| {
+                c.slave.step(time, step, !has_events).map_err(|error| {
                     let kind = error.kind();
                     let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
                     Failure::new(kind, reason)
@@ -664,7 +671,7 @@ impl Component {
     pub(crate) fn update_discrete_states(&mut self, call: &Call) -> Result<Update, Outcome> {
         let mut update = Update::default();
         let outcome = self.call(call, |c| {
-            let time = c.lifecycle.time;
+            let time = c.event_time();
             update.states_changed = c.slave.event(time).map_err(Failure::from)?;
             update.next_event = c.slave.next_event(time);
             c.lifecycle.stale = true;
@@ -673,6 +680,21 @@ impl Component {
         match outcome {
             Outcome::Ok => Ok(update),
             other => Err(other),
+        }
+    }
+
+    /// The time of the event to handle: the current time, or that of a time event which the end of a step
+    /// has reached but for rounding errors.
+    fn event_time(&self) -> f64 {
+        let now = self.lifecycle.time;
+        let tolerance = 1e-6 * self.slave.default_step() + 8.0 * f64::EPSILON * now.abs();
+        match self.lifecycle.mode {
+            Mode::CoSimulationWithEvents if !self.slave.is_sampled() => self
+                .slave
+                .next_event(now)
+                .filter(|event| *event <= now + tolerance)
+                .unwrap_or(now),
+            _ => now,
         }
     }
 
@@ -809,6 +831,8 @@ impl Component {
         let start = Start {
             time: self.lifecycle.start_time,
             is_model_exchange: self.lifecycle.mode == Mode::ModelExchange,
+            handles_events: self.lifecycle.mode == Mode::CoSimulation,
+            tolerance: self.lifecycle.tolerance,
             resources: self.resources.clone(),
         };
         self.slave

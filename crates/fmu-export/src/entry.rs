@@ -6,7 +6,7 @@ use fmu_description::guid::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
-use crate::Simulate;
+use crate::Model;
 use crate::bound::Bound;
 use crate::component::Component;
 #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
@@ -36,9 +36,13 @@ pub struct Entry {
 
 /// The interface of the model `M` with `N` scalar variables, or of a variant of it; see
 /// [`Overrides::of`]. An invalid table fails the compilation here.
-pub const fn interface<M: Simulate, const N: usize>(variant: Option<&'static str>) -> Interface {
+pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) -> Interface {
     let scalars = Bound::<M, N>::ROWS;
     check(scalars);
+    assert!(
+        !(M::IS_INTEGRATED && Bound::<M, N>::HAS_INPUT_DERIVATIVES),
+        "an input with the option `derivative` needs a step that uses it: #[model(continuous, step = Self::step)]"
+    );
     let variant = match variant {
         Some(text) => Overrides::of(M::NAME, text),
         None => None,
@@ -64,7 +68,7 @@ impl Entry {
     ///
     /// An array of this length can be declared only where `M` is known, which is where
     /// [`export!`](crate::export) is used.
-    pub const fn of<M: Simulate, const N: usize>(
+    pub const fn of<M: Model, const N: usize>(
         interface: Interface,
         embedded: &'static [u8],
     ) -> Self {

@@ -3,7 +3,7 @@
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use crate::Simulate;
+use crate::Model;
 use crate::bound::Bound;
 use crate::component::{Component, Outcome};
 use crate::phase::{Call, Phase};
@@ -57,7 +57,7 @@ pub(crate) unsafe fn component<'a, F: Functions>(
     unsafe { functions::<F>(instance).map(|f| &mut *(f.common().component)(instance)) }
 }
 
-impl<F: Functions, M: Simulate, const N: usize> Instance<F, M, N> {
+impl<F: Functions, M: Model, const N: usize> Instance<F, M, N> {
     pub(crate) const COMMON: Common = Common {
         component: Self::component,
         free: Self::free,
@@ -109,7 +109,7 @@ impl<F: Functions, M: Simulate, const N: usize> Instance<F, M, N> {
     }
 }
 
-impl<M: Simulate, const N: usize> Component<Bound<M, N>> {
+impl<M: Model, const N: usize> Component<Bound<M, N>> {
     /// The component without its type.
     pub(crate) fn shared(&mut self) -> &mut Component {
         self

@@ -76,6 +76,7 @@ mod reason;
 mod resources;
 mod slave;
 mod snapshot;
+mod solver;
 mod state;
 mod values;
 
@@ -87,6 +88,8 @@ pub use fmu_derive::{Choice, Model, Variables};
 pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, embedded};
+#[doc(hidden)]
+pub use model::Stepped;
 pub use model::{Continuous, Model, ModelError, Simulate, Start};
 
 /// What a model needs: `use fmu_export::prelude::*;`.

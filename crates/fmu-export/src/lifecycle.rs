@@ -41,6 +41,8 @@ pub(crate) struct Lifecycle {
     pub(crate) start_time: f64,
     /// `f64::MAX` if there is none.
     pub(crate) stop_time: f64,
+    /// The relative tolerance that the host wants; `None` if it left that to the model.
+    pub(crate) tolerance: Option<f64>,
     /// Co-simulation: the current communication point (s); `BEFORE_FIRST_STEP` until there is one. Model
     /// exchange: the time that the host set.
     pub(crate) time: f64,
@@ -57,6 +59,7 @@ impl Lifecycle {
             phase: Phase::Instantiated,
             start_time: 0.0,
             stop_time: f64::MAX,
+            tolerance: None,
             time: BEFORE_FIRST_STEP,
             stale: true,
             has_input_derivatives: false,

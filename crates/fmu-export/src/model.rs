@@ -22,6 +22,8 @@ pub trait Model: Variables + 'static {
     const IS_SAMPLED: bool;
     /// Whether it is [`Continuous`].
     const IS_CONTINUOUS: bool = false;
+    /// Whether its equations are integrated in co-simulation: it has no step of its own.
+    const IS_INTEGRATED: bool = false;
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -29,6 +31,27 @@ pub trait Model: Variables + 'static {
 
     /// The sample time (s); 0 if it has none.
     fn sample_time(&self) -> f64;
+
+    /// See [`Simulate::initialize`] and [`Continuous::initialize`].
+    ///
+    /// # Errors
+    /// Those of the model.
+    #[doc(hidden)]
+    fn on_initialize(&mut self, start: &Start) -> Result<(), ModelError>;
+
+    /// See [`Simulate::reconfigure`] and [`Continuous::reconfigure`].
+    ///
+    /// # Errors
+    /// Those of the model.
+    #[doc(hidden)]
+    fn on_reconfigure(&mut self) -> Result<(), ModelError>;
+
+    /// See [`Simulate::step`]; not called if the model is integrated.
+    ///
+    /// # Errors
+    /// Those of the model.
+    #[doc(hidden)]
+    fn on_step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 
     /// See [`Continuous::evaluate`].
     ///
@@ -65,12 +88,20 @@ pub trait Model: Variables + 'static {
     }
 }
 
-/// What a model does, implemented by its author.
+/// A model without `#[model(continuous)]`, implemented by `#[derive(Model)]`.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` cannot implement `Simulate`",
+    note = "with `#[model(continuous)]`, write `impl Continuous` instead; a function that takes steps better than the integrator is named by `#[model(continuous, step = Self::step)]`"
+)]
+pub trait Stepped {}
+
+/// What a model does, implemented by its author; of a model with equations, [`Continuous`] is instead.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say what it does",
     note = "write `impl Simulate` for it, with a function `step`"
 )]
-pub trait Simulate: Model {
+pub trait Simulate: Model + Stepped {
     /// Computes the outputs at the start time from the start values of parameters and inputs. All other
     /// fields have their default values. If the host changes a value afterwards, it is called again,
     /// on a fresh copy.
@@ -105,22 +136,42 @@ pub trait Simulate: Model {
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
 }
 
-/// The equations of a model with `#[model(continuous)]`, which a host solves by model exchange.
+/// The equations of a model with `#[model(continuous)]`: what it does, instead of [`Simulate`].
 ///
 /// Its states are the variables with the option `state`, their derivatives the fields with
-/// `#[derivative(of = ...)]`. The host integrates the states, and calls the functions of this trait
-/// instead of [`Simulate::step`].
+/// `#[derivative(of = ...)]`. In model exchange, the host integrates the states. In co-simulation, the
+/// layer does, by a Runge-Kutta method of order 5 with error control, which finds events within a step and
+/// keeps inputs constant; or the function in `#[model(continuous, step = Self::step)]`, which also handles
+/// the events within a step.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is continuous but has no equations",
     note = "write `impl Continuous` for it, with a function `evaluate`"
 )]
 pub trait Continuous: Model {
+    /// As [`Simulate::initialize`]: computes states and outputs at the start time. Afterwards,
+    /// [`evaluate`](Self::evaluate) is called.
+    ///
+    /// # Errors
+    /// The parameters are inconsistent, or a resource cannot be read.
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        let _ = start;
+        Ok(())
+    }
+
+    /// As [`Simulate::reconfigure`].
+    ///
+    /// # Errors
+    /// The model cannot continue with these sizes.
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        Ok(())
+    }
+
     /// Computes derivatives, event indicators and outputs at `time` (s) from states, inputs and
     /// parameters.
     ///
     /// # Errors
-    /// They cannot be computed. The host may try other states if the error is a
-    /// [`discard`](ModelError::discard).
+    /// They cannot be computed. Other states may be tried if the error is a
+    /// [`discard`](ModelError::discard), or if a result is NaN or infinite.
     fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
 
     /// Handles an event at `time` (s): the start, a [`next_event`](Self::next_event), or a sign change of
@@ -147,6 +198,10 @@ pub struct Start {
     pub time: f64,
     /// Whether the host integrates the states: model exchange.
     pub is_model_exchange: bool,
+    /// Whether the instance handles the event at the start itself: co-simulation without event mode.
+    pub(crate) handles_events: bool,
+    /// The relative tolerance that the host wants; `None` if it left that to the model.
+    pub(crate) tolerance: Option<f64>,
     pub(crate) resources: Folder,
 }
 
@@ -156,6 +211,8 @@ impl Start {
         Self {
             time,
             is_model_exchange: false,
+            handles_events: true,
+            tolerance: None,
             resources: Ok(resources.into()),
         }
     }
@@ -255,6 +312,16 @@ impl ModelError {
     pub(crate) fn discarded(self) -> Self {
         Self {
             kind: Kind::Discarded,
+            ..self
+        }
+    }
+
+    /// The same error with a message that begins by saying where it happened.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn with_prefix(self, prefix: std::fmt::Arguments<'_>) -> Self {
+        Self {
+            reason: format!("{prefix}: {}", self.reason),
             ..self
         }
     }

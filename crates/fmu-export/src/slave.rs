@@ -49,8 +49,9 @@ pub(crate) trait Slave {
     fn reset(&mut self);
     /// Initializes a fresh model with the values that were set; nothing changes if it fails.
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError>;
-    /// Takes a step, see [`Simulate::step`](crate::Simulate::step), or the samples in it.
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+    /// Takes a step, see [`Simulate::step`](crate::Simulate::step), or the samples in it. Of a model that is
+    /// integrated, time events in the step are handled if `handles_events`.
+    fn step(&mut self, time: f64, step: f64, handles_events: bool) -> Result<(), ModelError>;
     /// The step size of the default experiment (s).
     fn default_step(&self) -> f64;
     /// Whether the model has a sample time.

@@ -12,7 +12,7 @@ use crate::slave::{Guid, Slave};
 /// The first bytes of a state in memory and of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: [u8; 4] = 4u32.to_le_bytes();
+const VERSION: [u8; 4] = 5u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 

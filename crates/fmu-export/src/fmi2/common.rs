@@ -57,22 +57,23 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
     }
 }
 
-/// `fmi2SetupExperiment`. A model keeps its own tolerance: "An FMU for Co-Simulation might ignore this
-/// argument" (FMI 2.0.5, section 2.1.6).
+/// `fmi2SetupExperiment`. A model that is not integrated here keeps its own tolerance: "An FMU for
+/// Co-Simulation might ignore this argument" (FMI 2.0.5, section 2.1.6).
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetupExperiment(
     c: fmi2Component,
-    _tolerance_defined: fmi2Boolean,
-    _tolerance: fmi2Real,
+    tolerance_defined: fmi2Boolean,
+    tolerance: fmi2Real,
     start_time: fmi2Real,
     stop_time_defined: fmi2Boolean,
     stop_time: fmi2Real,
 ) -> fmi2Status {
     let stop = (stop_time_defined != fmi2False).then_some(stop_time);
+    let tolerance = (tolerance_defined != fmi2False).then_some(tolerance);
     // SAFETY: the caller's promise.
     unsafe {
         with(c, |component| {
-            component.setup_experiment(&calls::SETUP_EXPERIMENT, start_time, stop)
+            component.setup_experiment(&calls::SETUP_EXPERIMENT, start_time, stop, tolerance)
         })
     }
 }

@@ -9,7 +9,7 @@ use std::slice;
 
 use super::calls::{DO_STEP, GET_REAL, SET_REAL};
 use super::{access, fmi2Component, fmi2Real, fmi2Status, fmi2ValueReference};
-use crate::Simulate;
+use crate::Model;
 use crate::bound::Bound;
 use crate::component::Component;
 use crate::instance::{Common, Instance};
@@ -46,13 +46,11 @@ impl crate::instance::Functions for Functions {
 }
 
 /// Moves a component to the heap and returns the host's pointer to it.
-pub(crate) fn create<M: Simulate, const N: usize>(
-    component: Component<Bound<M, N>>,
-) -> fmi2Component {
+pub(crate) fn create<M: Model, const N: usize>(component: Component<Bound<M, N>>) -> fmi2Component {
     Instance::create(&Instance::<Functions, M, N>::FUNCTIONS, (), component)
 }
 
-impl<M: Simulate, const N: usize> Instance<Functions, M, N> {
+impl<M: Model, const N: usize> Instance<Functions, M, N> {
     const FUNCTIONS: Functions = Functions {
         common: Self::COMMON,
         get_reals: Self::get_reals,

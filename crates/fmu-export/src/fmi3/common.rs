@@ -53,22 +53,23 @@ pub unsafe extern "C" fn fmi3SetDebugLogging(
     }
 }
 
-/// `fmi3EnterInitializationMode`. A model keeps its own tolerance.
+/// `fmi3EnterInitializationMode`. A model that is not integrated here keeps its own tolerance.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3EnterInitializationMode(
     instance: fmi3Instance,
-    _tolerance_defined: fmi3Boolean,
-    _tolerance: fmi3Float64,
+    tolerance_defined: fmi3Boolean,
+    tolerance: fmi3Float64,
     start_time: fmi3Float64,
     stop_time_defined: fmi3Boolean,
     stop_time: fmi3Float64,
 ) -> fmi3Status {
     let stop = (stop_time_defined != fmi3False).then_some(stop_time);
+    let tolerance = (tolerance_defined != fmi3False).then_some(tolerance);
     // SAFETY: the caller's promise.
     unsafe {
         with(instance, |component| {
             component.call(&calls::ENTER_INITIALIZATION_MODE, |c| {
-                c.set_experiment(start_time, stop)?;
+                c.set_experiment(start_time, stop, tolerance)?;
                 c.enter(Phase::Initialization);
                 Ok(())
             })

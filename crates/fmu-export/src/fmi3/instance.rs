@@ -7,7 +7,7 @@ use super::stepping::{self, Results};
 use super::{
     Options, access, fmi3Boolean, fmi3Float64, fmi3Instance, fmi3Status, fmi3ValueReference,
 };
-use crate::Simulate;
+use crate::Model;
 use crate::bound::Bound;
 use crate::component::Component;
 use crate::instance::{Common, Instance};
@@ -57,7 +57,7 @@ impl crate::instance::Functions for Functions {
 }
 
 /// Moves a component to the heap and returns the host's pointer to it.
-pub(crate) fn create<M: Simulate, const N: usize>(
+pub(crate) fn create<M: Model, const N: usize>(
     options: Options,
     component: Component<Bound<M, N>>,
 ) -> fmi3Instance {
@@ -71,7 +71,7 @@ pub(crate) fn create<M: Simulate, const N: usize>(
     Instance::create(functions, options, component)
 }
 
-impl<M: Simulate, const N: usize> Instance<Functions, M, N> {
+impl<M: Model, const N: usize> Instance<Functions, M, N> {
     /// For a host that does not see what happens in a step.
     const PLAIN: Functions = Functions {
         common: Self::COMMON,

@@ -13,6 +13,7 @@ mod fmi3;
 mod fmu_state;
 mod host;
 mod instances;
+mod integration;
 mod layer;
 mod logging;
 mod models;

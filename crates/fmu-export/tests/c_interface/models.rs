@@ -6,7 +6,9 @@ use std::f64::consts;
 use fmu_description::{Value, ValueMut};
 use fmu_export::prelude::*;
 
-fmu_export::export!(Probe, Wide, Sampled, Reader, Sizes, Ball, Every, Lists);
+fmu_export::export!(
+    Probe, Wide, Sampled, Reader, Sizes, Ball, Every, Lists, Hopper
+);
 
 // Indices of the models.
 pub const PROBE: usize = 0;
@@ -17,6 +19,7 @@ pub const SIZES: usize = 4;
 pub const BALL: usize = 5;
 pub const EVERY: usize = 6;
 pub const LISTS: usize = 7;
+pub const HOPPER: usize = 8;
 
 /// Every type and role, and failures on demand
 #[derive(Debug, Clone, Model)]
@@ -655,7 +658,7 @@ impl Simulate for Sizes {
 
 /// A ball that is driven, bounces, and gets a kick
 #[derive(Model)]
-#[model(continuous, step_size = 0.1)]
+#[model(continuous, step = Self::step, step_size = 0.1)]
 pub struct Ball {
     /// acceleration by the drive
     #[input]
@@ -721,6 +724,18 @@ impl Ball {
     /// Time of the kick (s).
     pub const KICK: f64 = 0.5;
 
+    /// Exact without drag; without events.
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        if time > 0.15 {
+            Self::fail(self.fault)?;
+        }
+        let acceleration = self.drive - Self::G;
+        self.h += (self.v + acceleration * step / 2.0) * step;
+        self.v += acceleration * step;
+        self.energy = self.energy();
+        Ok(())
+    }
+
     fn energy(&self) -> f64 {
         Self::G * self.h + self.v * self.v / 2.0 + self.drive / 8.0
     }
@@ -741,26 +756,12 @@ thread_local! {
     pub static EVALUATIONS: Cell<u32> = const { Cell::new(0) };
 }
 
-impl Simulate for Ball {
+impl Continuous for Ball {
     fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
         self.h = self.h0;
         Ok(())
     }
 
-    /// Exact without drag; without events.
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        if time > 0.15 {
-            Self::fail(self.fault)?;
-        }
-        let acceleration = self.drive - Self::G;
-        self.h += (self.v + acceleration * step / 2.0) * step;
-        self.v += acceleration * step;
-        self.energy = self.energy();
-        Ok(())
-    }
-}
-
-impl Continuous for Ball {
     fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
         EVALUATIONS.set(EVALUATIONS.get() + 1);
         Self::fail(self.trouble)?;
@@ -794,6 +795,128 @@ impl Continuous for Ball {
         } else {
             Self::KICK
         })
+    }
+}
+
+/// A ball that bounces until it rests, and a lamp that switches; the layer integrates it
+#[derive(Model)]
+#[model(continuous, step_size = 0.1)]
+pub struct Hopper {
+    /// acceleration by the drive
+    #[input]
+    drive: f64,
+    /// how the equations fail
+    #[input(min = 0, max = PANIC)]
+    trouble: f64,
+    /// from when on
+    #[parameter(tunable)]
+    trouble_time: f64,
+    /// height
+    #[output(state, start = 1, nominal = 0.5)]
+    h: f64,
+    /// velocity
+    #[output(state)]
+    v: f64,
+    #[derivative(of = h)]
+    h_dot: f64,
+    #[derivative(of = v)]
+    v_dot: f64,
+    /// its lowest point, above the ground until it rests
+    #[event_indicator]
+    gap: f64,
+    /// part of the velocity that a bounce keeps
+    #[parameter(start = 0.5, min = 0, max = 1)]
+    restitution: f64,
+    /// drag
+    #[parameter]
+    drag: f64,
+    /// velocity below which it rests
+    #[parameter(start = 0.1)]
+    slowest: f64,
+    /// time between two changes of the lamp
+    #[parameter(start = 0.3)]
+    period: f64,
+    /// whether it rests
+    #[output]
+    rests: bool,
+    /// number of bounces
+    #[output]
+    bounces: i32,
+    /// time of the last bounce
+    #[output]
+    bounced: f64,
+    /// number of changes of the lamp
+    #[output]
+    changes: i32,
+    /// time of the last change
+    #[output]
+    changed: f64,
+    /// memory on the heap
+    #[parameter(start = "text")]
+    label: String,
+    log: Vec<f64>,
+}
+
+impl Hopper {
+    pub const DRIVE: u32 = 0;
+    pub const TROUBLE: u32 = 1;
+    pub const TROUBLE_TIME: u32 = 2;
+    pub const H: u32 = 3;
+    pub const V: u32 = 4;
+    pub const DRAG: u32 = 9;
+    pub const PERIOD: u32 = 11;
+    pub const RESTS: u32 = 12;
+    pub const BOUNCES: u32 = 13;
+    pub const BOUNCED: u32 = 14;
+    pub const CHANGES: u32 = 15;
+    pub const CHANGED: u32 = 16;
+    /// Acceleration by gravity (m/s2).
+    pub const G: f64 = 9.75;
+}
+
+impl Continuous for Hopper {
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        self.changed = start.time;
+        self.log = vec![0.0; 4];
+        Ok(())
+    }
+
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        (self.h_dot, self.v_dot) = match self.rests {
+            true => (0.0, 0.0),
+            false => (
+                self.v,
+                self.drive - Self::G - self.drag * self.v * self.v.abs(),
+            ),
+        };
+        self.gap = if self.rests { -1.0 } else { self.h };
+        if time >= self.trouble_time {
+            Ball::fail(self.trouble)?;
+            if self.trouble == DIVERGE {
+                self.v_dot = f64::NAN;
+            }
+        }
+        Ok(())
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        if self.h <= 0.0 && self.v < 0.0 && !self.rests {
+            (self.bounces, self.bounced) = (self.bounces + 1, time);
+            self.v *= -self.restitution;
+            self.rests = self.v < self.slowest;
+            if self.rests {
+                self.v = 0.0;
+            }
+            self.log[self.bounces as usize % 4] = time;
+        }
+        if time >= self.changed + self.period {
+            (self.changes, self.changed) = (self.changes + 1, time);
+        }
+        Ok(())
+    }
+
+    fn next_event(&self, _time: f64) -> Option<f64> {
+        Some(self.changed + self.period)
     }
 }
 

@@ -3,7 +3,7 @@
 mod access;
 mod events;
 mod exchange;
-mod host;
+pub mod host;
 mod instances;
 mod intermediate;
 mod sequences;

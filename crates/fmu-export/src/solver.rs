@@ -1,0 +1,808 @@
+//! The integrator of models with equations in co-simulation: the embedded Runge-Kutta pair 5(4) of Dormand
+//! and Prince (J. Comput. Appl. Math. 6, 1980) with the dense output of Hairer, Nørsett and Wanner (Solving
+//! Ordinary Differential Equations I, section II.6), and the location of events.
+//!
+//! It remembers nothing between steps, so that a saved state is that of the model alone. All memory is in
+//! a [`Workspace`].
+
+use crate::model::{Kind, ModelError};
+
+/// Maximum number of internal steps in one communication step; more would take seconds to compute.
+const MAX_STEPS: u32 = 100_000;
+/// Maximum number of events in one communication step; more are chattering.
+const MAX_EVENTS: u32 = 1000;
+/// Smallest relative tolerance that is kept, above rounding errors.
+const MIN_TOLERANCE: f64 = 1e-12;
+/// Maximum growth of the size from one internal step to the next.
+const MAX_GROWTH: f64 = 5.0;
+/// Maximum shrinkage, also after a point at which the equations have no values.
+const MAX_SHRINKAGE: f64 = 0.2;
+/// Size of the first internal step after a state event, in units of the resolution of its time: so short
+/// that the indicator is seen to return to its former sign before it changes again.
+const RESTART: f64 = 1e4;
+
+/// What is integrated.
+pub(crate) trait System {
+    /// Number of states.
+    const STATES: usize;
+    /// Number of event indicators.
+    const INDICATORS: usize;
+
+    /// The order of magnitude of a state.
+    fn nominal(&self, state: usize) -> f64;
+    /// Reads the states.
+    fn states(&mut self, states: &mut [f64]);
+    /// Sets the states, and computes derivatives, event indicators and outputs. Returns false if one of
+    /// them is not finite.
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError>;
+    /// Reads the derivatives of the states.
+    fn derivatives(&mut self, derivatives: &mut [f64]);
+    /// Whether an event indicator is positive.
+    fn is_positive(&mut self, indicator: usize) -> bool;
+    /// The error that names what is not finite.
+    fn not_finite(&mut self) -> ModelError;
+    /// Handles an event.
+    fn event(&mut self, time: f64) -> Result<(), ModelError>;
+    /// The first event after `time` that is known.
+    fn next_event(&self, time: f64) -> Option<f64>;
+}
+
+/// A communication step.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    /// Its start and its size (s).
+    pub(crate) time: f64,
+    pub(crate) size: f64,
+    /// Relative tolerance of an internal step.
+    pub(crate) tolerance: f64,
+    /// Maximum size of an internal step (s), if there are event indicators.
+    pub(crate) longest: f64,
+    /// The time until which time events are handled; `None` if the caller handles them.
+    pub(crate) handled: Option<f64>,
+}
+
+/// The memory for a step.
+#[derive(Default)]
+pub(crate) struct Workspace {
+    /// The states at the start of an internal step.
+    states: Vec<f64>,
+    /// The states at its end.
+    next: Vec<f64>,
+    /// The states at another point.
+    point: Vec<f64>,
+    /// Derivatives at the stages of an internal step: the first at its start, the last at its end.
+    slopes: [Vec<f64>; 7],
+    /// Whether each event indicator is positive at the start of an internal step.
+    signs: Vec<bool>,
+}
+
+impl Workspace {
+    pub(crate) fn new<S: System>() -> Self {
+        let zeros = || vec![0.0; S::STATES];
+        Self {
+            states: zeros(),
+            next: zeros(),
+            point: zeros(),
+            slopes: std::array::from_fn(|_| zeros()),
+            signs: vec![false; S::INDICATORS],
+        }
+    }
+}
+
+/// Integrates over a communication step and handles the events in it. Returns the time until which time
+/// events are handled.
+///
+/// Afterwards, the system is evaluated at the end of the step; if it fails, at any point.
+///
+/// # Errors
+/// Those of the system, and a discarded step, if it would take too many internal steps or events.
+pub(crate) fn advance<S: System>(
+    system: &mut S,
+    workspace: &mut Workspace,
+    step: &Step,
+) -> Result<f64, ModelError> {
+    let mut run = Run {
+        system,
+        w: workspace,
+        step,
+        reached: 0.0,
+        size: 0.0,
+        steps: 0,
+        events: 0,
+    };
+    run.start()?;
+    let mut handled = step.handled;
+    while let Some((end, event)) = run.next_event(handled) {
+        run.integrate(end)?;
+        run.event(event)?;
+        handled = Some(event);
+    }
+    run.integrate(step.size)?;
+    Ok(handled.unwrap_or(step.time))
+}
+
+/// A step that is being taken. Times are relative to its start, unless they are called absolute.
+struct Run<'a, S> {
+    system: &'a mut S,
+    w: &'a mut Workspace,
+    step: &'a Step,
+    reached: f64,
+    /// Size of the next internal step; 0 if it is to be estimated.
+    size: f64,
+    steps: u32,
+    events: u32,
+}
+
+/// The outcome of an internal step.
+enum Trial {
+    /// The error relative to the tolerance; not finite if the equations have no values somewhere.
+    Error(f64),
+    /// The model discards a point.
+    Discarded(ModelError),
+}
+
+impl<S: System> Run<'_, S> {
+    /// The absolute time.
+    fn now(&self) -> f64 {
+        self.step.time + self.reached
+    }
+
+    /// Evaluates the equations at the current time and states, which an event may have changed.
+    fn start(&mut self) -> Result<(), ModelError> {
+        self.system.states(&mut self.w.states);
+        let evaluated = self.system.evaluate(self.now(), &self.w.states);
+        if !evaluated.map_err(|error| self.stopped(error))? {
+            let error = self.system.not_finite();
+            return Err(self.stopped(error));
+        }
+        self.system.derivatives(&mut self.w.slopes[0]);
+        self.keep_signs();
+        self.size = 0.0;
+        Ok(())
+    }
+
+    fn keep_signs(&mut self) {
+        for (indicator, sign) in self.w.signs.iter_mut().enumerate() {
+            *sign = self.system.is_positive(indicator);
+        }
+    }
+
+    /// Whether an event indicator has another sign than at the start of the internal step.
+    fn has_crossed(&mut self) -> bool {
+        let mut signs = self.w.signs.iter().enumerate();
+        signs.any(|(indicator, sign)| self.system.is_positive(indicator) != *sign)
+    }
+
+    /// The next time event in the step: where to integrate to, and its absolute time. One at the end of
+    /// the step belongs to it, though hosts compute its time with rounding errors.
+    fn next_event(&self, handled: Option<f64>) -> Option<(f64, f64)> {
+        let handled = handled?;
+        let event = { self.system.next_event(handled) }.filter(|event| *event > handled)?;
+        let (end, size) = (self.step.time + self.step.size, self.step.size);
+        let tolerance = 1e-6 * size + 8.0 * f64::EPSILON * self.step.time.abs();
+        if event > end + tolerance {
+            None
+        } else if event >= end - tolerance {
+            Some((size, event.max(end)))
+        } else {
+            Some(((event - self.step.time).max(self.reached), event))
+        }
+    }
+
+    /// Integrates to `end`.
+    fn integrate(&mut self, end: f64) -> Result<(), ModelError> {
+        while self.reached < end {
+            self.take_internal_step(end)?;
+        }
+        Ok(())
+    }
+
+    /// Takes an internal step that ends at an event indicator's change of sign, or at `end` at the latest.
+    fn take_internal_step(&mut self, end: f64) -> Result<(), ModelError> {
+        let remaining = end - self.reached;
+        if self.size == 0.0 {
+            self.size = self.estimate_size(remaining)?.max(self.resolution());
+        }
+        loop {
+            self.steps += 1;
+            if self.steps > MAX_STEPS {
+                return Err(self.discard(format_args!(
+                    "it takes more than {MAX_STEPS} internal steps to get further"
+                )));
+            }
+            // The last step is a little longer, so that none remains that is very short.
+            let is_last = 1.01 * self.longest() >= remaining;
+            let (h, to) = match is_last {
+                true => (remaining, end),
+                false => (self.longest(), self.reached + self.longest()),
+            };
+            let mut trial = self.try_step(h, to)?;
+            if let Trial::Error(error) = trial
+                && error <= 1.0
+            {
+                let growth = 0.9 * libm::pow(error.max(1e-10), -0.2);
+                let size = h * growth.clamp(MAX_SHRINKAGE, MAX_GROWTH);
+                if !self.has_crossed() {
+                    self.size = size;
+                    self.accept(to);
+                    return Ok(());
+                }
+                match self.locate(h, to)? {
+                    None => return Ok(()),
+                    Some(failed) => trial = failed,
+                }
+            }
+            self.size = h * match &trial {
+                Trial::Error(error) if *error > 1.0 && error.is_finite() => {
+                    (0.9 * libm::pow(*error, -0.2)).max(MAX_SHRINKAGE)
+                }
+                _ => MAX_SHRINKAGE,
+            };
+            if self.size <= self.resolution() {
+                return Err(self.stuck(trial));
+            }
+        }
+    }
+
+    /// The size of the next internal step, if the end is far away.
+    fn longest(&self) -> f64 {
+        match S::INDICATORS {
+            0 => self.size,
+            _ => self.size.min(self.step.longest),
+        }
+    }
+
+    /// Times that differ less are equal.
+    fn resolution(&self) -> f64 {
+        4.0 * f64::EPSILON * (self.step.time.abs() + self.step.size)
+    }
+
+    /// Ends an internal step, at whose end the system is evaluated.
+    fn accept(&mut self, to: f64) {
+        self.reached = to;
+        std::mem::swap(&mut self.w.states, &mut self.w.next);
+        self.w.slopes.swap(0, 6);
+        self.keep_signs();
+    }
+
+    /// Locates the first change of an indicator's sign in an internal step, by bisection, and handles the
+    /// event just after it. Returns what failed if the equations have no values at a point of the step.
+    fn locate(&mut self, h: f64, to: f64) -> Result<Option<Trial>, ModelError> {
+        let (mut before, mut after) = (0.0, 1.0);
+        let resolution = (1e-12 * h).max(self.resolution());
+        while (after - before) * h > resolution {
+            let middle = 0.5 * (before + after);
+            if let Some(failed) = self.evaluate_within(middle, h)? {
+                return Ok(Some(failed));
+            }
+            match self.has_crossed() {
+                true => after = middle,
+                false => before = middle,
+            }
+        }
+        if let Some(failed) = self.evaluate_within(after, h)? {
+            return Ok(Some(failed));
+        }
+        self.reached = if after == 1.0 {
+            to
+        } else {
+            self.reached + after * h
+        };
+        self.event(self.now())?;
+        self.size = RESTART * resolution;
+        Ok(None)
+    }
+
+    /// Evaluates the equations at a fraction of an internal step.
+    fn evaluate_within(&mut self, fraction: f64, h: f64) -> Result<Option<Trial>, ModelError> {
+        self.interpolate(fraction, h);
+        let time = self.now() + fraction * h;
+        let evaluated = self.system.evaluate(time, &self.w.point);
+        self.judge(evaluated)
+    }
+
+    /// What failed in an evaluation, if a shorter internal step may succeed.
+    fn judge(&self, evaluated: Result<bool, ModelError>) -> Result<Option<Trial>, ModelError> {
+        match evaluated {
+            Ok(true) => Ok(None),
+            Ok(false) => Ok(Some(Trial::Error(f64::INFINITY))),
+            Err(error) if error.kind() == Kind::Discarded => Ok(Some(Trial::Discarded(error))),
+            Err(error) => Err(self.stopped(error)),
+        }
+    }
+
+    /// Computes the states at a fraction of an internal step.
+    fn interpolate(&mut self, fraction: f64, h: f64) {
+        const D: [f64; 7] = [
+            -12715105075.0 / 11282082432.0,
+            0.0,
+            87487479700.0 / 32700410799.0,
+            -10690763975.0 / 1880347072.0,
+            701980252875.0 / 199316789632.0,
+            -1453857185.0 / 822651844.0,
+            69997945.0 / 29380423.0,
+        ];
+        let rest = 1.0 - fraction;
+        for i in 0..S::STATES {
+            let change = self.w.next[i] - self.w.states[i];
+            let first = h * self.w.slopes[0][i] - change;
+            let last = change - h * self.w.slopes[6][i] - first;
+            let fifth = h * weighted(&D, &self.w.slopes, i);
+            let inner = first + fraction * (last + rest * fifth);
+            self.w.point[i] = self.w.states[i] + fraction * (change + rest * inner);
+        }
+    }
+
+    /// Handles an event at an absolute time.
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.events += 1;
+        if self.events > MAX_EVENTS {
+            return Err(self.discard(format_args!(
+                "there are more than {MAX_EVENTS} events in the communication step"
+            )));
+        }
+        let handled = self.system.event(time);
+        handled
+            .map_err(|error| error.with_prefix(format_args!("in the event at t = {time:?} s")))?;
+        self.start()
+    }
+
+    /// Takes the stages of an internal step of size `h` that ends at `to`.
+    fn try_step(&mut self, h: f64, to: f64) -> Result<Trial, ModelError> {
+        /// Nodes: the time of each stage as a fraction of the step; the others are 1.
+        const C: [f64; 5] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0];
+        const A: [&[f64]; 7] = [
+            &[],
+            &[1.0 / 5.0],
+            &[3.0 / 40.0, 9.0 / 40.0],
+            &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0],
+            &[
+                19372.0 / 6561.0,
+                -25360.0 / 2187.0,
+                64448.0 / 6561.0,
+                -212.0 / 729.0,
+            ],
+            &[
+                9017.0 / 3168.0,
+                -355.0 / 33.0,
+                46732.0 / 5247.0,
+                49.0 / 176.0,
+                -5103.0 / 18656.0,
+            ],
+            &[
+                35.0 / 384.0,
+                0.0,
+                500.0 / 1113.0,
+                125.0 / 192.0,
+                -2187.0 / 6784.0,
+                11.0 / 84.0,
+            ],
+        ];
+        /// Fifth-order weights minus fourth-order weights.
+        const E: [f64; 7] = [
+            71.0 / 57600.0,
+            0.0,
+            -71.0 / 16695.0,
+            71.0 / 1920.0,
+            -17253.0 / 339200.0,
+            22.0 / 525.0,
+            -1.0 / 40.0,
+        ];
+        for (stage, weights) in A.iter().enumerate().skip(1) {
+            for i in 0..S::STATES {
+                let slope = weighted(weights, &self.w.slopes, i);
+                self.w.next[i] = self.w.states[i] + h * slope;
+            }
+            let time = C.get(stage).map_or(to, |c| self.reached + c * h);
+            let evaluated = self.system.evaluate(self.step.time + time, &self.w.next);
+            if let Some(failed) = self.judge(evaluated)? {
+                return Ok(failed);
+            }
+            self.system.derivatives(&mut self.w.slopes[stage]);
+        }
+        let w = &self.w;
+        Ok(Trial::Error(self.norm(|i| {
+            let largest = w.states[i].abs().max(w.next[i].abs());
+            h * weighted(&E, &w.slopes, i) / self.scale(i, largest)
+        })))
+    }
+
+    /// The error of a state that is tolerated where its magnitude is `value`.
+    fn scale(&self, state: usize, value: f64) -> f64 {
+        self.step.tolerance.max(MIN_TOLERANCE) * (self.system.nominal(state) + value)
+    }
+
+    /// The root mean square of a number for each state.
+    fn norm(&self, of: impl Fn(usize) -> f64) -> f64 {
+        // A sum, not a maximum: `max` would hide a NaN.
+        let sum: f64 = (0..S::STATES).map(|i| of(i) * of(i)).sum();
+        libm::sqrt(sum / S::STATES.max(1) as f64)
+    }
+
+    /// Estimates the size of the first internal step from the first two derivatives (Hairer, Nørsett and
+    /// Wanner, section II.4).
+    fn estimate_size(&mut self, remaining: f64) -> Result<f64, ModelError> {
+        let w = &self.w;
+        let relative = |value: f64, i: usize| value / self.scale(i, w.states[i].abs());
+        let size = self.norm(|i| relative(w.states[i], i));
+        let slope = self.norm(|i| relative(w.slopes[0][i], i));
+        let is_known = size > 1e-5 && slope > 1e-5;
+        let probe = match is_known {
+            true => remaining.min(0.01 * size / slope),
+            false => 1e-3 * remaining,
+        };
+        for i in 0..S::STATES {
+            self.w.point[i] = self.w.states[i] + probe * self.w.slopes[0][i];
+        }
+        let time = self.now() + probe;
+        let evaluated = self.system.evaluate(time, &self.w.point);
+        if self.judge(evaluated)?.is_some() {
+            return Ok(probe * MAX_SHRINKAGE);
+        }
+        self.system.derivatives(&mut self.w.slopes[1]);
+        let w = &self.w;
+        let relative = |value: f64, i: usize| value / self.scale(i, w.states[i].abs());
+        let change = self.norm(|i| relative(w.slopes[1][i] - w.slopes[0][i], i)) / probe;
+        let size = libm::pow(0.01 / change.max(slope).max(1e-15), 0.2);
+        Ok(match is_known {
+            true => size.min(100.0 * probe),
+            false => size,
+        })
+    }
+
+    /// The error after which the integration cannot go on from the current time.
+    #[cold]
+    fn stopped(&self, error: ModelError) -> ModelError {
+        error.with_prefix(format_args!(
+            "the integration stopped at t = {:?} s",
+            self.now()
+        ))
+    }
+
+    #[cold]
+    fn discard(&self, reason: std::fmt::Arguments<'_>) -> ModelError {
+        self.stopped(ModelError::discard(reason))
+    }
+
+    /// The error of an internal step that cannot be made any shorter.
+    #[cold]
+    fn stuck(&mut self, trial: Trial) -> ModelError {
+        match trial {
+            Trial::Discarded(error) => self.stopped(error),
+            Trial::Error(error) if error.is_finite() => self.discard(format_args!(
+                "the internal steps became too short, the states change too fast"
+            )),
+            Trial::Error(_) => {
+                let error = self.system.not_finite();
+                self.stopped(error)
+            }
+        }
+    }
+}
+
+/// The sum of the slopes of a state with weights.
+#[inline]
+fn weighted(weights: &[f64], slopes: &[Vec<f64>; 7], state: usize) -> f64 {
+    { weights.iter().zip(slopes) }
+        .map(|(weight, slope)| weight * slope[state])
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Equations with `N` states; each method but `slopes` may be left out.
+    trait Equations<const N: usize> {
+        const INDICATORS: usize = 0;
+        fn slopes(&self, time: f64, states: &[f64; N]) -> [f64; N];
+        fn indicator(&self, _states: &[f64; N], _index: usize) -> f64 {
+            1.0
+        }
+        fn event(&mut self, _time: f64, _states: &mut [f64; N]) {}
+        fn next_event(&self, _time: f64) -> Option<f64> {
+            None
+        }
+    }
+
+    /// The equations with what they were evaluated at last.
+    struct Evaluated<E, const N: usize> {
+        equations: E,
+        states: [f64; N],
+        slopes: [f64; N],
+        evaluations: u32,
+        events: Vec<f64>,
+    }
+
+    impl<E: Equations<N>, const N: usize> System for Evaluated<E, N> {
+        const STATES: usize = N;
+        const INDICATORS: usize = E::INDICATORS;
+
+        fn nominal(&self, _state: usize) -> f64 {
+            1.0
+        }
+
+        fn states(&mut self, states: &mut [f64]) {
+            states.copy_from_slice(&self.states);
+        }
+
+        fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
+            self.evaluations += 1;
+            self.states.copy_from_slice(states);
+            self.slopes = self.equations.slopes(time, &self.states);
+            Ok(self.slopes.iter().all(|slope| slope.is_finite()))
+        }
+
+        fn derivatives(&mut self, derivatives: &mut [f64]) {
+            derivatives.copy_from_slice(&self.slopes);
+        }
+
+        fn is_positive(&mut self, indicator: usize) -> bool {
+            self.equations.indicator(&self.states, indicator) > 0.0
+        }
+
+        fn not_finite(&mut self) -> ModelError {
+            ModelError::new("a slope became NaN")
+        }
+
+        fn event(&mut self, time: f64) -> Result<(), ModelError> {
+            self.events.push(time);
+            self.equations.event(time, &mut self.states);
+            Ok(())
+        }
+
+        fn next_event(&self, time: f64) -> Option<f64> {
+            self.equations.next_event(time)
+        }
+    }
+
+    fn system<E: Equations<N>, const N: usize>(equations: E, states: [f64; N]) -> Evaluated<E, N> {
+        Evaluated {
+            equations,
+            states,
+            slopes: [0.0; N],
+            evaluations: 0,
+            events: Vec::new(),
+        }
+    }
+
+    /// Takes steps of this size until `end`.
+    fn run<S: System>(
+        system: &mut S,
+        size: f64,
+        end: f64,
+        tolerance: f64,
+    ) -> Result<f64, ModelError> {
+        let mut workspace = Workspace::new::<S>();
+        let (mut time, mut handled) = (0.0, 0.0);
+        while time < end - 1e-9 {
+            let step = Step {
+                time,
+                size,
+                tolerance,
+                longest: 0.1,
+                handled: Some(handled),
+            };
+            handled = advance(system, &mut workspace, &step)?;
+            time += size; // with rounding errors that add up
+        }
+        Ok(time)
+    }
+
+    fn reason(outcome: Result<f64, ModelError>) -> (Kind, String) {
+        let error = outcome.unwrap_err();
+        (error.kind(), error.reason().to_owned())
+    }
+
+    /// The time that is named in a message.
+    fn time_in(message: &str) -> f64 {
+        let rest = message.split("t = ").nth(1).unwrap();
+        rest.split(' ').next().unwrap().parse().unwrap()
+    }
+
+    struct Oscillator;
+
+    impl Equations<2> for Oscillator {
+        fn slopes(&self, _time: f64, [x, v]: &[f64; 2]) -> [f64; 2] {
+            [*v, -x]
+        }
+    }
+
+    #[test]
+    fn the_error_falls_with_the_tolerance_and_the_work_grows_as_its_fifth_root() {
+        let errors = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| {
+            let mut oscillator = system(Oscillator, [1.0, 0.0]);
+            run(&mut oscillator, 20.0, 20.0, tolerance).unwrap();
+            let [x, v] = oscillator.states;
+            let error = (x - libm::cos(20.0)).abs() + (v + libm::sin(20.0)).abs();
+            assert!(error < 50.0 * tolerance, "{error} for {tolerance}");
+            (error, f64::from(oscillator.evaluations))
+        });
+        for pair in errors.windows(2) {
+            let (coarse, fine) = (pair[0], pair[1]);
+            let (gain, cost) = (coarse.0 / fine.0, fine.1 / coarse.1);
+            assert!((30.0..300.0).contains(&gain), "{errors:?}");
+            assert!((1.8..2.9).contains(&cost), "{errors:?}");
+        }
+    }
+
+    #[test]
+    fn a_short_step_takes_one_internal_step() {
+        let mut oscillator = system(Oscillator, [1.0, 0.5]);
+        run(&mut oscillator, 1e-3, 1e-3, 1e-6).unwrap();
+        // At the start, at the probe, and at the stages.
+        assert_eq!(oscillator.evaluations, 8);
+    }
+
+    #[test]
+    fn the_dense_output_is_of_fourth_order() {
+        let error = |h: f64| {
+            let mut oscillator = system(Oscillator, [1.0, 0.5]);
+            let mut workspace = Workspace::new::<Evaluated<Oscillator, 2>>();
+            let step = Step {
+                time: 0.0,
+                size: h,
+                tolerance: 1.0,
+                longest: h,
+                handled: None,
+            };
+            let mut run = Run {
+                system: &mut oscillator,
+                w: &mut workspace,
+                step: &step,
+                reached: 0.0,
+                size: h,
+                steps: 0,
+                events: 0,
+            };
+            run.start().unwrap();
+            run.try_step(h, h).ok().unwrap();
+            let error_at = |run: &mut Run<'_, _>, fraction: f64| {
+                run.interpolate(fraction, h);
+                let (sin, cos) = libm::sincos(fraction * h);
+                (run.w.point[0] - cos - 0.5 * sin).abs()
+            };
+            assert_eq!(error_at(&mut run, 0.0), 0.0);
+            assert!(error_at(&mut run, 1.0) < 1e-5 * h);
+            error_at(&mut run, 0.3)
+        };
+        let order = libm::log2(error(0.2) / error(0.1));
+        assert!((order - 5.0).abs() < 0.5, "local order {order}");
+    }
+
+    /// x' = -rate (x - cos t).
+    struct Relaxation {
+        rate: f64,
+    }
+
+    impl Equations<1> for Relaxation {
+        fn slopes(&self, time: f64, [x]: &[f64; 1]) -> [f64; 1] {
+            [-self.rate * (x - libm::cos(time))]
+        }
+    }
+
+    #[test]
+    fn stiff_equations_take_many_internal_steps_or_are_discarded() {
+        let mut stiff = system(Relaxation { rate: 1e3 }, [0.0]);
+        run(&mut stiff, 1.0, 2.0, 1e-6).unwrap();
+        assert!((stiff.states[0] - libm::cos(2.0 - 1e-3)).abs() < 1e-5);
+        let mut stiffer = system(Relaxation { rate: 1e9 }, [0.0]);
+        let (kind, text) = reason(run(&mut stiffer, 1.0, 1.0, 1e-6));
+        assert_eq!(kind, Kind::Discarded);
+        assert!(text.contains("more than 100000 internal steps"), "{text}");
+        assert!((1e-5..1e-2).contains(&time_in(&text)), "{text}");
+    }
+
+    /// x' = x^2: x = 1 / (1 - t) is infinite at 1 s. Or x' = -sqrt(x): x = (1 - t / 2)^2 ends at 2 s.
+    struct Ending {
+        explodes: bool,
+    }
+
+    impl Equations<1> for Ending {
+        fn slopes(&self, _time: f64, [x]: &[f64; 1]) -> [f64; 1] {
+            match self.explodes {
+                true => [x * x],
+                false => [-libm::sqrt(*x)],
+            }
+        }
+    }
+
+    #[test]
+    fn a_solution_that_ends_is_an_error_that_names_the_time() {
+        let mut exploding = system(Ending { explodes: true }, [1.0]);
+        let (kind, text) = reason(run(&mut exploding, 3.0, 3.0, 1e-6));
+        assert_eq!(kind, Kind::Discarded, "{text}");
+        assert!((time_in(&text) - 1.0).abs() < 1e-4, "{text}");
+        let mut emptied = system(Ending { explodes: false }, [1.0]);
+        run(&mut emptied, 1.9, 1.9, 1e-8).unwrap();
+        assert!((emptied.states[0] - 0.0025).abs() < 1e-8);
+        let mut emptied = system(Ending { explodes: false }, [1.0]);
+        let (kind, text) = reason(run(&mut emptied, 3.0, 3.0, 1e-6));
+        assert!(text.ends_with("a slope became NaN"), "{text}");
+        assert_eq!(kind, Kind::Broken);
+        assert!((time_in(&text) - 2.0).abs() < 1e-2, "{text}");
+        let mut wrong = system(Ending { explodes: false }, [-1.0]);
+        assert_eq!(time_in(&reason(run(&mut wrong, 1.0, 1.0, 1e-6)).1), 0.0);
+    }
+
+    /// A phase that passes 1 and 2 at the same speed, and 1 with a second indicator.
+    struct Phases;
+
+    impl Equations<1> for Phases {
+        const INDICATORS: usize = 3;
+        fn slopes(&self, _time: f64, _: &[f64; 1]) -> [f64; 1] {
+            [1.0]
+        }
+        fn indicator(&self, [x]: &[f64; 1], index: usize) -> f64 {
+            x - [2.0, 1.0, 1.0][index]
+        }
+    }
+
+    #[test]
+    fn indicators_that_change_together_are_one_event_just_after_it() {
+        for size in [0.01, 0.3, 3.0] {
+            let mut phases = system(Phases, [0.0]);
+            run(&mut phases, size, 3.0, 1e-6).unwrap();
+            let [first, second] = phases.events[..] else {
+                panic!("{:?}", phases.events);
+            };
+            assert!(first > 1.0 - 1e-15 && first < 1.0 + 1e-12, "{first:e}");
+            assert!(second > 2.0 - 1e-15 && second < 2.0 + 1e-12, "{second:e}");
+        }
+    }
+
+    /// x' = 1 below 1, and -1 above.
+    struct Relay {
+        up: bool,
+    }
+
+    impl Equations<1> for Relay {
+        const INDICATORS: usize = 1;
+        fn slopes(&self, _time: f64, _: &[f64; 1]) -> [f64; 1] {
+            [if self.up { 1.0 } else { -1.0 }]
+        }
+        fn indicator(&self, [x]: &[f64; 1], _index: usize) -> f64 {
+            x - 1.0
+        }
+        fn event(&mut self, _time: f64, [x]: &mut [f64; 1]) {
+            self.up = *x <= 1.0;
+        }
+    }
+
+    #[test]
+    fn chattering_is_discarded() {
+        let mut relay = system(Relay { up: true }, [0.0]);
+        let (kind, text) = reason(run(&mut relay, 2.0, 2.0, 1e-6));
+        assert_eq!(kind, Kind::Discarded);
+        assert!(text.contains("more than 1000 events"), "{text}");
+        assert!((time_in(&text) - 1.0).abs() < 1e-3, "{text}");
+    }
+
+    /// Counts the multiples of a time, without any state of its own.
+    struct Ticks {
+        period: f64,
+    }
+
+    impl Equations<0> for Ticks {
+        fn slopes(&self, _time: f64, _: &[f64; 0]) -> [f64; 0] {
+            []
+        }
+        fn next_event(&self, time: f64) -> Option<f64> {
+            Some((libm::floor(time / self.period + 1e-9) + 1.0) * self.period)
+        }
+    }
+
+    #[test]
+    fn time_events_are_hit_exactly_and_once_whatever_the_step() {
+        for size in [0.1, 0.3, 0.02, 1.0 / 3.0, 30.0] {
+            let mut ticks = system(Ticks { period: 0.1 }, []);
+            let end = run(&mut ticks, size, 30.0, 1e-6).unwrap();
+            assert_eq!(ticks.events.len(), 300, "{size}: {end}");
+            for (k, event) in ticks.events.iter().enumerate() {
+                let expected = (k as f64 + 1.0) * 0.1;
+                assert!((event - expected).abs() < 1e-9, "{size}: {event}");
+                assert!(*event >= expected, "not before it is due");
+            }
+        }
+    }
+}
