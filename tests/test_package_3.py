@@ -152,11 +152,7 @@ def test_unknowns_are_those_of_fmi_2(fmus: Path, model: str) -> None:
         }
         expected = {key: value for key, value in in_fmi2.items() if key in arrays}
         found = unknowns(description.findall(f"ModelStructure/{new}"), "valueReference")
-        # What may depend on all has no list in FMI 2.0, and all in FMI 3.0.
-        listed = {
-            key: found.get(key) if value is None else value for key, value in expected.items()
-        }
-        assert found == listed, new
+        assert found == expected, new
         assert None not in found.values()
 
 

@@ -1,6 +1,7 @@
-"""What the scripts simulate: the pendulum alone, or in a loop with IPID-RBF.
+"""What the scripts simulate: the pendulum alone, or in a loop with IPID-RBF or PID.
 
-Arguments: `plant` or `loop`, the folder of the FMUs, the number of steps, the file for the results.
+Arguments: `co-simulation` or `model exchange`; `plant`, `loop` or `pid`; the folder of the FMUs,
+the ending of their names; the number of steps; the file for the results.
 """
 
 import json
@@ -10,8 +11,6 @@ from pathlib import Path
 
 STEP = 0.001
 """Communication step [s]."""
-
-MODELS = {"source": "Source", "controller": "IpidRbf", "plant": "Pendulum"}
 
 CONNECTIONS = [
     ("source", "r", "controller", "r"),
@@ -23,9 +22,15 @@ CONNECTIONS = [
 FORCE = 1.0
 """Force on the pendulum alone [N]."""
 
-CASE, FOLDER, STEPS, FILE = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])
+KIND, CASE, FOLDER, ENDING = sys.argv[1:5]
+STEPS, FILE = int(sys.argv[5]), Path(sys.argv[6])
 
-FMUS = {name: FOLDER / f"{model}.fmu" for name, model in MODELS.items()}
+MODEL_EXCHANGE = KIND == "model exchange"
+LOOP = CASE != "plant"
+
+CONTROLLER = "Pid" if CASE == "pid" else "IpidRbf"
+MODELS = {"source": "Source", "controller": CONTROLLER, "plant": "Pendulum"}
+FMUS = {name: Path(FOLDER) / f"{model}{ENDING}.fmu" for name, model in MODELS.items()}
 
 
 def write(theta: Iterable[float]) -> None:

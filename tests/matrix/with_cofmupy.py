@@ -9,15 +9,15 @@ from pathlib import Path
 
 from cofmupy import Coordinator
 
-from loop import CASE, CONNECTIONS, FMUS, FORCE, STEP, STEPS, write
+from loop import CONNECTIONS, FMUS, FORCE, LOOP, STEP, STEPS, write
 
-start = {"plant": {"u": FORCE}} if CASE == "plant" else {}
+start = {} if LOOP else {"plant": {"u": FORCE}}
 configuration = {
     "cosim_method": "jacobi",
     "iterative": False,
     "fmus": [
         {"id": name, "path": str(FMUS[name]), "initialization": start.get(name, {})}
-        for name in (FMUS if CASE == "loop" else ["plant"])
+        for name in (FMUS if LOOP else ["plant"])
     ],
     "connections": [
         {
@@ -25,7 +25,7 @@ configuration = {
             "target": {"id": target, "variable": input_},
         }
         for source, output, target, input_ in CONNECTIONS
-        if CASE == "loop"
+        if LOOP
     ],
 }
 with tempfile.TemporaryDirectory() as folder:

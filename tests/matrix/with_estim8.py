@@ -5,8 +5,9 @@
 
 from estim8.models import FmuModel
 
-from loop import FMUS, FORCE, STEP, STEPS, write
+from loop import FMUS, FORCE, MODEL_EXCHANGE, STEP, STEPS, write
 
-model = FmuModel(str(FMUS["plant"]), fmi_type="CoSimulation")
+kind = "ModelExchange" if MODEL_EXCHANGE else "CoSimulation"
+model = FmuModel(str(FMUS["plant"]), r_tol=1e-12, fmi_type=kind)
 results = model.simulate(0, STEPS * STEP, STEP, parameters={"u": FORCE}, observe=["theta"])
 write(results["theta"].values)

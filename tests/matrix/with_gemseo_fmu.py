@@ -6,7 +6,7 @@
 from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
 from numpy import array
 
-from loop import FMUS, FORCE, STEP, STEPS, write
+from loop import FMUS, FORCE, MODEL_EXCHANGE, STEP, STEPS, write
 
 plant = FMUDiscipline(
     FMUS["plant"],
@@ -15,6 +15,6 @@ plant = FMUDiscipline(
     initial_time=0.0,
     final_time=STEPS * STEP,
     time_step=STEP,
-    use_co_simulation=True,
+    use_co_simulation=not MODEL_EXCHANGE,
 )
 write(plant.execute({"u": array([FORCE])})["theta"])

@@ -5,11 +5,11 @@
 
 from sofirpy import simulate
 
-from loop import CASE, CONNECTIONS, FMUS, FORCE, STEP, STEPS, write
+from loop import CONNECTIONS, FMUS, FORCE, LOOP, STEP, STEPS, write
 
-names = FMUS if CASE == "loop" else ["plant"]
+names = FMUS if LOOP else ["plant"]
 connections = {}
-for source, output, target, input_ in CONNECTIONS if CASE == "loop" else []:
+for source, output, target, input_ in CONNECTIONS if LOOP else []:
     origin = {"connect_to_system": source, "connect_to_external_parameter": output}
     connections.setdefault(target, []).append({"parameter_name": input_} | origin)
 results = simulate(
@@ -17,7 +17,7 @@ results = simulate(
     step_size=STEP,
     fmu_paths={name: FMUS[name] for name in names},
     connections_config=connections or None,
-    start_values={"plant": {"u": FORCE}} if CASE == "plant" else None,
+    start_values=None if LOOP else {"plant": {"u": FORCE}},
     parameters_to_log={"plant": ["theta"]},
 )
 write(results["plant.theta"])

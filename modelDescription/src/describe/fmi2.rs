@@ -50,7 +50,7 @@ impl Description {
         };
         let initial_unknowns = (scalars.iter())
             .filter(|(_, v, _)| v.is_initial_unknown())
-            .map(|scalar| unknown(scalar, self.initially_from(scalar), scalars))
+            .map(|scalar| unknown(scalar, Some(self.initially_from(scalar)), scalars))
             .collect();
         Element::new("ModelStructure")
             .listing("Outputs", unknowns(VariableDescription::is_output))
@@ -106,17 +106,21 @@ impl Description {
     }
 
     /// Value references of the scalars that determine a scalar's value after the initialization: those of
-    /// an array of the same dimensions, element by element.
-    fn initially_from(&self, scalar: &Scalar<'_>) -> Option<Vec<usize>> {
+    /// an array of the same dimensions, element by element. If they are unknown, all candidates are listed,
+    /// since CasADi requires a list.
+    fn initially_from(&self, scalar: &Scalar<'_>) -> Vec<usize> {
         let (_, v, element) = *scalar;
-        let variables = self.initial_dependencies(scalar)?;
-        let is_used = |(reference, other, of_other): &Scalar<'_>| {
-            variables.contains(&(reference - of_other))
-                && (v.dimensions.is_empty()
-                    || v.dimensions != other.dimensions
-                    || element == *of_other)
+        let variables = self.initial_dependencies(scalar);
+        let is_used = |(reference, other, of_other): &Scalar<'_>| match &variables {
+            None => other.is_initially_known(),
+            Some(variables) => {
+                variables.contains(&(reference - of_other))
+                    && (v.dimensions.is_empty()
+                        || v.dimensions != other.dimensions
+                        || element == *of_other)
+            }
         };
-        Some(self.scalars().filter(is_used).map(|s| s.0).collect())
+        self.scalars().filter(is_used).map(|s| s.0).collect()
     }
 }
 

@@ -136,8 +136,7 @@ impl Description {
         let initial_unknowns =
             (variables.iter().filter(|(_, v)| v.is_initial_unknown())).map(|(reference, v)| {
                 let known = self.initial_dependencies(&(*reference, v, 0));
-                let all =
-                    || all(|v| matches!(v.causality, Causality::Input | Causality::Parameter));
+                let all = || all(VariableDescription::is_initially_known);
                 unknown("InitialUnknown", *reference, known.unwrap_or_else(all))
             });
         Element::new("ModelStructure")

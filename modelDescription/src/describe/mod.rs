@@ -194,6 +194,12 @@ impl VariableDescription {
         self.is_output() && self.variability == Variability::Continuous
     }
 
+    /// Whether what is computed during initialization may depend on it.
+    fn is_initially_known(&self) -> bool {
+        matches!(self.causality, Causality::Input | Causality::Parameter)
+            || self.is_state() && self.initial() == Some(Initial::Exact)
+    }
+
     /// Whether it is computed during initialization and listed as an initial unknown.
     fn is_initial_unknown(&self) -> bool {
         self.initial() == Some(Initial::Calculated)

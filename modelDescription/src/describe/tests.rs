@@ -285,12 +285,12 @@ fn the_equations_of_a_model_are_for_model_exchange() {
         [["4", "4"], ["6", "1 2"], ["7", "none"]]
     );
     assert_eq!(unknowns("Derivatives"), [["3", "1 4"], ["5", "2"]]);
-    // x is exact, what depends on the states is not known.
+    // x is exact, and what is computed from the states may depend on it.
     let expected = [
         ["2", "none"],
-        ["3", ""],
-        ["5", ""],
-        ["6", ""],
+        ["3", "1 4"],
+        ["5", "1 4"],
+        ["6", "1 4"],
         ["7", "none"],
     ];
     assert_eq!(unknowns("InitialUnknowns"), expected);
@@ -439,9 +439,9 @@ fn equations_have_value_references_in_fmi_3() {
         ("ContinuousStateDerivative", "2", Some("0 3")),
         ("ContinuousStateDerivative", "4", Some("1")),
         ("InitialUnknown", "1", Some("")),
-        ("InitialUnknown", "2", Some("0")),
-        ("InitialUnknown", "4", Some("0")),
-        ("InitialUnknown", "5", Some("0")),
+        ("InitialUnknown", "2", Some("0 3")),
+        ("InitialUnknown", "4", Some("0 3")),
+        ("InitialUnknown", "5", Some("0 3")),
         ("InitialUnknown", "6", Some("")),
         ("EventIndicator", "7", Some("3")),
     ];
