@@ -174,7 +174,7 @@ semver:
 fuzz:
 	FUZZ_SECONDS=$(SECONDS) cargo run --locked --profile fuzz --package fuzz
 	PROPTEST_CASES=$$(($(SECONDS) * 100)) \
-		cargo test --locked --package fmu-export --test c_interface -- sequences damage
+		cargo test --locked --package fmu-export --test c_interface -- sequences damage forged fast_path
 
 ## lock: write the versions of all Python packages to requirements.lock; delete it first to upgrade
 lock: $(RUN)

@@ -46,7 +46,9 @@ class Fmu(NamedTuple):
     def unpack(cls, path: Path, platform: str) -> Self:
         """Unpack the binary for a platform."""
         description = fmpy.read_model_description(path)
-        extension = "dll" if platform.startswith("win") else "so"
+        if description.fmiVersion == "3.0":
+            platform = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}[platform]
+        extension = "dll" if "win" in platform else "so"
         name = f"binaries/{platform}/{description.coSimulation.modelIdentifier}.{extension}"
         with zipfile.ZipFile(path) as package:
             binary = Path(package.extract(name, mkdtemp(dir=_unpacked.name)))
@@ -87,7 +89,7 @@ class Machine:
     def run(self, program: str | Path, *arguments: str) -> str:
         """Run a program that must succeed without warnings; return its output."""
         done = _call(*self.emulator, program, *arguments)
-        assert (done.returncode, done.stderr) == (0, "")
+        assert (done.returncode, done.stderr) == (0, ""), done.stderr
         return done.stdout
 
     def unpack(self, model: str, fmus: Path | None = None) -> Fmu:
@@ -171,9 +173,11 @@ ARM = Machine(
     target="aarch64-unknown-linux-gnu.2.17",
 )
 
+BOTH_VERSIONS = [NATIVE, pytest.param(VALGRIND, marks=pytest.mark.valgrind)]
+"""Machines for which FMUs of FMI 3.0 are exported, too."""
+
 MACHINES = [
-    NATIVE,
-    pytest.param(VALGRIND, marks=pytest.mark.valgrind),
+    *BOTH_VERSIONS,
     pytest.param(WINDOWS, marks=pytest.mark.elsewhere),
     pytest.param(ARM, marks=pytest.mark.elsewhere),
 ]

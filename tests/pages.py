@@ -61,11 +61,10 @@ def export_models(copy: Path, lines: str) -> None:
     library.write_text(text)
 
 
-def export_panicking(folder: Path, target: str | None = None) -> Path:
-    """Export the panicking model from a copy of the sources to a folder; return the FMU."""
+def export_panicking(folder: Path, target: str | None = None) -> None:
+    """Export the panicking model for both versions from a copy of the sources to a folder."""
     copy = project()
     shutil.copy(ROOT / "tests" / "data" / "panicking.rs", copy / "fmu-controller" / "src")
     export_models(copy, "mod panicking;\nfmu_export::export!(panicking::Panicking);")
     option = f"--target {target}" if target else ""
-    run(f"{PROGRAM} export Panicking {option} --out {folder}", copy)
-    return folder / "Panicking.fmu"
+    run(f"{PROGRAM} export Panicking --fmi 2.0,3.0 {option} --out {folder}", copy)

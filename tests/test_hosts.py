@@ -6,6 +6,7 @@ Tests under valgrind and on other platforms only run with `pytest -m valgrind` o
 
 import functools
 from collections.abc import Callable, Iterator
+from math import prod
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import pytest
 from fmpy.model_description import ModelVariable
 
 import pages
-from machines import MACHINES, Machine
+from machines import BOTH_VERSIONS, MACHINES, Fmu, Machine
 from pendulum_fmus import loop
 from pendulum_fmus.loop import TS
 from pendulum_fmus.master import Component, System, simulate
@@ -43,42 +44,79 @@ def program(machine, tmp_path_factory) -> Callable[[str], Path]:
 # --- correct and incorrect use of every FMU -----------------------------------------------------
 
 
-def described(variable: ModelVariable) -> str:
-    """Return a variable in the format of the host; times are unchanged."""
-    text = f"{_letter(variable)}{variable.valueReference}"
-    if variable.start is None or variable.name == "ts":
+def described(model: Fmu, variable: ModelVariable) -> str:
+    """Return a variable in the format of the hosts; times are unchanged."""
+    kind = _letter(variable)
+    size = prod(int(d.start or d.variable.start) for d in variable.dimensions)
+    text = f"{_kind(model, variable)}{variable.valueReference}" + (f"*{size}" if size > 1 else "")
+    if variable.start is None or variable.causality == "independent" or variable.name == "ts":
         return text
-    if variable.type == "Real":
-        other = float(variable.start) * 1.25 or 0.125
-    elif variable.type == "Boolean":
+    if kind == "r":
+        other = float(variable.start.split()[0]) * 1.25 or 0.125
+    elif kind == "b":
         other = int(variable.start == "false")
-    else:
+    elif kind == "i":
         other = int(variable.start) % len(variable.declaredType.items) + 1
+    else:
+        other = 7
     return f"{text}={other!r}"
 
 
 def _letter(variable: ModelVariable) -> str:
-    return {"Real": "r", "Boolean": "b"}.get(variable.type, "i")
+    return {
+        "Real": "r", "Float64": "r", "Boolean": "b", "UInt64": "n", "String": "t", "Binary": "y",
+    }.get(variable.type, "i")  # fmt: skip
+
+
+def _kind(fmu: Fmu, variable: ModelVariable) -> str:
+    """Return the letter of a variable: that of its type, or of its part in equations."""
+    states = [v.derivative for v in fmu.variables.values() if v.derivative is not None]
+    if variable in states:
+        return "x"
+    if variable.derivative is not None:
+        return "d"
+    return "u" if states and variable.causality == "input" else _letter(variable)
+
+
+def run_scenarios(machine: Machine, host: Path, fmu: Fmu, scenarios: list[str]) -> None:
+    """Run a host, which must print nothing."""
+    variables = [described(fmu, variable) for variable in fmu.variables.values()]
+    for scenario in scenarios:
+        arguments = [machine.path(fmu.binary), fmu.guid, scenario, *variables]
+        assert machine.run(host, *arguments) == "", scenario
 
 
 @pytest.mark.parametrize("model", ["Pendulum", "PidRbf", "Source"])
 def test_a_host_runs_every_scenario(machine, program, model):
     """One model per binary, since the models of a binary share this code."""
-    fmu = machine.unpack(model)
-    variables = [described(variable) for variable in fmu.variables.values()]
-    for scenario in SCENARIOS:
-        arguments = [machine.path(fmu.binary), fmu.guid, scenario, *variables]
-        assert machine.run(program("host"), *arguments) == "", scenario
+    more = [] if model == "Source" else ["exchange"]
+    run_scenarios(machine, program("host"), machine.unpack(model), SCENARIOS + more)
+
+
+@pytest.mark.parametrize(
+    ("model", "more"),
+    [("Pendulum", ["derivatives"]), ("PidRbf", ["sizes"])],
+    ids=["Pendulum", "PidRbf"],
+)
+@pytest.mark.parametrize("machine", BOTH_VERSIONS, indirect=True, ids=lambda machine: machine.name)
+def test_a_host_of_fmi_3_runs_every_scenario(machine, program, model, more):
+    fmu = machine.unpack(f"{model}_fmi3")
+    run_scenarios(machine, program("host3"), fmu, [*SCENARIOS, "events", "exchange", *more])
 
 
 def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
     pages.export_panicking(tmp_path, machine.target)
-    fmu = machine.unpack("Panicking", tmp_path)
-    u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
-    arguments = [machine.path(fmu.binary), fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
-    (line,) = machine.run(program("host"), *arguments).splitlines()
-    assert line.startswith("[logStatusFatal] fmi2DoStep: ")
-    assert line.endswith("panicked and is dead: u is -1.0")
+    for file, host, step in (
+        ("Panicking", "host", "fmi2DoStep"),
+        ("Panicking_fmi3", "host3", "fmi3DoStep"),
+    ):
+        fmu = machine.unpack(file, tmp_path)
+        u, y = (fmu.variables[name].valueReference for name in ("u", "y"))
+        arguments = [machine.path(fmu.binary), fmu.guid, "panic", f"r{u}=-1", f"r{y}"]
+        (line,) = machine.run(program(host), *arguments).splitlines()
+        assert line.startswith(f"[logStatusFatal] {step}: ")
+        assert line.endswith("panicked and is dead: u is -1.0")
+    run_scenarios(machine, program("host3"), fmu, ["values", "fmu_state", "damaged_bytes"])
 
 
 # --- closed loops -------------------------------------------------------------------------------

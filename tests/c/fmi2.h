@@ -17,7 +17,7 @@ typedef struct {
     void *environment;
 } Callbacks;
 
-enum { CO_SIMULATION = 1, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
+enum { MODEL_EXCHANGE, CO_SIMULATION, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
 
 /* The functions that a co-simulation host calls: result, name and arguments. */
 #define FUNCTIONS(F)                                                                              \
@@ -58,5 +58,24 @@ enum { CO_SIMULATION = 1, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
     F(Status, GetRealStatus, (Component, int, double *))                                          \
     F(Status, GetBooleanStatus, (Component, int, int *))                                          \
     F(Status, GetStringStatus, (Component, int, const char **))
+
+typedef struct {
+    int discrete_states_need_update, terminate, nominals_changed, values_changed;
+    int next_event_time_defined;
+    double next_event_time;
+} Event;
+
+/* Further functions that a host of model exchange calls. */
+#define EXCHANGE_FUNCTIONS(F)                                                                     \
+    F(Status, EnterEventMode, (Component))                                                        \
+    F(Status, NewDiscreteStates, (Component, Event *))                                            \
+    F(Status, EnterContinuousTimeMode, (Component))                                               \
+    F(Status, CompletedIntegratorStep, (Component, int, int *, int *))                            \
+    F(Status, SetTime, (Component, double))                                                       \
+    F(Status, SetContinuousStates, (Component, const double *, size_t))                           \
+    F(Status, GetDerivatives, (Component, double *, size_t))                                      \
+    F(Status, GetEventIndicators, (Component, double *, size_t))                                  \
+    F(Status, GetContinuousStates, (Component, double *, size_t))                                 \
+    F(Status, GetNominalsOfContinuousStates, (Component, double *, size_t))
 
 #endif

@@ -1,43 +1,17 @@
-/* A host of FMI 2.0 co-simulation FMUs that makes correct and incorrect calls, to be run under
- * valgrind and on other platforms.
- *
- * usage: host LIBRARY GUID SCENARIO [VARIABLE...]
- *
- * A VARIABLE is its type (r, i, b), its value reference, and, if it can be set, a value for it:
- * r0=1.5 i16=2 r1. SCENARIO is one of the names at the end of this file.
- *
- * The exit code is 0 if the result of every call conforms to the standard; else the failed line is
- * printed. Messages of the FMU about a fatal error are printed. */
+/* A host of FMI 2.0 that makes correct and incorrect calls, to be run under valgrind and on other
+ * platforms. Its usage is in scenarios.h. */
 
-#include <math.h>
 #include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "host.h"
+#include "fmi2.h"
 
 #define DECLARE(result, name, arguments) static result(*name) arguments;
 FUNCTIONS(DECLARE)
-DECLARE(Status, EnterEventMode, (Component))
+EXCHANGE_FUNCTIONS(DECLARE)
+
+#include "scenarios.h"
 
 /* --- the host --------------------------------------------------------------------------------- */
-
-enum { MOST = 64 };
-
-typedef struct {
-    char type;
-    unsigned reference;
-    int settable;
-    double value;
-} Variable;
-
-static const char *guid;
-static Variable variables[MOST];
-static size_t count;
-static unsigned messages;
-
-static const double H = 0.001;
 
 /* Formats every message, so that all its bytes are read. */
 static void logger(void *environment, const char *instance, Status status, const char *category,
@@ -57,76 +31,55 @@ static void logger(void *environment, const char *instance, Status status, const
 
 static const Callbacks callbacks = {logger, NULL, NULL, NULL, &messages};
 
-static Component made(int debug)
+static Component made_for(int kind, int debug)
 {
-    Component c = Instantiate("host", CO_SIMULATION, guid, "file:///", &callbacks, 0, debug);
+    Component c = Instantiate("host", kind, guid, "file:///", &callbacks, 0, debug);
     CHECK(c);
     return c;
 }
 
-static void initialize(Component c, double time)
+static Component made(int debug)
+{
+    return made_for(CO_SIMULATION, debug);
+}
+
+static void enter_initialization(Component c, double time)
 {
     EXPECT(OK, SetupExperiment(c, 0, 0.0, time, 0, 0.0));
     EXPECT(OK, EnterInitializationMode(c));
-    EXPECT(OK, ExitInitializationMode(c));
+}
+
+static Status do_step(Component c, double time, double step)
+{
+    return DoStep(c, time, step, 1);
 }
 
 static Status set(Component c, const Variable *v)
 {
-    const int number = v->type == 'r' ? 0 : (int)v->value; /* NaN cannot be converted */
-    switch (v->type) {
-    case 'r': return SetReal(c, &v->reference, 1, &v->value);
-    case 'i': return SetInteger(c, &v->reference, 1, &number);
-    default: return SetBoolean(c, &v->reference, 1, &number);
-    }
+    const int is_real = strchr("ruxd", v->type) != NULL;
+    const int number = is_real ? 0 : (int)v->value; /* NaN cannot be converted */
+    if (is_real)
+        return SetReal(c, &v->reference, 1, &v->value);
+    if (v->type == 'i')
+        return SetInteger(c, &v->reference, 1, &number);
+    return SetBoolean(c, &v->reference, 1, &number);
 }
 
-/* Reads into separately allocated memory, so that an out-of-bounds write is detected. */
 static double get(Component c, const Variable *v)
 {
     double *real = malloc(sizeof *real), result;
     int *number = malloc(sizeof *number);
-    switch (v->type) {
-    case 'r': EXPECT(OK, GetReal(c, &v->reference, 1, real)); result = *real; break;
-    case 'i': EXPECT(OK, GetInteger(c, &v->reference, 1, number)); result = *number; break;
-    default: EXPECT(OK, GetBoolean(c, &v->reference, 1, number)); result = *number;
+    if (strchr("ruxd", v->type)) {
+        EXPECT(OK, GetReal(c, &v->reference, 1, real));
+        result = *real;
+    } else {
+        EXPECT(OK, v->type == 'i' ? GetInteger(c, &v->reference, 1, number)
+                                  : GetBoolean(c, &v->reference, 1, number));
+        result = *number;
     }
     free(real);
     free(number);
     return result;
-}
-
-static void set_all(Component c)
-{
-    for (size_t k = 0; k < count; ++k)
-        if (variables[k].settable)
-            EXPECT(OK, set(c, &variables[k]));
-}
-
-/* The sum of all values: branching on it lets valgrind check that all are initialized. */
-static double get_all(Component c)
-{
-    double sum = 0;
-    for (size_t k = 0; k < count; ++k)
-        sum += get(c, &variables[k]);
-    CHECK(isfinite(sum));
-    return sum;
-}
-
-static void steps(Component c, int first, int last)
-{
-    for (int k = first; k < last; ++k)
-        EXPECT(OK, DoStep(c, k * H, H, 1));
-}
-
-static char *serialized(Component c, State state, size_t *size)
-{
-    EXPECT(OK, SerializedFMUstateSize(c, state, size));
-    char *bytes = malloc(*size);
-    EXPECT(OK, SerializeFMUstate(c, state, bytes, *size));
-    for (size_t k = 0; k < *size; ++k)
-        CHECK(bytes[k] || 1);
-    return bytes;
 }
 
 /* --- scenarios -------------------------------------------------------------------------------- */
@@ -147,80 +100,6 @@ static void life_cycle(void)
     FreeInstance(made(0));
     FreeInstance(NULL);
     CHECK(messages > 0);
-}
-
-static void values(void)
-{
-    Component c = made(0);
-    set_all(c);
-    EXPECT(OK, SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0));
-    EXPECT(OK, EnterInitializationMode(c));
-    set_all(c);
-    for (size_t k = 0; k < count; ++k)
-        CHECK(!variables[k].settable || get(c, &variables[k]) == variables[k].value);
-    EXPECT(OK, ExitInitializationMode(c));
-    steps(c, 0, 100);
-    get_all(c);
-    FreeInstance(c);
-    CHECK(messages == 0);
-}
-
-static void fmu_state(void)
-{
-    Component c = made(0), other = made(0);
-    State state = NULL, copy = NULL;
-    size_t size;
-    set_all(c);
-    initialize(c, 0.0);
-    steps(c, 0, 20);
-    EXPECT(OK, GetFMUstate(c, &state));
-    char *bytes = serialized(c, state, &size);
-    steps(c, 20, 40);
-    const double end = get_all(c);
-    EXPECT(OK, DeSerializeFMUstate(other, bytes, size, &copy));
-    EXPECT(OK, SetFMUstate(other, copy));
-    steps(other, 20, 40);
-    CHECK(get_all(other) == end);
-    EXPECT(OK, SetFMUstate(c, state));
-    EXPECT(OK, GetFMUstate(c, &state));
-    EXPECT(OK, FreeFMUstate(other, &copy));
-    CHECK(!copy);
-    EXPECT(OK, FreeFMUstate(other, &copy));
-    FreeInstance(c);
-    EXPECT(OK, SetFMUstate(other, state));
-    EXPECT(OK, FreeFMUstate(other, &state));
-    FreeInstance(other);
-    free(bytes);
-}
-
-/* Each damaged copy is allocated with its exact length, so that an out-of-bounds read is detected. */
-static void damaged_bytes(void)
-{
-    Component c = made(1);
-    State state = NULL, none = NULL;
-    size_t size;
-    EXPECT(OK, GetFMUstate(c, &state));
-    char *bytes = serialized(c, state, &size);
-    for (size_t length = 0; length < size; ++length) {
-        char *part = malloc(length ? length : 1);
-        memcpy(part, bytes, length);
-        EXPECT(ERROR, DeSerializeFMUstate(c, part, length, &none));
-        free(part);
-    }
-    for (size_t bit = 0; bit < 8 * size; bit += 3) {
-        bytes[bit / 8] ^= (char)(1 << bit % 8);
-        EXPECT(ERROR, DeSerializeFMUstate(c, bytes, size, &none));
-        bytes[bit / 8] ^= (char)(1 << bit % 8);
-    }
-    char *small = malloc(size - 1);
-    EXPECT(ERROR, SerializeFMUstate(c, state, small, size - 1));
-    CHECK(!none);
-    EXPECT(OK, DeSerializeFMUstate(c, bytes, size, &none));
-    EXPECT(OK, FreeFMUstate(c, &none));
-    EXPECT(OK, FreeFMUstate(c, &state));
-    free(small);
-    free(bytes);
-    FreeInstance(c);
 }
 
 static void bad_arguments_in(Component c)
@@ -251,21 +130,19 @@ static void bad_arguments_in(Component c)
     EXPECT(ERROR, GetRealOutputDerivatives(c, &unknown, 1, &number, &real));
     EXPECT(ERROR, GetStringStatus(c, 1, &text));
     EXPECT(ERROR, CancelStep(c));
-    EXPECT(ERROR, EnterEventMode(c));
     EXPECT(ERROR, DoStep(c, NAN, H, 1));
     EXPECT(ERROR, DoStep(c, 0.0, INFINITY, 1));
     EXPECT(ERROR, DoStep(c, 7.0, H, 1));
-}
-
-static void bad_values_in(Component c, int running)
-{
-    for (size_t k = 0; k < count; ++k) {
-        Variable v = variables[k];
-        v.value = v.type == 'r' ? NAN : -1;
-        EXPECT(ERROR, set(c, &v));
-        if (!v.settable && running)
-            CHECK(isfinite(get(c, &v)));
-    }
+    EXPECT(ERROR, EnterEventMode(c));
+    EXPECT(ERROR, NewDiscreteStates(c, NULL));
+    EXPECT(ERROR, EnterContinuousTimeMode(c));
+    EXPECT(ERROR, CompletedIntegratorStep(c, 1, NULL, NULL));
+    EXPECT(ERROR, SetTime(c, NAN));
+    EXPECT(ERROR, SetContinuousStates(c, &real, 1));
+    EXPECT(ERROR, GetDerivatives(c, NULL, 1));
+    EXPECT(ERROR, GetEventIndicators(c, NULL, 1));
+    EXPECT(ERROR, GetContinuousStates(c, NULL, 1));
+    EXPECT(ERROR, GetNominalsOfContinuousStates(c, NULL, 1));
 }
 
 static void bad_arguments(void)
@@ -275,136 +152,92 @@ static void bad_arguments(void)
     CHECK(!Instantiate(NULL, CO_SIMULATION, guid, NULL, &callbacks, 0, 1));
     CHECK(!Instantiate("\xff", CO_SIMULATION, guid, NULL, &callbacks, 0, 1));
     CHECK(!Instantiate("host", CO_SIMULATION, NULL, NULL, NULL, 0, 1));
-    bad_arguments_in(NULL);
-    Component c = made(1);
-    bad_arguments_in(c);
-    bad_values_in(c, 0);
+    bad_calls();
+}
+
+/* Iterates in event mode, and returns the time of the next event. */
+static double next_event(Component c)
+{
+    Event event;
+    do
+        EXPECT(OK, NewDiscreteStates(c, &event));
+    while (event.discrete_states_need_update);
+    CHECK(!event.terminate);
+    EXPECT(OK, EnterContinuousTimeMode(c));
+    return event.next_event_time_defined ? event.next_event_time : INFINITY;
+}
+
+/* Integrates by Euler's method, in communication steps from the first to the last. */
+static double integrate(Component c, double event, int first, int last)
+{
+    size_t n = 0;
+    for (size_t k = 0; k < count; ++k)
+        n += variables[k].type == 'x';
+    double *states = malloc(n * sizeof *states), *slopes = malloc(n * sizeof *slopes);
+    for (int k = first; k < last; ++k) {
+        int enter, terminate;
+        EXPECT(OK, GetContinuousStates(c, states, n));
+        EXPECT(OK, GetDerivatives(c, slopes, n));
+        for (size_t i = 0; i < n; ++i)
+            states[i] += H * slopes[i];
+        EXPECT(OK, SetTime(c, (k + 1) * H));
+        EXPECT(OK, SetContinuousStates(c, states, n));
+        EXPECT(OK, GetEventIndicators(c, NULL, 0));
+        EXPECT(OK, CompletedIntegratorStep(c, 1, &enter, &terminate));
+        CHECK(!terminate);
+        if (enter || (k + 1) * H > event - 1e-9) {
+            EXPECT(OK, EnterEventMode(c));
+            event = next_event(c);
+        }
+    }
+    EXPECT(OK, GetNominalsOfContinuousStates(c, slopes, n));
+    for (size_t i = 0; i < n; ++i)
+        CHECK(slopes[i] > 0);
+    free(states);
+    free(slopes);
+    return event;
+}
+
+static void exchange(void)
+{
+    Component c = made_for(MODEL_EXCHANGE, 0);
+    State state = NULL;
+    set_all(c);
     initialize(c, 0.0);
-    bad_arguments_in(c);
-    bad_values_in(c, 1);
-    steps(c, 0, 3);
+    double event = integrate(c, next_event(c), 0, 20);
+    EXPECT(OK, GetFMUstate(c, &state));
+    integrate(c, event, 20, 40);
+    const double end = get_all(c);
+    EXPECT(OK, SetFMUstate(c, state));
+    integrate(c, event, 20, 40);
+    CHECK(get_all(c) == end);
+    EXPECT(OK, FreeFMUstate(c, &state));
+    EXPECT(ERROR, DoStep(c, 40 * H, H, 1));
     EXPECT(OK, Terminate(c));
+    EXPECT(OK, Reset(c));
     bad_arguments_in(c);
-    FreeInstance(c);
-}
-
-static void two_instances(void)
-{
-    Component one = made(0), two = made(0);
-    set_all(one);
-    initialize(one, 0.0);
-    initialize(two, 0.0);
-    steps(one, 0, 50);
-    const double alone = get_all(one);
-    for (int k = 0; k < 50; ++k) {
-        steps(two, k, k + 1);
-        EXPECT(OK, DoStep(one, (50 + k) * H, H, 1));
-    }
-    EXPECT(OK, Reset(one));
-    set_all(one);
-    initialize(one, 0.0);
-    FreeInstance(two);
-    steps(one, 0, 50);
-    CHECK(get_all(one) == alone);
-    FreeInstance(one);
-}
-
-static void reset(void)
-{
-    Component c = made(0);
-    EXPECT(OK, Reset(c));
-    double first = 0;
-    for (int round = 0; round < 20; ++round) {
-        set_all(c);
-        initialize(c, 0.0);
-        steps(c, 0, 10);
-        first = round ? first : get_all(c);
-        CHECK(get_all(c) == first);
-        EXPECT(OK, Reset(c));
-    }
-    FreeInstance(c);
-}
-
-/* A step that overflows or takes too long, and the state of the instance after it. */
-static void trouble(void)
-{
-    Component c = made(1);
-    set_all(c);
     initialize(c, 0.0);
-    const Status status = DoStep(c, 0.0, 1e300, 1);
-    CHECK(status == OK || status == DISCARD || status == ERROR);
-    EXPECT(OK, Reset(c));
-    initialize(c, 0.0);
-    steps(c, 0, 10);
-    get_all(c);
+    next_event(c);
     FreeInstance(c);
 }
-
-/* The start values of the variables make the model panic in its first step. */
-static void panic(void)
-{
-    Component c = made(0), other = made(0);
-    set_all(c);
-    initialize(c, 0.0);
-    initialize(other, 0.0);
-    EXPECT(FATAL, DoStep(c, 0.0, H, 1));
-    EXPECT(FATAL, Reset(c));
-    EXPECT(FATAL, DoStep(c, 0.0, H, 1));
-    steps(other, 0, 10);
-    FreeInstance(c);
-    get_all(other);
-    FreeInstance(other);
-    c = made(0);
-    initialize(c, 0.0);
-    steps(c, 0, 10);
-    FreeInstance(c);
-}
-
-static const struct {
-    const char *name;
-    void (*run)(void);
-} scenarios[] = {
-    {"life_cycle", life_cycle},       {"values", values},
-    {"fmu_state", fmu_state},         {"damaged_bytes", damaged_bytes},
-    {"bad_arguments", bad_arguments}, {"two_instances", two_instances},
-    {"reset", reset},                 {"trouble", trouble},
-    {"panic", panic},
-};
 
 /* --- main ------------------------------------------------------------------------------------- */
 
-static void *loaded(const char *path)
-{
-    void *library = load_library(path);
-#define LOAD(result, name, arguments) *(void **)&name = find_function(library, "fmi2" #name);
-    FUNCTIONS(LOAD)
-    LOAD(Status, EnterEventMode, (Component))
-    return library;
-}
-
-static Variable parsed(const char *text)
-{
-    char *rest;
-    Variable v = {text[0], (unsigned)strtoul(text + 1, &rest, 10), *rest == '=', 0.0};
-    if (v.settable)
-        v.value = strtod(rest + 1, NULL);
-    return v;
-}
+static const Scenario scenarios[] = {
+    COMMON,
+    {"life_cycle", life_cycle},
+    {"bad_arguments", bad_arguments},
+    {"exchange", exchange},
+    {"panic", panic},
+};
 
 int main(int argc, char **argv)
 {
-    CHECK(argc >= 4 && argc - 4 <= MOST);
-    void *library = loaded(argv[1]);
-    guid = argv[2];
-    for (int k = 4; k < argc; ++k)
-        variables[count++] = parsed(argv[k]);
-    int found = 0;
-    for (size_t k = 0; k < sizeof scenarios / sizeof *scenarios; ++k)
-        if (!strcmp(argv[3], scenarios[k].name)) {
-            scenarios[k].run();
-            found = 1;
-        }
-    CHECK(found);
+    void *library = load_library(argc > 1 ? argv[1] : "");
+#define LOAD(result, name, arguments) *(void **)&name = find_function(library, "fmi2" #name);
+    FUNCTIONS(LOAD)
+    EXCHANGE_FUNCTIONS(LOAD)
+    run(argc, argv, scenarios, sizeof scenarios / sizeof *scenarios);
     unload_library(library);
     return 0;
 }

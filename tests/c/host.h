@@ -1,11 +1,10 @@
-/* Common parts of the hosts: loading a library on POSIX or Windows, and checks. */
+/* Common parts of the hosts: loading a library on POSIX or Windows, and checks. Include fmi2.h or fmi3.h
+ * first. */
 #ifndef HOST_H
 #define HOST_H
 
 #include <stdio.h>
 #include <stdlib.h>
-
-#include "fmi2.h"
 
 /* --- shared libraries ------------------------------------------------------------------------- */
 
@@ -32,7 +31,7 @@ static void *load_library(const char *path) {
     return library;
 }
 
-/* Finds a function of FMI 2.0 in a library, or reports that it is missing and exits. */
+/* Finds a function in a library, or reports that it is missing and exits. */
 static void *find_function(void *library, const char *name) {
 #ifdef _WIN32
     void *function = GetProcAddress(library, name);

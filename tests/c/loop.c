@@ -17,6 +17,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "fmi2.h"
+
 #include "host.h"
 
 enum { MOST = 64 };

@@ -1,4 +1,4 @@
-//! A model with a bug, as an FMU.
+//! A model with a bug and with texts and bytes, as an FMU.
 
 use fmu_export::prelude::*;
 
@@ -11,12 +11,26 @@ pub struct Panicking {
     /// the same
     #[output]
     y: f64,
+    /// a text
+    #[input]
+    text: String,
+    /// the same
+    #[output]
+    echo: String,
+    /// bytes
+    #[input]
+    data: Vec<u8>,
+    /// the same
+    #[output]
+    copy: Vec<u8>,
 }
 
 impl Simulate for Panicking {
     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
         assert!(self.u >= 0.0, "u is {:?}", self.u);
         self.y = self.u;
+        self.echo.clone_from(&self.text);
+        self.copy.clone_from(&self.data);
         Ok(())
     }
 }
