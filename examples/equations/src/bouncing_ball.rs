@@ -5,7 +5,7 @@ use fmu_export::prelude::*;
 #[model(continuous, stop_time = 3, step_size = 0.01)]
 pub struct BouncingBall {
     /// Height
-    #[output(state, unit = "m")]
+    #[output(state, unit = "m", initially_from("h0"))]
     h: f64,
     /// Velocity, positive upwards
     #[output(state, unit = "m/s")]

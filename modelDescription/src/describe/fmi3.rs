@@ -106,11 +106,16 @@ impl Description {
         valued(element, v, &in_use)
     }
 
-    /// The independent variable, whose value reference follows those of all scalars.
+    /// The value reference of the independent variable follows those of all scalars.
+    fn time_reference(&self) -> usize {
+        self.scalars().count()
+    }
+
+    /// The independent variable.
     fn time(&self) -> Element<'static> {
         Element::new("Float64")
             .with("name", TIME.0)
-            .with("valueReference", self.scalars().count())
+            .with("valueReference", self.time_reference())
             .with("description", "Simulation time")
             .with("causality", Causality::Independent.as_str())
             .with("variability", Variability::Continuous.as_str())
@@ -123,7 +128,8 @@ impl Description {
     fn structure(&self, variables: &[Numbered<'_>]) -> Element<'static> {
         let all = |is: fn(&VariableDescription) -> bool| -> Vec<usize> {
             let variables = variables.iter().filter(|(_, v)| is(v));
-            variables.map(|(reference, _)| *reference).collect()
+            let references = variables.map(|(reference, _)| *reference);
+            references.chain([self.time_reference()]).collect()
         };
         let all = &all;
         let unknowns = |name, is: fn(&VariableDescription) -> bool| {

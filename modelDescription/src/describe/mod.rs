@@ -372,8 +372,7 @@ impl Description {
     /// Value references of the variables that determine a scalar's value after the initialization;
     /// `None` if all may do. Of an array, that of the first element.
     fn initial_dependencies(&self, (_, v, _): &Scalar<'_>) -> Option<Vec<usize>> {
-        let is_computed = v.is_derivative() || self.is_continuous && v.is_continuous_output();
-        match v.initially_from.is_empty() && is_computed && !v.is_state() {
+        match self.is_continuous && v.initially_from.is_empty() {
             true => None,
             false => Some(sorted(&v.initially_from)),
         }
