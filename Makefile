@@ -117,9 +117,9 @@ cross: $(VENV)/.portable
 		|| rustup target add x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu x86_64-pc-windows-gnu \
 			x86_64-apple-darwin aarch64-apple-darwin \
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src; }
-	$(WITH_ZIG) cargo fmu export --target x86_64-unknown-linux-gnu.2.17 \
+	$(WITH_ZIG) cargo fmu export --fmi 2.0,3.0 --target x86_64-unknown-linux-gnu.2.17 \
 		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
-	$(WITH_ZIG) cargo fmu export --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
+	$(WITH_ZIG) cargo fmu export --fmi 2.0,3.0 --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
 
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
 merged:

@@ -43,11 +43,10 @@ class Fmu(NamedTuple):
     variables: dict[str, ModelVariable]
 
     @classmethod
-    def unpack(cls, path: Path, platform: str) -> Self:
-        """Unpack the binary for a platform."""
+    def unpack(cls, path: Path, platforms: dict[str, str]) -> Self:
+        """Unpack the binary for a platform, whose names are given by the version of FMI."""
         description = fmpy.read_model_description(path)
-        if description.fmiVersion == "3.0":
-            platform = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}[platform]
+        platform = platforms[description.fmiVersion]
         extension = "dll" if "win" in platform else "so"
         name = f"binaries/{platform}/{description.coSimulation.modelIdentifier}.{extension}"
         with zipfile.ZipFile(path) as package:
@@ -65,7 +64,9 @@ class Machine:
     libraries: tuple[str, ...] = ("-ldl", "-lm")
     fmus: Path = FMUS
     platform: str = "linux64"
-    """Folder of its binaries in these FMUs."""
+    """Folder of its binaries in these FMUs, in FMI 2.0."""
+    platform_3: str = "x86_64-linux"
+    """The same in FMI 3.0."""
     target: str | None = None
     """Its name for `cargo fmu export`; by default this machine."""
     remedy: str = "`make elsewhere` installs the requirements"
@@ -97,7 +98,7 @@ class Machine:
         fmu = (fmus or self.fmus) / f"{model}.fmu"
         if not fmu.exists():
             pytest.fail(f"{fmu} is missing: {self.remedy}", pytrace=False)
-        return Fmu.unpack(fmu, self.platform)
+        return Fmu.unpack(fmu, {"2.0": self.platform, "3.0": self.platform_3})
 
     def path(self, file: Path) -> str:
         """Return the path of a file as seen by its programs."""
@@ -162,6 +163,7 @@ WINDOWS = Wine(
     libraries=(),
     fmus=CROSS,
     platform="win64",
+    platform_3="x86_64-windows",
     target="x86_64-pc-windows-gnu",
 )
 
@@ -170,14 +172,13 @@ ARM = Machine(
     compiler=(sys.executable, "-m", "ziglang", "cc", "-target", "aarch64-linux-gnu.2.17"),
     emulator=("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"),
     fmus=CROSS / "aarch64",
+    platform_3="aarch64-linux",
     target="aarch64-unknown-linux-gnu.2.17",
 )
 
-BOTH_VERSIONS = [NATIVE, pytest.param(VALGRIND, marks=pytest.mark.valgrind)]
-"""Machines for which FMUs of FMI 3.0 are exported, too."""
-
 MACHINES = [
-    *BOTH_VERSIONS,
+    NATIVE,
+    pytest.param(VALGRIND, marks=pytest.mark.valgrind),
     pytest.param(WINDOWS, marks=pytest.mark.elsewhere),
     pytest.param(ARM, marks=pytest.mark.elsewhere),
 ]

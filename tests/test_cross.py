@@ -20,6 +20,7 @@ from machines import CROSS
 from pages import ROOT, project
 from test_exporter import MODELS, cargo_fmu, refusal
 from test_package import FMI2_FUNCTIONS
+from test_package_3 import FMI3_FUNCTIONS
 
 BINARIES = {
     "linux64": "so",
@@ -28,6 +29,9 @@ BINARIES = {
     "aarch64-darwin": "dylib",
 }
 BINARIES_FOR_ARM = {"linux64": "so", "aarch64-linux": "so"}
+
+IN_FMI_3 = {"linux64": "x86_64-linux", "win64": "x86_64-windows", "darwin64": "x86_64-darwin"}
+"""Names of platforms in FMI 3.0, where they differ."""
 
 GLIBC = (2, 17)
 GLIBC_LIBRARIES = {
@@ -52,7 +56,7 @@ lief.logging.disable()  # it warns about every table that a stripped library lac
 
 pytestmark = pytest.mark.elsewhere
 
-each_model = pytest.mark.parametrize("model", MODELS)
+each_model = pytest.mark.parametrize("model", [*MODELS, "PidRbf_fmi3", "Pendulum_fmi3"])
 
 
 def fmu(model: str, folder: Path = CROSS) -> Path:
@@ -66,7 +70,22 @@ def read(file: Path, platform: str) -> bytes:
     """Return the binary of a platform."""
     extension = {**BINARIES, **BINARIES_FOR_ARM}[platform]
     with zipfile.ZipFile(file) as archive:
-        return archive.read(f"binaries/{platform}/{file.stem}.{extension}")
+        return archive.read(binary(file, platform, extension))
+
+
+def binary(file: Path, platform: str, extension: str) -> str:
+    """Return the name of the binary of a platform, by its name in FMI 2.0."""
+    model = file.stem.removesuffix("_fmi3")
+    if model != file.stem:
+        platform = IN_FMI_3.get(platform, platform)
+        if file.parent != CROSS:
+            platform = "aarch64-linux"
+    return f"binaries/{platform}/{model}.{extension}"
+
+
+def functions(model: str) -> set[str]:
+    """Return the functions that a binary exports."""
+    return FMI3_FUNCTIONS if model.endswith("_fmi3") else FMI2_FUNCTIONS
 
 
 @pytest.fixture
@@ -91,7 +110,7 @@ def macos(model: str) -> lief.MachO.FatBinary:
 def test_an_fmu_contains_a_binary_for_each_platform(model, folder, binaries):
     with zipfile.ZipFile(fmu(model, folder)) as archive:
         names = {name for name in archive.namelist() if name.startswith("binaries/")}
-    assert names == {f"binaries/{name}/{model}.{ending}" for name, ending in binaries.items()}
+    assert names == {binary(fmu(model, folder), *of_platform) for of_platform in binaries.items()}
 
 
 @each_model
@@ -162,17 +181,17 @@ def test_a_build_in_another_folder_gives_the_same_bytes(folder, binaries, target
     [(CROSS, lief.ELF.ARCH.X86_64), (CROSS / "aarch64", lief.ELF.ARCH.AARCH64)],
 )
 def test_linux_binary_is_for_its_processor_and_an_old_glibc(model, folder, processor):
-    binary = lief.ELF.parse(list(read(fmu(model, folder), "linux64")))
-    assert binary.header.machine_type == processor
-    assert set(binary.libraries) <= GLIBC_LIBRARIES
+    library = lief.ELF.parse(list(read(fmu(model, folder), "linux64")))
+    assert library.header.machine_type == processor
+    assert set(library.libraries) <= GLIBC_LIBRARIES
     versions = [
         requirement.name.removeprefix("GLIBC_")
-        for library in binary.symbols_version_requirement
-        for requirement in library.get_auxiliary_symbols()
+        for needed in library.symbols_version_requirement
+        for requirement in needed.get_auxiliary_symbols()
     ]
     assert versions
     assert max(tuple(map(int, version.split("."))) for version in versions) <= GLIBC
-    assert {symbol.name for symbol in binary.exported_symbols} == FMI2_FUNCTIONS
+    assert {symbol.name for symbol in library.exported_symbols} == functions(model)
 
 
 # --- Windows --------------------------------------------------------------------------------------
@@ -185,8 +204,8 @@ def test_windows_binary_is_a_library_for_x86_64(windows):
 
 
 @each_model
-def test_windows_binary_exports_the_functions_of_the_standard_and_nothing_else(windows):
-    assert {entry.name for entry in windows.get_export().entries} == FMI2_FUNCTIONS
+def test_windows_binary_exports_the_functions_of_the_standard_and_nothing_else(windows, model):
+    assert {entry.name for entry in windows.get_export().entries} == functions(model)
 
 
 @each_model
@@ -224,12 +243,12 @@ def test_macos_binary_is_named_and_needs_only_the_system_library(macos):
 
 
 @each_model
-def test_macos_binary_exports_the_functions_of_the_standard(macos):
+def test_macos_binary_exports_the_functions_of_the_standard(macos, model):
     for part in macos:
         names = {entry.symbol.name for entry in part.dyld_info.exports if entry.symbol}
-        functions = {f"_{name}" for name in FMI2_FUNCTIONS}
-        assert names >= functions
-        assert all(MACOS_EXPORTS.fullmatch(name) for name in names - functions)
+        expected = {f"_{name}" for name in functions(model)}
+        assert names >= expected
+        assert all(MACOS_EXPORTS.fullmatch(name) for name in names - expected)
 
 
 @each_model

@@ -15,7 +15,7 @@ import pytest
 from fmpy.model_description import ModelVariable
 
 import pages
-from machines import BOTH_VERSIONS, MACHINES, Fmu, Machine
+from machines import MACHINES, Fmu, Machine
 from pendulum_fmus import loop
 from pendulum_fmus.loop import TS
 from pendulum_fmus.master import Component, System, simulate
@@ -98,7 +98,6 @@ def test_a_host_runs_every_scenario(machine, program, model):
     [("Pendulum", ["derivatives"]), ("PidRbf", ["sizes"])],
     ids=["Pendulum", "PidRbf"],
 )
-@pytest.mark.parametrize("machine", BOTH_VERSIONS, indirect=True, ids=lambda machine: machine.name)
 def test_a_host_of_fmi_3_runs_every_scenario(machine, program, model, more):
     fmu = machine.unpack(f"{model}_fmi3")
     run_scenarios(machine, program("host3"), fmu, [*SCENARIOS, "events", "exchange", *more])

@@ -14,6 +14,9 @@ from test_exporter import cargo_fmu, refusal
 from test_package import MODELS
 
 STANDARD = Path(fmpy.__file__).parent
+FMI3_FUNCTIONS = set(
+    re.findall(r"fmi3FullName\((fmi3\w+)\)", (STANDARD / "c-code" / "fmi3Functions.h").read_text())
+)
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 TYPES = {"Real": "Float64", "Integer": "Int32"}
 """Types of FMI 2.0 that have another name in FMI 3.0."""
@@ -81,14 +84,12 @@ def test_it_has_the_files_of_the_standard_and_no_others(fmus: Path, model: str) 
 def test_library_exports_the_functions_of_the_standard_and_nothing_else(
     fmus: Path, model: str, tmp_path: Path
 ) -> None:
-    header = (STANDARD / "c-code" / "fmi3Functions.h").read_text()
-    functions = set(re.findall(r"fmi3FullName\((fmi3\w+)\)", header))
-    assert len(functions) == 75
+    assert len(FMI3_FUNCTIONS) == 75
     library = tmp_path / "library.so"
     library.write_bytes(read(fmus, model, f"binaries/x86_64-linux/{model}.so"))
     command = ["nm", "-D", "--defined-only", library]
     nm = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert {line.split()[-1] for line in nm.stdout.splitlines()} == functions
+    assert {line.split()[-1] for line in nm.stdout.splitlines()} == FMI3_FUNCTIONS
 
 
 @each_model
