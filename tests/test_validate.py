@@ -193,6 +193,8 @@ MUTATIONS = [
      '<Unknown index="7" dependencies="4" dependenciesKind="constant"/>', "not a Real"),
     ("initial unknown order", '<Unknown index="9"/>',
      '<Unknown index="9"/><Unknown index="8"/>', "8 after 9"),
+    ("initial known", '<Unknown index="9"/>', '<Unknown index="9" dependencies="3"/>', "warning",
+     "which is computed"),
     ("type name", 'SimpleType name="Way"', 'SimpleType name="x"', "a type has the same name"),
     ("nominal", 'unit="N"', 'unit="N" nominal="0"', "nominal is 0"),
     ("bound of type", 'declaredType="Angle" start="0.5"',

@@ -169,6 +169,7 @@ MODEL_MUTATIONS = [
     ("start of array", 'start="1 2 3 4 5 6"', 'start="1 2 3"', "3 start values, expected 1 or 6"),
     ("start of scalar", 'start="0.5"', 'start="0.5 1"', "2 start values, expected 1"),
     ("start of texts", '<Start value=""/>', '<Start/><Start/>', "3 start values, expected 1 or 2"),
+    ("start of bytes", 'maxSize="9"', 'maxSize="1"', "2 bytes, expected at most maxSize = 1"),
     ("bound", 'max="5" start="3"', 'max="5" start="7"', "start is 7"),
     ("bound of byte", 'quantity="q" start="-128"', 'quantity="q" start="-129"', "-128 to 127"),
     ("NaN", 'start="1 2 3 4 5 6"', 'start="1 2 NaN 4 5 6"', "start is NaN", "warning"),
@@ -202,6 +203,9 @@ MODEL_MUTATIONS = [
     ("structured", 'Alias name="w16"', 'Alias name="w-16"', "not structured"),
     ("derivative name", 'name="i64"', 'name="der(n)"', "expected a Float32 or Float64, not Int64"),
     ("derivative", 'derivative="1"', 'derivative="99"', "derivative is 99"),
+    ("derivative of itself", 'derivative="1"', 'derivative="2"', 'derivative of "der(x)", exp'),
+    ("derivative size", 'derivative="1"/>', 'derivative="1"><Dimension start="2"/></Float64>',
+     'derivative of "x", expected the same dimensions'),
     ("derivative of", 'derivative="1"', 'derivative="7"', 'derivative of "n"'),
     ("several sets", '<Float64 name="z"',
      '<Float64 canHandleMultipleSetPerTimeInstant="1" name="z"', "only for inputs"),
@@ -214,6 +218,7 @@ MODEL_MUTATIONS = [
      '"xd" valueReference="19" variability="continuous"', "clocked with variability continuous"),
     ("clocks", 'clocks="18" previous', 'clocks="18 7" previous', "clocks has 7"),
     ("empty clocks", 'clocks="18" previous', 'clocks="" previous', "clocks is empty"),
+    ("known", 'dependencies="1 3"', 'dependencies="1 21"', 'has "z", which is computed', "warning"),
     ("initial known", 'dependencies="6" dep', 'dependencies="2" dep', "which is computed"),
     ("no clocks", ' clocks="18" previous', " previous", "only for discrete variables with clocks"),
     ("previous", 'previous="20"', 'previous="4"', "previous is 4"),
@@ -311,7 +316,11 @@ BUILD_MUTATIONS = [
     ("platform", ' platform="x86_64-linux"', "", "two configurations have no platform"),
     ("source", 'name="full.c"', 'name="half.c"', 'source file "half.c" is missing'),
     ("sources", "SourceFileSet", "Sources", "it has no SourceFileSet"),
-]
+    ("include twice", "    </SourceFileSet>\n    <L",
+     '      <IncludeDirectory name="include"/></SourceFileSet><L', '"include" appears twice'),
+    ("compiler", ' compiler="gcc"', "", "compilerOptions and no compiler", "warning"),
+    ("option", '"true" value="1"', '"true" value="2"', 'value is "2", expected that of an Option'),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("mutation", BUILD_MUTATIONS, ids=[m[0] for m in BUILD_MUTATIONS])

@@ -25,6 +25,12 @@ rules! {
             "The build configurations of a modelIdentifier have different platforms.";
         BUILD_SOURCES: Error, "build-sources", Fmi3("section 2.4.10"),
             "A build configuration has a set of source files.";
+        BUILD_ONCE: Warning, "build-once", Practice("VDMCheck3 requires it, and a file that is compiled twice does not link"),
+            "A set of source files lists each file, definition and include directory once.";
+        BUILD_COMPILER: Warning, "build-compiler", Practice("VDMCheck3 requires it"),
+            "Compiler options are given with the compiler.";
+        BUILD_OPTION: Error, "build-option", Fmi3("section 2.4.10"),
+            "The value of a preprocessor definition with options is one of them.";
     }
 }
 
@@ -74,9 +80,9 @@ pub fn check(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings)
                 "it has no SourceFileSet, expected one",
             );
         }
-        for file in
-            (configuration.children("SourceFileSet")).flat_map(|set| set.children("SourceFile"))
-        {
+        let sets = || configuration.children("SourceFileSet");
+        sets().for_each(|set| source_set(set, findings));
+        for file in sets().flat_map(|set| set.children("SourceFile")) {
             let name = file.attribute("name").unwrap_or_default();
             let path = archive::relative(&format!("sources/{name}"));
             if !path.is_ok_and(|path| names.contains(path.as_str())) {
@@ -84,6 +90,34 @@ pub fn check(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings)
                 let text = format!("the source file {name} is missing, expected it in sources");
                 findings.add(&SOURCES_EXIST, Location::of(FILE, file), text);
             }
+        }
+    }
+}
+
+/// Checks what a set of source files is compiled with.
+fn source_set(set: &Element<'_>, findings: &mut Findings) {
+    for kind in ["SourceFile", "PreprocessorDefinition", "IncludeDirectory"] {
+        let mut names = HashSet::new();
+        for element in set.children(kind) {
+            let name = element.attribute("name").unwrap_or_default();
+            if !names.insert(name) {
+                let text = format!("the {kind} {} appears twice, expected once", quote(name));
+                findings.add(&BUILD_ONCE, Location::of(FILE, element), text);
+            }
+        }
+    }
+    if set.attribute("compilerOptions").is_some() && set.attribute("compiler").is_none() {
+        let text = "it has compilerOptions and no compiler, expected both";
+        findings.add(&BUILD_COMPILER, Location::of(FILE, set), text);
+    }
+    for definition in set.children("PreprocessorDefinition") {
+        let Some(value) = definition.attribute("value") else {
+            continue;
+        };
+        let mut options = definition.children("Option").peekable();
+        if options.peek().is_some() && !options.any(|o| o.attribute("value") == Some(value)) {
+            let text = format!("value is {}, expected that of an Option", quote(value));
+            findings.add(&BUILD_OPTION, Location::of(FILE, definition), text);
         }
     }
 }

@@ -197,7 +197,8 @@ fn value(
                 "start",
                 start.get(element).map(|start| real(*start, *single)),
             )
-            .with_some("derivative", state),
+            .with_some("derivative", state)
+            .with_some("reinit", v.is_state().then_some(true)),
         Type::Integer {
             min, max, start, ..
         } => {

@@ -124,7 +124,8 @@ impl Description {
 
     /// The model structure (FMI 3.0.2, section 2.4.8).
     ///
-    /// Dependencies are always listed, although all are the default: CasADi demands it.
+    /// Dependencies are always listed, although all are the default: CasADi demands it. All include the
+    /// independent variable.
     fn structure(&self, variables: &[Numbered<'_>]) -> Element<'static> {
         let all = |is: fn(&VariableDescription) -> bool| -> Vec<usize> {
             let variables = variables.iter().filter(|(_, v)| is(v));
@@ -216,6 +217,7 @@ fn valued(element: Element<'static>, v: &VariableDescription, of_type: &Type) ->
                 .with_some("nominal", nominal(&v.dynamics))
                 .with_some("start", starts(&start))
                 .with_some("derivative", state(&v.dynamics))
+                .with_some("reinit", v.is_state().then_some(true))
         }
         Type::Integer {
             kind,

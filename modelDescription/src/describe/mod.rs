@@ -177,6 +177,7 @@ impl VariableDescription {
         self.causality == Causality::Output
     }
 
+    /// Whether it is a continuous state. Events may change any, which the attribute `reinit` tells.
     fn is_state(&self) -> bool {
         matches!(self.dynamics, Dynamics::State { .. })
     }

@@ -267,15 +267,16 @@ fn the_equations_of_a_model_are_for_model_exchange() {
             (
                 v.children[0].attribute("derivative"),
                 v.children[0].attribute("nominal"),
+                v.children[0].attribute("reinit"),
             )
         })
         .collect();
     let expected = [
-        (None, None),
-        (None, None),
-        (Some("2"), None),
-        (None, Some("0.001")),
-        (Some("4"), None),
+        (None, None, None),
+        (None, None, Some("true")),
+        (Some("2"), None, None),
+        (None, Some("0.001"), Some("true")),
+        (Some("4"), None, None),
     ];
     assert_eq!(of_states[..5], expected);
     let structure = description.child("ModelStructure").unwrap();
@@ -398,22 +399,31 @@ fn arrays_are_single_variables_in_fmi_3() {
 
 #[test]
 fn equations_have_value_references_in_fmi_3() {
-    let description = spring().to_xml_fmi3(&Origin::default()).unwrap();
+    let mut timed = spring();
+    // The height of the wall may depend on all, also on time.
+    timed.variables[7].depends_on.clear();
+    let description = timed.to_xml_fmi3(&Origin::default()).unwrap();
     let of_variables = attributes(
         &description,
         "ModelVariables",
-        ["name", "derivative", "nominal", "intermediateUpdate"],
+        [
+            "name",
+            "derivative",
+            "nominal",
+            "reinit",
+            "intermediateUpdate",
+        ],
     );
     let expected = [
-        ["f", "", "", "true"],
-        ["v", "", "", ""],
-        ["der(v)", "1", "", ""],
-        ["x", "", "0.001", "true"],
-        ["der(x)", "3", "", ""],
-        ["power", "", "", "true"],
-        ["hits", "", "", ""],
-        ["gap", "", "", ""],
-        ["time", "", "", ""],
+        ["f", "", "", "", "true"],
+        ["v", "", "", "true", ""],
+        ["der(v)", "1", "", "", ""],
+        ["x", "", "0.001", "true", "true"],
+        ["der(x)", "3", "", "", ""],
+        ["power", "", "", "", "true"],
+        ["hits", "", "", "", ""],
+        ["gap", "", "", "", ""],
+        ["time", "", "", "", ""],
     ];
     assert_eq!(of_variables, expected);
     let structure = description.child("ModelStructure").unwrap();
@@ -437,7 +447,7 @@ fn equations_have_value_references_in_fmi_3() {
         ("InitialUnknown", "4", Some("0 3 8")),
         ("InitialUnknown", "5", Some("0 3 8")),
         ("InitialUnknown", "6", Some("0 3 8")),
-        ("EventIndicator", "7", Some("3")),
+        ("EventIndicator", "7", Some("0 1 3 8")),
     ];
     assert_eq!(unknowns, expected);
     let flags = |model: &Description, kind, names: &[&str]| -> Vec<bool> {

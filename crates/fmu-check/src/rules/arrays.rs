@@ -1,9 +1,9 @@
 //! Rules for arrays and structural parameters (FMI 3.0.2, section 2.4.7.2).
 
-use fmu_description::value::items;
+use fmu_description::value::{items, unsigned};
 use fmu_description::xml::Element;
 
-use super::Model;
+use super::{Model, Variable};
 use crate::finding::{Findings, Location};
 use crate::rule::rules;
 
@@ -20,10 +20,15 @@ rules! {
             "A structural parameter has no dimensions.";
         START_COUNT: Error, "start-count", Fmi3("section 2.4.7.5"),
             "A variable with start values has one, or one for each of its elements.";
+        START_SIZE: Error, "start-size", Fmi3("section 2.4.4"),
+            "The start value of a Binary is not longer than maxSize.";
     }
 }
 
 pub fn check(model: &Model<'_>, findings: &mut Findings) {
+    for (_, variable) in model.variables() {
+        start_size(variable, findings);
+    }
     for variable in model.elements() {
         if variable.attribute("causality") == Some("structuralParameter")
             && let Some(dimension) = variable.child("Dimension")
@@ -55,6 +60,22 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
             };
             let text = format!("it has {starts} start values, expected {expected}");
             findings.add(&START_COUNT, Location::of_variable(variable), text);
+        }
+    }
+}
+
+/// Checks the number of bytes of the start values of a Binary.
+fn start_size(variable: &Variable<'_>, findings: &mut Findings) {
+    let Some(max) = variable.inherited("maxSize").and_then(unsigned) else {
+        return;
+    };
+    for start in variable.element.children("Start") {
+        // Two digits a byte.
+        let size = start.attribute("value").unwrap_or_default().trim().len() / 2;
+        if size > max as usize {
+            let text =
+                format!("its start value has {size} bytes, expected at most maxSize = {max}");
+            findings.add(&START_SIZE, variable, text);
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use fmu_description::value::{items, unsigned};
+use fmu_description::xml::Element;
 
 use fmu_description::{Causality, FmiVersion, Initial, Variability};
 
@@ -28,9 +29,11 @@ rules! {
             "dependencies are in ascending order.";
         DEPENDENCY_KIND_REAL: Error, "dependency-kind-real", Standard("section 2.2.8", "section 2.4.8"),
             "Only Reals, in FMI 3.0 Float32 and Float64, have dependencies that are constant, fixed, tunable or discrete.";
+        DEPENDENCY_KNOWN: Warning, "dependency-known", Standard("section 2.2.8", "section 2.4.8"),
+            "Outputs, derivatives and event indicators depend on no continuous output or local variable that is not a state.";
         INITIAL_KINDS: Error, "initial-kinds", Standard("section 2.2.8", "section 2.4.8"),
             "The dependencies of an initial unknown are dependent or constant.";
-        INITIAL_KNOWN: Warning, "initial-known", Fmi3("section 2.4.8"),
+        INITIAL_KNOWN: Warning, "initial-known", Standard("section 2.2.8", "section 2.4.8"),
             "The dependencies of an initial unknown are inputs, the independent variable, and variables with initial exact.";
         OUTPUTS_LISTED: Error, "outputs-listed", Standard("section 2.2.8", "section 2.4.8"),
             "Outputs, in FMI 3.0 Output, lists all outputs.";
@@ -40,6 +43,10 @@ rules! {
             "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, have the attribute derivative.";
         DERIVATIVE_CONTINUOUS: Error, "derivative-continuous", Standard("section 2.2.8", "section 2.4.8"),
             "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, are continuous Reals.";
+        DERIVATIVE_ONCE: Error, "derivative-once", Standard("section 2.2.8", "section 2.4.8"),
+            "The variables in Derivatives, in FMI 3.0 ContinuousStateDerivative, are derivatives of different states, and not of themselves.";
+        DERIVATIVE_SIZE: Error, "derivative-size", Fmi3("section 2.4.8"),
+            "A variable in ContinuousStateDerivative has the dimensions of its state.";
         STATE_CAUSALITY: Error, "state-causality", Fmi3("section 2.4.7.4"),
             "Continuous states and event indicators are local or outputs.";
         CLOCKED_STATE: Error, "clocked-state", Fmi3("section 2.4.8"),
@@ -85,6 +92,7 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
     ] {
         each(&List { name, reference }, unknowns, model, findings);
     }
+    dependencies_known(model, findings);
     outputs(model, findings);
     derivatives(model, findings);
     clocked_states(model, findings);
@@ -207,6 +215,7 @@ fn state_of(variable: &Variable<'_>, model: &Model<'_>) -> Option<usize> {
 
 fn derivatives(model: &Model<'_>, findings: &mut Findings) {
     let [_, list, _] = names(model.version);
+    let mut states = HashSet::new();
     for unknown in &model.derivatives {
         let Some(variable) = model.variable(unknown.index) else {
             continue;
@@ -222,10 +231,63 @@ fn derivatives(model: &Model<'_>, findings: &mut Findings) {
             );
             findings.add(&DERIVATIVE_CONTINUOUS, variable, text);
         }
-        if model.version == FmiVersion::Fmi3
-            && let Some(state) = model.variable(state_of(variable, model))
-        {
+        let index = state_of(variable, model);
+        let Some(state) = model.variable(index) else {
+            continue;
+        };
+        if index == unknown.index || !states.insert(index) {
+            let text = format!(
+                "it is in {list} of ModelStructure as derivative of {}, expected a state that has no other derivative there",
+                quote(state.name)
+            );
+            findings.add(&DERIVATIVE_ONCE, variable, text);
+        }
+        if model.version == FmiVersion::Fmi3 {
             state_causality(state, "the state", findings);
+            if dimensions(variable) != dimensions(state) {
+                let text = format!(
+                    "it is the derivative of {}, expected the same dimensions",
+                    quote(state.name)
+                );
+                findings.add(&DERIVATIVE_SIZE, variable, text);
+            }
+        }
+    }
+}
+
+/// The dimensions of a variable, each a number or a value reference.
+fn dimensions<'a>(variable: &Variable<'a>) -> Vec<[Option<&'a str>; 2]> {
+    let size = |d: &'a Element<'a>| ["start", "valueReference"].map(|name| d.attribute(name));
+    (variable.element.children("Dimension")).map(size).collect()
+}
+
+/// Checks that what is listed depends on no other unknowns. An FMU for co-simulation may hide its
+/// states, so that nothing is known about its variables.
+fn dependencies_known(model: &Model<'_>, findings: &mut Findings) {
+    if model.derivatives.is_empty() && model.root.child("ModelExchange").is_none() {
+        return;
+    }
+    let states: HashSet<usize> = (model.variables())
+        .filter_map(|(_, variable)| state_of(variable, model))
+        .collect();
+    let is_unknown = |index: &usize| {
+        model.variable(Some(*index)).is_some_and(|variable| {
+            matches!(variable.causality, Causality::Local | Causality::Output)
+                && variable.variability == Variability::Continuous
+                && variable.kind == Kind::Float
+                && !states.contains(index)
+        })
+    };
+    let lists = [&model.outputs, &model.derivatives, &model.event_indicators];
+    for unknown in lists.into_iter().flatten() {
+        let dependencies = unknown.dependencies.iter().flatten();
+        let mut indices = dependencies.filter_map(|number| model.index(*number));
+        if let Some(other) = model.variable(indices.find(is_unknown)) {
+            let text = format!(
+                "dependencies has {}, which is computed, expected inputs, states and the independent variable",
+                quote(other.name)
+            );
+            findings.add(&DEPENDENCY_KNOWN, unknown.element, text);
         }
     }
 }
@@ -281,10 +343,8 @@ fn initial_unknowns(model: &Model<'_>, findings: &mut Findings) {
         );
         findings.add(&INITIAL_UNKNOWNS_ORDER, pair[1].element, text);
     }
-    if model.version == FmiVersion::Fmi3 {
-        for unknown in &model.initial_unknowns {
-            initial_known(unknown, model, findings);
-        }
+    for unknown in &model.initial_unknowns {
+        initial_known(unknown, model, findings);
     }
     let mut of_states = HashSet::new();
     for unknown in &model.derivatives {
