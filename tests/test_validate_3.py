@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import fmpy
@@ -478,19 +479,69 @@ def test_exported_fmus_have_no_findings(fmus: Path, model: str) -> None:
 
 
 CLAIMS = [
-    # old text, new text, part of the finding
-    ('instantiationToken="{', 'instantiationToken="{a', "fmi3Instantiate returned NULL"),
-    ('start="1.096"', 'start="1.097"', 'start value of "M" is 1.096 in the binary'),
-    ('name="u" valueReference="0"', 'name="u" valueReference="999"', '"u" cannot be read'),
+    # model, old text, new text, part of the finding
+    (
+        "Pendulum",
+        'instantiationToken="{',
+        'instantiationToken="{a',
+        "fmi3Instantiate returned NULL",
+    ),
+    ("Pendulum", 'start="1.096"', 'start="1.097"', 'start value of "M" is 1.096 in the binary'),
+    ("Pendulum", 'name="u" valueReference="0"', 'name="u" valueReference="999"', '"u" cannot be'),
+    ("PidRbf", 'start="-2 -1 1 2"', 'start="-2 -1 1 3"', '"rbf.c[4]" is different in the binary'),
+    ("PidRbf", 'start="4"', 'start="5"', '"rbf.w" cannot be read'),
+    ("PidRbf", 'max="16" start="4"', 'max="16" start="16"', '"rbf.w" cannot be read'),
+    (
+        "Pid",
+        'providesAdjointDerivatives="false"',
+        'providesAdjointDerivatives="true"',
+        "providesAdjointDerivatives is true, but",
+    ),
+    ("Source", 'hasEventMode="false"', 'hasEventMode="true"', "hasEventMode is true, but"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "expected"), CLAIMS, ids=[c[0] for c in CLAIMS])
+@pytest.mark.parametrize(
+    ("model", "old", "new", "expected"), CLAIMS, ids=[f"{c[0]} {c[1]}" for c in CLAIMS]
+)
 def test_wrong_claims_of_the_xml_are_found(
-    old: str, new: str, expected: str, fmus: Path, tmp_path: Path
+    model: str, old: str, new: str, expected: str, fmus: Path, tmp_path: Path
 ) -> None:
-    pendulum = read(fmus / "Pendulum_fmi3.fmu")
-    xml = pendulum[MODEL_FILE].decode()
+    files = read(fmus / f"{model}_fmi3.fmu")
+    xml = files[MODEL_FILE].decode()
     assert old in xml
-    file = write(tmp_path / "x.fmu", {**pendulum, MODEL_FILE: xml.replace(old, new).encode()})
-    check(findings(file), "error: binaries/x86_64-linux/Pendulum.so", expected, "FMI 3.0.2")
+    file = write(tmp_path / "x.fmu", {**files, MODEL_FILE: xml.replace(old, new).encode()})
+    check(findings(file), f"error: binaries/x86_64-linux/{model}.so", expected, "FMI 3.0.2")
+
+
+ARRAY_DEFECTS = {
+    "LENGTHS": '4 values of "w", which has 3',
+    "SIZES": 'with "n" = 4, "w" cannot be read',
+    "START": 'the start value of "c[3]" is different in the binary',
+    "KEPT": '"c[3]" has another value in initialization mode',
+    "STATE": '"w[2]" has another value after the state was restored',
+    "RESET": '"w[2]" has another value after fmi3Reset',
+}
+"""Part of what is found in each variant of `tests/c/vector.c`."""
+
+
+def test_defects_of_arrays_are_found(tmp_path: Path) -> None:
+    found = {defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *ARRAY_DEFECTS]}
+    for defect, expected in ARRAY_DEFECTS.items():
+        (finding,) = found[defect] - found["NONE"]
+        assert expected in finding
+
+
+def vector(folder: Path, defect: str) -> Path:
+    """Build a variant of the FMU with arrays."""
+    library = folder / "Vector.so"
+    source = ROOT / "tests" / "c" / "vector.c"
+    options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-D{defect}"]
+    subprocess.run(["cc", *options, "-o", library, source], check=True)
+    return write(
+        folder / "x.fmu",
+        {
+            MODEL_FILE: source.with_suffix(".xml").read_bytes(),
+            "binaries/x86_64-linux/Vector.so": library.read_bytes(),
+        },
+    )

@@ -160,7 +160,7 @@ impl Checker<'_> {
         }
         let version = self.version;
         let tests = TESTS.iter().filter(|test| {
-            let is_for = version == FmiVersion::Fmi2 || !test.is_of_fmi_2;
+            let is_for = test.only_of.is_none_or(|only| only == version);
             is_for && (test.is_quick || !is_quick)
         });
         for test in tests {

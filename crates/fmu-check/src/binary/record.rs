@@ -397,6 +397,41 @@ fn set_integer(i: &mut Instance, kind: VariableType, r: &[u32; 1], value: i64) -
     }
 }
 
+/// The elements of an array of numbers or Booleans, as bits: those of an `f64` or of an `i64`.
+pub fn elements(
+    instance: &mut Instance,
+    variable: &ScalarVariable<'_>,
+    n: usize,
+) -> Result<Vec<u64>> {
+    let reference = &[variable.reference];
+    Ok(match Class::of(variable.kind) {
+        Class::Real => {
+            let mut values = vec![0.0; n];
+            get_reals(instance, variable.kind, reference, &mut values)?;
+            values.into_iter().map(f64::to_bits).collect()
+        }
+        Class::Integer => {
+            let mut values = vec![0; n];
+            get_integers(instance, variable.kind, reference, &mut values)?;
+            values.into_iter().map(i64::cast_unsigned).collect()
+        }
+        Class::Boolean => {
+            let mut values = vec![0; n];
+            instance.get_boolean(reference, &mut values)?;
+            values
+                .into_iter()
+                .map(|v| i64::from(v).cast_unsigned())
+                .collect()
+        }
+        Class::String | Class::Other => {
+            bail!(
+                "arrays of the type {} are not tested",
+                variable.kind.as_str()
+            )
+        }
+    })
+}
+
 /// Names in a file of the parent, one per line; none if there is no such file.
 pub fn names(file: &std::path::Path) -> HashSet<String> {
     let text = std::fs::read_to_string(file).unwrap_or_default();

@@ -154,6 +154,15 @@ rules! {
             "A step at the end of a run takes about as long as one at the start.";
         MEMORY: Warning, "memory", Practice("parameter studies run out of memory"),
             "When an instance is freed, its memory is freed.";
+        ARRAY_LENGTHS: Warning, "array-lengths",
+            Practice("a host with another version of the XML reads and writes foreign memory"),
+            "Functions refuse another number of values than the variables have.";
+        SIZES: Error, "structural-parameters", Fmi3("section 2.4.7.4"),
+            "Structural parameters can have every value between min and max, and size arrays.";
+        ADJOINT: Error, "adjoint-derivatives", Fmi3("section 2.2.11"),
+            "If providesAdjointDerivatives is true, they are those of the directional derivatives.";
+        EVENT_MODE: Error, "event-mode", Fmi3("sections 4.2 and 4.3"),
+            "If hasEventMode is true, the FMU runs in co-simulation with event mode.";
         EVENTS: Error, "event-iteration", Standard("section 3.2.2", "section 2.3.5"),
             "The event iteration ends, and states, nominals and indicators are consistent.";
     }

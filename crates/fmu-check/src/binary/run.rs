@@ -21,14 +21,24 @@ pub struct Run<'a> {
     setup: Setup<'a>,
     /// The instance.
     pub instance: Instance,
-    /// Number of communication points passed.
-    pub point: usize,
+    /// How far it has got.
+    pub place: Place,
     /// Whether the FMU has ended the simulation.
     pub ended: bool,
-    /// In model exchange, the time of the last step of the integration.
-    now: f64,
     /// Whether unwritten results were reported.
     has_unwritten: bool,
+}
+
+/// A point of a simulation, to which a restored state goes back.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// Number of communication points passed.
+    point: usize,
+    /// In model exchange, the time of the last step of the integration; with event mode, of the last
+    /// step.
+    now: f64,
+    /// In model exchange, the time of the next time event.
+    next_event: Option<f64>,
 }
 
 impl<'a> Run<'a> {
@@ -59,9 +69,12 @@ impl<'a> Run<'a> {
             subject,
             setup: *setup,
             instance: subject.instantiate(setup)?,
-            point: 0,
+            place: Place {
+                point: 0,
+                now: subject.start(),
+                next_event: None,
+            },
             ended: false,
-            now: subject.start(),
             has_unwritten: false,
         })
     }
@@ -81,16 +94,20 @@ impl<'a> Run<'a> {
     /// Simulation time.
     pub fn time(&self) -> f64 {
         if self.setup.summed_times {
-            return (0..self.point)
+            return (0..self.place.point)
                 .fold(self.subject.start(), |time, _| time + self.subject.step());
         }
-        self.subject.start() + self.point as f64 * self.subject.step()
+        self.subject.start() + self.place.point as f64 * self.subject.step()
     }
 
     /// Puts an instance that is new or was reset into initialization mode.
     pub fn enter_initialization(&mut self) -> Result<()> {
-        (self.point, self.ended) = (0, false);
-        self.now = self.subject.start();
+        self.place = Place {
+            point: 0,
+            now: self.subject.start(),
+            next_event: None,
+        };
+        self.ended = false;
         if self.setup.parameters {
             change_parameters(self.subject.model, &mut self.instance)?;
         }
@@ -108,7 +125,9 @@ impl<'a> Run<'a> {
         self.enter_initialization()?;
         self.set_inputs(|_| true)?;
         self.instance.exit_initialization_mode()?;
-        if self.subject.kind == Kind::ModelExchange {
+        if self.setup.event_mode {
+            self.iterate()?;
+        } else if self.subject.kind == Kind::ModelExchange {
             self.iterate()?;
             if !self.ended && self.subject.states() > 0 {
                 let nominals = self.instance.nominals(self.subject.states())?;
@@ -126,14 +145,17 @@ impl<'a> Run<'a> {
     fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
             let Setup { level, seed, .. } = self.setup;
-            input.set(&mut self.instance, level, seed, self.point)?;
+            input.set(&mut self.instance, level, seed, self.place.point)?;
         }
         Ok(())
     }
 
     /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
-        let (n, time) = (self.subject.states(), self.now);
+        let (mut n, time) = (self.subject.states(), self.place.now);
+        if self.setup.event_mode {
+            n = 0; // co-simulation has no functions for states
+        }
         let before = if n > 0 {
             self.instance.continuous_states(n)?
         } else {
@@ -164,7 +186,11 @@ impl<'a> Run<'a> {
                     "an event has changed the states from {before:?} to {after:?}, but valuesOfContinuousStatesChanged is false"
                 );
             }
-            self.instance.enter_continuous_time_mode()?;
+            self.place.next_event = update.next_event;
+            match self.setup.event_mode {
+                true => self.instance.enter_step_mode()?,
+                false => self.instance.enter_continuous_time_mode()?,
+            };
             return Ok(());
         }
         bail!(
@@ -196,7 +222,9 @@ impl<'a> Run<'a> {
         self.subject.report.time(begin);
         match self.subject.kind {
             Kind::CoSimulation => {
-                self.set_inputs(|_| true)?;
+                // With event mode, discrete inputs are set at events only.
+                let event_mode = self.setup.event_mode;
+                self.set_inputs(|input| !event_mode || input.is_continuous())?;
                 let mut passed = 0.0;
                 for fraction in fractions {
                     self.step(begin + passed * step, fraction * step)?;
@@ -205,13 +233,16 @@ impl<'a> Run<'a> {
             }
             Kind::ModelExchange => self.integrate(begin, step)?,
         }
-        self.point += 1;
+        self.place.point += 1;
         Ok(())
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<()> {
         if self.ended {
             return Ok(());
+        }
+        if self.setup.event_mode {
+            return self.step_with_events(time, step);
         }
         match self.instance.do_step(time, step) {
             Ok(_) => Ok(()),
@@ -227,28 +258,70 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Takes a step and handles the event at its end, if the FMU needs that.
+    fn step_with_events(&mut self, time: f64, step: f64) -> Result<()> {
+        let stepped = self.instance.step(time, step, true);
+        let (_, stepped) = stepped.with_context(|| format!("the step from t = {time} s"))?;
+        if stepped.terminate {
+            self.ended = true;
+            return Ok(());
+        }
+        self.place.now = stepped.last_successful_time;
+        ensure!(
+            !stepped.early_return,
+            "the step from t = {time} s has ended early, at {} s, though that is not allowed",
+            self.place.now
+        );
+        if stepped.event_handling_needed {
+            self.instance.enter_event_mode()?;
+            self.iterate()?;
+        }
+        Ok(())
+    }
+
     /// Integrates by explicit Euler steps.
     fn integrate(&mut self, begin: f64, step: f64) -> Result<()> {
-        if self.point % EVENT_EVERY == EVENT_EVERY - 1 {
+        if self.place.point % EVENT_EVERY == EVENT_EVERY - 1 {
             self.instance.enter_event_mode()?;
             self.set_inputs(|_| true)?;
             self.iterate()?;
         } else {
             self.set_inputs(|input| input.is_continuous())?;
         }
+        self.place.now = begin;
         let parts = self.setup.parts;
         let part = step / parts as f64;
         for k in 1..=parts {
+            let end = begin + k as f64 * part;
+            self.handle_time_events(end, part)?;
             if self.ended {
                 break;
             }
-            self.euler(begin + k as f64 * part, part)?;
+            self.euler(end, end - self.place.now)?;
         }
         Ok(())
     }
 
+    /// Integrates to each time event up to the end of a part of a step, and handles it.
+    fn handle_time_events(&mut self, end: f64, part: f64) -> Result<()> {
+        for _ in 0..MAX_ROUNDS {
+            let Some(event) = self.place.next_event else {
+                return Ok(());
+            };
+            if self.ended || event > end + 1e-9 * part {
+                return Ok(());
+            }
+            self.euler(event, event - self.place.now)?;
+            if !self.ended {
+                self.instance.enter_event_mode()?;
+                self.iterate()?;
+            }
+        }
+        bail!("there are more than {MAX_ROUNDS} time events up to t = {end} s")
+    }
+
     fn euler(&mut self, end: f64, step: f64) -> Result<()> {
-        self.now = end;
+        self.place.now = end;
         let n = self.subject.states();
         if n > 0 {
             let mut states = self.instance.continuous_states(n)?;

@@ -101,6 +101,8 @@ pub struct Setup<'a> {
     pub summed_times: bool,
     /// In model exchange, steps of an explicit Euler method in a communication step.
     pub parts: usize,
+    /// In co-simulation, whether event mode is used.
+    pub event_mode: bool,
 }
 
 impl<'a> Subject<'a> {
@@ -116,8 +118,12 @@ impl<'a> Subject<'a> {
 
     /// Whether the FMU declares a capability.
     pub fn claims(&self, capability: Capability) -> bool {
-        let name = in_version(capability.as_str(), self.model.version);
-        self.element.attribute(&name).and_then(boolean) == Some(true)
+        self.has(&in_version(capability.as_str(), self.model.version))
+    }
+
+    /// Whether a flag of the XML is true.
+    pub fn has(&self, flag: &str) -> bool {
+        self.element.attribute(flag).and_then(boolean) == Some(true)
     }
 
     /// The usual setup.
@@ -132,6 +138,7 @@ impl<'a> Subject<'a> {
             parameters: false,
             summed_times: false,
             parts: 10,
+            event_mode: false,
         }
     }
 
@@ -196,6 +203,7 @@ impl<'a> Subject<'a> {
         if self.model.version == FmiVersion::Fmi3 {
             let options = Options {
                 treatment: setup.treatment,
+                event_mode_used: setup.event_mode,
                 ..Options::default()
             };
             return Ok(self.library.instantiate_3(&arguments, options, sink)?);

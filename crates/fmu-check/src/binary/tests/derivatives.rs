@@ -129,14 +129,11 @@ pub fn directional(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Compares directional derivatives with respect to the states with difference quotients.
-pub fn of_states(subject: &Subject<'_>) -> Result<()> {
-    let n = subject.states();
-    let claims = subject.claims(Capability::ProvidesDirectionalDerivative);
-    if subject.kind == Kind::CoSimulation || !claims || n == 0 || n > MAX_INPUTS {
-        return Ok(());
-    }
-    let of_derivatives = subject.model.derivatives.iter().map(|unknown| {
+/// The derivatives of the states, and the states, if all are scalars that are tested.
+fn state_pairs<'b, 'a>(
+    subject: &'b Subject<'a>,
+) -> Option<Vec<(&'b ScalarVariable<'a>, &'b ScalarVariable<'a>)>> {
+    let pairs = subject.model.derivatives.iter().map(|unknown| {
         let derivative = subject.model.variable(unknown.index)?;
         let number = derivative
             .value
@@ -152,7 +149,74 @@ pub fn of_states(subject: &Subject<'_>) -> Result<()> {
         (is_real(derivative) && is_real(state) && is_tested(derivative) && is_tested(state))
             .then_some((derivative, state))
     });
-    let Some(pairs) = of_derivatives.collect::<Option<Vec<_>>>() else {
+    pairs.collect()
+}
+
+/// Compares adjoint derivatives with directional ones.
+pub fn adjoint(subject: &Subject<'_>) -> Result<()> {
+    if !subject.has("providesAdjointDerivatives") {
+        return Ok(());
+    }
+    let mut run = Run::after(subject, WARM_UP)?;
+    // Even if nothing depends on anything, the function is there.
+    (run.instance.adjoint_derivatives(&[], &[], 0, &[]))
+        .context("providesAdjointDerivatives is true, but")?;
+    if run.ended || !subject.claims(Capability::ProvidesDirectionalDerivative) {
+        return Ok(());
+    }
+    let allowed = Dependencies::of(subject);
+    let continuous = |v: &&ScalarVariable<'_>| v.variability == Variability::Continuous;
+    let inputs = subject.reals(Causality::Input).into_iter();
+    let inputs: Vec<_> = inputs.filter(continuous).take(MAX_INPUTS).collect();
+    let outputs = subject.reals(Causality::Output).into_iter();
+    for output in outputs.filter(continuous).take(MAX_INPUTS) {
+        let known = inputs.iter().copied().filter(|i| allowed.allow(output, i));
+        compare_row(&mut run, output, &known.collect::<Vec<_>>())?;
+    }
+    if subject.kind == Kind::ModelExchange && subject.states() <= MAX_INPUTS {
+        let pairs = state_pairs(subject).unwrap_or_default();
+        let states: Vec<_> = pairs.iter().map(|(_, state)| *state).collect();
+        for (derivative, _) in &pairs {
+            compare_row(&mut run, derivative, &states)?;
+        }
+    }
+    Ok(())
+}
+
+/// Compares the adjoint derivative of a variable with its directional derivatives.
+fn compare_row(
+    run: &mut Run<'_>,
+    unknown: &ScalarVariable<'_>,
+    knowns: &[&ScalarVariable<'_>],
+) -> Result<()> {
+    let of = [unknown.reference];
+    let row = (run.instance)
+        .adjoint_derivatives(&of, &references(knowns), knowns.len(), &[1.0])
+        .context("providesAdjointDerivatives is true, but")?;
+    for (known, adjoint) in knowns.iter().zip(row) {
+        let column = run
+            .instance
+            .directional_derivative(&of, &[known.reference], &[1.0]);
+        let directional = column.context("providesDirectionalDerivatives is true, but")?[0];
+        let scale = adjoint.abs().max(directional.abs()).max(1e-9);
+        ensure!(
+            (adjoint - directional).abs() <= 1e-6 * scale,
+            "the adjoint derivative of {} by {} is {adjoint}, expected {directional} like the directional derivative",
+            quote(unknown.name),
+            quote(known.name)
+        );
+    }
+    Ok(())
+}
+
+/// Compares directional derivatives with respect to the states with difference quotients.
+pub fn of_states(subject: &Subject<'_>) -> Result<()> {
+    let n = subject.states();
+    let claims = subject.claims(Capability::ProvidesDirectionalDerivative);
+    if subject.kind == Kind::CoSimulation || !claims || n == 0 || n > MAX_INPUTS {
+        return Ok(());
+    }
+    let Some(pairs) = state_pairs(subject) else {
         return Ok(());
     };
     let unknowns: Vec<u32> = pairs

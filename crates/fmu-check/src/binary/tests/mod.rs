@@ -1,5 +1,6 @@
 //! The tests of a binary. Each runs in a process of its own.
 
+mod arrays;
 mod calls;
 mod derivatives;
 mod host;
@@ -10,6 +11,7 @@ mod state;
 mod values;
 
 use anyhow::Result;
+use fmu_description::FmiVersion;
 
 use super::rules;
 use super::subject::Subject;
@@ -25,8 +27,8 @@ pub struct Test {
     pub crash: &'static Rule,
     /// Whether it is one of the quick tests.
     pub is_quick: bool,
-    /// Whether it is for FMI 2.0 only.
-    pub is_of_fmi_2: bool,
+    /// The only version of FMI that it is for, if it is not for both.
+    pub only_of: Option<FmiVersion>,
     /// Maximum time limit in seconds.
     pub seconds: u64,
     /// Runs it.
@@ -49,7 +51,7 @@ const fn test(
         rule,
         crash: &rules::SURVIVES,
         is_quick: false,
-        is_of_fmi_2: false,
+        only_of: None,
         seconds: u64::MAX,
         run,
     }
@@ -74,7 +76,13 @@ impl Test {
 
     /// A test of what FMI 3.0 has not, or leaves open.
     const fn of_fmi_2(mut self) -> Self {
-        self.is_of_fmi_2 = true;
+        self.only_of = Some(FmiVersion::Fmi2);
+        self
+    }
+
+    /// A test of what FMI 2.0 has not.
+    const fn of_fmi_3(mut self) -> Self {
+        self.only_of = Some(FmiVersion::Fmi3);
         self
     }
 
@@ -188,6 +196,24 @@ pub static TESTS: &[Test] = &[
         derivatives::dependencies,
     ),
     test("events", &rules::EVENTS, derivatives::events),
+    test("arrays", &rules::RUNS, arrays::values)
+        .quick()
+        .of_fmi_3(),
+    test("array-starts", &rules::START, arrays::starts)
+        .quick()
+        .of_fmi_3(),
+    test("array-lengths", &rules::ARRAY_LENGTHS, arrays::lengths)
+        .misuse()
+        .of_fmi_3(),
+    test("sizes", &rules::SIZES, arrays::sizes)
+        .quick()
+        .of_fmi_3(),
+    test("adjoint", &rules::ADJOINT, derivatives::adjoint)
+        .quick()
+        .of_fmi_3(),
+    test("event-mode", &rules::EVENT_MODE, simulation::event_mode)
+        .quick()
+        .of_fmi_3(),
     test("null", &rules::FREE_NULL, loading::null)
         .crash(&rules::FREE_NULL)
         .of_fmi_2(),

@@ -489,3 +489,21 @@ pub fn end(subject: &Subject<'_>) -> Result<()> {
         " as before",
     )
 }
+
+/// Runs co-simulation with event mode.
+pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
+    if subject.kind != Kind::CoSimulation || !subject.has("hasEventMode") {
+        return Ok(());
+    }
+    let setup = Setup {
+        event_mode: true,
+        ..subject.setup()
+    };
+    let run = || -> Result<()> {
+        let mut run = Run::begin(subject, &setup)?;
+        run.record(subject.steps)?;
+        run.instance.terminate()?;
+        Ok(())
+    };
+    run().context("hasEventMode is true, but")
+}

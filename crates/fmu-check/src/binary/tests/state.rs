@@ -26,7 +26,7 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
 }
 
 fn save_and_restore<'a>(subject: &'a Subject<'a>, run: &mut Run<'a>) -> Result<()> {
-    let point = run.point;
+    let place = run.place;
     let saved = run.instance.state()?;
     let before = everything(subject, run)?;
     let expected = run.record(subject.steps)?;
@@ -41,7 +41,7 @@ fn save_and_restore<'a>(subject: &'a Subject<'a>, run: &mut Run<'a>) -> Result<(
     // Restored twice, as the first use must not change the state.
     for _ in 0..2 {
         run.instance.set_state(&saved)?;
-        run.point = point;
+        run.place = place;
         subject.report.stage("after the state was restored");
         for ((variable, before), (_, after)) in before.iter().zip(everything(subject, run)?) {
             ensure!(
@@ -108,7 +108,7 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
 fn through_bytes(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, &subject.setup())?;
     run.record(subject.steps)?;
-    let point = run.point;
+    let place = run.place;
     let bytes = bytes(&mut run)?;
     let expected = run.record(subject.steps)?;
     if run.ended {
@@ -131,7 +131,7 @@ fn through_bytes(subject: &Subject<'_>) -> Result<()> {
     let state = other.instance.deserialize(&bytes)?;
     other.instance.set_state(&state)?;
     other.instance.free_state(state)?;
-    other.point = point;
+    other.place = place;
     let actual = other.record(subject.steps)?;
     let when = "after steps from the state restored from bytes";
     subject.ensure_same(

@@ -1,0 +1,182 @@
+/* A co-simulation FMU of FMI 3.0 that adds the parameter c, an array of n elements, to the output w in each
+ * step. n is a structural parameter. A defect is chosen by its name: cc -DLENGTHS ... */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { OK, ERROR = 3, MOST = 8 };
+enum { W = 1, C = 2, N = 3, TIME = 4 };
+
+typedef struct {
+    uint64_t n;
+    double w[MOST], c[MOST], time;
+    bool is_running;
+} Vector;
+
+typedef const unsigned *References;
+
+static void restart(Vector *v) {
+    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, false};
+#ifdef RESET
+    const double kept = v->w[1];
+    *v = start;
+    v->w[1] = kept;
+#else
+    *v = start;
+#endif
+#ifdef START
+    v->c[2] = 2.5;
+#endif
+}
+
+void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
+                                  bool logging, bool events, bool early, References intermediate, size_t n,
+                                  void *environment, void *log, void *update) {
+    (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)intermediate, (void)n;
+    (void)environment, (void)log, (void)update;
+    if (!name || !token || strcmp(token, "{vector}")) return NULL;
+    Vector *v = calloc(1, sizeof *v);
+    restart(v);
+    return v;
+}
+
+void fmi3FreeInstance(void *instance) { free(instance); }
+
+const char *fmi3GetVersion(void) { return "3.0"; }
+
+int fmi3Reset(Vector *v) { return restart(v), OK; }
+
+int fmi3EnterInitializationMode(Vector *v, bool has_tolerance, double tolerance, double start,
+                                bool has_stop, double stop) {
+    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    v->time = start;
+    return OK;
+}
+
+int fmi3ExitInitializationMode(Vector *v) { return v->is_running = true, OK; }
+
+int fmi3Terminate(Vector *v) { return (void)v, OK; }
+
+int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, bool *terminate, bool *early,
+               double *last) {
+    (void)final;
+    if (!(step >= 0 && step < 1e3) || time < v->time - 1e-6 || time > v->time + 1e-6) return ERROR;
+    for (size_t i = 0; i < v->n; i++) v->w[i] += step * v->c[i];
+    *event = *terminate = *early = false;
+    *last = v->time = time + step;
+    return OK;
+}
+
+static double *array(Vector *v, unsigned reference) { return reference == W ? v->w : v->c; }
+
+int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t count) {
+    for (size_t i = 0; i < n; i++) {
+        if (r[i] == TIME) {
+            if (!count--) return ERROR;
+            *values++ = v->time;
+            continue;
+        }
+        if (r[i] != W && r[i] != C) return ERROR;
+#ifdef LENGTHS
+        const size_t size = count < v->n ? count : v->n;
+#elif defined SIZES
+        const size_t size = v->n == 3 ? 3 : MOST;
+#else
+        const size_t size = v->n;
+#endif
+        if (count < size) return ERROR;
+        memcpy(values, array(v, r[i]), size * sizeof *values);
+        values += size, count -= size;
+    }
+#ifdef LENGTHS
+    return OK;
+#else
+    return count ? ERROR : OK;
+#endif
+}
+
+int fmi3SetFloat64(Vector *v, References r, size_t n, const double *values, size_t count) {
+    if (n == 0) return OK;
+    if (n != 1 || r[0] != C || v->is_running || count != v->n) return ERROR;
+#ifdef KEPT
+    count--;
+#endif
+    memcpy(v->c, values, count * sizeof *values);
+    return OK;
+}
+
+int fmi3GetUInt64(Vector *v, References r, size_t n, uint64_t *values, size_t count) {
+    if (n != 1 || r[0] != N || count != 1) return ERROR;
+    return *values = v->n, OK;
+}
+
+int fmi3SetUInt64(Vector *v, References r, size_t n, const uint64_t *values, size_t count) {
+    if (n != 1 || r[0] != N || count != 1 || *values < 1 || *values > MOST) return ERROR;
+    return v->n = *values, OK;
+}
+
+int fmi3EnterConfigurationMode(Vector *v) { return v->is_running ? ERROR : OK; }
+
+int fmi3ExitConfigurationMode(Vector *v) { return (void)v, OK; }
+
+int fmi3GetFMUState(Vector *v, Vector **state) {
+    if (!*state) *state = malloc(sizeof *v);
+    return **state = *v, OK;
+}
+
+int fmi3SetFMUState(Vector *v, const Vector *state) {
+#ifdef STATE
+    const double kept = v->w[1];
+    *v = *state;
+    v->w[1] = kept;
+#else
+    *v = *state;
+#endif
+    return OK;
+}
+
+int fmi3FreeFMUState(Vector *v, Vector **state) {
+    (void)v;
+    free(*state);
+    return *state = NULL, OK;
+}
+
+int fmi3SetDebugLogging(void) { return OK; }
+
+#define STUB(name) \
+    int fmi3##name(void) { return ERROR; }
+#define STUBS(type) STUB(Get##type) STUB(Set##type)
+STUBS(Float32)
+STUBS(Int8)
+STUBS(UInt8)
+STUBS(Int16)
+STUBS(UInt16)
+STUBS(Int32)
+STUBS(UInt32)
+STUBS(Int64)
+STUBS(Boolean)
+STUBS(String)
+STUBS(Binary)
+STUBS(Clock)
+STUBS(IntervalDecimal)
+STUBS(IntervalFraction)
+STUBS(ShiftDecimal)
+STUBS(ShiftFraction)
+STUB(EnterEventMode)
+STUB(GetNumberOfVariableDependencies)
+STUB(GetVariableDependencies)
+STUB(SerializedFMUStateSize)
+STUB(SerializeFMUState)
+STUB(DeserializeFMUState)
+STUB(GetDirectionalDerivative)
+STUB(GetAdjointDerivative)
+STUB(EvaluateDiscreteStates)
+STUB(UpdateDiscreteStates)
+STUB(EnterStepMode)
+STUB(GetOutputDerivatives)
+#define NO_INSTANCE(name) \
+    void *fmi3Instantiate##name(void) { return NULL; }
+NO_INSTANCE(ModelExchange)
+NO_INSTANCE(ScheduledExecution)
