@@ -526,7 +526,9 @@ ARRAY_DEFECTS = {
 
 
 def test_defects_of_arrays_are_found(tmp_path: Path) -> None:
-    found = {defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *ARRAY_DEFECTS]}
+    found = {
+        defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *ARRAY_DEFECTS]
+    }
     for defect, expected in ARRAY_DEFECTS.items():
         (finding,) = found[defect] - found["NONE"]
         assert expected in finding
