@@ -497,14 +497,23 @@ impl<M: Model, const N: usize> Bound<M, N> {
         true
     }
 
+    /// As [`get_reals`](Self::get_reals) for scalars of FMI 3.0.
+    #[inline(always)]
+    pub(crate) fn get_scalars(&mut self, references: &[u32], values: &mut [f64]) -> bool {
+        references.len() == values.len() && self.get_each(Self::SCALARS, references, values)
+    }
+
+    /// As [`set_reals`](Self::set_reals) for scalars of FMI 3.0.
+    #[inline(always)]
+    pub(crate) fn set_scalars(&mut self, references: &[u32], values: &[f64]) -> bool {
+        references.len() == values.len() && self.set_each(Self::SCALARS, references, values)
+    }
+
     /// As [`get_reals`](Self::get_reals) for FMI 3.0, where a reference is that of a variable with all its
     /// elements. Some values may have been written if it returns false: they are undefined after an
     /// error, and a loop that checks all references before would take 5 ns.
     #[inline(always)]
     pub(crate) fn get_arrays(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        if references.len() == values.len() && self.get_each(Self::SCALARS, references, values) {
-            return true;
-        }
         let mut rest = values;
         for &reference in references {
             let Some(array) = Self::ARRAYS.get(reference as usize) else {
@@ -527,9 +536,6 @@ impl<M: Model, const N: usize> Bound<M, N> {
     /// As [`set_reals`](Self::set_reals) for FMI 3.0.
     #[inline(always)]
     pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
-        if references.len() == values.len() && self.set_each(Self::SCALARS, references, values) {
-            return true;
-        }
         let mut rest = values;
         for &reference in references {
             let Some(array) = Self::ARRAYS.get(reference as usize) else {

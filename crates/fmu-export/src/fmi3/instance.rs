@@ -86,9 +86,39 @@ impl<M: Model, const N: usize> Instance<Functions, M, N> {
         ..Self::PLAIN
     };
 
+    /// Scalars; arrays are left to another function, since its registers would have to be saved here.
+    ///
     /// # Safety
     /// As for all [`Functions`].
     unsafe extern "C" fn get_float64(
+        instance: fmi3Instance,
+        references: *const fmi3ValueReference,
+        n: usize,
+        values: *mut fmi3Float64,
+        n_values: usize,
+    ) -> fmi3Status {
+        // SAFETY: the caller's promise.
+        let component = unsafe { Self::of(instance) };
+        if component.is_fast(references, values) {
+            // SAFETY: not NULL by the check, and arrays of these lengths by the caller's promise.
+            let (references, values) = unsafe {
+                (
+                    slice::from_raw_parts(references, n),
+                    slice::from_raw_parts_mut(values, n_values),
+                )
+            };
+            if component.slave.get_scalars(references, values) {
+                return fmi3Status::fmi3OK;
+            }
+        }
+        // SAFETY: the caller's promise.
+        unsafe { Self::get_float64_arrays(instance, references, n, values, n_values) }
+    }
+
+    /// # Safety
+    /// As for all [`Functions`].
+    #[inline(never)]
+    unsafe extern "C" fn get_float64_arrays(
         instance: fmi3Instance,
         references: *const fmi3ValueReference,
         n: usize,
@@ -113,9 +143,39 @@ impl<M: Model, const N: usize> Instance<Functions, M, N> {
         unsafe { access::get_float64(instance, references, n, values, n_values) }
     }
 
+    /// Scalars; arrays are left to another function, since its registers would have to be saved here.
+    ///
     /// # Safety
     /// As for all [`Functions`].
     unsafe extern "C" fn set_float64(
+        instance: fmi3Instance,
+        references: *const fmi3ValueReference,
+        n: usize,
+        values: *const fmi3Float64,
+        n_values: usize,
+    ) -> fmi3Status {
+        // SAFETY: the caller's promise.
+        let component = unsafe { Self::of(instance) };
+        if component.is_fast(references, values) {
+            // SAFETY: not NULL by the check, and arrays of these lengths by the caller's promise.
+            let (references, values) = unsafe {
+                (
+                    slice::from_raw_parts(references, n),
+                    slice::from_raw_parts(values, n_values),
+                )
+            };
+            if component.slave.set_scalars(references, values) {
+                return fmi3Status::fmi3OK;
+            }
+        }
+        // SAFETY: the caller's promise.
+        unsafe { Self::set_float64_arrays(instance, references, n, values, n_values) }
+    }
+
+    /// # Safety
+    /// As for all [`Functions`].
+    #[inline(never)]
+    unsafe extern "C" fn set_float64_arrays(
         instance: fmi3Instance,
         references: *const fmi3ValueReference,
         n: usize,
