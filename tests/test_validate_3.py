@@ -514,28 +514,29 @@ def test_wrong_claims_of_the_xml_are_found(
     check(findings(file), f"error: binaries/x86_64-linux/{model}.so", expected, "FMI 3.0.2")
 
 
-ARRAY_DEFECTS = {
+DEFECTS = {
     "LENGTHS": '4 values of "w", which has 3',
     "SIZES": 'with "n" = 4, "w" cannot be read',
     "START": 'the start value of "c[3]" is different in the binary',
     "KEPT": '"c[3]" has another value in initialization mode',
     "STATE": '"w[2]" has another value after the state was restored',
     "RESET": '"w[2]" has another value after fmi3Reset',
+    "ADJOINT": 'the adjoint derivative of "y" by "u" is -2, expected 2',
 }
 """Part of what is found in each variant of `tests/c/vector.c`."""
 
 
-def test_defects_of_arrays_are_found(tmp_path: Path) -> None:
+def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
     found = {
-        defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *ARRAY_DEFECTS]
+        defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *DEFECTS]
     }
-    for defect, expected in ARRAY_DEFECTS.items():
+    for defect, expected in DEFECTS.items():
         (finding,) = found[defect] - found["NONE"]
         assert expected in finding
 
 
 def vector(folder: Path, defect: str) -> Path:
-    """Build a variant of the FMU with arrays."""
+    """Build a variant of the FMU."""
     library = folder / "Vector.so"
     source = ROOT / "tests" / "c" / "vector.c"
     options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-D{defect}"]

@@ -1,5 +1,6 @@
 /* A co-simulation FMU of FMI 3.0 that adds the parameter c, an array of n elements, to the output w in each
- * step. n is a structural parameter. A defect is chosen by its name: cc -DLENGTHS ... */
+ * step. n is a structural parameter. The output y is twice the input u. A defect is chosen by its name:
+ * cc -DLENGTHS ... */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -7,18 +8,18 @@
 #include <string.h>
 
 enum { OK, ERROR = 3, MOST = 8 };
-enum { W = 1, C = 2, N = 3, TIME = 4 };
+enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6 };
 
 typedef struct {
     uint64_t n;
-    double w[MOST], c[MOST], time;
+    double w[MOST], c[MOST], time, u;
     bool is_running;
 } Vector;
 
 typedef const unsigned *References;
 
 static void restart(Vector *v) {
-    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, false};
+    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false};
 #ifdef RESET
     const double kept = v->w[1];
     *v = start;
@@ -73,9 +74,9 @@ static double *array(Vector *v, unsigned reference) { return reference == W ? v-
 
 int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t count) {
     for (size_t i = 0; i < n; i++) {
-        if (r[i] == TIME) {
+        if (r[i] >= TIME && r[i] <= Y) {
             if (!count--) return ERROR;
-            *values++ = v->time;
+            *values++ = r[i] == TIME ? v->time : r[i] == U ? v->u : 2 * v->u;
             continue;
         }
         if (r[i] != W && r[i] != C) return ERROR;
@@ -99,6 +100,7 @@ int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t cou
 
 int fmi3SetFloat64(Vector *v, References r, size_t n, const double *values, size_t count) {
     if (n == 0) return OK;
+    if (n == 1 && r[0] == U && count == 1) return v->u = *values, OK;
     if (n != 1 || r[0] != C || v->is_running || count != v->n) return ERROR;
 #ifdef KEPT
     count--;
@@ -143,6 +145,23 @@ int fmi3FreeFMUState(Vector *v, Vector **state) {
     return *state = NULL, OK;
 }
 
+int fmi3GetDirectionalDerivative(Vector *v, References of, size_t n, References by, size_t m,
+                                 const double *seed, size_t n_seed, double *values, size_t count) {
+    (void)v;
+    if (n == 0 && m == 0) return OK;
+    if (n != 1 || m != 1 || n_seed != 1 || count != 1 || of[0] != Y || by[0] != U) return ERROR;
+    return *values = 2 * *seed, OK;
+}
+
+int fmi3GetAdjointDerivative(Vector *v, References of, size_t n, References by, size_t m, const double *seed,
+                             size_t n_seed, double *values, size_t count) {
+    const int status = fmi3GetDirectionalDerivative(v, of, n, by, m, seed, n_seed, values, count);
+#ifdef ADJOINT
+    if (n) *values *= -1;
+#endif
+    return status;
+}
+
 int fmi3SetDebugLogging(void) { return OK; }
 
 #define STUB(name) \
@@ -170,8 +189,6 @@ STUB(GetVariableDependencies)
 STUB(SerializedFMUStateSize)
 STUB(SerializeFMUState)
 STUB(DeserializeFMUState)
-STUB(GetDirectionalDerivative)
-STUB(GetAdjointDerivative)
 STUB(EvaluateDiscreteStates)
 STUB(UpdateDiscreteStates)
 STUB(EnterStepMode)
