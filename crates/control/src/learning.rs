@@ -1,7 +1,7 @@
 //! PID-RBF (23), (24) and IPID-RBF (28), (29): a network that learns the control of a PID while it
 //! runs, until it supplies the whole force and the PID's part is (nearly) zero.
 
-use crate::{Pid, Rbf, pid::Integral};
+use crate::{Pid, Rbf, pid::Integral, vector::PAPER};
 
 /// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns that sum.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -23,17 +23,27 @@ impl<const N: usize> PidRbf<N> {
     /// the force u (N).
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
-        self.act(r, y, d);
-        self.network.descend(self.u_n - self.pid.u);
+        self.sample_towards(r, y, d, |force| force)
+    }
+
+    /// Takes one sample; the network learns the target of the force.
+    #[inline(always)]
+    fn sample_towards(&mut self, r: f64, y: f64, d: f64, target: impl Fn(f64) -> f64) -> f64 {
+        // Code for the paper's number of nodes, which is a constant in it.
+        match self.network.len() {
+            PAPER => self.sample_nodes(PAPER, r, y, d, target),
+            n => self.sample_nodes(n, r, y, d, target),
+        }
         self.pid.u
     }
 
-    /// The control law (15) without learning.
+    /// The control law (15), and a step of learning.
     #[inline(always)]
-    fn act(&mut self, r: f64, y: f64, d: f64) {
-        self.network.activate(r);
-        self.u_n = self.network.output();
+    fn sample_nodes(&mut self, n: usize, r: f64, y: f64, d: f64, target: impl Fn(f64) -> f64) {
+        self.network.activate_first(n, r);
+        self.u_n = self.network.output_of_first(n);
         self.pid.sample_with(self.u_n, r, y, d);
+        self.network.descend(n, self.u_n - target(self.pid.u));
     }
 }
 
@@ -81,13 +91,11 @@ impl<const N: usize> IpidRbf<N> {
     /// supervising loop at the same sample, used with [`Target::Supervisor`] only.
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64, u_supervisor: f64) -> f64 {
-        self.law.act(r, y, d);
-        let target = match self.target {
-            Target::Own => self.law.pid.u,
+        let target = self.target;
+        self.law.sample_towards(r, y, d, |force| match target {
+            Target::Own => force,
             Target::Supervisor => u_supervisor,
-        };
-        self.law.network.descend(self.law.u_n - target);
-        self.law.pid.u
+        })
     }
 }
 

@@ -136,26 +136,32 @@ impl<const N: usize> Rbf<N> {
         self.input = f64::NAN;
     }
 
+    /// Number of nodes in use, at most `N`.
     #[inline(always)]
-    fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.nodes.min(N as u64) as usize
     }
 
     /// Activates the nodes: h_j = exp(-(r - c_j)^2 / (2 b_j^2)), equation (12).
     #[inline(always)]
     pub fn activate(&mut self, r: f64) {
+        self.activate_first(self.len(), r);
+    }
+
+    /// As [`activate`](Self::activate) for `n` nodes, the number in use.
+    #[inline(always)]
+    pub(crate) fn activate_first(&mut self, n: usize, r: f64) {
         // The set-point rarely changes, and the exponentials dominate the cost of a sample.
         if r != self.input {
-            self.compute_activations(r);
+            self.compute_activations(n, r);
         }
     }
 
     #[inline(always)]
-    fn compute_activations(&mut self, r: f64) {
+    fn compute_activations(&mut self, n: usize, r: f64) {
         if self.input.is_nan() {
             self.factors = self.widths.map(|b| -1.0 / (2.0 * b * b));
         }
-        let n = self.len();
         let (centres, factors) = (&self.centres[..n], &self.factors[..n]);
         vector::gaussians(&mut self.activations[..n], r, centres, factors);
         self.input = r;
@@ -164,20 +170,25 @@ impl<const N: usize> Rbf<N> {
     /// The output u_n = sum w_j h_j, equation (14).
     #[inline(always)]
     pub fn output(&self) -> f64 {
-        let n = self.len();
+        self.output_of_first(self.len())
+    }
+
+    /// As [`output`](Self::output) of `n` nodes, the number in use.
+    #[inline(always)]
+    pub(crate) fn output_of_first(&self, n: usize) -> f64 {
         vector::dot(&self.weights[..n], &self.activations[..n])
     }
 
     /// One step of gradient descent on (u_n - target)^2 / 2 with momentum, (18), (19):
     /// w(k) = w(k-1) - eta (u_n - target) h + alpha (w(k-1) - w(k-2)).
     pub fn learn(&mut self, target: f64) {
-        self.descend(self.output() - target);
+        self.descend(self.len(), self.output() - target);
     }
 
-    /// As [`learn`](Self::learn), with `gradient` = u_n - target already known.
+    /// As [`learn`](Self::learn) of `n` nodes, the number in use, with `gradient` = u_n - target already
+    /// known.
     #[inline(always)]
-    pub(crate) fn descend(&mut self, gradient: f64) {
-        let n = self.len();
+    pub(crate) fn descend(&mut self, n: usize, gradient: f64) {
         vector::learn(
             &mut self.weights[..n],
             &mut self.weights_before[..n],

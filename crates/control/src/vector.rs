@@ -8,7 +8,7 @@ use multiversion::multiversion;
 use crate::exp::exp_to_highest;
 
 /// The paper's number of nodes, for which the compiler unrolls loops.
-const PAPER: usize = 4;
+pub(crate) const PAPER: usize = 4;
 
 /// Up to this number of nodes, a loop without a call is faster.
 const FEW: usize = 16;
