@@ -527,9 +527,7 @@ DEFECTS = {
 
 
 def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
-    found = {
-        defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *DEFECTS]
-    }
+    found = {defect: set(findings(vector(tmp_path, defect), ())) for defect in ["NONE", *DEFECTS]}
     for defect, expected in DEFECTS.items():
         (finding,) = found[defect] - found["NONE"]
         assert expected in finding
