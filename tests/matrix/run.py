@@ -1,8 +1,8 @@
-"""Runs the FMUs in other importers and writes the results to docs/importers.md: `make importers`.
+"""Runs the FMUs in other importers and writes the table of docs/importers.md: `make importers`.
 
 FMPy is that of the test environment, as are the importers of SSP packages, and `fmi-sim` is in
-target/tools. All others run as scripts, each in an environment of its own, since they require
-conflicting packages; `uv` installs what a script names in its first lines.
+target/tools. All others run in an environment of their own, which `uv` installs, since they require
+conflicting packages.
 """
 
 import csv
@@ -17,7 +17,6 @@ from functools import cache
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 from zipfile import ZipFile
 
 import fmpy
@@ -29,9 +28,8 @@ from native import run, simulate
 from pendulum_fmus.loop import Loop
 from pendulum_fmus.master import simulate as couple
 from pendulum_fmus.project import FMUS, ROOT
-from test_container import Inside, container
+from test_container import container
 
-HERE = Path(__file__).parent
 FMI_SIM = ROOT / "target" / "tools" / "bin" / "fmi-sim"
 PAGE = ROOT / "docs" / "importers.md"
 STEP = 0.001
@@ -45,6 +43,12 @@ CASES = {
     "pid": "loop with PID",
     "ssp": "SSP packages",
 }
+PARTS = {
+    "plant": ("Pendulum", "theta"),
+    "driven": ("Pendulum", "theta"),
+    "controller": ("Pid", "u"),
+}
+"""By case with a single FMU: the model and the output to compare."""
 
 FMI = {"2.0": "", "3.0": "_fmi3"}
 """The endings of the names of FMUs."""
@@ -52,70 +56,77 @@ FMI = {"2.0": "", "3.0": "_fmi3"}
 CS, EVENTS, ME = "co-simulation", "co-simulation, event mode", "model exchange"
 
 SCRIPTS = {
-    "libcosim": ("with_libcosim.py", {CS: ["loop"]}),
-    "Ecos": ("with_ecos.py", {CS: ["loop"]}),
-    "PathSim": ("with_pathsim.py", {CS: ["plant", "loop", "pid"], ME: ["plant", "loop", "pid"]}),
-    "CoFMUPy": ("with_cofmupy.py", {CS: ["plant", "loop"]}),
-    "SOFIRpy": ("with_sofirpy.py", {CS: ["plant", "loop"]}),
-    "FMU Manipulation Toolbox": (
-        "with_fmu_manipulation_toolbox.py",
-        {CS: ["loop", "pid"], ME: ["loop", "pid"]},
+    "libcosim": ("libcosim", "libcosimpy==0.0.6", {CS: "loop"}),
+    "Ecos": ("ecos", "ecospy==0.7.2", {CS: "loop"}),
+    "PathSim": (
+        "pathsim",
+        "pathsim-fmi==0.1.1 pathsim==0.27.1 fmpy==0.3.32",
+        {CS: "plant loop pid", ME: "plant loop pid"},
     ),
-    "SysSimX": ("with_syssimx.py", {CS: ["loop"]}),
-    "fmuloader": ("with_fmuloader.py", {CS: ["plant", "loop"], ME: ["plant", "loop"]}),
-    "CasADi": ("with_casadi.py", {ME: ["plant"]}),
-    "GEMSEO": ("with_gemseo_fmu.py", {CS: ["plant"], ME: ["plant"]}),
-    "estim8": ("with_estim8.py", {CS: ["plant"], ME: ["plant"]}),
-    "FMUGym": ("with_fmugym.py", {CS: ["plant"]}),
+    "CoFMUPy": ("cofmupy", "cofmupy==1.0.0", {CS: "plant loop"}),
+    # It needs the pkg_resources of an older setuptools.
+    "SOFIRpy": ("sofirpy", "sofirpy==1.0.2 fmpy==0.3.32 setuptools<81", {CS: "plant loop"}),
+    "FMU Manipulation Toolbox": (
+        "toolbox",
+        "fmu-manipulation-toolbox==2.0 fmpy==0.3.32",
+        {CS: "loop pid", ME: "loop pid"},
+    ),
+    "SysSimX": ("syssimx", "syssimx==0.4.3 fmpy==0.3.32", {CS: "loop"}),
+    "fmuloader": ("fmuloader", "fmuloader==0.1.2rc0", {CS: "plant loop", ME: "plant loop"}),
+    "CasADi": ("casadi", "casadi==3.8.2", {ME: "plant"}),
+    "GEMSEO": ("gemseo", "gemseo-fmu==3.1.1", {CS: "plant", ME: "plant"}),
+    "estim8": ("estim8", "estim8==0.1.6 fmpy==0.3.32", {CS: "plant", ME: "plant"}),
+    "FMUGym": ("fmugym", "fmugym==0.2.0 fmpy==0.3.32", {CS: "plant"}),
 }
-"""By importer: its script, whose first requirement is the importer, and what it runs."""
+"""By importer: its function in importer.py, what is installed for it, and what it runs."""
 
 OTHERS = {"OMSimulator": "3.0.0.post198", "mosaik-fmi": "1.1.0.post0", "PyFMI": "2.5"}
 """Packages that did not install when this was written; it is tried again."""
 
-
-class Row(NamedTuple):
-    """A line of the table."""
-
-    importer: str
-    version: str
-    kind: str
-    case: str
-    result: str
-    fmi: str
+Row = tuple[str, str, str, str, str, str]
+"""A line of the table: importer, its version, kind, case, result, version of FMI."""
 
 
 def rows(folder: Path) -> Iterator[Row]:
     """Run everything; temporary files are in the folder."""
     for kind, case, fmi in parts():
         result = compare(by_fmpy(kind, case, fmi), case)
-        yield Row("FMPy, `simulate_fmu`", version("fmpy"), kind, CASES[case], result, fmi)
+        yield "FMPy, `simulate_fmu`", version("fmpy"), kind, CASES[case], result, fmi
     for fmi in FMI:
         result = compare(by_container(fmi, folder), "loop")
-        yield Row("FMPy, container FMU", version("fmpy"), CS, CASES["loop"], result, fmi)
+        yield "FMPy, container FMU", version("fmpy"), CS, CASES["loop"], result, fmi
     told = subprocess.run([FMI_SIM, "--version"], capture_output=True, text=True, check=False)
     pinned = re.search(r"fmi-sim ([\d.]+)", told.stdout + told.stderr)[1]
     result = by_fmi_sim(CS, "plant", FMUS / "Pendulum_fmi3.fmu", folder)
-    yield Row("fmi-sim", pinned, CS, CASES["plant"], result, "3.0")
+    yield "fmi-sim", pinned, CS, CASES["plant"], result, "3.0"
     for kind, case, fmi in parts():
         file, used = FMUS / f"{PARTS[case][0]}{FMI[fmi]}.fmu", fmi
         if fmi == "3.0":
             file, used = without_units(file, folder), "3.0 without units"
-        yield Row("fmi-sim", pinned, kind, CASES[case], by_fmi_sim(kind, case, file, folder), used)
-    for name, (script, runs) in SCRIPTS.items():
-        pinned = re.search(r"[\w-]+==([\w.]+)", (HERE / script).read_text())[1]
+        yield "fmi-sim", pinned, kind, CASES[case], by_fmi_sim(kind, case, file, folder), used
+    for name, (function, packages, runs) in SCRIPTS.items():
+        pinned = re.search(r"==([\w.]+)", packages)[1]
         for kind, cases in runs.items():
-            for case, fmi in product(cases, FMI):
-                result = by_script(script, kind, case, fmi, folder)
-                yield Row(name, pinned, kind, CASES[case], result, fmi)
+            for case, fmi in product(cases.split(), FMI):
+                result = by_script(function, packages, kind, case, fmi, folder)
+                yield name, pinned, kind, CASES[case], result, fmi
     for name, (package, importer) in {
         "FMPy": ("fmpy", importers.by_fmpy),
         "libcosim": ("libcosimpy", importers.by_libcosim),
         "Ecos": ("ecospy", importers.by_ecos),
     }.items():
-        yield Row(name, version(package), CS, CASES["ssp"], packages(importer, folder), "2.0")
+        yield name, version(package), CS, CASES["ssp"], by_packages(importer, folder), "2.0"
     for name, pinned in OTHERS.items():
-        yield Row(name, pinned, "", "installation", installed(name, pinned), "")
+        done = uv([f"{name}=={pinned}"], "python", "-c", "")
+        result = failure(done) if done.returncode else "succeeds; not run"
+        yield name, pinned, "", "installation", result, ""
+
+
+def parts() -> Iterator[tuple[str, str, str]]:
+    """Yield kind, case and version of FMI of the runs of a single FMU."""
+    for part in product([CS, EVENTS, ME], PARTS, FMI):
+        if part[0] != EVENTS or part[2] == "3.0":
+            yield part
 
 
 # --- what is expected -----------------------------------------------------------------------------
@@ -211,20 +222,6 @@ def compare(found: Sequence[float], case: str) -> str:
 
 # --- the importers --------------------------------------------------------------------------------
 
-PARTS = {
-    "plant": ("Pendulum", "theta"),
-    "driven": ("Pendulum", "theta"),
-    "controller": ("Pid", "u"),
-}
-"""By case with a single FMU: the model and the output to compare."""
-
-
-def parts() -> Iterator[tuple[str, str, str]]:
-    """Yield kind, case and version of FMI."""
-    for part in product([CS, EVENTS, ME], PARTS, FMI):
-        if part[0] != EVENTS or part[2] == "3.0":
-            yield part
-
 
 def by_fmpy(kind: str, case: str, fmi: str) -> np.ndarray:
     """Simulate one FMU; CVode integrates with a tolerance of 1e-12."""
@@ -247,11 +244,11 @@ def by_fmpy(kind: str, case: str, fmi: str) -> np.ndarray:
 def by_container(fmi: str, folder: Path) -> np.ndarray:
     """Simulate a container FMU, of FMI 2.0, with the loop of FMUs of either version."""
     models = {"source": "Source", "controller": "IpidRbf", "plant": "Pendulum"}
-    inside = Inside(FMUS, {name: model + FMI[fmi] for name, model in models.items()})
+    files = {name: FMUS / f"{model}{FMI[fmi]}.fmu" for name, model in models.items()}
     with Loop("IpidRbf", "step").system(FMUS) as system:
         connections = system.connections
     (own := folder / f"container-{fmi}").mkdir()
-    path = container(inside, connections, ["plant.theta"], {}, own)
+    path = container(files, connections, ["plant.theta"], {}, own)
     times = {"stop_time": LONG * STEP, "step_size": STEP, "output_interval": STEP}
     return fmpy.simulate_fmu(path, **times)["plant.theta"]
 
@@ -272,7 +269,7 @@ def by_fmi_sim(kind: str, case: str, fmu: Path, folder: Path) -> str:
     command += ["--output-interval", str(STEP), "-f", str(SHORT * STEP)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        return failure(done.returncode, done.stderr.partition("\n\nStack backtrace")[0])
+        return failure(done)
     with file.open() as lines:
         rows = [(float(row["time"]), float(row[PARTS[case][1]])) for row in csv.DictReader(lines)]
     return compare(at_points(*zip(*rows, strict=True)), case)
@@ -291,7 +288,7 @@ def without_units(fmu: Path, folder: Path) -> Path:
     return folder / fmu.name
 
 
-def packages(importer: Callable, folder: Path) -> str:
+def by_packages(importer: Callable, folder: Path) -> str:
     """Run the SSP packages and compare the angles with those of `cargo fmu simulate`."""
     systems = [ROOT / "examples" / "ssp" / f"{name}.toml" for name in PACKAGES]
     written = run("ssp", *systems, "--out", folder)
@@ -305,97 +302,45 @@ def packages(importer: Callable, folder: Path) -> str:
     return f"all {len(systems)}: {same} as `cargo fmu simulate`"
 
 
-def by_script(script: str, kind: str, case: str, fmi: str, folder: Path) -> str:
-    """Run a script in an environment of its own; return the comparison or the message."""
-    file = folder / "results.json"
+def by_script(function: str, packages: str, kind: str, case: str, fmi: str, folder: Path) -> str:
+    """Run an importer in an environment of its own; return the comparison or the message."""
+    file, script = folder / "results.json", Path(__file__).with_name("importer.py")
     steps = SHORT if case == "plant" else LONG
-    done = uv("run", "--script", HERE / script, kind, case, FMUS, FMI[fmi], steps, file)
-    if done.returncode:
-        return failure(done.returncode, done.stderr)
-    return compare(json.loads(file.read_text()), case)
+    arguments = [function, kind, case, FMUS, FMI[fmi], steps, file]
+    done = uv(packages.split(), script, *arguments)
+    return failure(done) if done.returncode else compare(json.loads(file.read_text()), case)
 
 
-def installed(package: str, pinned: str) -> str:
-    """Try to install a package."""
-    done = uv("run", "--no-project", "--with", f"{package}=={pinned}", "python", "-c", "")
-    return failure(done.returncode, done.stderr) if done.returncode else "succeeds; not run"
+def uv(packages: Sequence[str], *command: object) -> subprocess.CompletedProcess[str]:
+    """Run a command with this Python and packages that are installed for it."""
+    head = [
+        sys.executable,
+        "-m",
+        "uv",
+        "--quiet",
+        "run",
+        "--no-project",
+        "--python",
+        sys.executable,
+    ]
+    options = [option for package in packages for option in ("--with", package)]
+    words = [str(word) for word in [*head, *options, *command]]
+    return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
-def uv(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run uv with this Python."""
-    head = [sys.executable, "-m", "uv", "--quiet"]
-    command = [*head, arguments[0], "--python", sys.executable, *arguments[1:]]
-    return subprocess.run(
-        [str(word) for word in command], capture_output=True, text=True, check=False
-    )
-
-
-def failure(code: int, text: str) -> str:
+def failure(done: subprocess.CompletedProcess[str]) -> str:
     """Return the signal or the last line, without folders, hints and destructors, for a table."""
-    text = re.split(r"\nhint:|\nException ignored", text)[0]
+    text = re.split(r"\nhint:|\nException ignored|\n\nStack backtrace", done.stderr)[0]
     lines = [line.strip(" │╰─▶├×") for line in text.splitlines()]
     last = ([line for line in lines if line] or ["no message"])[-1]
-    if code > 128:
-        last = signal.strsignal(code - 128)
+    if done.returncode > 128:
+        last = signal.strsignal(done.returncode - 128)
     last = re.sub(r"(?<![\w./:])/(?:[\w.-]+/)+", "", last)
     return f"fails: `{last[:120].replace('|', '/').replace('`', '')}`"
 
 
-# --- the page -------------------------------------------------------------------------------------
-
-HEAD = f"""# Importers
-
-`make importers` runs the FMUs of FMI 2.0 and 3.0 in the importers below, each in the version given, and
-writes this page; the numbers are not edited by hand. The tests run FMPy, libcosim and Ecos on every change.
-
-| Run | |
-|---|---|
-| {CASES["plant"]} | `Pendulum` under a constant force of 1 N for 0.5 s in steps of 1 ms, against the matrix exponential |
-| {CASES["driven"]} | `Pendulum` for 0.5 s under the force of a loop with `Pid`, which jumps at each sample, against the angle in this loop, stepped sequentially |
-| {CASES["controller"]} | `Pid` for 0.5 s with the inputs of the same loop, held around each sample, against its force |
-| {CASES["loop"]} | `Source`, `IpidRbf` and `Pendulum` for 5 s in steps of 1 ms, against the same loop stepped by FMPy in the order that the importer uses |
-| {CASES["pid"]} | the same with `Pid`, which has no arrays, for importers that refuse `IpidRbf` of FMI 3.0 |
-| {CASES["ssp"]} | `{"`, `".join(f"{name}.ssp" for name in PACKAGES)}` for 20 s, against `cargo fmu simulate` |
-
-A controller takes a sample at the communication point itself in model exchange and in event mode;
-in other co-simulation its output is seen one step later.
-
-| Importer | Version | FMI | Kind | Run | Result |
-|---|---|---|---|---|---|
-"""  # noqa: E501
-
-TAIL = """
-PathSim, CoFMUPy, SOFIRpy, SysSimX, GEMSEO, estim8 and FMUGym call FMUs through FMPy. The
-observations of FMUGym have single precision.
-
-**Model exchange.** FMPy, CasADi and estim8 integrate with CVODE, PathSim with a Runge-Kutta method.
-The block of PathSim for model exchange needs continuous states, so the controller of its loop is
-for co-simulation. fmuloader has no master or solver: its script couples plant and controller by
-model exchange. The container of the FMU Manipulation Toolbox does so itself, with a Runge-Kutta
-method; it prefers co-simulation, so `CoSimulation` was removed from the XML. GEMSEO calls FMPy in a
-way that is for co-simulation only.
-
-**fmi-sim** is a program for one FMU, with Euler's method as its only solver. It refuses `unit` and
-`displayUnit` of variables of FMI 3.0, which the standard allows: its parser (`impl_float_type` in
-`src/fmi3/variable/mod.rs` of `fmi-schema` 0.8) lacks them and rejects unknown attributes. Without
-them in the XML, the same binaries run. Where an input jumps, it sets the value before the jump at
-the start of a step (`apply_input` with `after_event = false` in `src/sim/fmi2/cs.rs`, and in
-`src/sim/fmi3/cs.rs` with event mode), also if the jump was handled as an event before; so inputs
-arrive late there.
-
-**FMI 3.0.** CoFMUPy and GEMSEO install versions of FMPy that do not know `description` of a type.
-PathSim reads the array `rbf.w` as a scalar, and the FMU Manipulation Toolbox refuses its variable
-size. SOFIRpy, SysSimX and libcosim are for FMI 2.0; libcosim ends the process. `make judge` runs
-the loops with the crate `fmi`, and the pendulum in both versions and kinds.
-
-PyFMI is built with the FMI Library, and mosaik-fmi with SUNDIALS in a version older than that of
-Debian 12, which are not in PyPI; the installation of OMSimulator downloads the program from the
-project's server. [SSP packages](ssp.md#omsimulator) says what the packages contain for it.
-"""
-
-
 def main() -> None:
-    """Write the page; versions of FMI with the same result share a line."""
+    """Write the table; versions of FMI with the same result share a line."""
     found: dict[tuple, list[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for *key, fmi in rows(Path(folder)):
@@ -405,7 +350,12 @@ def main() -> None:
         f"| {importer} | {pinned} | {', '.join(fmi)} | {' | '.join(rest)} |\n"
         for (importer, pinned, *rest), fmi in found.items()
     ]
-    PAGE.write_text(HEAD + "".join(lines) + TAIL, encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    place = re.compile(r"(?<=\| Importer \| Version ).*?(?=\n\n)", re.DOTALL)
+    head = "| FMI | Kind | Run | Result |\n|---|---|---|---|---|---|\n"
+    text, count = place.subn(lambda _: head + "".join(lines).rstrip(), text)
+    assert count == 1, PAGE
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

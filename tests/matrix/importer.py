@@ -1,0 +1,363 @@
+"""The FMUs in one importer: the pendulum alone, or in a loop with IPID-RBF or PID.
+
+Arguments: the importer; `co-simulation` or `model exchange`; `plant`, `loop` or `pid`; the folder
+of the FMUs; the ending of their names; the number of steps; the file for the angles [rad] at the
+communication points. Each function imports what `run.py` installs for it, returns the angles, and
+may assume the cases that `run.py` lists for it.
+"""
+
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from zipfile import ZipFile
+
+IMPORTER, KIND, CASE, FOLDER, ENDING = sys.argv[1:6]
+STEPS, FILE = int(sys.argv[6]), Path(sys.argv[7])
+STEP = 0.001
+STOP = STEPS * STEP
+FORCE = 1.0
+"""Force on the pendulum alone [N]."""
+
+EXCHANGE, LOOP = KIND == "model exchange", CASE != "plant"
+MODELS = {"source": "Source", "controller": "Pid" if CASE == "pid" else "IpidRbf"}
+FMUS = {
+    name: Path(FOLDER) / f"{model}{ENDING}.fmu"
+    for name, model in ((MODELS if LOOP else {}) | {"plant": "Pendulum"}).items()
+}
+CONNECTIONS = [
+    ("source", "r", "controller", "r"),
+    ("source", "d", "controller", "d"),
+    ("plant", "theta", "controller", "y"),
+    ("controller", "u", "plant", "u"),
+] * LOOP
+
+
+def libcosim() -> Iterable[float]:
+    """Use the fixed-step algorithm."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.ERROR)
+    run = CosimExecution.from_step_size(round(STEP * 1e9))
+    indices = {n: run.add_local_slave(CosimLocalSlave(str(f), n)) for n, f in FMUS.items()}
+
+    def locate(name: str, variable: str) -> tuple[int, int]:
+        variables = run.slave_variables(indices[name])
+        return indices[name], next(v.reference for v in variables if v.name == variable.encode())
+
+    for source, output, target, input_ in CONNECTIONS:
+        run.connect_real_variables(*locate(source, output), *locate(target, input_))
+    run.add_observer(observer := CosimObserver.create_last_value())
+    plant, angle = locate("plant", "theta")
+    run.step(0)
+    for _ in range(STEPS + 1):
+        yield from observer.last_real_values(plant, [angle])
+        run.step()
+
+
+def ecos() -> Iterable[float]:
+    """Use Ecos, which needs the system's libtbb."""
+    from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
+
+    EcosLib.set_log_level("warn")
+    structure = EcosSimulationStructure()
+    for name, path in FMUS.items():
+        structure.add_model(name, path)
+    for source, output, target, input_ in CONNECTIONS:
+        structure.make_real_connection(f"{source}::{output}", f"{target}::{input_}")
+    with EcosSimulation(STEP, structure=structure) as simulation:
+        simulation.init()
+        for _ in range(STEPS + 1):
+            yield simulation.get_real("plant::theta")
+            simulation.step()
+        simulation.terminate()
+
+
+def pathsim() -> Iterable[float]:
+    """Use the blocks for co-simulation and model exchange, which needs continuous states."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Constant
+    from pathsim.solvers import RK4
+    from pathsim_fmi import CoSimulationFMU, ModelExchangeFMU
+
+    blocks = {
+        name: ModelExchangeFMU(str(path), name)
+        if EXCHANGE and name == "plant"
+        else CoSimulationFMU(str(path), name, dt=STEP)
+        for name, path in FMUS.items()
+    }
+    plant = blocks["plant"]
+    if LOOP:
+        links = [Connection(blocks[a][output], blocks[b][i]) for a, output, b, i in CONNECTIONS]
+    else:
+        blocks["force"] = Constant(FORCE)
+        links = [Connection(blocks["force"], plant["u"])]
+    simulation = Simulation(list(blocks.values()), links, dt=STEP, Solver=RK4, log=False)
+    for _ in range(STEPS + 1):
+        yield plant.outputs["theta"]
+        simulation.timestep(STEP)
+
+
+def cofmupy() -> Iterable[float]:
+    """Use the Jacobi master."""
+    from cofmupy import Coordinator
+
+    def end(name: str, variable: str) -> dict:
+        return {"id": name, "variable": variable}
+
+    start = {} if LOOP else {"u": FORCE}
+    fmus = [{"id": n, "path": str(path), "initialization": start} for n, path in FMUS.items()]
+    links = [{"source": end(*link[:2]), "target": end(*link[2:])} for link in CONNECTIONS]
+    settings = {"cosim_method": "jacobi", "iterative": False, "fmus": fmus, "connections": links}
+    with tempfile.TemporaryDirectory() as folder:
+        (file := Path(folder) / "settings.json").write_text(json.dumps(settings))
+        coordinator = Coordinator()
+        coordinator.start(str(file))
+        for _ in range(STEPS):
+            coordinator.do_step(STEP)
+    return [0.0, *coordinator.get_results()["plant", "theta"]]  # those after each step
+
+
+def sofirpy() -> Iterable[float]:
+    """Use SOFIRpy."""
+    from sofirpy import simulate
+
+    links: dict[str, list] = {}
+    for source, output, target, input_ in CONNECTIONS:
+        origin = {"connect_to_system": source, "connect_to_external_parameter": output}
+        links.setdefault(target, []).append({"parameter_name": input_} | origin)
+    return simulate(
+        stop_time=STOP,
+        step_size=STEP,
+        fmu_paths=FMUS,
+        connections_config=links or None,
+        start_values=None if LOOP else {"plant": {"u": FORCE}},
+        parameters_to_log={"plant": ["theta"]},
+    )["plant.theta"]
+
+
+def toolbox() -> Iterable[float]:
+    """Use a container of the FMU Manipulation Toolbox, simulated by FMPy.
+
+    It prefers co-simulation, so this is removed from the model descriptions for model exchange.
+    """
+    import fmpy
+    from fmu_manipulation_toolbox.assembly import AssemblyNode
+
+    with tempfile.TemporaryDirectory() as folder:
+        for path in FMUS.values():
+            with ZipFile(path) as given, ZipFile(f"{folder}/{path.name}", "w") as written:
+                for entry in given.infolist():
+                    content = given.read(entry)
+                    if EXCHANGE and b"<ModelExchange" in content:
+                        content = re.sub(rb"<CoSimulation[^>]*/>", b"", content)
+                    written.writestr(entry, content)
+        files = {name: path.name for name, path in FMUS.items()}
+        node = AssemblyNode("loop.fmu", step_size=STEP)
+        for file in files.values():
+            node.add_fmu(file)
+        for source, output, target, input_ in CONNECTIONS:
+            node.add_link(files[source], output, files[target], input_)
+        node.add_output(files["plant"], "theta", "theta")
+        node.make_fmu(Path(folder), fmi_version=2)
+        return fmpy.simulate_fmu(
+            f"{folder}/loop.fmu",
+            stop_time=STOP,
+            step_size=STEP,
+            output_interval=STEP,
+            start_values={"container.solver": 1} if EXCHANGE else {},  # Runge-Kutta, not Euler
+        )["theta"]
+
+
+def syssimx() -> Iterable[float]:
+    """Use the Jacobi master."""
+    from syssimx import Connection, System
+    from syssimx.components.fmu import FMUComponent
+    from syssimx.system.algorithms import JacobiAlgorithm
+
+    system = System("loop")
+    for name, path in FMUS.items():
+        system.add_component(FMUComponent(name, str(path)))
+    for connection in CONNECTIONS:
+        system.add_connection(Connection(*connection))
+    system.set_algorithm(JacobiAlgorithm())
+    system.initialize(t0=0.0)
+    return system.run(t0=0.0, tf=STOP, dt=STEP)["plant"][1]["theta"]
+
+
+def casadi() -> Iterable[float]:
+    """Use CVODES."""
+    from casadi import MX, DaeBuilder, integrator
+
+    with tempfile.TemporaryDirectory() as folder:
+        ZipFile(FMUS["plant"]).extractall(folder)
+        plant = DaeBuilder("plant", folder)
+        x, u = MX.sym("x", len(plant.x())), MX.sym("u")
+        equations = {"x": x, "u": u, "ode": plant.create("f", ["x", "u"], ["ode"])(x, u)}
+        options = {"reltol": 1e-12, "abstol": 1e-14}
+        times = [k * STEP for k in range(STEPS + 1)]
+        solver = integrator("plant", "cvodes", equations, 0.0, times, options)
+        states = solver(x0=plant.get(plant.x()), u=FORCE)["xf"]
+        return states[plant.x().index("theta"), :].full()[0]
+
+
+def gemseo() -> Iterable[float]:
+    """Use the GEMSEO plugin for FMUs."""
+    from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
+    from numpy import array
+
+    plant = FMUDiscipline(
+        FMUS["plant"],
+        ["u"],
+        ["theta"],
+        initial_time=0.0,
+        final_time=STOP,
+        time_step=STEP,
+        use_co_simulation=not EXCHANGE,
+    )
+    return plant.execute({"u": array([FORCE])})["theta"]
+
+
+def estim8() -> Iterable[float]:
+    """Use estim8, which estimates parameters of one FMU."""
+    from estim8.models import FmuModel
+
+    kind = "ModelExchange" if EXCHANGE else "CoSimulation"
+    model = FmuModel(str(FMUS["plant"]), r_tol=1e-12, fmi_type=kind)
+    results = model.simulate(0, STOP, STEP, parameters={"u": FORCE}, observe=["theta"])
+    return results["theta"].values
+
+
+def fmugym() -> Iterable[float]:
+    """Use FMUGym, a Gymnasium environment of one FMU; its observations have single precision."""
+    import numpy as np
+    from fmugym import FMUGym, FMUGymConfig, State2Out, TargetValue, VarSpace
+
+    class Environment(FMUGym):
+        """The pendulum without random initial states and rewards."""
+
+        def _noisy_init(self) -> dict:
+            return {}
+
+        def compute_reward(self, *_args, **_kwargs) -> float:
+            return 0.0
+
+    inputs, outputs = VarSpace("inputs"), VarSpace("outputs")
+    inputs.add_var_box("u", -10.0, 10.0)
+    outputs.add_var_box("theta", -10.0, 10.0)
+    others = "input_noise output_noise random_vars set_point_stop terminations".split()
+    environment = Environment(
+        FMUGymConfig(
+            fmu_path=str(FMUS["plant"]),
+            stop_time=2 * STOP,
+            sim_step_size=STEP,
+            action_step_size=STEP,
+            inputs=inputs,
+            outputs=outputs,
+            set_point_map=State2Out("none"),
+            set_point_nominal_start=TargetValue("none"),
+            **{name: VarSpace("none") for name in others},
+        )
+    )
+    yield environment.reset()[0][0]
+    for _ in range(STEPS):
+        yield environment.step(np.array([FORCE]))[0][0]
+    environment.close()
+
+
+def fmuloader() -> Iterable[float]:
+    """Step the loop here, in parallel, since the bindings have no master.
+
+    In model exchange, all models handle an event at each sample, and the classical Runge-Kutta
+    method integrates the plant in between.
+    """
+    fmus = {name: Loaded(path) for name, path in FMUS.items()}
+    for k in range(STEPS + 1):
+        yield fmus["plant"].get("theta")
+        values = [fmus[source].get(output) for source, output, _, _ in CONNECTIONS]
+        for (_, _, target, input_), value in zip(CONNECTIONS, values, strict=True):
+            fmus[target].set(input_, value)
+        for name, fmu in fmus.items():
+            if fmu.exchanged:
+                if name == "plant" and LOOP:  # after the sample
+                    fmu.set("u", fmus["controller"].get("u"))
+                fmu.update()
+                fmu.fmi.enter_continuous_time_mode()
+        for fmu in fmus.values():
+            fmu.proceed(k * STEP)
+
+
+class Loaded:
+    """An FMU that fmuloader has initialized, and the value references of its variables by name."""
+
+    def __init__(self, path: Path):
+        xml = ZipFile(path).read("modelDescription.xml").decode()
+        (token,) = re.findall(r'(?:guid|instantiationToken)="([^"]*)"', xml)
+        variables = re.findall(r'<\w+ name="([^"]*)" valueReference="(\d+)"', xml)
+        self.references = {name: int(reference) for name, reference in variables}
+        self.exchanged = EXCHANGE and "<ModelExchange" in xml  # the source is not
+        self.states = len(re.findall(r' derivative="', xml))
+        (model,) = set(re.findall(r'modelIdentifier="([^"]*)"', xml))
+        if ENDING:
+            from fmuloader.fmi3 import Fmi3Slave
+
+            self.fmi = fmi = Fmi3Slave(path, model_identifier=model)
+            kind = "model_exchange" if self.exchanged else "co_simulation"
+            getattr(fmi, f"instantiate_{kind}")(model, instantiation_token=token)
+            self.getter, self.setter = fmi.get_float64, fmi.set_float64
+            self.update = fmi.update_discrete_states
+            self.rates = fmi.get_continuous_state_derivatives
+        else:
+            from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
+
+            self.fmi = fmi = Fmi2Slave(path, model_identifier=model)
+            kind = Fmi2Type.MODEL_EXCHANGE if self.exchanged else Fmi2Type.CO_SIMULATION
+            fmi.instantiate(model, kind, guid=token)
+            fmi.setup_experiment()
+            self.getter, self.setter = fmi.get_real, fmi.set_real
+            self.update, self.rates = fmi.new_discrete_states, fmi.get_derivatives
+        if not LOOP:
+            self.set("u", FORCE)
+        fmi.enter_initialization_mode()
+        fmi.exit_initialization_mode()
+
+    def get(self, name: str) -> float:
+        """Return a variable."""
+        return self.getter([self.references[name]])[0]
+
+    def set(self, name: str, value: float) -> None:
+        """Set a variable."""
+        self.setter([self.references[name]], [value])
+
+    def proceed(self, time: float) -> None:
+        """Step, or integrate, from a time to the next communication point."""
+        if not self.exchanged:
+            self.fmi.do_step(time, STEP)
+            return
+        start = self.fmi.get_continuous_states(self.states) if self.states else []
+        slopes = [[0.0] * self.states]
+        for late in (0, STEP / 2, STEP / 2, STEP):
+            slopes.append(self.evaluate(time, late, start, slopes[-1]))
+        _, first, second, third, last = slopes
+        middle = [(b + c) / 2 for b, c in zip(second, third, strict=True)]
+        mean = [(a + 4 * m + d) / 6 for a, m, d in zip(first, middle, last, strict=True)]
+        self.evaluate(time, STEP, start, mean)
+        self.fmi.completed_integrator_step()
+        self.fmi.enter_event_mode()
+
+    def evaluate(self, time: float, late: float, start: list[float], slope: list[float]) -> list:
+        """Return the derivatives on a line from the states at the start."""
+        self.fmi.set_time(time + late)
+        if not self.states:
+            return []
+        states = [x + late * dx for x, dx in zip(start, slope, strict=True)]
+        self.fmi.set_continuous_states(states)
+        return self.rates(self.states)
+
+
+FILE.write_text(json.dumps([float(angle) for angle in globals()[IMPORTER]()][: STEPS + 1]))
