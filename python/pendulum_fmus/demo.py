@@ -21,9 +21,9 @@ def main() -> int:
     try:
         results, all_hold = table1.run(options.fmus)
         # Imports matplotlib, which the table does not wait for
-        from .report import overview
+        from .report import printed
 
-        print("\nwrote", *overview.write(results, options.out), sep="\n  ")
+        print("\nwrote", *printed.write_overview(results, options.out), sep="\n  ")
     except (MasterError, OSError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1

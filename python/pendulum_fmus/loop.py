@@ -4,14 +4,15 @@ import argparse
 import math
 import multiprocessing
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from multiprocessing.pool import AsyncResult, Pool
+from multiprocessing.pool import Pool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from .master import Component, MasterError, System, simulate
 from .project import FMUS
@@ -41,46 +42,20 @@ class Loop:
 
     With the target "supervisor", a second PID-RBF loop (`supervisor` and `supervisor_plant`)
     runs alongside, and the network of `controller` learns its u.
-
-    Parameters
-    ----------
-    controller
-        "Pid", "PidRbf" or "IpidRbf".
-    signal
-        "step", "sine" (0.2 Hz) or "square" (0.1 Hz), amplitude 1 rad.
-    disturbance
-        Amplitude added to the measured angle from 5 s to 5.5 s [rad].
-    target
-        What the network of IpidRbf learns: its "own" u, or the "supervisor"'s.
-    w0, supervisor_w0
-        Initial weights of the two networks [N], four each.
-    plant_model
-        "linear", "nonlinear" or "transfer_function".
-    previous_sample_terms
-        Whether the controllers use the PID terms of the previous sample; by default as in the
-        paper's Table 1 (true for Pid and PidRbf, false for IpidRbf).
-    overrides
-        Pairs of full variable name and start value: (("plant.M", 2.0),).
-    order
-        Order of stepping: "sequential" or "parallel".
-    steps
-        Number of communication points, 1 ms apart, that `execute` records.
-    fmi3
-        The components whose FMU is that of FMI 3.0, ("plant",), or ("all",).
     """
 
-    controller: str
-    signal: str = "step"
-    disturbance: float = 0.0
-    target: str = "own"
-    w0: tuple[float, ...] | None = None
+    controller: str  # "Pid", "PidRbf" or "IpidRbf"
+    signal: str = "step"  # or "sine" (0.2 Hz), "square" (0.1 Hz); amplitude 1 rad
+    disturbance: float = 0.0  # added to the measured angle from 5 s to 5.5 s [rad]
+    target: str = "own"  # what the network of IpidRbf learns: its own u, or the "supervisor"'s
+    w0: tuple[float, ...] | None = None  # initial weights, four [N]
     supervisor_w0: tuple[float, ...] | None = None
-    plant_model: str = "linear"
-    previous_sample_terms: bool | None = None
-    overrides: tuple[tuple[str, Any], ...] = ()
-    order: str = "sequential"
-    steps: int = STEPS
-    fmi3: tuple[str, ...] = ()
+    plant_model: str = "linear"  # or "nonlinear", "transfer_function"
+    previous_sample_terms: bool | None = None  # None: as in the paper's Table 1
+    overrides: tuple[tuple[str, Any], ...] = ()  # start values: (("plant.M", 2.0),)
+    order: str = "sequential"  # or "parallel"
+    steps: int = STEPS  # communication points, 1 ms apart, that `execute` records
+    fmi3: tuple[str, ...] = ()  # components whose FMU is of FMI 3.0; ("all",)
 
     def models(self) -> dict[str, str]:
         """Return the FMU of each component, in the order of sequential stepping."""
@@ -109,12 +84,15 @@ class Loop:
             elif model in PREVIOUS_SAMPLE_TERMS:
                 default = PREVIOUS_SAMPLE_TERMS[model]
                 starts[name]["previous_sample_terms"] = default if late is None else late
-        _add_weights(starts, "controller", self.w0)
-        _add_weights(starts, "supervisor", self.supervisor_w0)
+        for name, weights in ("controller", self.w0), ("supervisor", self.supervisor_w0):
+            if weights and name not in models:
+                raise MasterError(f"there is no {name} to give initial weights to")
+            for j, weight in enumerate(weights or (), start=1):
+                starts[name][f"rbf.w0[{j}]"] = weight
         for name, value in self.overrides:
             component, _, variable = name.partition(".")
-            if component not in starts:
-                known = ", ".join(starts)
+            if component not in models:
+                known = ", ".join(models)
                 raise MasterError(f"{name}: there is no component {component!r}, only {known}")
             starts[component][variable] = value
         return starts
@@ -136,51 +114,28 @@ class Loop:
         new = models if "all" in self.fmi3 else self.fmi3
         return {name: f"{model}{'_fmi3' * (name in new)}.fmu" for name, model in models.items()}
 
-    def system(
-        self,
-        fmus: str | os.PathLike = FMUS,
-        kind: type[Component] = Component,
-        without: str | None = None,
-    ) -> System:
-        """Instantiate the FMUs of a folder, except that of one component.
-
-        If one fails, the earlier ones are freed.
-        """
+    def system(self, fmus: str | os.PathLike = FMUS) -> System:
+        """Instantiate the FMUs of a folder; if one fails, the earlier ones are freed."""
         files, starts = self.files(), self.starts()
-        models = {name: model for name, model in self.models().items() if name != without}
         with ExitStack() as stack:
-            components = [
-                stack.enter_context(
-                    kind(
-                        name,
-                        Path(fmus) / files[name],
-                        starts[name],
-                        sampled=model in PREVIOUS_SAMPLE_TERMS,
-                    )
-                )
-                for name, model in models.items()
-            ]
-            connections = [pair for pair in self.connections() if pair[0].split(".")[0] in models]
-            system = System(components, connections)
+            components = []
+            for name, model in self.models().items():
+                sampled = model in PREVIOUS_SAMPLE_TERMS
+                part = Component(name, Path(fmus) / files[name], starts[name], sampled=sampled)
+                components.append(stack.enter_context(part))
+            system = System(components, self.connections())
             stack.pop_all()
         return system
 
 
 def _closed(controller: str, plant: str) -> list[tuple[str, str]]:
+    """Return the connections of one loop."""
     return [
         ("source.r", f"{controller}.r"),
         ("source.d", f"{controller}.d"),
         (f"{plant}.theta", f"{controller}.y"),
         (f"{controller}.u", f"{plant}.u"),
     ]
-
-
-def _add_weights(starts: dict[str, dict], component: str, w0: Sequence[float] | None) -> None:
-    if w0 is None:
-        return
-    if component not in starts:
-        raise MasterError(f"there is no {component} to give initial weights to")
-    starts[component] |= {f"rbf.w0[{j}]": weight for j, weight in enumerate(w0, start=1)}
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, band: float = SETTLING_BAND) -> float:
@@ -209,30 +164,23 @@ def execute(loop: Loop, fmus: Path = FMUS) -> dict[str, np.ndarray]:
 @contextmanager
 def workers() -> Iterator[Pool]:
     """Return a pool of as many processes as there are cores."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     # Spawned, not forked: a fork would copy the locks of a threaded parent
-    with multiprocessing.get_context("spawn").Pool(_cores()) as pool:
+    with multiprocessing.get_context("spawn").Pool(count) as pool:
         yield pool
         # Leaving the context kills the workers, which leaks semaphores unless they have finished
         pool.close()
         pool.join()
 
 
-def start(pool: Pool, loops: Iterable[Loop], fmus: Path = FMUS) -> dict[Loop, AsyncResult]:
-    """Start co-simulating the loops, longest first so that no core idles at the end."""
-    ordered = sorted(set(loops), key=cost, reverse=True)
-    return {loop: pool.apply_async(execute, (loop, fmus)) for loop in ordered}
-
-
-def cost(loop: Loop) -> tuple[int, str]:
-    """Return a key that sorts cheap loops first: steps times FMUs."""
-    return loop.steps * len(loop.models()), repr(loop)
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+def run_all(
+    pool: Pool, loops: Iterable[Loop], run: Callable[[Loop], Columns] = execute
+) -> dict[Loop, Columns]:
+    """Run loops in the processes of a pool, the longest first so that none idles at the end."""
+    cost = {loop: (loop.steps * len(loop.models()), repr(loop)) for loop in loops}
+    ordered = sorted(cost, key=cost.__getitem__, reverse=True)
+    bar = tqdm(pool.imap(run, ordered), total=len(ordered), unit="loop", leave=False, disable=None)
+    return dict(zip(ordered, bar, strict=True))
 
 
 def parser(description: str, **settings: Any) -> argparse.ArgumentParser:

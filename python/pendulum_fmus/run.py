@@ -20,26 +20,25 @@ from .master import ORDERS, MasterError, simulate, steps_until
 @contextmanager
 def replacing(path: Path) -> Iterator[TextIO]:
     """Open a temporary text file that replaces `path` once it is complete."""
+    special = path.exists() and not path.is_file()  # a device or a pipe cannot be replaced
+    target = path.resolve()  # of a link, the file that it leads to
+    file = path if special else target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
-            with path.open("w", encoding="utf-8") as file:
-                yield file
-            return
-        target = path.resolve()  # replaces the target of a link, not the link
-        unfinished = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
-            with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-                yield file
-            unfinished.replace(target)
+            with file.open("w", encoding="utf-8", newline="\n") as text:
+                yield text
+            if not special:
+                file.replace(target)
         finally:
-            unfinished.unlink(missing_ok=True)
+            if not special:
+                file.unlink(missing_ok=True)
     except OSError as error:
         raise MasterError(f"{path} cannot be written: {error.strerror}") from error
 
 
-def write_csv(file: TextIO, results: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
+def write_csv(file: TextIO, results: Mapping[str, np.ndarray], units: Sequence[str]) -> None:
     """Write one column per variable: "plant.theta [rad]", and numbers that read back exactly."""
-    print(",".join(f"{name} [{units[name]}]" for name in results), file=file)
+    print(",".join(f"{n} [{unit}]" for n, unit in zip(results, units, strict=True)), file=file)
     for row in zip(*[column.tolist() for column in results.values()], strict=True):
         print(",".join(map(repr, row)), file=file)
 
@@ -69,100 +68,43 @@ def parser() -> argparse.ArgumentParser:
         "Run one closed loop of the paper from its FMUs, coupled with FMPy.", epilog=EXAMPLES
     )
     add = parser.add_argument
-    add(
-        "--controller",
-        choices=list(PREVIOUS_SAMPLE_TERMS),
-        default="IpidRbf",
-        help="FMU that controls the pendulum (default: %(default)s)",
-    )
-    add(
-        "--target",
-        choices=["own", "supervisor"],
-        default="own",
+    # fmt: off
+    add("--controller", choices=[*PREVIOUS_SAMPLE_TERMS], default="IpidRbf",
+        help="FMU that controls the pendulum (default: %(default)s)")
+    add("--target", choices=["own", "supervisor"], default="own",
         help="training target of IpidRbf's network: its own u, or the u of a second PID-RBF loop,"
-        " as in Table 1 (default: %(default)s)",
-    )
-    add(
-        "--signal",
-        choices=["step", "sine", "square"],
-        default="step",
-        help="reference, amplitude 1 rad; sine has 0.2 Hz, square 0.1 Hz (default: %(default)s)",
-    )
-    add(
-        "--disturbance",
-        type=float,
-        default=0.0,
-        metavar="AMPLITUDE",
-        help="added to the measured angle from 5 s to 5.5 s [rad] (default: 0)",
-    )
-    add(
-        "--plant-model",
-        choices=["linear", "nonlinear", "transfer_function"],
-        default="linear",
-        help="model of the pendulum (default: %(default)s)",
-    )
-    add(
-        "--order",
-        choices=list(ORDERS),
-        default="sequential",
+        " as in Table 1 (default: %(default)s)")
+    add("--signal", choices=["step", "sine", "square"], default="step",
+        help="reference, amplitude 1 rad; sine has 0.2 Hz, square 0.1 Hz (default: %(default)s)")
+    add("--disturbance", type=float, default=0.0, metavar="AMPLITUDE",
+        help="added to the measured angle from 5 s to 5.5 s [rad] (default: 0)")
+    add("--plant-model", choices=["linear", "nonlinear", "transfer_function"], default="linear",
+        help="model of the pendulum (default: %(default)s)")
+    add("--order", choices=ORDERS, default="sequential",
         help="sequential: controller first, u acts immediately; parallel: all step together, u acts"
-        " one step later (default: %(default)s)",
-    )
-    add(
-        "--step",
-        type=float,
-        default=TS,
-        metavar="H",
-        help="communication step [s] (default: %(default)s)",
-    )
-    add(
-        "--start",
-        type=float,
-        default=TS,
-        metavar="T",
-        help="start time [s] (default: %(default)s, the paper's k = 1)",
-    )
-    add(
-        "--stop",
-        type=float,
-        default=20.0,
-        metavar="T",
-        help="time of the last communication point [s] (default: %(default)s)",
-    )
-    add(
-        "--previous-sample-terms",
-        choices=["auto", "on", "off"],
-        default="auto",
+        " one step later (default: %(default)s)")
+    add("--step", type=float, default=TS, metavar="H",
+        help="communication step [s] (default: %(default)s)")
+    add("--start", type=float, default=TS, metavar="T",
+        help="start time [s] (default: %(default)s, the paper's k = 1)")
+    add("--stop", type=float, default=20.0, metavar="T",
+        help="time of the last communication point [s] (default: %(default)s)")
+    add("--previous-sample-terms", choices=["auto", "on", "off"], default="auto",
         help="whether u(k) uses the PID terms of sample k-1. auto: in sequential order as in the"
         " paper's Table 1 (on for Pid and PidRbf); in parallel order off, since the master already"
-        " delays by one sample, and a second delay is too much for the network",
-    )
+        " delays by one sample, and a second delay is too much for the network")
     add("-w0", type=float, nargs=4, metavar="W", help="initial weights of the network [N]")
-    add(
-        "--supervisor-w0",
-        type=float,
-        nargs=4,
-        metavar="W",
-        help="initial weights of the supervisor's network [N]",
-    )
-    add(
-        "--fmi3",
-        nargs="*",
-        metavar="COMPONENT",
+    add("--supervisor-w0", type=float, nargs=4, metavar="W",
+        help="initial weights of the supervisor's network [N]")
+    add("--fmi3", nargs="*", metavar="COMPONENT",
         help="take the FMI 3.0 FMUs of these components, or of all if none is named; FMUs of both"
-        " versions can be coupled",
-    )
-    add(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
+        " versions can be coupled")
+    add("--set", dest="overrides", action="append", default=[], type=_assignment,
         metavar="COMPONENT.VARIABLE=VALUE",
-        type=_assignment,
         help="set the start value of a parameter; may be repeated. Components: controller, plant,"
-        " source, and with --target supervisor also supervisor, supervisor_plant",
-    )
+        " source, and with --target supervisor also supervisor, supervisor_plant")
     add("--csv", type=Path, metavar="FILE", help="write the time and all outputs to this file")
+    # fmt: on
     return parser
 
 
@@ -195,8 +137,7 @@ def run(options: argparse.Namespace) -> None:
             system, options.start, options.step, steps, order=options.order, progress=True
         )
         if file:
-            units = {"time": "s", **{name: system.unit(name) for name in system.outputs()}}
-            write_csv(file, results, units)
+            write_csv(file, results, ["s", *map(system.unit, system.outputs())])
     print(summary(results, options.signal))
     if options.csv:
         print(f"wrote {options.csv}: {steps} rows")

@@ -11,12 +11,12 @@ import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from . import loop
 from .loop import FMUS, Columns, Loop, settling_time
@@ -51,47 +51,26 @@ FITTED = {
 
 @dataclass(frozen=True)
 class Entry:
-    """One number to reproduce.
-
-    Parameters
-    ----------
-    run, variable
-        The run and the variable that it is taken from.
-    label
-        Row, disturbance, signal and controller, as shown in the printed table.
-    printed
-        The number as printed in the paper.
-    expected
-        The number that the computed one must be close to; NaN if only the printed one matters.
-    tolerance
-        Maximum deviation, relative to `expected`, absolute if that is 0.
-    every_digit
-        Whether the computed number must round to the printed one.
-    settling
-        Whether it is the settling time of the variable [s], rather than its last value [rad].
-    """
+    """One number to reproduce."""
 
     run: Loop
     variable: str
-    label: tuple[str, str, str, str]
+    label: tuple[str, str, str, str]  # row, disturbance, signal and controller
     printed: str
-    expected: float
-    tolerance: float
-    every_digit: bool
-    settling: bool = False
+    expected: float = math.nan  # NaN if only the printed number matters
+    tolerance: float = math.nan  # relative to `expected`, absolute if that is 0
+    every_digit: bool = True  # whether the number must round to the printed one
+    settling: bool = False  # a settling time [s] rather than the last value [rad]
 
     def computed(self, results: Mapping[str, np.ndarray]) -> float:
         """Extract the number from the results of its run."""
         column = results[self.variable]
         return settling_time(results["time"], column) if self.settling else float(column[-1])
 
-    def deviation(self, computed: float) -> float:
-        """Return the deviation, relative to the expected number if that is not 0."""
-        return abs(computed - self.expected) / (abs(self.expected) or 1.0)
-
     def close(self, computed: float) -> bool:
         """Return whether the number is within its tolerance."""
-        return math.isnan(self.expected) or self.deviation(computed) < self.tolerance
+        deviation = abs(computed - self.expected) / (abs(self.expected) or 1.0)
+        return math.isnan(self.expected) or deviation < self.tolerance
 
     def holds(self, computed: float) -> bool:
         """Return whether the number is reproduced."""
@@ -108,87 +87,51 @@ def agrees(value: float, printed: str) -> bool:
     return math.isfinite(value) and rounded(value, printed) == Decimal(printed)
 
 
+COLUMNS = {
+    "Pid": ("e_pid", "controller.e"),
+    "PidRbf": ("e_pid_rbf", "supervisor.e"),
+    "IpidRbf": ("e_ipid_rbf", "controller.e"),
+}
+"""The column of the data file and the variable with the error of each controller.
+
+PidRbf is the supervisor of IpidRbf.
+"""
+
+
 def entries() -> list[Entry]:
     """Return the 18 numbers of Table 1, the 4 with fitted weights, and the 2 settling times."""
     with DATA.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    table = [entry for row in rows for entry in _row(row)]
-    fitted = [entry for row in rows if int(row["row"]) in FITTED for entry in _fitted_row(row)]
-    return table + fitted + _settling_times(table)
-
-
-COLUMNS = {"Pid": "e_pid", "PidRbf": "e_pid_rbf", "IpidRbf": "e_ipid_rbf"}
-"""Columns of the data file."""
-
-VARIABLES = {"Pid": "controller.e", "PidRbf": "supervisor.e", "IpidRbf": "controller.e"}
-"""Variables with the error of each controller: PidRbf is the supervisor of IpidRbf."""
-
-
-def _label(row: Mapping[str, str], controller: str, note: str = "") -> tuple[str, str, str, str]:
-    return row["row"] + note, row["disturbance"], row["signal"], controller
-
-
-def _row(row: Mapping[str, str]) -> list[Entry]:
-    signal, disturbance = row["signal"], float(row["disturbance_amplitude"])
-    pair = Loop("IpidRbf", signal, disturbance, "supervisor")
-    runs = {"Pid": Loop("Pid", signal, disturbance), "PidRbf": pair, "IpidRbf": pair}
-    return [
-        Entry(
-            runs[controller],
-            VARIABLES[controller],
-            _label(row, controller),
-            row[f"{column}_printed"],
-            *_demand(row, controller),
-        )
-        for controller, column in COLUMNS.items()
+    table, fitted = [], []
+    for row in rows:
+        signal, amplitude = row["signal"], float(row["disturbance_amplitude"])
+        pair = Loop("IpidRbf", signal, amplitude, "supervisor")
+        for controller, (column, variable) in COLUMNS.items():
+            run = Loop("Pid", signal, amplitude) if controller == "Pid" else pair
+            place, printed = (row["disturbance"], signal, controller), row[f"{column}_printed"]
+            demand = _demand(row[f"{column}_expected"], signal, controller)
+            table.append(Entry(run, variable, (row["row"], *place), printed, *demand))
+            run = FITTED.get(int(row["row"]))
+            if run and controller != "Pid":
+                fitted.append(Entry(run, variable, (row["row"] + "*", *place), printed))
+    # The settling times of row 1 are stated in the paper's text
+    rbf, ipid = (Entry(one.run, one.variable, one.label, "") for one in table[1:3])
+    times = [
+        replace(rbf, printed="3.8", settling=True),
+        replace(ipid, printed="2.5", settling=True),
     ]
+    return table + fitted + times
 
 
-def _demand(row: Mapping[str, str], controller: str) -> tuple[float, float, bool]:
+def _demand(expected: str, signal: str, controller: str) -> tuple[float, float, bool]:
     """Return (expected, tolerance, every_digit) of one number of Table 1."""
-    expected = row[f"{COLUMNS[controller]}_expected"]
     if "|e|" in expected:
         return 0.0, ZERO, False
-    if row["signal"] == "step" and controller == "PidRbf":
+    if signal == "step" and controller == "PidRbf":
         return float(expected), TRANSIENT_TOLERANCE, False
     # The sine rows of the networks depend on initial weights that the paper does not give
-    every_digit = controller == "Pid" or row["signal"] != "sine"
-    return float(expected), TOLERANCE, every_digit
+    return float(expected), TOLERANCE, controller == "Pid" or signal != "sine"
 
-
-def _fitted_row(row: Mapping[str, str]) -> list[Entry]:
-    return [
-        Entry(
-            FITTED[int(row["row"])],
-            VARIABLES[controller],
-            _label(row, controller, "*"),
-            row[f"{COLUMNS[controller]}_printed"],
-            math.nan,
-            math.nan,
-            every_digit=True,
-        )
-        for controller in ("PidRbf", "IpidRbf")
-    ]
-
-
-def _settling_times(table: Sequence[Entry]) -> list[Entry]:
-    """Return the settling times of row 1 that are stated in the paper's text."""
-    return [
-        Entry(
-            entry.run,
-            entry.variable,
-            entry.label,
-            printed,
-            math.nan,
-            math.nan,
-            every_digit=True,
-            settling=True,
-        )
-        for entry, printed in zip(table[1:3], ("3.8", "2.5"), strict=True)
-    ]
-
-
-# --- runs ---------------------------------------------------------------------------------------
 
 Results = Mapping[Loop, Columns]
 
@@ -201,9 +144,7 @@ def runs() -> set[Loop]:
 def compute(fmus: Path = FMUS) -> Results:
     """Co-simulate all loops on all cores."""
     with loop.workers() as pool:
-        started = loop.start(pool, runs(), fmus)
-        bar = tqdm(started.items(), unit="loop", leave=False, disable=None)
-        return {run: job.get() for run, job in bar}
+        return loop.run_all(pool, runs(), partial(loop.execute, fmus=fmus))
 
 
 # --- the printed table --------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
-from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 from tqdm import tqdm
@@ -12,59 +10,45 @@ from tqdm import tqdm
 from .. import loop, table1
 from ..master import MasterError
 from ..project import REPORT
-from . import documents, overview
-from .beyond import sections
-from .data import Data
-from .native import simulate_all
-from .page import render
-from .paper import sections as paper
-from .paper import table
-from .paper.traps import run as run_traps
-from .parts import Part, parts_of
-from .printed import start as start_figures
-from .scenarios import lasting_loops, paper_loops
+from . import page, printed, traps
+from .runs import Data, lasting_loops, paper_loops, simulate_all
+from .statements import beyond_part, paper_parts, texts
 
 
 def run(options: argparse.Namespace) -> bool:
     """Write the report; return whether all of Table 1 is reproduced."""
-    started = time.monotonic()
+    started, folder = time.monotonic(), options.out / "figures"
     with loop.workers() as pool:
-        loops = paper_loops() | sections.loops()
+        loops = paper_loops()
         say(f"simulating {len(loops)} loops with the native master ...")
         results = simulate_all(loops, options.fmus, pool)
-        only = ("theta", "e", "u")
-        results |= simulate_all(lasting_loops(), options.fmus, pool, only=only)
-        data = Data(results, options.fmus)
+        results |= simulate_all(lasting_loops(), options.fmus, pool, only=("theta", "e", "u"))
+        data = Data(results, options.fmus, pool)
         text, all_hold = table1.report(data.results, colour=table1.colourful())
         say(f"{text}\n")
         say("making the mistakes of those who reproduce Table 1 ...")
-        traps = run_traps(options.fmus, pool)
-        parts = parts_of(paper.entries(data))
-        drawing = start_writing(parts, options.out / "figures", pool)
+        mistakes = traps.run(texts()["trap"], options.fmus, pool)
+        parts = paper_parts(data)
+        drawing = printed.start([part.figure for part in parts if part.figure], folder, pool)
         say("sweeping parameters for the sections beyond the paper ...")
-        bar = tqdm(sections.MODULES, unit="section", leave=False, disable=None)
-        beyond = [module.part(data, options.fmus) for module in bar]
-        drawing += start_writing(beyond, options.out / "figures", pool)
+        bar = tqdm(texts()["beyond"], unit="section", leave=False, disable=None)
+        ours = [beyond_part(data, section) for section in bar]
+        drawing += printed.start([part.figure for part in ours], folder, pool)
         say(f"drawing {len(drawing)} figures ...")
-        page = options.out / "index.html"
-        page.write_text(render(parts, table.lines(data), traps, beyond), encoding="utf-8")
-        documents.write(options.docs or options.out, data, parts, traps)
-        overview.write(data.results, options.out)
+        file = options.out / "index.html"
+        file.write_text(page.render(parts, data, mistakes, ours), encoding="utf-8")
+        page.write_documents(options.docs or options.out, data, parts, mistakes)
+        printed.write_overview(data.results, options.out)
         bar = tqdm(drawing, unit="figure", leave=False, disable=None)
         files = sum(len(job.get()) for job in bar)
     seconds = time.monotonic() - started
-    say(f"wrote {page}\nand {files} files to {options.out / 'figures'} in {seconds:.0f} s")
+    say(f"wrote {file}\nand {files} files to {folder} in {seconds:.0f} s")
     return all_hold
 
 
 def say(text: str) -> None:
     """Print a line at once."""
     print(text, flush=True)
-
-
-def start_writing(parts: Sequence[Part], folder: Path, pool: Pool) -> list[AsyncResult]:
-    """Write the figures of some parts as SVG and PDF."""
-    return start_figures([part.figure for part in parts if part.figure], folder, pool)
 
 
 def main() -> int:

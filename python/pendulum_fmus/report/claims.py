@@ -1,18 +1,22 @@
-"""The paper's statements: quotation, criterion, measurement and verdict.
+"""Statements and their verdicts: quotation, criterion, measurement.
 
 A verdict is never written down: it follows from the rows of the numbers. A statement holds if it
 holds by every row, holds in part if by some, and does not hold if by none.
 """
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from .numbers import number
+from .figure import Figure
 
 OWN = "own target"
 """Heading of the column of IPID-RBF with its own force as target (29)."""
+
+COLUMNS = ("PID", "PID-RBF", "IPID-RBF", OWN)
+"""Headings of the columns of the four controllers."""
 
 SHORT = 6
 """Rows of a table that may be repeated on the page."""
@@ -23,28 +27,33 @@ UNIT = re.compile(r" \[[^\]]*\]")
 LISTED = 3
 """Measures that are named before the rest is only counted."""
 
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number with `digits` significant digits; "never" for NaN and infinity."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not math.isfinite(value):
+        return "never"
+    if isinstance(value, int):
+        return str(value)
+    if value and not 1e-3 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPTS)}".replace("-", "−")
+    text = f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+    return text.replace("-", "−")
+
 
 class Verdict(Enum):
-    """Verdict on a statement: (label, sign, class on the page)."""
+    """Verdict on a statement: label and class on the page, and a sign that needs no colour."""
 
     HOLDS = ("holds", "✓", "holds")
     PART = ("holds in part", "◐", "partly")
     FAILS = ("does not hold", "✗", "fails")
 
-    @property
-    def label(self) -> str:
-        """Label on the page."""
-        return self.value[0]
-
-    @property
-    def sign(self) -> str:
-        """A character that distinguishes it without colour."""
-        return self.value[1]
-
-    @property
-    def css(self) -> str:
-        """Class on the page."""
-        return self.value[2]
+    def __init__(self, label: str, sign: str, css: str):
+        self.label, self.sign, self.css = label, sign, css
 
 
 def judge(decisive: Sequence[bool]) -> Verdict:
@@ -58,21 +67,11 @@ def judge(decisive: Sequence[bool]) -> Verdict:
 
 @dataclass(frozen=True)
 class Row:
-    """One measure of a statement.
+    """One measure of a statement."""
 
-    Parameters
-    ----------
-    name
-        What is measured, with its unit.
-    values
-        A number or text per column.
-    holds
-        Whether the statement holds by this measure; None if the row is only information.
-    """
-
-    name: str
-    values: Sequence[float | str]
-    holds: bool | None = None
+    name: str  # with its unit
+    values: Sequence[float | str]  # one per column
+    holds: bool | None = None  # whether the statement holds by it; None: only information
 
     def cells(self) -> list[str]:
         """Return the values as text."""
@@ -86,31 +85,21 @@ class Row:
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of measuring a statement.
-
-    Parameters
-    ----------
-    columns
-        Headings of the columns.
-    rows
-        The measures.
-    remark
-        What the reader should know beyond the numbers.
-    """
+    """The result of measuring a statement: columns, rows, and what else the reader should know."""
 
     columns: Sequence[str]
     rows: Sequence[Row]
     remark: str = ""
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict that follows from the rows."""
-        return judge([row.holds for row in self.decisive])
-
-    @property
     def decisive(self) -> list[Row]:
         """The rows that are more than information."""
         return [row for row in self.rows if row.holds is not None]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict that follows from the rows."""
+        return judge([row.holds for row in self.decisive])
 
     @property
     def long(self) -> bool:
@@ -128,61 +117,34 @@ class Finding:
     @property
     def decided_by(self) -> str:
         """What decides that the statement holds in part only; empty otherwise."""
-        held = [row for row in self.decisive if row.holds]
-        missed = [row for row in self.decisive if not row.holds]
+        held = [UNIT.sub("", row.name) for row in self.decisive if row.holds]
+        missed = [UNIT.sub("", row.name) for row in self.decisive if not row.holds]
         if not held or not missed:
             return ""
-        return f"only by {_names(held)}" if len(held) < len(missed) else f"not by {_names(missed)}"
-
-
-def _names(rows: Sequence[Row]) -> str:
-    """Name some rows, without their units."""
-    names = [UNIT.sub("", row.name) for row in rows]
-    rest = f"; and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return "; ".join(names[:LISTED]) + rest
+        names, word = (held, "only by") if len(held) < len(missed) else (missed, "not by")
+        rest = f"; and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        return f"{word} {'; '.join(names[:LISTED])}{rest}"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper.
+    """A statement."""
 
-    Parameters
-    ----------
-    says
-        A quotation, or a paraphrase without quotation marks.
-    criterion
-        The rule by which each row of the finding is decided.
-    measure
-        Function that measures it, given the variant of IPID-RBF: "IPID-RBF" as in Table 1 or
-        "IPID-RBF own".
-    """
-
-    says: str
+    says: str  # a quotation, or a paraphrase without quotation marks
     criterion: str
     measure: Callable[[str], Finding]
+    """Measures it for a variant of IPID-RBF: "IPID-RBF" as in Table 1, or "IPID-RBF own"."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A statement with its result.
-
-    Parameters
-    ----------
-    claim, finding
-        The statement and its measurement.
-    own
-        The verdict if IPID-RBF learns its own force (29).
-    number
-        Running number on the page.
-    source
-        Number of an earlier statement that has the same numbers, and more; 0 if there is none.
-    """
+    """A statement with its result."""
 
     claim: Claim
     finding: Finding
-    own: Verdict
-    number: int
-    source: int = 0
+    own: Verdict  # if IPID-RBF learns its own force (29)
+    number: int  # on the page
+    source: int = 0  # number of an earlier statement that has the same numbers, and more
 
     @property
     def verdict(self) -> Verdict:
@@ -198,7 +160,7 @@ class Register:
         self.section = 0
 
     def judge(self, claims: Sequence[Claim]) -> list[Judged]:
-        """Measure statements."""
+        """Measure the statements of a section."""
         self.section = start = len(self.found)
         for claim in claims:
             finding, own = claim.measure("IPID-RBF"), claim.measure("IPID-RBF own").verdict
@@ -218,3 +180,21 @@ class Register:
 
 def _numbers(finding: Finding) -> set[tuple[str, ...]]:
     return {(*finding.columns, row.name, *row.cells()) for row in finding.rows}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A section or figure as shown on the page."""
+
+    anchor: str
+    heading: str
+    caption: str  # in the paper, or a remark on what is shown
+    notes: Sequence[str]  # on how it was drawn
+    figure: Figure | None
+    judged: Sequence[Judged]
+
+
+def counts(parts: Sequence[Part]) -> dict[Verdict, int]:
+    """Return how many statements got each verdict."""
+    found = [one.verdict for part in parts for one in part.judged]
+    return {verdict: found.count(verdict) for verdict in Verdict}

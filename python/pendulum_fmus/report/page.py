@@ -1,19 +1,30 @@
-"""The page: one HTML file with its styles, its scripts, the plotting library and all data."""
+"""The page, one HTML file with styles, scripts and data; docs/numbers.md and docs/verdicts.md."""
 
+import base64
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 
-from . import layout
-from .browser import RESOLUTION, page_json
-from .paper.curves import SHOWN
-from .paper.table import Line
-from .paper.traps import Traps
-from .parts import Part, counts
-from .style import STYLES
-from .templates import ASSETS, environment, findings
+from .. import table1
+from ..loop import TS
+from .claims import Finding, Judged, Part, Verdict, counts, judge, number
+from .figure import RESOLUTION, SHOWN, STYLES, Curve, Figure, Panel
+from .findings import PRINTED, coefficients, poles
+from .measures import LOOP_MEASURES
+from .runs import GAINS, TRANSFER_FUNCTION, Data
+from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
+from .statements import texts
+from .traps import SAME, Traps
+
+ASSETS = Path(__file__).parent / "assets"
+
+DOCUMENTS = ("numbers.md", "verdicts.md")
 
 SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 """The page's scripts, in order."""
@@ -21,43 +32,294 @@ SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 MOST = 90
 """No table needs as much [em]."""
 
+UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
+"""What must not be broken into two lines: numbers with powers of ten, names of controllers."""
+
+SUBSCRIPT = re.compile(r"\b([a-zA-Z])_([a-z0-9])(?![a-zA-Z0-9_])")
+"""A symbol of one letter with a subscript, such as u_n."""
+
+QUANTITY = re.compile(r"(\d) (%|s|ms|Hz|N|rad|kg|m)(?![\w/])")
+"""A number and its unit."""
+
+STEP = 3
+"""Tables are distinguished by the width that they need, in steps [em]."""
+
+PANEL, TEXT_LINE, TABLE_LINE, CLAIM = 270, 22, 30, 90
+"""Estimated heights: a panel, a line of text, a line of a table, all else in a claim [px]."""
+
+HIGHEST = 450
+"""Height to which a panel can be stretched [px]."""
+
+LINE = 60
+"""Estimated characters in a line of text."""
+
+
+# --- layout: estimated widths and heights, from which the styles choose --------------------------
+
+
+def unbroken(text: str) -> Markup:
+    """Return text as HTML in which UNBROKEN stays on one line."""
+    return Markup(UNBROKEN.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
+
+
+def typeset(text: str) -> Markup:
+    """Return text as HTML in which subscripts are set as such, and UNBROKEN stays on one line."""
+    set_ = SUBSCRIPT.sub(r"<var>\1<sub>\2</sub></var>", str(unbroken(text)))
+    return Markup(QUANTITY.sub("\\1\u00a0\\2", set_))
+
+
+def folded(one: Judged, ours: bool) -> bool:
+    """Return whether a table is folded: that of a statement of the paper which simply holds."""
+    return one.finding.long and one.verdict is Verdict.HOLDS and not ours
+
+
+def _longest_word(texts: Iterable[str]) -> int:
+    """Return the length of the longest part that is never broken, in characters."""
+    words = UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), " ".join(texts)).split()
+    return max(map(len, words))
+
+
+def needed_width(table: Finding) -> int:
+    """Return the width that a table needs if each row is one line, in em rounded up to STEP."""
+    names = max(12, 2 + _longest_word([row.name for row in table.rows]))
+    cells = [row.cells() for row in table.rows]
+    columns = [
+        max(4, _longest_word([heading, *(row[i] for row in cells)]))
+        for i, heading in enumerate(table.columns)
+    ]
+    width = 0.58 * (names + sum(columns)) + 1.3 * (1 + len(columns))
+    return STEP * -int(-width // STEP)
+
+
+def beside(figure: Figure | None, judged: Sequence[Judged], ours: bool) -> int:
+    """Return how many claims stand beside a figure: about as high as it, 0 if one is higher."""
+    if not figure:
+        return 0
+    room = PANEL * _rows(figure)
+    heights = [_height(one, ours) for one in judged]
+    if heights[0] > HIGHEST * _rows(figure):
+        return 0
+    return min(range(1, len(judged) + 1), key=lambda n: abs(sum(heights[:n]) - room))
+
+
+def _rows(figure: Figure) -> int:
+    """Return the rows of panels on a wide page, where rows of three become columns of it."""
+    return 3 if in_threes(figure) else len(figure.rows)
+
+
+def in_threes(figure: Figure) -> bool:
+    """Return whether there are rows of three panels, too many for the width beside text."""
+    return len(figure.rows) > 1 and all(len(row) == 3 for row in figure.rows)
+
+
+def _height(one: Judged, ours: bool) -> int:
+    """Return the estimated height of a claim on a wide page [px]."""
+    texts = [one.claim.says, one.claim.criterion, one.finding.remark]
+    lines = sum(-(-len(text) // LINE) for text in texts)
+    rows = 0 if one.source or folded(one, ours) else 1 + len(one.finding.rows)
+    if needed_width(one.finding) > 33:
+        rows *= 2  # with names on lines of their own
+    return CLAIM + TEXT_LINE * lines + TABLE_LINE * rows
+
+
+# --- figures ------------------------------------------------------------------------------------
+
+
+def pack(column: np.ndarray, kind: str) -> str:
+    """Return a column as base64 of little-endian numbers."""
+    return base64.b64encode(np.ascontiguousarray(column, dtype=kind).tobytes()).decode()
+
+
+def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
+    """Return all data for the page's script; the panels in the order of the page.
+
+    A column has the samples of a curve that any panel needs, in full precision. A clock has the x
+    of all samples of the columns that share it; a column has positions in it.
+    """
+    panels = [panel for figure in figures for row in figure.rows for panel in row]
+    curves: dict[str, Curve] = {}
+    kept: dict[str, np.ndarray] = {}
+    for panel in panels:
+        for index, curve in enumerate(panel.curves):
+            needed = np.union1d(panel.needed(curve), panel.markers(index))
+            kept[curve.key] = np.union1d(kept.get(curve.key, needed), needed).astype(int)
+            curves[curve.key] = curve
+    shared: dict[bytes, list[str]] = {}
+    for key, curve in curves.items():
+        shared.setdefault(curve.x.tobytes(), []).append(key)
+    clocks, columns = [], dict.fromkeys(curves)
+    for clock, keys in enumerate(shared.values()):
+        samples = np.unique(np.concatenate([kept[key] for key in keys]))
+        clocks.append(pack(curves[keys[0]].x[samples], "<f8"))
+        for key in keys:
+            at, y = np.searchsorted(samples, kept[key]), curves[key].y[kept[key]]
+            columns[key] = {"clock": clock, "at": pack(at, "<u4"), "y": pack(y, "<f8")}
+    numbers = {key: number for number, key in enumerate(curves)}
+
+    def curve_json(panel: Panel, index: int) -> dict[str, Any]:
+        curve, style = panel.curves[index], STYLES[panel.curves[index].style]
+        marks = np.searchsorted(kept[curve.key], panel.markers(index)).tolist()
+        return {
+            "column": numbers[curve.key],
+            "style": curve.style,
+            "name": curve.name or style.name,
+            "marks": marks if style.marker else [],
+        }
+
+    def panel_json(panel: Panel) -> dict[str, Any]:
+        return {
+            "xLabel": panel.x_label,
+            "yLabel": panel.y_label,
+            "x": panel.x_range(),
+            "y": panel.y_range(),
+            "logX": panel.log_x,
+            "logY": panel.log_y,
+            "frame": panel.frame,
+            "curves": [curve_json(panel, index) for index in range(len(panel.curves))],
+        }
+
+    styles = {}
+    for key, style in STYLES.items():
+        dash = [round(part * style.width, 2) for part in style.dash]  # in pixels
+        styles[key] = {"light": style.light, "dark": style.dark, "dash": dash}
+        styles[key] |= {"width": style.width, "marker": style.marker}
+    return {
+        "clocks": clocks,
+        "columns": list(columns.values()),
+        "panels": [panel_json(panel) for panel in panels],
+        "styles": styles,
+    }
+
+
+# --- texts --------------------------------------------------------------------------------------
+
+
+class Shown(float):
+    """A number with a typographic minus; its format can be a number of significant digits."""
+
+    def __format__(self, spec: str) -> str:
+        text = number(float(self), int(spec)) if spec.isdecimal() else super().__format__(spec)
+        return text.replace("-", "−")
+
+
+def environment(*, escaped: bool) -> Environment:
+    """Return the environment of the templates, for HTML if `escaped`."""
+    return Environment(
+        loader=FileSystemLoader(ASSETS),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=not escaped,
+        autoescape=escaped,
+    )
+
+
+def settings(traps: Traps) -> dict[str, Any]:
+    """Return the misprints, the settings and the mistakes by name."""
+    _, cubic, other, last = map(float, PRINTED)
+    # s⁴ + 0.0883 s³ - 27.8285 s³ - 2.3094 s, without the s that cancels
+    misprinted = np.roots([1, cubic - other, 0, -last])
+    facts = {"gravity": coefficients()[2], "pole": misprinted.real.max()}
+    for key, values in traps.facts().items():
+        facts[key] = {case: Shown(value) for case, value in values.items()}
+
+    def filled(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
+        return [{key: text.format_map(facts) for key, text in row.items()} for row in rows]
+
+    return {
+        "corrections": filled(texts()["correction"]),
+        "settings": filled(texts()["setting"]),
+        "traps": traps.tables(),
+        "same": SAME,
+    }
+
+
+def lines(data: Data) -> list[tuple]:
+    """Return each number of Table 1, the computed one, if it has every digit, and the verdict."""
+    found = []
+    for entry in table1.entries():
+        computed = entry.computed(data.results[entry.run])
+        digits = table1.agrees(computed, entry.printed)
+        found.append((entry, computed, digits, judge([entry.holds(computed), digits])))
+    return found
+
 
 def asset(name: str) -> Markup:
     """Return a file that becomes part of the page as it is."""
     return Markup((ASSETS / name).read_text(encoding="utf-8"))
 
 
-def script_safe(value: Any) -> str:
-    """Return JSON that can be embedded in a script element."""
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
-
-
-def render(
-    parts: Sequence[Part], lines: Sequence[Line], traps: Traps, beyond: Sequence[Part]
-) -> str:
+def render(parts: Sequence[Part], data: Data, traps: Traps, beyond: Sequence[Part]) -> str:
     """Return the page as HTML."""
     html = environment(escaped=True)
     html.filters |= {
         "capital": lambda text: text[:1].upper() + text[1:],
-        "unbroken": layout.unbroken,
-        "typeset": layout.typeset,
-        "needed_width": layout.needed_width,
-        "in_threes": layout.in_threes,
+        "unbroken": unbroken,
+        "typeset": typeset,
+        "needed_width": needed_width,
+        "in_threes": in_threes,
     }
-    figures = [part.figure for part in [*parts, *beyond] if part.figure]
+    figures = page_json(part.figure for part in [*parts, *beyond] if part.figure)
+    encoded = json.dumps(figures, allow_nan=False, separators=(",", ":"))
     return html.get_template("page.html.j2").render(
         parts=parts,
-        lines=lines,
+        lines=lines(data),
         trap_columns=[f"{name}{disturbed}" for disturbed in ("", ", disturbed") for name in SHOWN],
         beyond=beyond,
         counts=counts(parts),
-        beside=layout.beside,
-        folded=layout.folded,
-        widths=range(layout.STEP, MOST, layout.STEP),
+        beside=beside,
+        folded=folded,
+        widths=range(STEP, MOST, STEP),
         styles=STYLES,
         asset=asset,
         scripts=SCRIPTS,
-        data=script_safe(page_json(figures)),
+        data=encoded.replace("</", "<\\/"),  # in a script element
         resolution=RESOLUTION,
-        **findings(traps),
+        **settings(traps),
     )
+
+
+def write_documents(folder: Path, data: Data, parts: Sequence[Part], traps: Traps) -> None:
+    """Write DOCUMENTS to a folder."""
+    markdown = environment(escaped=False)
+    markdown.filters["md"] = lambda text: text.replace("|", "\\|")
+    found = counts(parts)
+    context = settings(traps) | facts(data)
+    context |= {"parts": parts, "counts": found, "statements": sum(found.values())}
+    for name in DOCUMENTS:
+        text = markdown.get_template(f"{name}.j2").render(context)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def facts(data: Data) -> dict[str, Any]:
+    """Return the numbers of docs/numbers.md by name."""
+    held, difference = data("PID").e[-1], data.loop(TRANSFER_FUNCTION).e[-1]
+    return {
+        "apart": from_print(data),
+        "fitted": table1.FITTED,
+        "ramp": RAMP,
+        "ki": GAINS["ki"],
+        "static": RAMP / (RAMP - GAINS["ki"]),
+        "lost": LOOP_MEASURES["lost"].of(data, "PID-RBF"),
+        "pole": max(poles().real),
+        "cancelled": float(np.prod(-np.expm1(poles() * TS)).real),
+        "tolerance": table1.TOLERANCE,
+        "transient": table1.TRANSIENT_TOLERANCE,
+        "zero": table1.ZERO,
+        "forms": abs(difference / held - 1),
+        "bound": printed_bound(),
+        "limits": [limit(law) for law in DELAYS.values()],
+        "eta": ETA,
+        "radius": radius(DELAYS["2 samples"]),
+    }
+
+
+def from_print(data: Data) -> dict[str, str]:
+    """Return by how much the sine rows differ from print at most [%], by controller."""
+    found = {"PidRbf": 0.0, "IpidRbf": 0.0}
+    for entry in table1.entries():
+        row, _, signal, controller = entry.label
+        if signal == "sine" and controller in found and "*" not in row:
+            apart = entry.computed(data.results[entry.run]) / float(entry.printed) - 1
+            found[controller] = max(found[controller], abs(100 * apart))
+    return {controller: f"{apart:.2g}" for controller, apart in found.items()}

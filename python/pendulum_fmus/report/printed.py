@@ -1,8 +1,9 @@
-"""Figures for print: the same panels drawn with Matplotlib, as SVG and PDF."""
+"""Figures for print, drawn with Matplotlib: each as SVG and PDF, and an overview as PNG."""
 
 from collections.abc import Sequence
 from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -10,9 +11,9 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from .browser import needed
-from .figure import Figure, Panel
-from .style import STYLES
+from .. import table1
+from .figure import ANGLE, END, SHOWN, STYLES, Figure, Panel, Style, magnitudes, outputs
+from .runs import SIGNALS, Data
 
 RC = {
     "font.size": 8,
@@ -34,6 +35,17 @@ DPI = 72
 """Resolution of the layout, that of SVG and PDF in Matplotlib."""
 
 
+def line(style: Style) -> dict[str, Any]:
+    """Return the options of a line."""
+    dash = (0, style.dash) if style.dash else "-"
+    return {"color": style.light, "linewidth": style.width, "linestyle": dash}
+
+
+def marks(style: Style) -> dict[str, Any]:
+    """Return the options of markers."""
+    return {"marker": style.marker or None, "markersize": 4, "markerfacecolor": "white"}
+
+
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one panel."""
     if panel.log_x:
@@ -41,30 +53,15 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.log_y:
         axes.set_yscale("log")
     for index, curve in enumerate(panel.curves):
-        style, kept, marks = STYLES[curve.style], needed(panel, curve), panel.markers(index)
-        axes.plot(
-            curve.x[kept],
-            curve.y[kept],
-            color=style.light,
-            linewidth=style.width,
-            linestyle=(0, style.dash) if style.dash else "-",
-        )
+        style, kept, marked = STYLES[curve.style], panel.needed(curve), panel.markers(index)
+        axes.plot(curve.x[kept], curve.y[kept], **line(style))
         if style.marker:
-            axes.plot(
-                curve.x[marks],
-                curve.y[marks],
-                linestyle="",
-                marker=style.marker,
-                markersize=4,
-                markerfacecolor="white",
-                color=style.light,
-            )
+            options = line(style) | marks(style) | {"linestyle": ""}
+            axes.plot(curve.x[marked], curve.y[marked], **options)
     if panel.frame:
         (left, right), (bottom, top) = panel.frame
-        frame = Rectangle(
-            (left, bottom), right - left, top - bottom, fill=False, color="0.3", linewidth=0.8
-        )
-        axes.add_patch(frame)
+        size = right - left, top - bottom
+        axes.add_patch(Rectangle((left, bottom), *size, fill=False, color="0.3", linewidth=0.8))
     axes.set(
         title=panel.title,
         xlabel=panel.x_label,
@@ -76,23 +73,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
 
 def legend(figure: Figure) -> list[Line2D]:
     """Return one handle per kind of curve."""
-    handles = []
-    for key, name in figure.styles():
-        style = STYLES[key]
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=style.light,
-                linewidth=style.width,
-                linestyle=(0, style.dash) if style.dash else "-",
-                marker=style.marker or None,
-                markersize=4,
-                markerfacecolor="white",
-                label=name or style.name,
-            )
-        )
-    return handles
+    named = [(STYLES[key], name) for key, name in figure.styles()]
+    return [Line2D([], [], **line(s), **marks(s), label=name or s.name) for s, name in named]
 
 
 def sheet(figure: Figure) -> Sheet:
@@ -108,13 +90,10 @@ def sheet(figure: Figure) -> Sheet:
     handles = legend(figure)
     if len(handles) > 1:
         drawn.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5))
-    return drawn
-
-
-def arrange(drawn: Sheet) -> None:
-    """Compute the layout once, rather than for every file."""
+    # The layout is computed once, rather than for every file
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)
+    return drawn
 
 
 def write(figure: Figure, folder: Path) -> list[Path]:
@@ -122,7 +101,6 @@ def write(figure: Figure, folder: Path) -> list[Path]:
     paths = [folder / f"{figure.name}.{kind}" for kind in ("svg", "pdf")]
     with rc_context(RC):
         drawn = sheet(figure)
-        arrange(drawn)
         drawn.savefig(paths[0], metadata={"Date": None, "Title": figure.title})
         drawn.savefig(paths[1], metadata={"CreationDate": None, "Title": figure.title})
     return paths
@@ -133,3 +111,40 @@ def start(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[AsyncResu
     folder.mkdir(parents=True, exist_ok=True)
     ordered = sorted(figures, key=lambda figure: -len(figure.rows))
     return [pool.apply_async(write, (figure, folder)) for figure in ordered]
+
+
+# --- the overview -------------------------------------------------------------------------------
+
+
+def overview(results: table1.Results, path: Path) -> None:
+    """Draw angles above absolute errors of the three controllers, one column per signal."""
+    data = Data(results)
+    traces = {s: {kind: data(kind, s) for kind in SHOWN} for s in SIGNALS}
+    above = {"xlim": (0, END), "ylim": (-1.6, 1.6)}
+    below = {"xlim": (0, END), "ylim": (1e-6, 5), "log_y": True}
+    rows = [
+        [Panel(s, ANGLE, outputs(traces[s]), **above) for s in SIGNALS],
+        [Panel("", "|e| [rad]", magnitudes(traces[s]), **below) for s in SIGNALS],
+    ]
+    with rc_context(RC | {"savefig.dpi": 150, "font.size": 9, "axes.titlesize": 10}):
+        drawn = Sheet(figsize=(10, 4.4), layout="constrained")
+        grid = drawn.subplots(2, 3, sharex="col", sharey="row")
+        for axes, row in zip(grid, rows, strict=True):
+            for one, panel in zip(axes, row, strict=True):
+                draw_panel(one, panel)
+        for one in [*grid[:, 1:].flat]:
+            one.set_ylabel("")
+        for one in grid[0]:
+            one.set_xlabel("")
+        handles = legend(Figure("overview", "", "", rows))
+        drawn.legend(handles=handles, loc="outside upper center", ncols=4)
+        drawn.savefig(path)
+
+
+def write_overview(results: table1.Results, folder: Path) -> list[Path]:
+    """Write table1.txt and closed-loop.png to a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table, picture = folder / "table1.txt", folder / "closed-loop.png"
+    table.write_text(table1.report(results)[0] + "\n", encoding="utf-8")
+    overview(results, picture)
+    return [table, picture]

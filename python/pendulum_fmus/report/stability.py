@@ -1,13 +1,15 @@
 """The sampled closed loop at r = 1, linear and without force limit: eigenvalues and margins."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from ..loop import TS
-from .scenarios import GAINS
+from .runs import GAINS
 
 ETA, ALPHA = 0.30, 0.05
 """The paper's learning rate and momentum."""
@@ -31,21 +33,12 @@ SLOW = 5e-6
 
 @dataclass(frozen=True)
 class Law:
-    """A controller in the loop.
+    """A controller in the loop."""
 
-    Parameters
-    ----------
-    eta
-        Learning rate of the network; 0 without one.
-    leaks
-        Whether the sum of the error leaks, as in (25).
-    previous_sample_terms
-        Whether u(k) is computed from the PID terms of sample k - 1.
-    """
-
-    eta: float = 0.0
-    leaks: bool = False
-    previous_sample_terms: bool = False
+    eta: float = 0.0  # learning rate of the network; 0 without one
+    leaks: bool = False  # whether the sum of the error leaks, as in (25)
+    previous_sample_terms: bool = False  # whether u(k) has the PID terms of sample k - 1
+    samples: int = 0  # delay of the measured angle; a master that steps in parallel adds 1
 
 
 LAWS = {
@@ -57,29 +50,13 @@ LAWS = {
 """The controllers of Table 1. The network of IPID-RBF learns from the supervisor's loop, and so is
 outside its own, which is that of a PID whose sum leaks."""
 
-
-@dataclass(frozen=True)
-class Delay:
-    """The delay from measurement to plant input.
-
-    Parameters
-    ----------
-    previous_sample_terms
-        Whether the controller uses the PID terms of the previous sample.
-    parallel
-        Whether the master steps in parallel.
-    """
-
-    previous_sample_terms: bool
-    parallel: bool
-
-    @property
-    def samples(self) -> int:
-        """Delay in samples."""
-        return self.previous_sample_terms + self.parallel
-
-
-DELAYS = (Delay(False, False), Delay(True, False), Delay(False, True), Delay(True, True))
+DELAYS = {
+    "0 samples": Law(ETA),
+    "1 sample": Law(ETA, previous_sample_terms=True),
+    "1, parallel": Law(ETA, samples=1),
+    "2 samples": Law(ETA, previous_sample_terms=True, samples=1),
+}
+"""PID-RBF by the delay from measurement to force: that of the terms, and that of the master."""
 
 
 def nodes(r: float = 1.0) -> np.ndarray:
@@ -111,25 +88,14 @@ def exponential(rates: np.ndarray) -> np.ndarray:
     return sum(np.linalg.matrix_power(rates * TS, k) / math.factorial(k) for k in range(10))
 
 
-def matrix(
-    law: Law, samples: int = 0, gain: float = 1.0, plant: dict[str, float] = NOMINAL
-) -> np.ndarray:
+def matrix(law: Law, gain: float = 1.0, plant: dict[str, float] = NOMINAL) -> np.ndarray:
     """Return the matrix (8 + samples, 8 + samples) of the closed loop.
 
     The states are v, theta, omega; e, x3, x2 of the previous sample; u_n of this and the previous
-    sample, since only the weights along h learn; theta of the last samples.
-
-    Parameters
-    ----------
-    law
-        The controller.
-    samples
-        Delay of the measured angle.
-    gain
-        Factor of the force.
-    plant
-        Parameters of the plant.
+    sample, since only the weights along h learn; theta of the last samples. `gain` is a factor of
+    the force.
     """
+    samples = law.samples
     Ad, Bd = held_plant(plant)
     unit = np.eye(8 + samples)
     e = -unit[7 + samples] if samples else -unit[1]
@@ -162,7 +128,7 @@ def spectral_radius(A: np.ndarray) -> float:
 
 def growth(law: Law, samples: int = 0) -> float:
     """Return the rate of the mode that grows fastest, or decays most slowly [1/s]."""
-    return math.log(spectral_radius(matrix(law, samples))) / TS
+    return math.log(spectral_radius(matrix(replace(law, samples=samples)))) / TS
 
 
 def last_true(holds: Callable[[float], bool], true: float, false: float) -> float:
@@ -176,25 +142,22 @@ def last_true(holds: Callable[[float], bool], true: float, false: float) -> floa
     return true
 
 
-def rate_limit(law: Law, samples: int, plant: dict[str, float] = NOMINAL) -> float:
-    """Return the learning rate beyond which the loop is unstable; 0 if it always is."""
+@cache
+def limit(law: Law, mass: float = NOMINAL["M"]) -> float:
+    """Return the learning rate beyond which the loop is unstable, for a mass of the cart [kg].
+
+    0 if it always is.
+    """
 
     def stable(eta: float) -> bool:
-        return spectral_radius(matrix(replace(law, eta=eta), samples, plant=plant)) < 1
+        return spectral_radius(matrix(replace(law, eta=eta), plant=NOMINAL | {"M": mass})) < 1
 
     return last_true(stable, 0.0, 4.0)
 
 
-def limit(delay: Delay) -> float:
-    """Return the largest stable learning rate of PID-RBF with a delay."""
-    law = Law(previous_sample_terms=delay.previous_sample_terms)
-    return rate_limit(law, int(delay.parallel))
-
-
-def radius(delay: Delay, eta: float) -> float:
-    """Return the spectral radius of the loop with PID-RBF."""
-    law = Law(eta, previous_sample_terms=delay.previous_sample_terms)
-    return spectral_radius(matrix(law, int(delay.parallel)))
+def radius(law: Law, eta: float = ETA) -> float:
+    """Return the spectral radius of the loop with another learning rate."""
+    return spectral_radius(matrix(replace(law, eta=eta)))
 
 
 def printed_bound() -> float:
@@ -204,15 +167,13 @@ def printed_bound() -> float:
 
 def bearable(law: Law, samples: int = 0, gain: float = 1.0) -> bool:
     """Return whether no mode grows by more than SLOW per sample."""
-    return spectral_radius(matrix(law, samples, gain)) < 1 + SLOW
+    return spectral_radius(matrix(replace(law, samples=samples), gain)) < 1 + SLOW
 
 
 def delay_margin(law: Law) -> int:
-    """Return the additional delay that the loop bears [samples]."""
-    samples = 0
-    while bearable(law, samples + 1):
-        samples += 1
-    return samples
+    """Return the delay from measurement to force that the loop bears [samples]."""
+    samples = next(n for n in itertools.count() if not bearable(law, n + 1))
+    return samples + law.previous_sample_terms
 
 
 def gain_margin(law: Law) -> float:

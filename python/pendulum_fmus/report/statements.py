@@ -1,0 +1,269 @@
+"""The statements of `statements.toml`: their rows, and the parts of the page that show them."""
+
+import math
+import operator
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import table1
+from . import beyond, figures, findings
+from .claims import COLUMNS, Claim, Finding, Part, Register, Row, number
+from .figure import Figure
+from .measures import GROUPS, LOOP_MEASURES, MEASURES, SIGNAL_NAMES, finite, largest, tone
+from .runs import KINDS, SIGNALS, Data, Trace
+from .stability import LAWS, RAMP, activation, growth, held_plant, printed_bound
+
+SPREAD = 1.1
+"""Ratio of the largest to the smallest value above which responses count as different."""
+
+COMPARISONS = {"<": operator.lt, ">": operator.gt, "=": operator.eq}
+
+VERBS = {"beat", "below", "settle", "round", "spread", "fall", *COMPARISONS}
+
+
+def expanded(words: str, cases: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of measures with a case each; `cases` are those of measures without one."""
+    for word in words.split():
+        key, _, case = word.partition(".")
+        members = GROUPS.get(key, "").split()
+        if key in LOOP_MEASURES:
+            yield key, ""
+        elif members and (case or not any("." in m or m in LOOP_MEASURES for m in members)):
+            for each in [case] if case else cases:
+                yield from expanded(" ".join(f"{member}.{each}" for member in members), cases)
+        elif members:
+            yield from expanded(GROUPS[key], cases)
+        elif key in MEASURES:
+            yield from ((key, each) for each in ([case] if case else cases))
+        else:
+            raise KeyError(f"there is no measure {key!r}")
+
+
+def case_of(text: str) -> tuple[str, float]:
+    """Return the signal and the amplitude of the disturbance [rad] of a text such as "sine+2"."""
+    signal, _, amplitude = text.partition("+")
+    return signal, float(amplitude or 0)
+
+
+@cache
+def values_of(data: Data, key: str, case: str) -> Mapping[str, float]:
+    """Measure all controllers that have a measure."""
+    if key in LOOP_MEASURES:
+        return {kind: LOOP_MEASURES[key].of(data, kind) for kind in KINDS}
+    measure = MEASURES[key]
+    kinds = KINDS[1:] if measure.learns else KINDS
+    return {kind: measure.value(data(kind, *case_of(case))) for kind in kinds}
+
+
+class Table:
+    """The columns of a finding: controllers, or the traces of loops.
+
+    Parameters
+    ----------
+    data
+        The results.
+    ipid
+        The variant of IPID-RBF that is judged.
+    statement
+        The statement, as in the file; its `loops` are those of which both networks are columns.
+    cases
+        The signals of measures that name none.
+    """
+
+    def __init__(self, data: Data, ipid: str, statement: Mapping[str, Any], cases: Sequence[str]):
+        self.data, self.ipid, self.cases = data, ipid, cases
+        self.traces: list[Trace] = []
+        self.columns = list(statement.get("columns", COLUMNS))
+        loops = statement.get("loops", [])
+        if loops:
+            self.columns = []
+        for signal, amplitude in map(case_of, loops):
+            for kind in ("PID-RBF", ipid):
+                shown = f"{kind}, d = {amplitude:g} rad" if len(loops) > 1 else kind
+                self.columns.append(shown)
+                self.traces.append(data(kind, signal, amplitude))
+        if set(self.columns) <= findings.SETTINGS.keys():
+            self.traces = [data.gains(*findings.SETTINGS[column]) for column in self.columns]
+
+    def rows(self, text: str) -> list[Row]:
+        """Return the rows of measures, and what is asked of them."""
+        words, _, rule = text.partition(":")
+        asked = [word if word in KINDS else word.removesuffix("s") for word in rule.split()]
+        at = next((i for i, word in enumerate(asked) if word in VERBS), len(asked))
+        verb, bound = "".join(asked[at : at + 1]), asked[at + 1 :]
+        if self.traces:
+            keys = words.split()
+            return [self._of_traces(key, verb, bound) for key in keys]
+        found = []
+        for key, case in expanded(words, self.cases):
+            found += self._of_controllers(key, case, asked[:at], verb, bound)
+        return found
+
+    def _of_traces(self, key: str, verb: str, bound: Sequence[str]) -> Row:
+        """Return a measure of all columns, each of which has to hold."""
+        measure = MEASURES[key]
+        values = [measure.of(trace) for trace in self.traces]
+        if verb == "spread":
+            holds = max(values) > SPREAD * min(values)
+        elif verb == "fall":
+            holds = all(np.diff(values) < 0)
+        else:
+            holds = all(COMPARISONS[verb](value, float(bound[0])) for value in values)
+        unit = f" [{measure.unit}]" if measure.unit else ""
+        return Row(f"{measure.name}{unit}", values, holds)
+
+    def _of_controllers(
+        self, key: str, case: str, judged: Sequence[str], verb: str, bound: Sequence[str]
+    ) -> list[Row]:
+        """Return a row, or one for each controller if it depends on it whether they hold."""
+        values = values_of(self.data, key, case)
+        measure = LOOP_MEASURES.get(key) or MEASURES[key]
+        name = measure.title(*case_of(case)) if case else f"{measure.name} [{measure.unit}]"
+        kinds, others = ([self.variant(k) for k in ks if k in KINDS] for ks in (judged, bound))
+
+        def holds(kind: str) -> bool:
+            value = values[kind]
+            match verb:
+                case "beat" if measure.more:
+                    return all(value > values[other] for other in others)
+                case "beat":
+                    return all(finite(value) < finite(values[other]) for other in others)
+                case "settle":
+                    return not math.isnan(value)
+                case "round":
+                    return table1.agrees(value, bound[-1])
+            return COMPARISONS[verb.replace("below", "<")](finite(value), float(bound[0]))
+
+        shown = [
+            values.get(k, "") for k, c in zip(KINDS, COLUMNS, strict=True) if c in self.columns
+        ]
+        if verb == "below":
+            name += f", below {float(bound[0]):g}".replace("e-0", "e-")
+        tie = verb == "beat" and len({values[kind] for kind in (*kinds, *others)}) == 1
+        if not verb or tie:
+            return [Row(name, shown)]
+        verdicts = {kind: holds(kind) for kind in kinds}
+        each = verb in ("beat", "below") or "each" in judged
+        if not each or len(set(verdicts.values())) == 1:
+            return [Row(name, shown, all(verdicts.values()))]
+        return [Row(f"{name}: {k.removesuffix(' own')}", shown, v) for k, v in verdicts.items()]
+
+    def variant(self, kind: str) -> str:
+        """Replace IPID-RBF by the variant that is judged."""
+        return self.ipid if kind == "IPID-RBF" else kind
+
+
+# --- the file -----------------------------------------------------------------------------------
+
+
+@cache
+def texts() -> dict[str, Any]:
+    """Return the contents of the file."""
+    return tomllib.loads((Path(__file__).parent / "statements.toml").read_text(encoding="utf-8"))
+
+
+def facts(data: Data) -> dict[str, Any]:
+    """Return the numbers for the texts about the paper."""
+    long = data.lasting("PID-RBF")
+    at_limit = np.flatnonzero((np.abs(long.u) >= 100) & (long.t > 20))
+    square = data("PID-RBF", "square")
+    bound = printed_bound()
+    return {
+        "ramp": RAMP,
+        "saturated": float(long.t[at_limit[0]]),
+        "slow": 1 / growth(LAWS["IPID-RBF"]),
+        "bound": bound,
+        "activation": activation(),
+        "own_bound": number(bound / float(held_plant()[1][1]) ** 2, 2),
+        "ringing": tone(square.part((5.05, 5.35)).u, square.ts),
+        "kick": largest(square.u_p),
+    }
+
+
+def paper_parts(data: Data) -> list[Part]:
+    """Judge the statements of the paper; return its sections and figures."""
+    register, known = Register(), facts(data)
+    found = []
+    for part in texts()["part"]:
+        kind = texts()["kind"].get(part.get("kind"), {})
+        amplitudes = [zoom.get("d", 0) for zoom in part.get("zooms", [])]
+        cases = [f"{part['signal']}+{a}" for a in amplitudes] if kind.get("statement") else SIGNALS
+        statements = [*part.get("statement", ()), *kind.get("statement", ())]
+        judged = register.judge([_claim(data, one, cases, known) for one in statements])
+        figure = _figure(data, part, kind)
+        anchor, heading = part.get("anchor"), part.get("heading")
+        if "figure" in part:
+            anchor = f"figure-{part['figure']}"
+            heading = f"Figure {part['figure']}. {figure.title}"
+        notes = [
+            text.format_map(known) for text in (*kind.get("notes", ()), *part.get("notes", ()))
+        ]
+        found.append(Part(anchor, heading, part.get("caption", ""), notes, figure, judged))
+    return found
+
+
+def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Figure | None:
+    """Return the figure of a part of the paper."""
+    if "title" in part:
+        name = f"figure-{part['figure']}" if "figure" in part else part["name"]
+        panels = figures.panels(part["panels"], getattr(figures, part["draw"])(data))
+        return Figure(name, part["title"], part["alt"], panels)
+    if not kind:
+        return None
+    signal, draw = part["signal"], figures.KINDS[part["kind"]]
+    rows = [row for zoom in part["zooms"] for row in draw(data, signal, zoom)]
+    disturbed = any("d" in zoom for zoom in part["zooms"])
+    shown = signal if kind.get("statement") else SIGNAL_NAMES[signal]
+    pulse = ", the measured angle disturbed from 5 s to 5.5 s" * disturbed
+    title = f"{shown.capitalize()}{' with disturbance' * disturbed}: {kind['title']}"
+    return Figure(f"figure-{part['figure']}", title, kind["alt"].format(shown + pulse), rows)
+
+
+def _claim(
+    data: Data, statement: Mapping[str, Any], cases: Sequence[str], known: Mapping[str, Any]
+) -> Claim:
+    """Return a statement with the function that measures it."""
+
+    def measure(ipid: str) -> Finding:
+        table = Table(data, ipid, statement, cases)
+        rows = [row for text in statement.get("rows", ()) for row in table.rows(text)]
+        if "finding" in statement:
+            name, *arguments = statement["finding"].replace(":", "").split()
+            rows += getattr(findings, name)(table, *arguments)
+        return Finding(table.columns, rows, statement.get("remark", "").format_map(known))
+
+    return Claim(statement["says"], statement.get("criterion") or _criterion(statement), measure)
+
+
+def _criterion(statement: Mapping[str, Any]) -> str:
+    """Return the criterion that the first row implies: "beats" or "stays below"."""
+    words, _, rule = statement["rows"][0].partition(":")
+    winners, losers = re.split(r" (?:beats?|below) ", rule.strip())
+    names, one = winners.replace(" ", " and "), " " not in winners
+    if " below " in rule:
+        return f"{names} {'stays' if one else 'stay'} below the bound of each row"
+    larger = {(LOOP_MEASURES.get(k) or MEASURES[k]).more for k, _ in expanded(words, SIGNALS)}
+    sense = "larger margins" if larger == {True} else "smaller values"
+    sense += ", or larger margins," * (len(larger) > 1)
+    others = losers.replace(" ", " and ")
+    return f"{names} {'has' if one else 'have'} {sense} than {others}, in each row"
+
+
+def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
+    """Return a section beyond the paper, whose statements are ours."""
+    section = getattr(beyond, part["name"])(data)
+    panels = figures.panels(part["panels"], section.curves)
+    figure = Figure(part["name"], part["title"], part["alt"], panels)
+    claims = []
+    for statement, rows in zip(part["statement"], section.rows, strict=True):
+        remark = statement.get("remark", "").format_map(section.facts)
+        finding = Finding(statement.get("columns", COLUMNS), rows, remark)
+        claims.append(Claim(statement["says"], statement["criterion"], lambda _, f=finding: f))
+    judged, notes = Register().judge(claims), part.get("notes", ())
+    return Part(f"beyond-{part['name']}", part["heading"], "", notes, figure, judged)
