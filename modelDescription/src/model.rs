@@ -1,13 +1,15 @@
 //! A typed view of a model description that tolerates invalid parts.
 
 use std::collections::HashMap;
+use std::ops::Deref;
+use std::sync::Arc;
 
 use anyhow::{Result, bail, ensure};
 
-use crate::table::indexed;
-use crate::value::{boolean, items, real, unsigned, unsigneds, whole};
+use crate::value::{items, real, unsigned, unsigneds, whole};
+use crate::variable::{DeclaredType, Item, Variable};
 use crate::xml::{Element, quote};
-use crate::{Capability, Causality, FmiVersion, Initial, Variability, VariableType};
+use crate::{Causality, FmiVersion, Initial, Type, Value, Variability};
 
 /// A model description of FMI 2.0 or 3.0.
 pub struct ModelDescription<'a> {
@@ -16,7 +18,7 @@ pub struct ModelDescription<'a> {
     /// Its version of FMI.
     pub version: FmiVersion,
     /// The variables; `None` for an invalid one, so that indices stay correct.
-    pub variables: Vec<Option<ScalarVariable<'a>>>,
+    pub variables: Vec<Option<Listed<'a>>>,
     /// `Outputs` of the model structure; in FMI 3.0 `Output`.
     pub outputs: Vec<Unknown<'a>>,
     /// `Derivatives` of the model structure; in FMI 3.0 `ContinuousStateDerivative`.
@@ -27,91 +29,106 @@ pub struct ModelDescription<'a> {
     pub initial_unknowns: Vec<Unknown<'a>>,
     /// `EventIndicator` of the model structure of FMI 3.0.
     pub event_indicators: Vec<Unknown<'a>>,
+    /// Indices from 1 by value reference; the first if several variables have the same.
+    by_reference: HashMap<u32, usize>,
 }
 
-/// A `ScalarVariable`, or a variable of FMI 3.0, which may be an array.
-pub struct ScalarVariable<'a> {
+/// A variable of a model description, and its elements.
+pub struct Listed<'a> {
+    variable: Variable,
     /// Its element.
     pub element: &'a Element<'a>,
-    /// The element of its type, which has the start value and the bounds; in FMI 3.0 its own.
+    /// The element that has the start value and the bounds; in FMI 3.0 its own.
     pub value: &'a Element<'a>,
     /// The element of its declared type, if defined.
     pub declared: Option<&'a Element<'a>>,
-    /// Its name.
-    pub name: &'a str,
-    /// Its type.
-    pub kind: VariableType,
-    /// Its value reference.
-    pub reference: u32,
-    /// What determines its value; that of a structural parameter is `Parameter`.
-    pub causality: Causality,
-    /// Whether it is a structural parameter, which sizes arrays (FMI 3.0.2, section 2.4.7.5).
-    pub is_structural: bool,
-    /// When it may change.
-    pub variability: Variability,
-    /// How it is initialized: the attribute, or the default of the standard; `None` for clocks.
-    pub initial: Option<Initial>,
-    /// Numbers of elements of an array, with structural parameters at their start values; empty for a
-    /// scalar.
-    pub dimensions: Vec<usize>,
+    /// Whether its dimensions are valid.
+    is_sized: bool,
+}
+
+impl Deref for Listed<'_> {
+    type Target = Variable;
+
+    fn deref(&self) -> &Variable {
+        &self.variable
+    }
 }
 
 /// An unknown of the model structure.
 pub struct Unknown<'a> {
     /// Its element.
     pub element: &'a Element<'a>,
-    /// Index of the variable, from 1, also in FMI 3.0, whose model structure has value references.
-    pub index: usize,
-    /// Indices of the variables that it depends on; `None` means all.
+    /// What it refers to a variable by: an index from 1, in FMI 3.0 a value reference.
+    pub number: u32,
+    /// Index of the variable from 1, if there is one.
+    pub index: Option<usize>,
+    /// The variables that it depends on, by numbers as its own; `None` means all.
     pub dependencies: Option<Vec<u32>>,
 }
 
+/// The defined types by name, each with the element that has its unit, bounds or items.
+type Types<'a> = HashMap<&'a str, (&'a Element<'a>, Arc<DeclaredType>)>;
+/// The sizes of arrays that are given by a variable, by its value reference.
+type Sizes = HashMap<u32, usize>;
+
 impl<'a> ModelDescription<'a> {
-    /// Reads a model description; parts that are invalid are left out.
+    /// Reads a model description; parts that are invalid are left out, but not variables whose dimensions
+    /// are invalid.
     pub fn new(root: &'a Element<'a>) -> Self {
-        let version = FmiVersion::of(root).unwrap_or_default();
-        let list = |name| (root.child(name).into_iter()).flat_map(|list| &list.children);
-        let types: HashMap<_, _> = list("TypeDefinitions")
-            .filter_map(|defined| {
-                let value = match version {
-                    FmiVersion::Fmi2 => defined.children.first()?,
-                    FmiVersion::Fmi3 => defined,
-                };
-                Some((defined.attribute("name")?, value))
-            })
-            .collect();
-        let sizes: HashMap<_, _> = list("ModelVariables").filter_map(size).collect();
-        let variables: Vec<_> = list("ModelVariables")
-            .filter(|child| version == FmiVersion::Fmi3 || child.name == "ScalarVariable")
-            .map(|element| variable(element, version, &types, &sizes))
-            .collect();
-        let indices = (1..)
-            .zip(&variables)
-            .filter_map(|(index, v)| Some((v.as_ref()?.reference, index)));
-        let indices: HashMap<u32, usize> = indices.collect();
-        let unknowns = |in_2: &str, in_3: &str| -> Vec<_> {
-            let structure = root.child("ModelStructure").into_iter();
-            match version {
-                FmiVersion::Fmi2 => structure
-                    .flat_map(|structure| structure.list(in_2, "Unknown"))
-                    .filter_map(by_index)
-                    .collect(),
-                FmiVersion::Fmi3 => structure
-                    .flat_map(|structure| structure.children(in_3))
-                    .filter_map(|element| by_reference(element, &indices))
-                    .collect(),
-            }
-        };
-        Self {
+        let version = FmiVersion::named(root.attribute("fmiVersion")).unwrap_or_default();
+        let mut model = Self {
             root,
             version,
-            outputs: unknowns("Outputs", "Output"),
-            derivatives: unknowns("Derivatives", "ContinuousStateDerivative"),
-            clocked_states: unknowns("", "ClockedState"),
-            initial_unknowns: unknowns("InitialUnknowns", "InitialUnknown"),
-            event_indicators: unknowns("", "EventIndicator"),
-            variables,
+            variables: Vec::new(),
+            outputs: Vec::new(),
+            derivatives: Vec::new(),
+            clocked_states: Vec::new(),
+            initial_unknowns: Vec::new(),
+            event_indicators: Vec::new(),
+            by_reference: HashMap::new(),
+        };
+        let types: Types<'_> = (model.types())
+            .filter_map(|(defined, value)| {
+                let name = defined.attribute("name")?;
+                Some((name, (value, Arc::new(declared_type(defined, value)))))
+            })
+            .collect();
+        let all = || (root.child("ModelVariables").into_iter()).flat_map(|list| &list.children);
+        let sizes: Sizes = all().filter_map(size).collect();
+        model.variables = all()
+            .filter(|child| version == FmiVersion::Fmi3 || child.name == "ScalarVariable")
+            .map(|element| Listed::read(element, version, &types, &sizes))
+            .collect();
+        for (index, variable) in (1..).zip(&model.variables) {
+            if let Some(variable) = variable {
+                let entry = model.by_reference.entry(variable.reference);
+                entry.or_insert(index);
+            }
         }
+        let unknowns = |in_2: &str, in_3: &str| -> Vec<_> {
+            let elements: Vec<_> = match (root.child("ModelStructure"), version) {
+                (None, _) => Vec::new(),
+                (Some(structure), FmiVersion::Fmi2) => structure.list(in_2, "Unknown").collect(),
+                (Some(structure), FmiVersion::Fmi3) => structure.children(in_3).collect(),
+            };
+            let elements = elements.into_iter();
+            elements.filter_map(|e| model.unknown(e)).collect()
+        };
+        let lists = [
+            unknowns("Outputs", "Output"),
+            unknowns("Derivatives", "ContinuousStateDerivative"),
+            unknowns("", "ClockedState"),
+            unknowns("InitialUnknowns", "InitialUnknown"),
+            unknowns("", "EventIndicator"),
+        ];
+        [
+            model.outputs,
+            model.derivatives,
+            model.clocked_states,
+            model.initial_unknowns,
+            model.event_indicators,
+        ] = lists;
+        model
     }
 
     /// Reads a model description of FMI 2.0 or 3.0; parts that are invalid are left out.
@@ -128,12 +145,18 @@ impl<'a> ModelDescription<'a> {
         if let Some(version) = Self::other_version(root) {
             bail!(version);
         }
-        Ok(Self::new(root))
+        let mut model = Self::new(root);
+        for variable in &mut model.variables {
+            variable.take_if(|variable| !variable.is_sized);
+        }
+        Ok(model)
     }
 
     /// Says so if a model description is of another version of FMI.
     pub fn other_version(root: &Element<'_>) -> Option<String> {
-        if root.name != "fmiModelDescription" || FmiVersion::of(root).is_some() {
+        if root.name != "fmiModelDescription"
+            || FmiVersion::named(root.attribute("fmiVersion")).is_some()
+        {
             return None;
         }
         let version = root.attribute("fmiVersion").unwrap_or_default();
@@ -159,16 +182,64 @@ impl<'a> ModelDescription<'a> {
         self.root.attribute("modelName").unwrap_or_default()
     }
 
+    /// The defined types: the element with the name, and the one with the unit, the bounds or the items.
+    pub fn types(&self) -> impl Iterator<Item = (&'a Element<'a>, &'a Element<'a>)> + use<'a> {
+        let (root, version) = (self.root, self.version);
+        let types = (root.child("TypeDefinitions").into_iter()).flat_map(|types| &types.children);
+        types.filter_map(move |defined| match version {
+            FmiVersion::Fmi2 => Some((defined, defined.children.first()?)),
+            FmiVersion::Fmi3 => Some((defined, defined)),
+        })
+    }
+
+    /// The defined enumerations.
+    pub fn enumerations(&self) -> impl Iterator<Item = DeclaredType> + use<'a> {
+        let types = self.types();
+        let types = types.filter(|(_, value)| value.name.starts_with("Enumeration"));
+        types.map(|(defined, value)| declared_type(defined, value))
+    }
+
     /// The valid variables with their indices from 1.
-    pub fn variables(&self) -> impl Iterator<Item = (usize, &ScalarVariable<'a>)> {
+    pub fn variables(&self) -> impl Iterator<Item = (usize, &Listed<'a>)> {
         (1..)
             .zip(&self.variables)
             .filter_map(|(index, v)| Some((index, v.as_ref()?)))
     }
 
+    /// The index from 1 of the variable to which a number of the XML refers: the number itself in FMI 2.0, a
+    /// value reference in FMI 3.0.
+    pub fn index(&self, number: u32) -> Option<usize> {
+        match self.version {
+            FmiVersion::Fmi2 => {
+                let index = number as usize;
+                (1..=self.variables.len()).contains(&index).then_some(index)
+            }
+            FmiVersion::Fmi3 => self.by_reference.get(&number).copied(),
+        }
+    }
+
     /// The variable with the given index, from 1.
-    pub fn variable(&self, index: usize) -> Option<&ScalarVariable<'a>> {
-        self.variables.get(index.checked_sub(1)?)?.as_ref()
+    pub fn variable(&self, index: impl Into<Option<usize>>) -> Option<&Listed<'a>> {
+        self.variables.get(index.into()?.checked_sub(1)?)?.as_ref()
+    }
+
+    /// The variable to which an attribute refers.
+    pub fn referred(&self, element: &Element<'_>, attribute: &str) -> Option<&Listed<'a>> {
+        self.variable(self.index(unsigned(element.attribute(attribute)?)?))
+    }
+
+    fn unknown(&self, element: &'a Element<'a>) -> Option<Unknown<'a>> {
+        let name = match self.version {
+            FmiVersion::Fmi2 => "index",
+            FmiVersion::Fmi3 => "valueReference",
+        };
+        let number = unsigned(element.attribute(name)?)?;
+        Some(Unknown {
+            element,
+            number,
+            index: self.index(number),
+            dependencies: element.attribute("dependencies").and_then(unsigneds),
+        })
     }
 
     /// The `CoSimulation` element, if the FMU supports co-simulation.
@@ -192,7 +263,93 @@ impl<'a> ModelDescription<'a> {
     }
 }
 
-impl<'a> ScalarVariable<'a> {
+impl<'a> Listed<'a> {
+    fn read(
+        element: &'a Element<'a>,
+        version: FmiVersion,
+        types: &Types<'a>,
+        sizes: &Sizes,
+    ) -> Option<Self> {
+        let typed =
+            |element: &'a Element<'a>| Some((Type::of_name(element.name, version)?, element));
+        let (of_type, value) = match version {
+            FmiVersion::Fmi2 => element.children.iter().find_map(typed)?,
+            FmiVersion::Fmi3 => typed(element)?,
+        };
+        let is_3 = version == FmiVersion::Fmi3;
+        let causality = match element.attribute("causality") {
+            None => Causality::Local,
+            Some(word) => Causality::parse(word)?,
+        };
+        let keeps_its_value = matches!(
+            causality,
+            Causality::Parameter | Causality::CalculatedParameter | Causality::StructuralParameter
+        );
+        let variability = match element.attribute("variability") {
+            None if is_3 && keeps_its_value => Variability::Fixed,
+            None if is_3 && !of_type.is_float() => Variability::Discrete,
+            None => Variability::Continuous,
+            Some(word) => Variability::parse(word)?,
+        };
+        let initial = element.attribute("initial").and_then(Initial::parse);
+        let default = match causality {
+            _ if of_type == Type::Clock => None,
+            Causality::Input if is_3 => Some(Initial::Exact),
+            _ => Initial::default_for(causality, variability),
+        };
+        let dimensions = match is_3 {
+            true => dimensions(element, sizes),
+            false => Some(Vec::new()),
+        };
+        let mut listed = Self {
+            is_sized: dimensions.is_some(),
+            variable: Variable {
+                name: element.attribute("name")?.to_owned(),
+                reference: unsigned(element.attribute("valueReference")?)?,
+                description: element
+                    .attribute("description")
+                    .unwrap_or_default()
+                    .to_owned(),
+                of_type,
+                causality,
+                variability,
+                initial: initial.or(default),
+                dimensions: dimensions.unwrap_or_default(),
+                ..Variable::default()
+            },
+            element,
+            value,
+            declared: None,
+        };
+        if let Some(name) = value.attribute("declaredType") {
+            let defined = types.get(name);
+            listed.declared = defined.map(|(value, _)| *value);
+            let unknown = || {
+                Arc::new(DeclaredType {
+                    name: name.to_owned(),
+                    ..DeclaredType::default()
+                })
+            };
+            let of_type = defined.map_or_else(unknown, |(_, defined)| Arc::clone(defined));
+            listed.variable.declared_type = Some(of_type);
+        }
+        let parse = |text: &str| Value::parse(of_type, text);
+        let start: Option<_> = listed.starts().into_iter().map(parse).collect();
+        let bound = |name| listed.inherited(name).and_then(parse);
+        let (min, max) = (bound("min"), bound("max"));
+        let text = |name| listed.inherited(name).map(str::to_owned);
+        let (unit, mime_type) = (text("unit"), text("mimeType"));
+        listed.variable = Variable {
+            start: start.unwrap_or_default(),
+            min,
+            max,
+            unit,
+            mime_type,
+            ..listed.variable
+        };
+        Some(listed)
+    }
+
     /// The start value, as written; of an array, all or the first.
     pub fn start(&self) -> Option<&'a str> {
         match self.value.child("Start") {
@@ -203,7 +360,7 @@ impl<'a> ScalarVariable<'a> {
 
     /// The start values of all elements, as written: one for a scalar, none if there are none.
     pub fn starts(&self) -> Vec<&'a str> {
-        if self.is_element_type() {
+        if self.has_start_elements() {
             let starts = self.value.children("Start");
             return starts.filter_map(|s| s.attribute("value")).collect();
         }
@@ -215,19 +372,9 @@ impl<'a> ScalarVariable<'a> {
     }
 
     /// Whether its start values are elements rather than an attribute.
-    fn is_element_type(&self) -> bool {
+    fn has_start_elements(&self) -> bool {
         let has_own_type = std::ptr::eq(self.element, self.value);
-        has_own_type && matches!(self.kind, VariableType::String | VariableType::Binary)
-    }
-
-    /// Number of elements; 1 for a scalar.
-    pub fn count(&self) -> usize {
-        self.dimensions.iter().product()
-    }
-
-    /// The name of an element of an array, such as `w[1,2]`, from its name or an alias.
-    pub fn element_name(&self, name: &str, element: usize) -> String {
-        indexed(name, &self.dimensions, element)
+        has_own_type && matches!(self.of_type, Type::String | Type::Binary)
     }
 
     /// Other names of the variable (FMI 3.0.2, section 2.4.7.6).
@@ -236,67 +383,35 @@ impl<'a> ScalarVariable<'a> {
         aliases.filter_map(|alias| alias.attribute("name"))
     }
 
-    /// Its unit or that of its declared type.
-    pub fn unit(&self) -> Option<&'a str> {
-        self.inherited("unit")
-    }
-
-    /// An attribute of the variable, or else of its declared type.
+    /// An attribute of the variable, or else of its declared type, as written.
     pub fn inherited(&self, name: &str) -> Option<&'a str> {
         let own = self.value.attribute(name);
         own.or_else(|| self.declared?.attribute(name))
     }
+}
 
-    /// Names and values of the items of an enumeration.
-    pub fn items(&self) -> impl Iterator<Item = (&'a str, i64)> + use<'a> {
-        let declared = self.declared.into_iter();
-        declared
-            .flat_map(|of_type| of_type.children("Item"))
-            .filter_map(item)
+/// A defined type; `value` has its items.
+fn declared_type(defined: &Element<'_>, value: &Element<'_>) -> DeclaredType {
+    let text = |element: &Element<'_>, name| element.attribute(name).unwrap_or_default().to_owned();
+    let items = value.children("Item").filter_map(|element| {
+        Some(Item {
+            name: element.attribute("name")?.to_owned(),
+            value: whole(element.attribute("value")?)?,
+            description: text(element, "description"),
+        })
+    });
+    DeclaredType {
+        name: text(defined, "name"),
+        description: text(defined, "description"),
+        items: items.collect(),
     }
 }
 
-/// Name and value of an `Item` of an enumeration.
-pub fn item<'a>(item: &'a Element<'a>) -> Option<(&'a str, i64)> {
-    Some((item.attribute("name")?, whole(item.attribute("value")?)?))
-}
-
-impl Capability {
-    /// Whether an element such as `CoSimulation` declares the capability.
-    pub fn is_claimed_by(self, element: &Element<'_>) -> bool {
-        let flag = element.attribute(self.as_str());
-        flag.and_then(boolean).unwrap_or(false)
-    }
-}
-
-fn by_index<'a>(element: &'a Element<'a>) -> Option<Unknown<'a>> {
-    Some(Unknown {
-        element,
-        index: unsigned(element.attribute("index")?)? as usize,
-        dependencies: element.attribute("dependencies").and_then(unsigneds),
-    })
-}
-
-/// An unknown of FMI 3.0; value references that no variable has are left out.
-fn by_reference<'a>(
-    element: &'a Element<'a>,
-    indices: &HashMap<u32, usize>,
-) -> Option<Unknown<'a>> {
-    let dependencies = element.attribute("dependencies").and_then(unsigneds);
-    let indices_of = |references: Vec<u32>| {
-        let known = references.iter().filter_map(|r| indices.get(r));
-        known.map(|index| *index as u32).collect()
-    };
-    Some(Unknown {
-        element,
-        index: *indices.get(&unsigned(element.attribute("valueReference")?)?)?,
-        dependencies: dependencies.map(indices_of),
-    })
-}
-
-/// Value reference and start value of a structural parameter.
-fn size<'a>(element: &'a Element<'a>) -> Option<(u32, usize)> {
-    if element.attribute("causality") != Some(STRUCTURAL) {
+/// Value reference and start value of what may size arrays: a structural parameter or a constant.
+fn size(element: &Element<'_>) -> Option<(u32, usize)> {
+    let is_constant = element.attribute("variability") == Some(Variability::Constant.as_str());
+    let causality = Causality::StructuralParameter.as_str();
+    if !is_constant && element.attribute("causality") != Some(causality) {
         return None;
     }
     let reference = unsigned(element.attribute("valueReference")?)?;
@@ -304,7 +419,7 @@ fn size<'a>(element: &'a Element<'a>) -> Option<(u32, usize)> {
 }
 
 /// Numbers of elements of a variable of FMI 3.0, if they and their product are valid.
-fn dimensions(element: &Element<'_>, sizes: &HashMap<u32, usize>) -> Option<Vec<usize>> {
+fn dimensions(element: &Element<'_>, sizes: &Sizes) -> Option<Vec<usize>> {
     let sizes: Option<Vec<usize>> = (element.children("Dimension"))
         .map(|dimension| match dimension.attribute("start") {
             Some(start) => whole(start),
@@ -318,66 +433,6 @@ fn dimensions(element: &Element<'_>, sizes: &HashMap<u32, usize>) -> Option<Vec<
     let mut all = sizes.iter();
     all.try_fold(1_usize, |count, size| count.checked_mul(*size))?;
     Some(sizes)
-}
-
-const STRUCTURAL: &str = "structuralParameter";
-
-fn variable<'a>(
-    element: &'a Element<'a>,
-    version: FmiVersion,
-    types: &HashMap<&str, &'a Element<'a>>,
-    sizes: &HashMap<u32, usize>,
-) -> Option<ScalarVariable<'a>> {
-    let (kind, value) = match version {
-        FmiVersion::Fmi2 => VariableType::of(version)
-            .find_map(|kind| Some((kind, element.child(kind.as_str())?)))?,
-        FmiVersion::Fmi3 => {
-            let kind = VariableType::of(version).find(|kind| kind.as_str() == element.name);
-            (kind?, element)
-        }
-    };
-    let is_3 = version == FmiVersion::Fmi3;
-    let word = element.attribute("causality");
-    let is_structural = is_3 && word == Some(STRUCTURAL);
-    let causality = match word {
-        None => Causality::Local,
-        Some(_) if is_structural => Causality::Parameter,
-        Some(word) => Causality::parse(word)?,
-    };
-    let is_parameter = matches!(
-        causality,
-        Causality::Parameter | Causality::CalculatedParameter
-    );
-    let variability = match element.attribute("variability") {
-        None if is_3 && is_parameter => Variability::Fixed,
-        None if is_3 && !kind.is_float() => Variability::Discrete,
-        None => Variability::Continuous,
-        Some(word) => Variability::parse(word)?,
-    };
-    let initial = element.attribute("initial").and_then(Initial::parse);
-    let default = match causality {
-        _ if kind == VariableType::Clock => None,
-        Causality::Input if is_3 => Some(Initial::Exact),
-        _ => Initial::default_for(causality, variability),
-    };
-    Some(ScalarVariable {
-        element,
-        value,
-        declared: value
-            .attribute("declaredType")
-            .and_then(|name| types.get(name).copied()),
-        name: element.attribute("name")?,
-        kind,
-        reference: unsigned(element.attribute("valueReference")?)?,
-        causality,
-        is_structural,
-        variability,
-        initial: initial.or(default),
-        dimensions: match version {
-            FmiVersion::Fmi2 => Vec::new(),
-            FmiVersion::Fmi3 => dimensions(element, sizes)?,
-        },
-    })
 }
 
 #[cfg(test)]
@@ -422,7 +477,7 @@ mod tests {
             );
             let root = parse(&text).unwrap();
             let model = ModelDescription::read(&root).unwrap();
-            let variables: Vec<_> = model.variables().map(|(i, v)| (i, v.name)).collect();
+            let variables: Vec<_> = model.variables().map(|(i, v)| (i, &*v.name)).collect();
             assert_eq!(variables, [(2, "b")]);
         }
     }
@@ -449,9 +504,18 @@ mod tests {
             (f.initial, w.initial),
             (Some(Initial::Calculated), Some(Initial::Exact))
         );
-        assert_eq!((f.unit(), f.inherited("max")), (Some("N"), Some("5")));
-        assert_eq!(w.items().collect::<Vec<_>>(), [("left", 3)]);
+        assert_eq!(
+            (f.unit.as_deref(), &f.max),
+            (Some("N"), &Some(Value::Float64(5.0)))
+        );
+        assert_eq!(items(w), [("left", 3)]);
+        assert_eq!(w.start, [Value::Enumeration(3)]);
         assert!(model.variable(0).is_none() && model.variable(3).is_none());
+    }
+
+    fn items<'a>(v: &'a Listed<'_>) -> Vec<(&'a str, i64)> {
+        let items = v.items().iter();
+        items.map(|item| (&*item.name, item.value)).collect()
     }
 
     const OF_FMI_3: &str = "<fmiModelDescription fmiVersion='3.0.2' instantiationToken='{1}'>
@@ -485,18 +549,21 @@ mod tests {
         assert_eq!((model.version, model.token()), (FmiVersion::Fmi3, "{1}"));
         assert!(model.co_simulation().is_some() && model.model_exchange().is_none());
         // Real is of FMI 2.0; x is sized by nothing, and the size of y overflows.
-        let names: Vec<_> = model.variables().map(|(i, v)| (i, v.name)).collect();
+        let names: Vec<_> = model.variables().map(|(i, v)| (i, &*v.name)).collect();
         let expected = ["n", "f", "w", "", "e", "s", "b", "c"];
         let expected: Vec<_> = (1..).zip(expected).filter(|(i, _)| *i != 4).collect();
         assert_eq!(names, expected);
 
         let of = |index| {
-            let v: &ScalarVariable<'_> = model.variable(index).unwrap();
-            (v.kind, v.causality, v.variability, v.initial)
+            let v: &Listed<'_> = model.variable(index).unwrap();
+            (v.of_type, v.causality, v.variability, v.initial)
         };
-        use {Causality as C, Initial as I, Variability as V, VariableType as T};
+        use {Causality as C, Initial as I, Type as T, Variability as V};
         for (index, expected) in [
-            (1, (T::UInt64, C::Parameter, V::Fixed, Some(I::Exact))),
+            (
+                1,
+                (T::UInt64, C::StructuralParameter, V::Fixed, Some(I::Exact)),
+            ),
             (
                 2,
                 (T::Float64, C::Output, V::Continuous, Some(I::Calculated)),
@@ -509,10 +576,9 @@ mod tests {
             assert_eq!(of(index), expected, "{index}");
         }
         let variable = |index| model.variable(index).unwrap();
-        assert!(variable(1).is_structural && !variable(5).is_structural);
         let (f, w, e) = (variable(2), variable(3), variable(5));
         assert_eq!(
-            (f.unit(), f.inherited("max"), f.count()),
+            (f.unit.as_deref(), f.inherited("max"), f.count()),
             (Some("N"), Some("9"), 1)
         );
         assert_eq!((w.dimensions.as_slice(), w.count()), ([2, 3].as_slice(), 6));
@@ -521,8 +587,10 @@ mod tests {
             ("w[1,1]".into(), "w[2,3]".into())
         );
         assert_eq!(w.starts(), ["1", "2", "3", "4", "5", "6"]);
+        assert_eq!(w.start_of(4), Some(&Value::Float32(5.0)));
         assert_eq!(w.aliases().collect::<Vec<_>>(), ["v"]);
-        assert_eq!(e.items().collect::<Vec<_>>(), [("far", 5_000_000_000)]);
+        assert_eq!(items(e), [("far", 5_000_000_000)]);
+        assert_eq!(variable(7).start, [Value::Binary(vec![0, 0xff])]);
         assert_eq!(
             (variable(6).starts(), variable(7).starts()),
             (vec!["a b"], vec!["00fF"])
@@ -536,12 +604,14 @@ mod tests {
         let model = ModelDescription::read(&root).unwrap();
         let of = |list: &[Unknown<'_>]| -> Vec<_> {
             list.iter()
-                .map(|u| (u.index, u.dependencies.clone()))
+                .map(|u| (u.number, u.index, u.dependencies.clone()))
                 .collect()
         };
-        assert_eq!(of(&model.outputs), [(2, Some(vec![3]))]);
-        assert_eq!(of(&model.initial_unknowns), [(2, None)]);
-        assert_eq!(of(&model.event_indicators), [(3, None)]);
+        let expected = [(10, Some(2), Some(vec![20, 99])), (99, None, None)];
+        assert_eq!(of(&model.outputs), expected);
+        assert_eq!(model.index(20), Some(3));
+        assert_eq!(of(&model.initial_unknowns), [(10, Some(2), None)]);
+        assert_eq!(of(&model.event_indicators), [(20, Some(3), None)]);
         assert!(model.derivatives.is_empty() && model.clocked_states.is_empty());
     }
 }

@@ -1,63 +1,118 @@
-//! The simple types of the XML schema: syntax of attribute values in a model description.
+//! Values of variables, each in the type of its variable, and their syntax in a model description.
 
+use std::fmt;
 use std::str::FromStr;
 
-/// A simple type.
-#[derive(Debug, Clone, Copy)]
-pub enum Form {
-    /// Any text.
-    Text,
-    /// `xs:double`
-    Real,
-    /// `xs:int`
-    Integer,
-    /// `xs:unsignedInt`
-    Unsigned,
-    /// `xs:boolean`
-    Boolean,
-    /// `xs:dateTime`
-    DateTime,
-    /// One of these words.
-    Word(&'static [&'static str]),
-    /// A space-separated list of `xs:unsignedInt`.
-    Unsigneds,
-    /// A space-separated list of these words.
-    Words(&'static [&'static str]),
+use serde::{Deserialize, Serialize};
+
+use crate::Type;
+
+/// The value of a scalar variable, or of an element of an array.
+#[derive(Debug, Clone, PartialEq, PartialOrd, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "the types of FMI 3.0")]
+pub enum Value {
+    Float32(f32),
+    Float64(f64),
+    Int8(i8),
+    UInt8(u8),
+    Int16(i16),
+    UInt16(u16),
+    Int32(i32),
+    UInt32(u32),
+    Int64(i64),
+    UInt64(u64),
+    Boolean(bool),
+    String(String),
+    Binary(Vec<u8>),
+    /// The number of an item.
+    Enumeration(i64),
 }
 
-impl Form {
-    /// Whether the text is valid.
-    pub fn fits(self, text: &str) -> bool {
-        match self {
-            Self::Text => true,
-            Self::Real => real(text).is_some(),
-            Self::Integer => integer(text).is_some(),
-            Self::Unsigned => unsigned(text).is_some(),
-            Self::Boolean => boolean(text).is_some(),
-            Self::DateTime => is_date_time(trim(text)),
-            Self::Word(words) => words.contains(&text),
-            Self::Unsigneds => unsigneds(text).is_some(),
-            Self::Words(words) => items(text).all(|item| words.contains(&item)),
+/// Defines what is the same for all types of whole numbers.
+macro_rules! whole_numbers {
+    ($($name:ident)*) => {
+        impl Value {
+            /// Its type.
+            pub const fn of_type(&self) -> Type {
+                match self {
+                    Self::Float32(_) => Type::Float32,
+                    Self::Float64(_) => Type::Float64,
+                    $(Self::$name(_) => Type::$name,)*
+                    Self::Boolean(_) => Type::Boolean,
+                    Self::String(_) => Type::String,
+                    Self::Binary(_) => Type::Binary,
+                }
+            }
+
+            /// A whole number as a value of a type of whole numbers, or the number of an item; `None` if the
+            /// type does not have it.
+            pub fn whole(of_type: Type, number: i128) -> Option<Self> {
+                Some(match of_type {
+                    $(Type::$name => Self::$name(number.try_into().ok()?),)*
+                    _ => return None,
+                })
+            }
+
+            /// The whole number, or the number of the item; `None` for other types.
+            pub fn as_whole(&self) -> Option<i128> {
+                match self {
+                    $(Self::$name(value) => Some((*value).into()),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+whole_numbers!(Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Enumeration);
+
+impl Value {
+    /// A real number as a value of a type of real numbers, that of a Float32 rounded; `None` for other types,
+    /// and if rounding makes it infinite.
+    pub fn real(of_type: Type, number: f64) -> Option<Self> {
+        match of_type {
+            Type::Float32 if (number as f32).is_finite() != number.is_finite() => None,
+            Type::Float32 => Some(Self::Float32(number as f32)),
+            Type::Float64 => Some(Self::Float64(number)),
+            _ => None,
         }
     }
 
-    /// The expected value, for error messages.
-    pub fn expected(self) -> String {
+    /// The real number; `None` for other types.
+    pub fn as_real(&self) -> Option<f64> {
         match self {
-            Self::Text => "a text".into(),
-            Self::Real => "a number".into(),
-            Self::Integer => "a whole number of 32 bits".into(),
-            Self::Unsigned => "a whole number from 0 to 4294967295".into(),
-            Self::Boolean => "true, false, 1 or 0".into(),
-            Self::DateTime => "a date and time such as 2026-01-31T12:00:00Z".into(),
-            Self::Word(words) => words.join(" or "),
-            Self::Unsigneds => "whole numbers separated by spaces".into(),
-            Self::Words(words) => format!("{}, separated by spaces", words.join(" or ")),
+            Self::Float32(value) => Some((*value).into()),
+            Self::Float64(value) => Some(*value),
+            _ => None,
+        }
+    }
+
+    /// Parses a value as a model description has it: an item by its number, bytes as hexadecimal digits.
+    pub fn parse(of_type: Type, text: &str) -> Option<Self> {
+        match of_type {
+            Type::Float32 | Type::Float64 => Self::real(of_type, real(text)?),
+            Type::Boolean => boolean(text).map(Self::Boolean),
+            Type::String => Some(Self::String(text.to_owned())),
+            Type::Binary => bytes(text).map(Self::Binary),
+            whole_number => Self::whole(whole_number, whole(text)?),
         }
     }
 }
 
-/// Trims white space, which the schema ignores around numbers.
+/// Shows it as a text that reads back exactly: bytes as hexadecimal digits, an item as its number.
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Float32(value) => write!(f, "{value:?}"),
+            Self::Float64(value) => write!(f, "{value:?}"),
+            Self::Boolean(value) => value.fmt(f),
+            Self::String(text) => f.write_str(text),
+            Self::Binary(bytes) => bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}")),
+            number => number.as_whole().unwrap_or_default().fmt(f),
+        }
+    }
+}
+
+/// Trims white space, which XML schemas ignore around numbers.
 fn trim(text: &str) -> &str {
     text.trim_matches([' ', '\t', '\r', '\n'])
 }
@@ -82,24 +137,24 @@ pub fn real(text: &str) -> Option<f64> {
     }
 }
 
-/// Parses an `xs:int`.
-pub fn integer(text: &str) -> Option<i32> {
-    whole(text)
-}
-
 /// Parses a whole number of any of the types.
 pub fn whole<T: FromStr>(text: &str) -> Option<T> {
     trim(text).parse().ok()
 }
 
+/// Parses an `xs:int`.
+pub fn integer(text: &str) -> Option<i32> {
+    whole(text)
+}
+
 /// Parses an `xs:unsignedInt`.
 pub fn unsigned(text: &str) -> Option<u32> {
-    trim(text).parse().ok()
+    whole(text)
 }
 
 /// Parses a space-separated list of `xs:unsignedInt`.
 pub fn unsigneds(text: &str) -> Option<Vec<u32>> {
-    items(text).map(|item| item.parse().ok()).collect()
+    items(text).map(unsigned).collect()
 }
 
 /// Parses an `xs:boolean`.
@@ -111,14 +166,24 @@ pub fn boolean(text: &str) -> Option<bool> {
     }
 }
 
-/// `YYYY-MM-DDThh:mm:ss` with an optional fraction and time zone.
-fn is_date_time(text: &str) -> bool {
+/// Parses an `xs:hexBinary`.
+pub fn bytes(text: &str) -> Option<Vec<u8>> {
+    let (pairs, rest) = trim(text).as_bytes().as_chunks();
+    let digit = |c: u8| char::from(c).to_digit(16).map(|digit| digit as u8);
+    let byte = |[high, low]: &[u8; 2]| Some(digit(*high)? << 4 | digit(*low)?);
+    rest.is_empty().then(|| pairs.iter().map(byte).collect())?
+}
+
+/// Whether a text is an `xs:dateTime`: `YYYY-MM-DDThh:mm:ss` with an optional fraction and time
+/// zone.
+pub fn is_date_time(text: &str) -> bool {
+    let text = trim(text);
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
     let within = |part: &str, max: u32| {
         part.len() == 2 && digits(part) && part.parse().is_ok_and(|number: u32| number <= max)
     };
     let clock = |hour: &str, minute: &str| within(hour, 24) && within(minute, 59);
-    let Some((date, time)) = text.split_once('T') else {
+    let Some((date, time)) = trim(text).split_once('T') else {
         return false;
     };
     let date: Vec<&str> = date.trim_start_matches('-').split('-').collect();
@@ -171,6 +236,40 @@ mod tests {
         assert_eq!(unsigneds(" 1  2 "), Some(vec![1, 2]));
         assert_eq!(unsigneds(""), Some(vec![]));
         assert_eq!(boolean("True"), None);
+    }
+
+    #[test]
+    fn values_keep_their_type_and_all_digits() {
+        for (of_type, text, shown) in [
+            (Type::Float64, "1e-9", "1e-9"),
+            (Type::Float64, " 3", "3.0"),
+            (Type::Float32, "0.1", "0.1"),
+            (Type::Int64, "9007199254740993", "9007199254740993"),
+            (Type::UInt64, "18446744073709551615", "18446744073709551615"),
+            (Type::Int8, "-128", "-128"),
+            (Type::Enumeration, "5000000000", "5000000000"),
+            (Type::Boolean, "1", "true"),
+            (Type::String, " a", " a"),
+            (Type::Binary, "00Ff", "00ff"),
+        ] {
+            let value = Value::parse(of_type, text).unwrap();
+            assert_eq!((value.of_type(), &*value.to_string()), (of_type, shown));
+            assert_eq!(Value::parse(of_type, shown), Some(value));
+        }
+        for (of_type, text) in [
+            (Type::Float32, "1e39"),
+            (Type::Int8, "128"),
+            (Type::UInt64, "-1"),
+            (Type::Int32, "1.5"),
+            (Type::Boolean, "yes"),
+            (Type::Binary, "f"),
+            (Type::Binary, "0g"),
+            (Type::Binary, "+1"),
+            (Type::Binary, "\u{e9}"),
+            (Type::Clock, "true"),
+        ] {
+            assert_eq!(Value::parse(of_type, text), None, "{text}");
+        }
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::StartValue;
-use crate::table::{Domain, Enumeration, Integers, Reals, Row, count};
+use crate::table::{Enumeration, Field, Row, Start, count};
+use crate::{Type, Value};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
 ///
@@ -12,9 +12,9 @@ use crate::table::{Domain, Enumeration, Integers, Reals, Row, count};
 /// as they have scalars. The numbers of a model are its value references.
 ///
 /// # Safety
-/// The offsets in the table are those of the fields: the derive macros take them from the compiler.
-/// A field of a variable whose [`Reals`] are `Float64` is an `f64`, or an array of them, at its offset;
-/// that of a structural parameter is a `u64`.
+/// The offsets in the table are those of the fields: the derive macros take them from the compiler. At the
+/// offset of a variable is a value of the type that its [`Start`] has, or an array of them: an `f64` for a
+/// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
 #[allow(
     unsafe_code,
     reason = "a promise of the derive macros; it has no unsafe functions"
@@ -38,9 +38,6 @@ pub unsafe trait Variables: Sized {
     /// Copies the variables that the host may set: inputs, parameters and structural parameters.
     fn copy_settable(&mut self, from: &Self);
 
-    /// The variable with the given number.
-    fn value(&mut self, index: usize) -> Option<ValueMut<'_>>;
-
     /// Adds all Real outputs to a sum, which is finite only if each of them is.
     fn add_outputs(&self, sum: f64) -> f64;
 
@@ -52,12 +49,14 @@ pub unsafe trait Variables: Sized {
     fn directional_derivative(&self, unknown: usize, known: usize) -> f64;
 
     /// A copy of all fields.
-    fn copy(&self) -> Self;
+    fn copy(&self) -> Self {
+        let mut copy = Self::unset();
+        copy.copy_from(self);
+        copy
+    }
 
     /// Copies all fields into this struct, whose memory is used again.
-    fn copy_from(&mut self, from: &Self) {
-        *self = from.copy();
-    }
+    fn copy_from(&mut self, from: &Self);
 
     /// Saves all fields.
     ///
@@ -68,8 +67,8 @@ pub unsafe trait Variables: Sized {
     /// Loads all fields.
     ///
     /// # Errors
-    /// The bytes are not those of a saved struct.
-    fn load(from: &mut Loader<'_>) -> Result<Self, Damaged>;
+    /// The bytes are not those of a saved struct. Some fields may be loaded.
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
 }
 
 /// An enum whose variants are the items of an enumeration, implemented by `#[derive(Choice)]`.
@@ -93,19 +92,9 @@ pub trait Choice: Copy + 'static {
     /// The first item.
     fn unset() -> Self;
 
-    /// A copy.
-    fn copy(&self) -> Self {
-        *self
-    }
-
     /// Copies another item.
     fn copy_from(&mut self, from: &Self) {
         *self = *from;
-    }
-
-    /// The item as one of any type.
-    fn any(&mut self) -> &mut dyn AnyChoice {
-        self
     }
 
     /// Saves the number of the item.
@@ -120,8 +109,9 @@ pub trait Choice: Copy + 'static {
     ///
     /// # Errors
     /// There is no such item.
-    fn load(from: &mut Loader<'_>) -> Result<Self, Damaged> {
-        Self::from_number(from.take()?).ok_or(Damaged)
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
+        *self = Self::from_number(from.take()?).ok_or(Damaged)?;
+        Ok(())
     }
 }
 
@@ -134,20 +124,15 @@ pub trait Choice: Copy + 'static {
 )]
 pub trait Internal: Sized {
     fn unset() -> Self;
-    fn copy(&self) -> Self;
     fn copy_from(&mut self, from: &Self);
     fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
-    fn load(from: &mut Loader<'_>) -> Result<Self, Damaged>;
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
 }
 
 #[diagnostic::do_not_recommend]
 impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
     fn unset() -> Self {
         Self::default()
-    }
-
-    fn copy(&self) -> Self {
-        self.clone()
     }
 
     fn copy_from(&mut self, from: &Self) {
@@ -158,8 +143,9 @@ impl<T: Default + Clone + Serialize + DeserializeOwned> Internal for T {
         to.put(self)
     }
 
-    fn load(from: &mut Loader<'_>) -> Result<Self, Damaged> {
-        from.take()
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
+        *self = from.take()?;
+        Ok(())
     }
 }
 
@@ -193,159 +179,77 @@ impl<C: Choice> AnyChoice for C {
 pub trait Element: Sized {
     /// Sets the elements of a variable to its start values, if it has any.
     fn set_start_values(elements: &mut [Self], row: &'static Row);
-
-    /// Access to an element.
-    fn access(&mut self) -> ValueMut<'_>;
 }
 
-/// Implements [`Element`]: the access, and the start values.
-macro_rules! elements {
-    ($($access:ident($ty:ty) in $domain:pat => $start:ident;)*) => {
+/// Defines what is the same for all types but enumerations.
+macro_rules! types {
+    ($($name:ident $ty:ty;)*) => {
         $(
             impl Element for $ty {
                 fn set_start_values(elements: &mut [Self], row: &'static Row) {
-                    if let Row::Variable(variable) = row && let $domain = variable.domain {
-                        for (element, start) in elements.iter_mut().zip($start) {
+                    if let Row::Field(Field { start: Start::$name(start), .. }) = row {
+                        for (element, start) in elements.iter_mut().zip(*start) {
                             *element = Self::from(*start);
                         }
                     }
                 }
-
-                #[inline]
-                fn access(&mut self) -> ValueMut<'_> {
-                    ValueMut::$access(self)
-                }
             }
         )*
+
+        /// Mutable access to a scalar variable.
+        #[allow(missing_docs, reason = "the types of FMI 3.0")]
+        pub enum ValueMut<'a> {
+            $($name(&'a mut $ty),)*
+            /// An item of an enumeration.
+            Enumeration(&'a mut dyn AnyChoice),
+        }
+
+        impl ValueMut<'_> {
+            /// Its type.
+            pub const fn of_type(&self) -> Type {
+                match self {
+                    $(Self::$name(_) => Type::$name,)*
+                    Self::Enumeration(_) => Type::Enumeration,
+                }
+            }
+
+            /// The value.
+            pub fn get(&self) -> Value {
+                match self {
+                    $(Self::$name(value) => Value::$name((*value).clone()),)*
+                    Self::Enumeration(item) => Value::Enumeration(item.get().into()),
+                }
+            }
+
+            /// Sets the value; false if it has another type or is not an item.
+            pub fn set(self, value: Value) -> bool {
+                match (self, value) {
+                    $((Self::$name(variable), Value::$name(value)) => *variable = value,)*
+                    (Self::Enumeration(item), Value::Enumeration(value)) => {
+                        return i32::try_from(value).is_ok_and(|number| item.set(number));
+                    }
+                    _ => return false,
+                }
+                true
+            }
+        }
     };
 }
 
-elements! {
-    Real(f64) in Domain::Real { start: Reals::Float64(start), .. } => start;
-    Float32(f32) in Domain::Real { start: Reals::Float32(start), .. } => start;
-    Int8(i8) in Domain::Integer { start: Integers::Int8(start), .. } => start;
-    UInt8(u8) in Domain::Integer { start: Integers::UInt8(start), .. } => start;
-    Int16(i16) in Domain::Integer { start: Integers::Int16(start), .. } => start;
-    UInt16(u16) in Domain::Integer { start: Integers::UInt16(start), .. } => start;
-    Int32(i32) in Domain::Integer { start: Integers::Int32(start), .. } => start;
-    UInt32(u32) in Domain::Integer { start: Integers::UInt32(start), .. } => start;
-    Int64(i64) in Domain::Integer { start: Integers::Int64(start), .. } => start;
-    UInt64(u64) in Domain::Integer { start: Integers::UInt64(start), .. } => start;
-    Boolean(bool) in Domain::Boolean { start } => start;
-    String(String) in Domain::String { start } => start;
-    Binary(Vec<u8>) in Domain::Binary { start, .. } => start;
-}
-
-/// Mutable access to a scalar variable.
-#[allow(missing_docs, reason = "the types of FMI 3.0")]
-pub enum ValueMut<'a> {
-    /// A Real, of type Float64.
-    Real(&'a mut f64),
-    Float32(&'a mut f32),
-    Int8(&'a mut i8),
-    UInt8(&'a mut u8),
-    Int16(&'a mut i16),
-    UInt16(&'a mut u16),
-    Int32(&'a mut i32),
-    UInt32(&'a mut u32),
-    Int64(&'a mut i64),
-    UInt64(&'a mut u64),
-    Boolean(&'a mut bool),
-    String(&'a mut String),
-    Binary(&'a mut Vec<u8>),
-    /// An item of an enumeration.
-    Choice(&'a mut dyn AnyChoice),
-}
-
-/// The value of a scalar variable.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Value {
-    /// A real number.
-    Real(f64),
-    /// A whole number, or the number of an item of an enumeration.
-    Integer(i128),
-    /// A Boolean.
-    Boolean(bool),
-    /// A String.
-    String(String),
-    /// Bytes.
-    Binary(Vec<u8>),
-}
-
-impl From<StartValue<'_>> for Value {
-    fn from(start: StartValue<'_>) -> Self {
-        match start {
-            StartValue::Real(value) => Self::Real(value),
-            StartValue::Integer(value) => Self::Integer(value),
-            StartValue::Boolean(value) => Self::Boolean(value),
-            StartValue::String(value) => Self::String(value.to_owned()),
-            StartValue::Binary(hexadecimal) => Self::Binary(hexadecimal.bytes().collect()),
-        }
-    }
-}
-
-impl ValueMut<'_> {
-    /// The value.
-    pub fn get(&self) -> Value {
-        match self {
-            Self::Real(value) => Value::Real(**value),
-            Self::Float32(value) => Value::Real(f64::from(**value)),
-            Self::Int8(value) => Value::Integer((**value).into()),
-            Self::UInt8(value) => Value::Integer((**value).into()),
-            Self::Int16(value) => Value::Integer((**value).into()),
-            Self::UInt16(value) => Value::Integer((**value).into()),
-            Self::Int32(value) => Value::Integer((**value).into()),
-            Self::UInt32(value) => Value::Integer((**value).into()),
-            Self::Int64(value) => Value::Integer((**value).into()),
-            Self::UInt64(value) => Value::Integer((**value).into()),
-            Self::Boolean(value) => Value::Boolean(**value),
-            Self::String(value) => Value::String((*value).clone()),
-            Self::Binary(value) => Value::Binary((*value).clone()),
-            Self::Choice(choice) => Value::Integer(choice.get().into()),
-        }
-    }
-
-    /// Sets the value; false if it has another type, is beyond the range of the type, or is not an item.
-    /// A Float32 takes the nearest value.
-    pub fn set(self, value: Value) -> bool {
-        match (self, value) {
-            (Self::Real(variable), Value::Real(value)) => *variable = value,
-            (Self::Float32(variable), Value::Real(value)) => {
-                let single = value as f32;
-                if single.is_finite() != value.is_finite() {
-                    return false;
-                }
-                *variable = single;
-            }
-            (Self::Int8(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::UInt8(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::Int16(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::UInt16(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::Int32(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::UInt32(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::Int64(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::UInt64(variable), Value::Integer(value)) => return put(variable, value),
-            (Self::Boolean(variable), Value::Boolean(value)) => *variable = value,
-            (Self::String(variable), Value::String(value)) => *variable = value,
-            (Self::Binary(variable), Value::Binary(value)) => *variable = value,
-            (Self::Choice(choice), Value::Integer(value)) => {
-                return i32::try_from(value).is_ok_and(|number| choice.set(number));
-            }
-            _ => return false,
-        }
-        true
-    }
-}
-
-/// Sets a whole number; false if its type does not have the value.
-fn put<T: TryFrom<i128>>(variable: &mut T, value: i128) -> bool {
-    match T::try_from(value) {
-        Ok(value) => {
-            *variable = value;
-            true
-        }
-        Err(_) => false,
-    }
+types! {
+    Float32 f32;
+    Float64 f64;
+    Int8 i8;
+    UInt8 u8;
+    Int16 i16;
+    UInt16 u16;
+    Int32 i32;
+    UInt32 u32;
+    Int64 i64;
+    UInt64 u64;
+    Boolean bool;
+    String String;
+    Binary Vec<u8>;
 }
 
 /// The bytes are not those of a saved struct, or a field cannot be saved.
@@ -395,18 +299,6 @@ impl<'a> Loader<'a> {
         Ok(field)
     }
 
-    /// Reads an array with `item`.
-    ///
-    /// # Errors
-    /// `item` failed.
-    pub fn array<T, const N: usize>(
-        &mut self,
-        mut item: impl FnMut(&mut Self) -> Result<T, Damaged>,
-    ) -> Result<[T; N], Damaged> {
-        let items: Result<Vec<T>, Damaged> = (0..N).map(|_| item(self)).collect();
-        items?.try_into().map_err(|_| Damaged)
-    }
-
     /// Whether all bytes were read.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -416,11 +308,12 @@ impl<'a> Loader<'a> {
 /// What the code of the derive macros uses.
 #[doc(hidden)]
 pub mod derive {
-    pub use super::{Choice, Damaged, Element, Internal, Loader, Saver, ValueMut, Variables};
+    use super::AnyChoice;
+    pub use super::{Choice, Damaged, Element, Internal, Loader, Saver, Variables};
     pub use crate::Interface;
-    use crate::guid::Hash;
-    pub use crate::table::{Domain, Dynamics, Enumeration, Integers, Item, Reals, Row, Variable};
-    use crate::table::{has_name, shared_name};
+    use crate::hash::Hash;
+    pub use crate::table::{Bounds, Dynamics, Enumeration, Field, Item, Row, Start};
+    use crate::table::{count, find_name, shared_name};
     pub use crate::vocabulary::{Causality, Variability};
 
     /// The elements of an array that are in use.
@@ -448,27 +341,30 @@ pub mod derive {
         (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 
-    /// Checks start values and bounds, and returns the start values; panics with `message` at compile
-    /// time.
-    #[track_caller]
-    pub const fn reals(start: Reals, (min, max): (f64, f64), message: &str) -> Reals {
-        let mut i = 0;
-        while i < start.len() {
-            let value = start.get(i);
-            if !(min <= value && value <= max && value.is_finite()) {
-                panic!("{}", message);
-            }
-            i += 1;
-        }
-        start
+    /// The number of the first scalar of a row.
+    pub const fn first(rows: &[Row], row: usize) -> usize {
+        count(rows.split_at(row).0)
     }
 
-    /// As [`reals`].
+    /// A pointer to an item as one to an item of any type.
+    pub fn item<C: Choice>(item: *mut u8) -> *mut dyn AnyChoice {
+        item.cast::<C>()
+    }
+
+    /// Checks that start values are within bounds, and returns them; panics with `message` at compile time.
     #[track_caller]
-    pub const fn integers(start: Integers, (min, max): (i128, i128), message: &str) -> Integers {
+    pub const fn checked(start: Start, bounds: Bounds, message: &str) -> Start {
         let mut i = 0;
         while i < start.len() {
-            if !(min <= start.get(i) && start.get(i) <= max) {
+            let is_within = match bounds {
+                Bounds::Real(min, max) => {
+                    let value = start.real(i);
+                    min <= value && value <= max && value.is_finite()
+                }
+                Bounds::Whole(min, max) => min <= start.whole(i) && start.whole(i) <= max,
+                Bounds::None => true,
+            };
+            if !is_within {
                 panic!("{}", message);
             }
             i += 1;
@@ -478,8 +374,8 @@ pub mod derive {
 
     /// Sets enumerations to their start values.
     pub fn set_choices<C>(values: &mut [C], row: &'static Row, item: fn(i32) -> Option<C>) {
-        if let Row::Variable(Variable {
-            domain: Domain::Enumeration { start, .. },
+        if let Row::Field(Field {
+            start: Start::Enumeration(start, _),
             ..
         }) = row
         {
@@ -493,11 +389,11 @@ pub mod derive {
 
     /// Checks that the variables of a group have other names than those of all other rows.
     #[track_caller]
-    pub const fn unique(rows: &[Row], group: usize, message: &str) {
+    pub const fn unique(rows: &'static [Row], group: usize, message: &str) {
         let mut i = 0;
         while i < rows.len() {
             // Two groups are compared once.
-            let is_due = i < group || matches!(rows[i], Row::Variable(_)) && i != group;
+            let is_due = i < group || matches!(rows[i], Row::Field(_)) && i != group;
             if is_due && let Some(name) = shared_name(rows, group, i) {
                 fail(message, name);
             }
@@ -507,8 +403,8 @@ pub mod derive {
 
     /// Checks that a variable exists.
     #[track_caller]
-    pub const fn exists(rows: &[Row], name: &str, message: &str) {
-        if !has_name(rows, Hash::new(), Hash::new().bytes(name.as_bytes()).0) {
+    pub const fn exists(rows: &'static [Row], name: &str, message: &str) {
+        if find_name(rows, Hash::new().bytes(name.as_bytes()).0).is_none() {
             panic!("{}", message);
         }
     }

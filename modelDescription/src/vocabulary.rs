@@ -1,13 +1,17 @@
-//! The keywords of FMI 2.0 for variables and capabilities.
+//! The keywords of FMI for variables and capabilities.
 
 use std::ffi::CStr;
+
+use serde::{Deserialize, Serialize};
+
+use fmi_abi::Version as FmiVersion;
 
 /// Defines enums whose variants are the keywords of an attribute or element.
 macro_rules! words {
     ($($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $variant:ident = $word:literal,)* })*) => {
         $(
             $(#[$about])*
-            #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+            #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
             pub enum $name {
                 $($(#[$meaning])* $variant,)*
             }
@@ -81,18 +85,9 @@ words! {
         Calculated = "calculated",
     }
 
-    /// The type of a variable (FMI 2.0.5, section 2.2.7; FMI 3.0.2, section 2.4.7.4).
-    VariableType {
-        /// Real numbers of FMI 2.0.
-        Real = "Real",
-        /// Whole numbers of FMI 2.0.
-        Integer = "Integer",
-        /// True or false.
-        Boolean = "Boolean",
-        /// A text.
-        String = "String",
-        /// An item of an enumeration.
-        Enumeration = "Enumeration",
+    /// The type of a variable (FMI 3.0.2, section 2.2.3). A Real of FMI 2.0 is a Float64, and an Integer an
+    /// Int32.
+    Type {
         /// `f32`
         Float32 = "Float32",
         /// `f64`
@@ -113,52 +108,16 @@ words! {
         Int64 = "Int64",
         /// `u64`
         UInt64 = "UInt64",
+        /// True or false.
+        Boolean = "Boolean",
+        /// A text.
+        String = "String",
         /// Bytes.
         Binary = "Binary",
+        /// An item of an enumeration.
+        Enumeration = "Enumeration",
         /// A clock, which is active or not.
         Clock = "Clock",
-    }
-
-    /// The type of a whole number (FMI 3.0.2, section 2.2.3). FMI 2.0 has only that of 32 bits.
-    IntegerKind {
-        /// `i8`
-        Int8 = "Int8",
-        /// `u8`
-        UInt8 = "UInt8",
-        /// `i16`
-        Int16 = "Int16",
-        /// `u16`
-        UInt16 = "UInt16",
-        /// `i32`
-        Int32 = "Int32",
-        /// `u32`
-        UInt32 = "UInt32",
-        /// `i64`
-        Int64 = "Int64",
-        /// `u64`
-        UInt64 = "UInt64",
-    }
-
-    /// Capability flags of a co-simulation slave (FMI 2.0.5, section 4.3.1).
-    Capability {
-        /// The FMU is a wrapper of a tool that must be installed.
-        NeedsExecutionTool = "needsExecutionTool",
-        /// The communication step size may vary.
-        CanHandleVariableCommunicationStepSize = "canHandleVariableCommunicationStepSize",
-        /// The slave accepts input derivatives.
-        CanInterpolateInputs = "canInterpolateInputs",
-        /// A step may run in the background. The spelling is the standard's.
-        CanRunAsynchronuously = "canRunAsynchronuously",
-        /// Only one instance per process is possible.
-        CanBeInstantiatedOnlyOncePerProcess = "canBeInstantiatedOnlyOncePerProcess",
-        /// The FMU does not use the memory callbacks of the host.
-        CanNotUseMemoryManagementFunctions = "canNotUseMemoryManagementFunctions",
-        /// Its state can be saved and restored.
-        CanGetAndSetFMUstate = "canGetAndSetFMUstate",
-        /// Its state can be serialized.
-        CanSerializeFMUstate = "canSerializeFMUstate",
-        /// It computes directional derivatives.
-        ProvidesDirectionalDerivative = "providesDirectionalDerivative",
     }
 }
 
@@ -192,8 +151,38 @@ impl Initial {
     }
 }
 
-impl IntegerKind {
-    /// The smallest and the largest value.
+impl Type {
+    /// Its name in a version of FMI.
+    pub const fn name(self, version: FmiVersion) -> &'static str {
+        match (version, self) {
+            (FmiVersion::Fmi2, kind) if kind.is_float() => "Real",
+            (FmiVersion::Fmi2, kind) if kind.is_integer() => "Integer",
+            _ => self.as_str(),
+        }
+    }
+
+    /// The type with a name in a version of FMI.
+    pub fn of_name(name: &str, version: FmiVersion) -> Option<Self> {
+        match (version, name) {
+            (FmiVersion::Fmi2, "Real") => Some(Self::Float64),
+            (FmiVersion::Fmi2, "Integer") => Some(Self::Int32),
+            (FmiVersion::Fmi2, "Binary" | "Clock") => None,
+            (_, name) => Self::parse(name).filter(|kind| kind.name(version) == name),
+        }
+    }
+
+    /// Whether it is a type of real numbers.
+    pub const fn is_float(self) -> bool {
+        matches!(self, Self::Float32 | Self::Float64)
+    }
+
+    /// Whether it is a type of whole numbers; that of an Enumeration is none.
+    pub const fn is_integer(self) -> bool {
+        self as u8 >= Self::Int8 as u8 && self as u8 <= Self::UInt64 as u8
+    }
+
+    /// The smallest and the largest whole number, or number of an item, which is an Int64; for other types,
+    /// a range without numbers.
     pub const fn range(self) -> (i128, i128) {
         match self {
             Self::Int8 => (i8::MIN as i128, i8::MAX as i128),
@@ -202,45 +191,19 @@ impl IntegerKind {
             Self::UInt16 => (0, u16::MAX as i128),
             Self::Int32 => (i32::MIN as i128, i32::MAX as i128),
             Self::UInt32 => (0, u32::MAX as i128),
-            Self::Int64 => (i64::MIN as i128, i64::MAX as i128),
+            Self::Int64 | Self::Enumeration => (i64::MIN as i128, i64::MAX as i128),
             Self::UInt64 => (0, u64::MAX as i128),
-        }
-    }
-}
-
-impl VariableType {
-    /// The types of a version of FMI.
-    #[cfg(feature = "xml")]
-    pub fn of(version: crate::FmiVersion) -> impl Iterator<Item = Self> {
-        let of_both = [Self::Boolean, Self::String, Self::Enumeration];
-        let is_of_2 = |kind| matches!(kind, Self::Real | Self::Integer);
-        let all = Self::ALL.iter().copied();
-        all.filter(move |kind| {
-            of_both.contains(kind) || is_of_2(*kind) == (version == crate::FmiVersion::Fmi2)
-        })
-    }
-
-    /// Whether it is a type of real numbers.
-    pub const fn is_float(self) -> bool {
-        matches!(self, Self::Real | Self::Float32 | Self::Float64)
-    }
-
-    /// The type of a whole number, if it is one; that of an Enumeration in FMI 3.0 is Int64, of which
-    /// the Integer of FMI 2.0 is a part.
-    pub fn integer(self) -> Option<IntegerKind> {
-        match self {
-            Self::Integer => Some(IntegerKind::Int32),
-            Self::Enumeration => Some(IntegerKind::Int64),
-            other => IntegerKind::parse(other.as_str()),
+            _ => (1, 0),
         }
     }
 
-    /// The type whose functions get and set a variable of FMI 2.0: an Enumeration is accessed as an
-    /// Integer (FMI 2.0.5, section 2.1.7).
-    pub fn accessed_as(self) -> Self {
-        match self {
-            Self::Enumeration => Self::Integer,
-            other => other,
+    /// The type whose functions get and set a variable: those of an Enumeration are those of an Integer
+    /// (FMI 2.0.5, section 2.1.7), or in FMI 3.0 of an Int64.
+    pub const fn accessed_as(self, version: FmiVersion) -> Self {
+        match (version, self) {
+            (FmiVersion::Fmi2, Self::Enumeration) => Self::Int32,
+            (FmiVersion::Fmi3, Self::Enumeration) => Self::Int64,
+            _ => self,
         }
     }
 }

@@ -2,8 +2,12 @@
 #![forbid(unsafe_code)]
 
 pub mod commands;
+// Without the commands that run FMUs, a part of both is not used.
+#[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod session;
+#[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod style;
+#[cfg(feature = "run")]
 mod table;
 
 use std::ffi::OsString;
@@ -16,7 +20,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 use session::Session;
 use style::ERROR;
 
-use commands::{completions, export, info, merge, new, probe, simulate, ssp, sweep, validate};
+#[cfg(feature = "run")]
+use commands::run;
+use commands::{completions, export, info, merge, new};
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
 #[derive(Parser)]
@@ -71,38 +77,9 @@ Examples:
   cargo fmu merge Pid.fmu macos/Pid.fmu -o Pid.fmu"
     )]
     Merge(merge::MergeArgs),
-    /// Check FMUs as an importer would, and run their binaries
-    #[command(
-        after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
-
-Example:\n  cargo fmu validate target/fmu/*.fmu"
-    )]
-    Validate(validate::ValidateArgs),
-    /// Simulate a system of coupled FMUs
-    #[command(after_help = "Examples:
-  cargo fmu simulate examples/closed-loop/pid.toml --csv target/pid.csv
-  cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
-      --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
-    Simulate(simulate::SimulateArgs),
-    /// Simulate a system with many parameter sets; write the metrics of each run
-    #[command(after_help = "An interrupted sweep resumes when it is started again.
-
-Example:
-  cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv")]
-    Sweep(sweep::SweepArgs),
-    /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
-    #[command(
-        after_help = "A package cannot specify the order of stepping; most tools step all components
-in parallel.
-
-Examples:
-  cargo fmu ssp examples/ssp/*.toml
-  cargo fmu ssp my-system.toml --out packages"
-    )]
-    Ssp(ssp::SspArgs),
-    /// Run one test of a binary in its own process
-    #[command(hide = true)]
-    Probe(probe::ProbeArgs),
+    #[cfg(feature = "run")]
+    #[command(flatten)]
+    Run(run::Command),
     /// Print a completion script for a shell
     #[command(after_help = "Example:
   source <(cargo fmu completions bash)")]
@@ -136,36 +113,24 @@ fn without_subcommand(all: impl Iterator<Item = OsString>) -> impl Iterator<Item
 fn run(command: Command) -> anyhow::Result<ExitCode> {
     // Not locked, since a sweep prints rows from several threads.
     let out = &mut anstream::stdout();
-    let session = match command {
-        Command::Export(_) | Command::Merge(_) | Command::Ssp(_) | Command::Validate(_) => {
-            Some(Session::start()?)
+    match command {
+        Command::New(args) => new::run(&args, out)?,
+        Command::Export(args) => {
+            let _session = Session::end_when_interrupted()?;
+            export::run(args, out)?;
         }
-        _ => None,
-    };
-    if let Some(session) = &session {
-        session.end_when_interrupted();
-    }
-    let is_ok = match command {
-        Command::Simulate(args) => return simulate::run(&args, out),
-        Command::Sweep(args) => return sweep::run(&args, out),
-        Command::New(args) => new::run(&args, out).map(|()| true),
-        Command::Export(args) => export::run(args, out).map(|()| true),
-        Command::Info { file } => info::print(&file, out).map(|()| true),
-        Command::Merge(args) => merge::run(&args, out).map(|()| true),
-        Command::Validate(args) => validate::run(&args, out),
-        Command::Ssp(args) => ssp::run(&args, out).map(|()| true),
-        Command::Probe(args) => probe::run(&args).map(|()| true),
+        Command::Info { file } => info::print(&file, out)?,
+        Command::Merge(args) => {
+            let _session = Session::end_when_interrupted()?;
+            merge::run(&args, out)?;
+        }
+        #[cfg(feature = "run")]
+        Command::Run(command) => return run::run(command, out),
         Command::Completions { shell } => {
-            let script = completions::script(shell, Cli::command());
-            out.write_all(&script)?;
-            Ok(true)
+            out.write_all(&completions::script(shell, Cli::command()))?;
         }
-    }?;
-    Ok(if is_ok {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Whether the reader of our output has exited, as in `cargo fmu info FILE | head`.

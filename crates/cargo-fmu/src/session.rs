@@ -56,9 +56,17 @@ impl Session {
         }
     }
 
-    /// Ends the process when a signal is caught, without leaving temporary files behind.
-    pub fn end_when_interrupted(&self) {
-        let (signal, folder) = (Arc::clone(&self.signal), self.folder().to_owned());
+    /// Starts a session that ends the process when a signal is caught, without leaving temporary files
+    /// behind.
+    ///
+    /// # Errors
+    /// As [`Session::start`].
+    pub fn end_when_interrupted() -> Result<Self> {
+        let session = Self::start()?;
+        let (signal, folder) = (
+            Arc::clone(&session.signal),
+            session.folder.path().to_owned(),
+        );
         thread::spawn(move || {
             loop {
                 thread::sleep(PERIOD);
@@ -72,24 +80,16 @@ impl Session {
                 }
             }
         });
+        Ok(session)
     }
 
-    /// Starts this program again with the same arguments, as a worker with this folder. Ctrl-C does not
-    /// reach it, since this process decides what to do.
+    /// A command that starts this program again with the same arguments, as a worker.
     ///
     /// # Errors
     /// The system does not tell the file of this program.
-    pub fn worker(&self, folder: &Path) -> io::Result<Command> {
+    pub fn worker() -> io::Result<Command> {
         let mut command = Command::new(std::env::current_exe()?);
         command.args(std::env::args_os().skip(1));
-        command.arg("--worker").arg(folder);
-        for variable in ["TMPDIR", "TMP", "TEMP"] {
-            command.env(variable, self.folder());
-        }
-        #[cfg(unix)]
-        std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        #[cfg(windows)]
-        std::os::windows::process::CommandExt::creation_flags(&mut command, 0x200);
         Ok(command)
     }
 }
@@ -97,21 +97,4 @@ impl Session {
 /// The exit code of a process that a signal has ended, as shells report it.
 pub fn code(signal: u8) -> ExitCode {
     ExitCode::from(128 + signal)
-}
-
-/// Ends this worker when the process that started it is gone, and removes the session's folder.
-pub fn end_with_supervisor(folder: &Path) {
-    #[cfg(unix)]
-    {
-        let (folder, supervisor) = (folder.to_owned(), std::os::unix::process::parent_id());
-        thread::spawn(move || {
-            while std::os::unix::process::parent_id() == supervisor {
-                thread::sleep(Duration::from_millis(200));
-            }
-            let _ = std::fs::remove_dir_all(folder);
-            process::exit(1);
-        });
-    }
-    #[cfg(not(unix))]
-    let _ = folder;
 }

@@ -17,7 +17,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
+use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
 use regex::Regex;
 use snapbox::{Assert, Data};
 
@@ -214,10 +214,7 @@ impl Relay {
         let xml = changed(&self.xml, rest);
         let xml = Packed::text(xml.as_bytes()).unwrap();
         let binary = Packed::program(&binary, Compression::Deflate).unwrap();
-        let entries = [
-            Entry::new(MODEL_DESCRIPTION, &xml),
-            Entry::new(path, &binary),
-        ];
+        let entries = [(MODEL_DESCRIPTION, &xml), (path.as_str(), &binary)];
         let file = folder.join(file);
         fs::create_dir_all(file.parent().unwrap()).unwrap();
         archive::write(&file, &entries).unwrap();

@@ -7,7 +7,7 @@ use criterion::measurement::WallTime;
 use criterion::{BatchSize, BenchmarkGroup, Criterion, criterion_group, criterion_main};
 use fmi::fmi2::instance::InstanceCS;
 use fmi_judge::{ClosedLoop, Fmus, Slave, time};
-use fmu_cosim::{Description, Plan};
+use fmu_master::{Description, Messages, Plan};
 
 const STEPS: u32 = 20_000;
 
@@ -37,10 +37,16 @@ fn hosts(criterion: &mut Criterion) {
     let mut description = Description::read(&file).unwrap();
     description.outputs = vec!["controller.e".into(), "controller.u".into()];
     let plan = Plan::new(&description).unwrap();
-    group.bench_function("fmu-cosim", |b| {
+    group.bench_function("fmu-master", |b| {
         b.iter_batched(
-            || plan.simulate(&[]).unwrap(),
-            |simulation| simulation.run(|_, row| _ = black_box(row)).unwrap(),
+            || plan.simulate(&[], &Messages::default()).unwrap(),
+            |simulation| {
+                let observe = |row: &_| {
+                    black_box(row);
+                    true
+                };
+                simulation.run(observe).unwrap()
+            },
             BatchSize::PerIteration,
         );
     });

@@ -9,7 +9,7 @@ use std::path::Path;
 use fmi::fmi2::import::Fmi2Import;
 use fmi::fmi2::instance::{CoSimulation, Common, InstanceCS};
 use fmi::traits::FmiImport;
-use fmu_host::{Instance, Instantiation, Kind, Library};
+use fmu_host::{Instance, Instantiation, Library, Version};
 
 /// The communication step, and the first communication point (s).
 pub const STEP: f64 = 0.001;
@@ -76,13 +76,13 @@ impl Slave for Instance {
         let model = import.model_description();
         let identifier = &model.co_simulation.as_ref().unwrap().model_identifier;
         let binary = import.shared_lib_path(identifier).unwrap();
-        let library = Library::load(&import.archive_path().join(binary)).unwrap();
+        let library = Library::load(&import.archive_path().join(binary), Version::Fmi2).unwrap();
         let arguments = Instantiation {
             name: "ours",
-            kind: Kind::CoSimulation,
             guid: &model.guid,
-            resources: &fmu_host::uri(&import.resource_path()),
+            resources: &library.location(&import.resource_path()),
             logging_on: true,
+            ..Instantiation::default()
         };
         library.instantiate(&arguments, |_| ()).unwrap().unwrap()
     }
@@ -102,12 +102,12 @@ impl Slave for Instance {
 
     #[inline]
     fn set_real(&mut self, references: &[u32], values: &[f64]) {
-        Instance::set_real(self, references, values).unwrap();
+        Instance::set_float64(self, references, values).unwrap();
     }
 
     #[inline]
     fn get_real(&mut self, references: &[u32], values: &mut [f64]) {
-        Instance::get_real(self, references, values).unwrap();
+        Instance::get_float64(self, references, values).unwrap();
     }
 
     #[inline]

@@ -1,21 +1,24 @@
-//! Exports the models of a workspace to FMU files.
+//! Builds the models of a workspace, and writes their FMUs.
 
 use std::fs;
+use std::panic;
 use std::path::{Path, PathBuf};
-use std::thread::{self, ScopedJoinHandle};
+use std::ptr;
+use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Description, FmiVersion};
-use fmu_file::archive::{self, Compression, Entry, MODEL_DESCRIPTION, Packed};
+use cargo_metadata::Metadata;
+use fmu_description::hash::checksum;
+use fmu_description::{Description, FmiVersion, read_interfaces};
+use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::binary::{Binary, Method, PackedBinary};
+use crate::cargo::{profile_settings, remap};
 use crate::contents;
 use crate::library::{Library, Selection};
 use crate::model::{Model, Variant};
-use crate::profile;
-use crate::toolchain::{self, Recipe, Target};
+use crate::toolchain::{self, Recipe, Target, macho};
 
 /// What to export, and for which platforms.
 #[derive(Debug, Default)]
@@ -51,18 +54,12 @@ pub struct Written {
     pub platforms: Vec<&'static str>,
 }
 
-/// A built library: its binaries, one for each target.
-struct Built<'a> {
-    library: &'a Library,
-    binaries: Vec<Binary>,
-}
-
-/// Builds the models and writes their FMUs.
+/// Builds the models and writes their FMUs. `progress` is told what is being built.
 ///
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file
 /// cannot be read or written.
-pub fn export(options: &Options) -> Result<Vec<Written>> {
+pub fn export(options: &Options, progress: &dyn Fn(&str)) -> Result<Vec<Written>> {
     let metadata = options.selection.metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
@@ -85,158 +82,261 @@ pub fn export(options: &Options) -> Result<Vec<Written>> {
         }
     }
     check_versions(options, &versions)?;
-    let profile = profile::settings(&options.selection.profile, &metadata)?;
+    let profile = profile_settings(&options.selection.profile, &metadata)?;
     let builders = versions.into_iter().map(|version| {
         Ok(Builder {
-            method: Method {
-                selection: &options.selection,
-                metadata: &metadata,
-                profile: &profile,
-                version,
-            },
+            options,
+            metadata: &metadata,
+            profile: &profile,
+            version,
             targets: targets(options, version)?,
             prebuilt: prebuilt(options, version)?,
+            progress,
         })
     });
     let builders = builders.collect::<Result<Vec<_>>>()?;
     for recipe in builders.iter().take(1).flat_map(Builder::named_recipes) {
         eprintln!("{recipe}");
     }
-    let packages = builders
+    // No FMU is written before all are complete.
+    let fmus = builders
         .iter()
-        .map(|builder| builder.packages(&libraries, options))
+        .map(|builder| builder.fmus(&libraries))
         .collect::<Result<Vec<_>>>()?;
-    packages
-        .iter()
-        .flat_map(|packages| packages.write(&out))
+    fmus.into_iter()
+        .flatten()
+        .map(|(name, content, platforms)| {
+            let file = out.join(name);
+            replace::write(&file, &content)?;
+            let size = content.len() as u64;
+            Ok(Written {
+                file,
+                size,
+                platforms,
+            })
+        })
         .collect()
 }
 
-/// The FMUs of one version of FMI, ready to be written.
-struct Packages<'a> {
-    /// The models, and the files of their FMUs other than the binaries.
-    models: Vec<(Model<'a>, Vec<contents::File>)>,
-    /// The binaries that were built from libraries.
-    built: Vec<(&'a Library, PackedBinary)>,
-    /// The binaries that were built before.
-    prebuilt: Vec<PackedBinary>,
-}
+/// The name of an FMU, its content, and its platforms.
+type Fmu = (String, Vec<u8>, Vec<&'static str>);
 
-impl Packages<'_> {
-    fn write(&self, out: &Path) -> impl Iterator<Item = Result<Written>> {
-        self.models.iter().map(move |(model, contents)| {
-            let of_model = self
-                .built
-                .iter()
-                .filter(|(library, _)| std::ptr::eq(*library, model.library))
-                .map(|(_, binary)| binary);
-            write(model, of_model.chain(&self.prebuilt), contents, out)
-        })
-    }
-}
-
-/// Builds libraries for all targets.
+/// Builds FMUs of one version of FMI.
 struct Builder<'a> {
-    method: Method<'a>,
+    options: &'a Options,
+    metadata: &'a Metadata,
+    /// Settings of the profile that the workspace does not make itself.
+    profile: &'a [String],
+    version: FmiVersion,
     targets: Vec<Target>,
-    /// Binaries that were built before, and their files.
-    prebuilt: Vec<(&'a Path, Binary)>,
+    prebuilt: Vec<Binary<'a>>,
+    /// Is told what is being built.
+    progress: &'a dyn Fn(&str),
 }
 
-impl Builder<'_> {
+/// A shared library for one or more platforms.
+struct Binary<'a> {
+    /// What it was built from, or its file if it was built before.
+    source: Source<'a>,
+    platforms: Vec<Platform>,
+    bytes: Vec<u8>,
+    /// The models in it.
+    models: Vec<Description>,
+}
+
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    Library(&'a Library),
+    File(&'a Path),
+}
+
+/// Keeps the compiler from joining neighbouring values in vectors. A step touches each value once, and a
+/// vector cannot be loaded before the stores of its parts have left the processor's store buffer.
+const NO_SLP: &str = "-Cno-vectorize-slp";
+
+impl<'a> Builder<'a> {
     /// How the targets that were asked for by name are built.
     fn named_recipes(&self) -> impl Iterator<Item = &Recipe> {
         let recipes = self.targets.iter().flat_map(|target| &target.recipes);
         recipes.filter(|recipe| recipe.is_named())
     }
 
-    /// Builds the requested models, describes them and compresses their binaries.
-    fn packages<'a>(&self, libraries: &'a [Library], options: &Options) -> Result<Packages<'a>> {
-        let metadata = self.method.metadata;
-        let mut built = self.build(libraries, &options.models)?;
-        let mut models = choose(&built, &options.models, self.method.version)?;
-        if options.variant.is_some() {
-            (built, models) = self.build_variant(&options.variant, &models, &built)?;
+    /// Builds the requested models and packs their FMUs.
+    fn fmus(&self, libraries: &'a [Library]) -> Result<Vec<Fmu>> {
+        let mut built = self.build(libraries)?;
+        let mut models = self.choose(&built)?;
+        if self.options.variant.is_some() {
+            (built, models) = self.build_variant(&models, &built)?;
         }
-        check_binaries(&models, &built, &self.prebuilt)?;
-        let models = models
-            .into_iter()
-            .map(|model| {
-                let contents = contents::files(&model, metadata)?;
-                Ok((model, contents))
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let cache = metadata.target_directory.join("fmu-packed");
+        for model in &models {
+            for binary in built.iter().chain(&self.prebuilt) {
+                binary.check_model(model)?;
+            }
+        }
+        let cache = self.metadata.target_directory.join("fmu-packed");
         fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
-        let pack = |binary: &Binary| binary.pack(options.compression, cache.as_std_path());
+        let pack = |binary: &Binary<'_>| binary.pack(self.options.compression, cache.as_std_path());
         // This machine's binary is built to read the models, even if it is not packed.
-        let is_packed = |binary: &Binary| {
-            !self
-                .prebuilt
-                .iter()
-                .any(|(_, other)| other.replaces(binary))
+        let is_replaced = |binary: &Binary<'_>| {
+            let mut replaced = self.prebuilt.iter().flat_map(|other| &other.platforms);
+            replaced.any(|platform| binary.platforms.contains(platform))
         };
-        let (built, prebuilt) = thread::scope(|scope| {
-            let packing = |binary| scope.spawn(move || pack(binary));
-            let built: Vec<_> = built
-                .iter()
-                .flat_map(|built| built.binaries.iter().map(|binary| (built.library, binary)))
-                .filter(|(_, binary)| is_packed(binary))
-                .map(|(library, binary)| (library, packing(binary)))
+        let packed = thread::scope(|scope| {
+            let built = built.iter().filter(|binary| !is_replaced(binary));
+            let packing: Vec<_> = built
+                .chain(&self.prebuilt)
+                .map(|binary| (binary, scope.spawn(move || pack(binary))))
                 .collect();
-            let prebuilt: Vec<_> = self
-                .prebuilt
-                .iter()
-                .map(|(_, binary)| packing(binary))
-                .collect();
-            let built = built
+            packing
                 .into_iter()
-                .map(|(library, packing)| Ok((library, join(packing)?)))
-                .collect::<Result<Vec<_>>>()?;
-            let prebuilt = prebuilt.into_iter().map(join).collect::<Result<Vec<_>>>()?;
-            anyhow::Ok((built, prebuilt))
+                .map(|(binary, thread)| match thread.join() {
+                    Ok(packed) => Ok((binary, packed?)),
+                    Err(panic) => panic::resume_unwind(panic),
+                })
+                .collect::<Result<Vec<_>>>()
         })?;
-        Ok(Packages {
-            models,
-            built,
-            prebuilt,
-        })
+        models
+            .iter()
+            .map(|model| self.fmu(model, &packed))
+            .collect()
     }
 
-    /// Builds libraries until all models with the given names are found; all, without names.
-    fn build<'a>(&self, libraries: &'a [Library], names: &[String]) -> Result<Vec<Built<'a>>> {
+    /// Builds libraries until all requested models are found; all libraries, if none is named.
+    fn build(&self, libraries: &'a [Library]) -> Result<Vec<Binary<'a>>> {
+        let names = &self.options.models;
         let mut order: Vec<_> = libraries.iter().collect();
         if !names.is_empty() {
             order.sort_by_key(|library| !library.mentions(names));
         }
-        let mut all: Vec<Built<'a>> = Vec::new();
+        let mut built: Vec<Binary<'a>> = Vec::new();
         for library in order {
-            let is_found = |name: &String| all.iter().any(|built| built.find(name).is_some());
+            let is_found = |name: &String| built.iter().any(|b| b.model(name).is_some());
             if !names.is_empty() && names.iter().all(is_found) {
                 break;
             }
-            all.push(self.build_library(library, None)?);
+            built.extend(self.build_library(library, None)?);
         }
-        Ok(all)
+        Ok(built)
     }
 
-    fn build_library<'a>(&self, library: &'a Library, variant: Option<&str>) -> Result<Built<'a>> {
-        let binaries = self.targets.iter();
-        Ok(Built {
-            library,
-            binaries: binaries
-                .map(|target| Binary::build(library, target, &self.method, variant))
-                .collect::<Result<_>>()?,
-        })
+    /// Builds the binaries of a library for all targets; `variant` is the text of a [`Variant`].
+    fn build_library(
+        &self,
+        library: &'a Library,
+        variant: Option<&str>,
+    ) -> Result<Vec<Binary<'a>>> {
+        let unusable = || format!("the library of {} cannot be used", library.package);
+        self.targets
+            .iter()
+            .map(|target| {
+                let recipes = target.recipes.iter();
+                let extension = target.platforms[0].extension;
+                let parts = recipes.map(|recipe| self.run(library, recipe, extension, variant));
+                let mut parts = parts.collect::<Result<Vec<_>>>()?;
+                let bytes = match parts.len() {
+                    1 => parts.remove(0),
+                    _ => macho(&parts).context("cannot join the parts of a universal binary")?,
+                };
+                let models = read_interfaces(&bytes).with_context(unusable)?;
+                ensure!(
+                    !models.is_empty(),
+                    "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
+                    library.package,
+                    library.folder.join("src/lib.rs").display()
+                );
+                check_functions(&bytes, self.version).with_context(unusable)?;
+                Ok(Binary {
+                    source: Source::Library(library),
+                    platforms: target.platforms.clone(),
+                    bytes,
+                    models,
+                })
+            })
+            .collect()
+    }
+
+    /// Builds a library with one recipe, and reads it.
+    fn run(
+        &self,
+        library: &Library,
+        recipe: &Recipe,
+        extension: &str,
+        variant: Option<&str>,
+    ) -> Result<Vec<u8>> {
+        // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
+        let mut build = recipe.cargo_rustc(&format!("building {}", library.package));
+        build
+            .args(["--lib", "--crate-type", "cdylib"])
+            .args(["--package", &library.package])
+            .args(self.options.selection.cargo_arguments())
+            .args(
+                self.profile
+                    .iter()
+                    .flat_map(|setting| ["--config", setting]),
+            )
+            // Whatever the profile says: an abort would end the host.
+            .rustflags(["-Cpanic=unwind".to_owned()])
+            .without_local_paths(self.metadata, recipe.sources().as_deref());
+        if let Some(feature) = library.feature(self.version)? {
+            build.args(["--features", &feature]);
+        }
+        if let Some(variant) = variant {
+            build.env("FMU_EXPORT_VARIANT", variant);
+        }
+        let file = build
+            .args(["--", NO_SLP])
+            .args([remap(
+                self.metadata.workspace_root.as_std_path(),
+                "workspace",
+            )])
+            .args(recipe.compiler_args(&library.target))
+            .shared_library(&library.target, extension, self.progress)?;
+        fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
+    }
+
+    /// The models with the requested names, or all.
+    fn choose(&self, built: &[Binary<'a>]) -> Result<Vec<Model<'a>>> {
+        let mut all: Vec<(&Library, &Description)> = Vec::new();
+        for binary in built {
+            let Source::Library(library) = binary.source else {
+                continue;
+            };
+            // The binary for another target has the same models.
+            if all.last().is_some_and(|(last, _)| ptr::eq(*last, library)) {
+                continue;
+            }
+            for model in &binary.models {
+                let name = &model.name;
+                if let Some((other, _)) = all.iter().find(|(_, other)| other.name == *name) {
+                    bail!(
+                        "two models have the name {name}, in the packages {} and {}; export one of them with --package",
+                        other.package,
+                        library.package
+                    );
+                }
+                all.push((library, model));
+            }
+        }
+        let names = &self.options.models;
+        for name in names {
+            if !all.iter().any(|(_, model)| model.name == *name) {
+                let known: Vec<_> = all.iter().map(|(_, model)| model.name.as_str()).collect();
+                bail!("model {name:?} is unknown; there are {}", known.join(", "));
+            }
+        }
+        all.into_iter()
+            .filter(|(_, model)| names.is_empty() || names.contains(&model.name))
+            .map(|(library, model)| Model::new(library, model.clone(), self.version))
+            .collect()
     }
 
     /// Builds a variant of the only model.
-    fn build_variant<'a>(
+    fn build_variant(
         &self,
-        variant: &Variant,
         models: &[Model<'a>],
-        built: &[Built<'_>],
-    ) -> Result<(Vec<Built<'a>>, Vec<Model<'a>>)> {
+        built: &[Binary<'_>],
+    ) -> Result<(Vec<Binary<'a>>, Vec<Model<'a>>)> {
+        let variant = &self.options.variant;
         let [model] = models else {
             bail!(
                 "--name and --set need one model, but {} are exported",
@@ -245,36 +345,119 @@ impl Builder<'_> {
         };
         let text = variant.text(&model.description)?;
         let name = variant.name.as_deref().unwrap_or(model.name());
-        let is_other = |built: &Built<'_>| built.find(name).is_some() && name != model.name();
+        let is_other = built.iter().any(|binary| binary.model(name).is_some());
         ensure!(
-            !built.iter().any(is_other),
+            !is_other || name == model.name(),
             "--name {name}: there is a model with this name; expected another name"
         );
         let built = self.build_library(model.library, Some(&text))?;
-        let description = built
-            .find(name)
-            .with_context(|| format!("the variant {name} was not built"))?;
-        let variant = Model::new(model.library, description.clone(), self.method.version)?;
+        let description = built.iter().find_map(|binary| binary.model(name));
+        let description = description.context("the variant was not built")?;
         let variant = Model {
             base: model.name().to_owned(),
-            ..variant
+            ..Model::new(model.library, description.clone(), self.version)?
         };
-        Ok((vec![built], vec![variant]))
+        Ok((built, vec![variant]))
+    }
+
+    /// Packs the FMU of a model.
+    fn fmu(&self, model: &Model<'_>, packed: &[(&Binary<'_>, Packed)]) -> Result<Fmu> {
+        let xml = Packed::text(model.xml.as_bytes())?;
+        let contents = contents::files(model, self.metadata)?;
+        let contents = contents
+            .into_iter()
+            .map(|(path, content)| Ok((path, Packed::text(&content)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let mut entries = vec![(MODEL_DESCRIPTION.to_owned(), &xml)];
+        let mut platforms = Vec::new();
+        for (binary, file) in packed.iter().filter(|(binary, _)| binary.may_have(model)) {
+            for platform in &binary.platforms {
+                entries.push((platform.binary(model.name()), file));
+                platforms.push(platform.folder);
+            }
+        }
+        entries.extend(contents.iter().map(|(path, file)| (path.clone(), file)));
+        let name = model.file_name();
+        let content = archive::zip(&entries).with_context(|| format!("cannot pack {name}"))?;
+        Ok((name, content, platforms))
     }
 }
 
-impl Built<'_> {
+impl<'a> Binary<'a> {
+    /// Reads a prebuilt binary.
+    fn read(prebuilt: &'a Prebuilt, version: FmiVersion) -> Result<Self> {
+        let file = prebuilt.file.display();
+        let bytes = fs::read(&prebuilt.file).with_context(|| format!("cannot read {file}"))?;
+        let models = prebuilt
+            .platform
+            .check(&bytes)
+            .and_then(|()| check_functions(&bytes, version))
+            .and_then(|()| read_interfaces(&bytes))
+            .with_context(|| format!("{file} cannot be used"))?;
+        Ok(Self {
+            source: Source::File(&prebuilt.file),
+            platforms: vec![prebuilt.platform],
+            bytes,
+            models,
+        })
+    }
+
     /// The model with the given name.
-    fn find(&self, name: &str) -> Option<&Description> {
-        let binary = self.binaries.first()?;
-        binary.models().iter().find(|model| model.name == name)
+    fn model(&self, name: &str) -> Option<&Description> {
+        self.models.iter().find(|model| model.name == name)
+    }
+
+    /// Whether it is for the FMU of a model: it was built from its library, or before.
+    fn may_have(&self, model: &Model<'_>) -> bool {
+        match self.source {
+            Source::Library(library) => ptr::eq(library, model.library),
+            Source::File(_) => true,
+        }
+    }
+
+    /// Checks that a binary for a model contains it in the same version.
+    fn check_model(&self, model: &Model<'_>) -> Result<()> {
+        let Description { name, guid, .. } = &model.description;
+        if !self.may_have(model) || self.models.iter().any(|known| known.guid == *guid) {
+            return Ok(());
+        }
+        let reason = format!(
+            "it does not contain the model {name} with the GUID {guid}; was it built from another version?"
+        );
+        match self.source {
+            Source::Library(_) => bail!(reason),
+            Source::File(file) => bail!("{} cannot be used: {reason}", file.display()),
+        }
+    }
+
+    /// Compresses the binary, or takes it from the folder `cache`, which stores compressed binaries
+    /// by the checksum of their content.
+    fn pack(&self, compression: Compression, cache: &Path) -> Result<Packed> {
+        let cached = cache.join(format!("{:032x}-{compression:?}", checksum(&self.bytes)));
+        let known = fs::read(&cached).ok();
+        if let Some(file) = known.and_then(|packed| Packed::from_bytes(packed, &self.bytes)) {
+            return Ok(file);
+        }
+        let file = Packed::program(&self.bytes, compression)?;
+        // Without the cache, the next export only takes longer.
+        let _ = replace::write(&cached, file.as_bytes());
+        Ok(file)
     }
 }
 
-fn join<T>(thread: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
-    thread
-        .join()
-        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+/// Checks that a binary has the names of the functions of a version of FMI.
+fn check_functions(binary: &[u8], version: FmiVersion) -> Result<()> {
+    let name: &[u8] = match version {
+        FmiVersion::Fmi2 => b"fmi2DoStep",
+        FmiVersion::Fmi3 => b"fmi3DoStep",
+    };
+    let mut names = binary.windows(name.len());
+    ensure!(
+        names.any(|bytes| bytes == name),
+        "it does not export the functions of FMI {}",
+        version.as_str()
+    );
+    Ok(())
 }
 
 /// The targets to build for: the requested ones, else this machine.
@@ -292,11 +475,11 @@ fn targets(options: &Options, version: FmiVersion) -> Result<Vec<Target>> {
 }
 
 /// The prebuilt binaries in the folders of a version of FMI.
-fn prebuilt(options: &Options, version: FmiVersion) -> Result<Vec<(&Path, Binary)>> {
+fn prebuilt(options: &Options, version: FmiVersion) -> Result<Vec<Binary<'_>>> {
     let binaries = options.binaries.iter();
     binaries
         .filter(|prebuilt| prebuilt.platform.is_of(version))
-        .map(|prebuilt| Ok((&*prebuilt.file, Binary::read(prebuilt, version)?)))
+        .map(|prebuilt| Binary::read(prebuilt, version))
         .collect()
 }
 
@@ -329,94 +512,4 @@ fn check_platforms(options: &Options, names: &[String], version: FmiVersion) -> 
         );
     }
     Ok(())
-}
-
-/// The models with the given names, or all.
-fn choose<'a>(
-    built: &[Built<'a>],
-    names: &[String],
-    version: FmiVersion,
-) -> Result<Vec<Model<'a>>> {
-    let mut all = Vec::new();
-    for built in built {
-        let models = built.binaries.iter().take(1).flat_map(Binary::models);
-        all.extend(models.map(|model| (built.library, model)));
-    }
-    for (index, (library, model)) in all.iter().enumerate() {
-        let name = &model.name;
-        if let Some((other, _)) = all[..index].iter().find(|(_, other)| other.name == *name) {
-            bail!(
-                "two models have the name {name}, in the packages {} and {}; export one of them with --package",
-                other.package,
-                library.package
-            );
-        }
-    }
-    for name in names {
-        if !all.iter().any(|(_, model)| model.name == *name) {
-            let known: Vec<_> = all.iter().map(|(_, model)| model.name.as_str()).collect();
-            bail!("model {name:?} is unknown; there are {}", known.join(", "));
-        }
-    }
-    all.into_iter()
-        .filter(|(_, model)| names.is_empty() || names.contains(&model.name))
-        .map(|(library, model)| Model::new(library, model.clone(), version))
-        .collect()
-}
-
-/// Checks that all binaries contain the same version of every model.
-fn check_binaries(
-    models: &[Model<'_>],
-    built: &[Built<'_>],
-    prebuilt: &[(&Path, Binary)],
-) -> Result<()> {
-    for model in models {
-        let of_model = built
-            .iter()
-            .filter(|b| std::ptr::eq(b.library, model.library));
-        for binary in of_model.flat_map(|built| &built.binaries) {
-            binary.check_model(&model.description)?;
-        }
-        for (file, binary) in prebuilt {
-            binary
-                .check_model(&model.description)
-                .with_context(|| format!("{} cannot be used", file.display()))?;
-        }
-    }
-    Ok(())
-}
-
-/// Writes the FMU of a model.
-fn write<'a>(
-    model: &Model<'_>,
-    binaries: impl Iterator<Item = &'a PackedBinary>,
-    contents: &[contents::File],
-    out: &Path,
-) -> Result<Written> {
-    let name = model.name();
-    let xml = Packed::text(model.xml.as_bytes())?;
-    let contents = contents
-        .iter()
-        .map(|(path, content)| Ok((path, Packed::text(content)?)))
-        .collect::<Result<Vec<_>>>()?;
-    let mut entries = vec![Entry::new(MODEL_DESCRIPTION, &xml)];
-    let mut platforms = Vec::new();
-    for binary in binaries {
-        for platform in &binary.platforms {
-            entries.push(Entry::new(platform.binary(name), &binary.file));
-            platforms.push(platform.folder);
-        }
-    }
-    entries.extend(
-        contents
-            .iter()
-            .map(|(path, file)| Entry::new(path.as_str(), file)),
-    );
-    let file = out.join(model.file_name());
-    let size = archive::write(&file, &entries)?;
-    Ok(Written {
-        file,
-        size,
-        platforms,
-    })
 }

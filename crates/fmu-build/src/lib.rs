@@ -3,15 +3,13 @@
 //! archives.
 #![forbid(unsafe_code)]
 
-mod binary;
-mod build;
+mod cargo;
 mod contents;
 pub mod dependency;
 mod export;
 mod library;
-mod macho;
 mod model;
-mod profile;
+mod page;
 pub mod table;
 mod toolchain;
 

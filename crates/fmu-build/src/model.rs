@@ -1,10 +1,7 @@
 //! A model of a library: its description, and the files of its FMU other than the binaries.
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::value::{boolean, integer, real};
-use fmu_description::{
-    Description, FmiVersion, Hexadecimal, StartValue, Type, VariableDescription, interface, words,
-};
+use fmu_description::{Causality, Description, FmiVersion, Value, Variable, interface, words};
 
 use crate::library::Library;
 
@@ -33,7 +30,7 @@ impl<'a> Model<'a> {
         version: FmiVersion,
     ) -> Result<Self> {
         let xml = description
-            .to_xml_of(version, &library.origin)
+            .to_xml(version, &library.origin)
             .and_then(|xml| Ok(xml.document()?))
             .with_context(|| format!("the model {} cannot be described", description.name))?;
         Ok(Self {
@@ -95,14 +92,14 @@ impl Variant {
     }
 }
 
-/// The value reference of a variable, and a text as its start value.
-fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, StartValue<'a>)> {
+/// The value reference of a variable, and its start value from a text.
+fn value(model: &Description, name: &str, text: &str) -> Result<(usize, Value)> {
     let mut scalars = model.scalars();
-    let found = scalars.find(|(_, v, element)| v.element_name(*element) == name);
+    let found = scalars.find(|(_, v, element)| v.element_name(&v.name, *element) == name);
     let Some((reference, variable, _)) = found else {
         let settable = model.scalars().filter(|(_, v, _)| has_start(v));
         let names: Vec<_> = settable
-            .map(|(_, v, element)| v.element_name(element))
+            .map(|(_, v, element)| v.element_name(&v.name, element))
             .collect();
         bail!(
             "there is no variable {name}; expected one of {}",
@@ -113,193 +110,105 @@ fn value<'a>(model: &Description, name: &str, text: &'a str) -> Result<(usize, S
         has_start(variable),
         "{name} has no start value; the model computes it"
     );
-    let value = match &variable.of_type {
-        Type::Real {
-            single,
-            min,
-            max,
-            unit,
-            ..
-        } => {
-            let value = real(text).map(|value| match single {
-                true => f64::from(value as f32),
-                false => value,
-            });
-            let value = value.filter(|value| value.is_finite());
-            let value = value.filter(|value| min <= value && value <= max);
-            StartValue::Real(value.with_context(|| {
-                let (bounds, unit) = (words::bounds(*min, *max), words::in_unit(unit));
-                format!("expected a number{bounds}{unit}")
-            })?)
-        }
-        Type::Integer { min, max, .. } => {
-            let value = text
-                .trim()
-                .parse()
-                .ok()
-                .filter(|value| min <= value && value <= max);
-            StartValue::Integer(
-                value.with_context(|| format!("expected a whole number from {min} to {max}"))?,
-            )
-        }
-        Type::Boolean { .. } => {
-            StartValue::Boolean(boolean(text).context("expected true or false")?)
-        }
-        Type::String { .. } => StartValue::String(text),
-        Type::Binary { .. } => StartValue::Binary(
-            Hexadecimal::parse(text).context("expected two hexadecimal digits for each byte")?,
-        ),
-        Type::Enumeration { items, .. } => {
-            let item = items
-                .iter()
-                .find(|(value, item, _)| item == text || integer(text) == Some(*value));
-            let names = || {
-                let names: Vec<_> = items.iter().map(|(_, name, _)| name.as_str()).collect();
-                format!("expected one of {}", names.join(", "))
-            };
-            StartValue::Integer(item.with_context(names)?.0.into())
-        }
-    };
+    let value = variable.value(text).filter(|value| variable.allows(value));
+    let value = value.with_context(|| format!("expected {}", variable.expected()))?;
     Ok((reference, value))
 }
 
-fn has_start(variable: &VariableDescription) -> bool {
-    use fmu_description::Causality::{Input, Parameter, StructuralParameter};
-    matches!(variable.causality, Input | Parameter | StructuralParameter)
+fn has_start(variable: &Variable) -> bool {
+    variable.causality == Causality::Input || variable.is_parameter()
 }
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{Causality, Dynamics, IntegerKind, Variability};
+    use std::sync::Arc;
+
+    use fmu_description::{DeclaredType, Item, Type};
 
     use super::*;
 
     fn model() -> Description {
-        let variable = |name: &str, causality, of_type| VariableDescription {
+        let parameter = |name: &str, of_type, start: &str| Variable {
             name: name.into(),
-            description: String::new(),
-            causality,
-            variability: Variability::Fixed,
-            has_input_derivative: false,
-            dynamics: Dynamics::Algebraic,
-            dimensions: Vec::new(),
-            size: None,
-            initially_from: Vec::new(),
-            depends_on: Vec::new(),
-            terminal: String::new(),
             of_type,
+            causality: Causality::Parameter,
+            start: Value::parse(of_type, start).into_iter().collect(),
+            ..Variable::default()
         };
-        let real = |min, max| Type::Real {
-            single: false,
-            min,
-            max,
-            unit: "N/rad".into(),
-            start: vec![0.0],
-        };
-        let items = ["own", "supervisor"];
-        let items = (1..)
-            .zip(items)
-            .map(|(i, name)| (i, name.into(), String::new()));
-        let parameter = |name, of_type| variable(name, Causality::Parameter, of_type);
-        Description {
-            name: "Pid".into(),
+        let item = |name: &str, value| Item {
+            name: name.into(),
+            value,
             description: String::new(),
-            guid: String::new(),
-            is_sampled: false,
-            is_continuous: false,
-            default_experiment: (1.0, 0.1),
-            tolerance: 0.0,
-            variables: vec![
-                variable(
-                    "u",
-                    Causality::Output,
-                    real(f64::NEG_INFINITY, f64::INFINITY),
-                ),
-                parameter("pid.kp", real(0.0, 1e9)),
-                VariableDescription {
-                    dimensions: vec![2],
-                    ..parameter("w", real(f64::NEG_INFINITY, f64::INFINITY))
-                },
-                parameter(
-                    "order",
-                    Type::Integer {
-                        kind: IntegerKind::Int32,
-                        min: 1,
-                        max: 4,
-                        start: vec![1],
-                    },
-                ),
-                parameter(
-                    "seed",
-                    Type::Integer {
-                        kind: IntegerKind::UInt64,
-                        min: 0,
-                        max: u64::MAX.into(),
-                        start: vec![0],
-                    },
-                ),
-                parameter(
-                    "key",
-                    Type::Binary {
-                        mime_type: "application/octet-stream".into(),
-                        start: vec![vec![]],
-                    },
-                ),
-                parameter(
-                    "ratio",
-                    Type::Real {
-                        single: true,
-                        min: f64::NEG_INFINITY,
-                        max: f64::INFINITY,
-                        unit: String::new(),
-                        start: vec![0.0],
-                    },
-                ),
-                parameter("anti_windup", Type::Boolean { start: vec![false] }),
-                parameter(
-                    "file",
-                    Type::String {
-                        start: vec![String::new()],
-                    },
-                ),
-                parameter(
-                    "target",
-                    Type::Enumeration {
-                        name: "Target".into(),
-                        description: String::new(),
-                        items: items.collect(),
-                        start: vec![1],
-                    },
-                ),
-            ],
+        };
+        let targets = DeclaredType {
+            items: vec![item("own", 1), item("supervisor", 2)],
+            ..DeclaredType::default()
+        };
+        let unit = Some("N/rad".to_owned());
+        let mut model = Description {
+            name: "Pid".into(),
+            ..Description::default()
+        };
+        let mut reference = 0;
+        for variable in [
+            Variable {
+                causality: Causality::Output,
+                ..parameter("u", Type::Float64, "0")
+            },
+            Variable {
+                min: Some(Value::Float64(0.0)),
+                max: Some(Value::Float64(1e9)),
+                unit: unit.clone(),
+                ..parameter("pid.kp", Type::Float64, "0")
+            },
+            Variable {
+                dimensions: vec![2],
+                unit,
+                ..parameter("w", Type::Float64, "0")
+            },
+            Variable {
+                min: Some(Value::Int32(1)),
+                max: Some(Value::Int32(4)),
+                ..parameter("order", Type::Int32, "1")
+            },
+            parameter("seed", Type::UInt64, "0"),
+            parameter("key", Type::Binary, ""),
+            parameter("ratio", Type::Float32, "0"),
+            parameter("anti_windup", Type::Boolean, "false"),
+            parameter("file", Type::String, ""),
+            Variable {
+                declared_type: Some(Arc::new(targets)),
+                ..parameter("target", Type::Enumeration, "1")
+            },
+        ] {
+            let count = variable.count() as u32;
+            let variable = Variable {
+                reference,
+                ..variable
+            };
+            model.variables.push(variable);
+            reference += count;
         }
+        model
     }
 
-    fn value_of(name: &str, text: &'static str) -> Result<(usize, StartValue<'static>), String> {
+    fn value_of(name: &str, text: &str) -> Result<(usize, Value), String> {
         value(&model(), name, text).map_err(|error| format!("{error:#}"))
     }
 
     #[test]
     fn values_of_every_type_are_read() {
         for (name, text, expected) in [
-            ("pid.kp", "4e2", (1, StartValue::Real(400.0))),
-            ("w[2]", "-0.5", (3, StartValue::Real(-0.5))),
-            ("order", "3", (4, StartValue::Integer(3))),
-            (
-                "seed",
-                "18446744073709551615",
-                (5, StartValue::Integer(u64::MAX.into())),
-            ),
-            (
-                "key",
-                "00Ff",
-                (6, StartValue::Binary(Hexadecimal::parse("00Ff").unwrap())),
-            ),
-            ("ratio", "0.1", (7, StartValue::Real(f64::from(0.1f32)))),
-            ("anti_windup", "true", (8, StartValue::Boolean(true))),
-            ("file", "a=b", (9, StartValue::String("a=b"))),
-            ("target", "supervisor", (10, StartValue::Integer(2))),
-            ("target", "2", (10, StartValue::Integer(2))),
+            ("pid.kp", "4e2", (1, Value::Float64(400.0))),
+            ("w[2]", "-0.5", (3, Value::Float64(-0.5))),
+            ("order", "3", (4, Value::Int32(3))),
+            ("seed", "18446744073709551615", (5, Value::UInt64(u64::MAX))),
+            ("key", "00Ff", (6, Value::Binary(vec![0, 0xff]))),
+            ("ratio", "0.1", (7, Value::Float32(0.1))),
+            ("anti_windup", "true", (8, Value::Boolean(true))),
+            ("file", "a=b", (9, Value::String("a=b".into()))),
+            ("target", "supervisor", (10, Value::Enumeration(2))),
+            ("target", "2", (10, Value::Enumeration(2))),
         ] {
             assert_eq!(value_of(name, text), Ok(expected), "{name}={text}");
         }

@@ -1,7 +1,7 @@
 //! The human-readable table of a model's variables.
 
 use fmu_description::value::whole;
-use fmu_description::{ModelDescription, ScalarVariable};
+use fmu_description::{Listed, ModelDescription};
 
 /// The column headings.
 pub const HEAD: [&str; 8] = [
@@ -18,22 +18,39 @@ pub const HEAD: [&str; 8] = [
 /// The cells of a variable.
 pub type Row = [String; HEAD.len()];
 
-/// The rows of all variables, in the order of the model description.
+/// The rows of all variables and their aliases, in the order of the model description.
 pub fn rows(model: &ModelDescription<'_>) -> impl Iterator<Item = Row> {
-    model.variables().map(|(_, variable)| row(variable))
+    let variables = model.variables();
+    variables.flat_map(|(_, variable)| {
+        let row = row(variable, model);
+        let alias = |name: &str| {
+            let mut alias = row.clone();
+            alias[0] = name.to_owned();
+            alias[5] = String::new();
+            alias[7] = format!("alias of {}", variable.name);
+            alias
+        };
+        let aliases: Vec<_> = variable.aliases().map(alias).collect();
+        [row].into_iter().chain(aliases)
+    })
 }
 
-fn row(v: &ScalarVariable<'_>) -> Row {
+fn row(v: &Listed<'_>, model: &ModelDescription<'_>) -> Row {
     let item = |start| {
-        let mut items = v.items();
-        let found = items.find(|(_, value)| whole(start) == Some(*value));
-        found.map_or(start, |(name, _)| name)
+        let mut items = v.items().iter();
+        let found = items.find(|item| whole(start) == Some(item.value));
+        found.map_or(start, |item| &item.name)
     };
     let starts: Vec<_> = v.starts().into_iter().map(item).collect();
-    let sizes: Vec<_> = v.dimensions.iter().map(usize::to_string).collect();
+    let sizes = v.element.children("Dimension").map(|dimension| {
+        let parameter = model.referred(dimension, "valueReference");
+        let parameter = parameter.map(|parameter| parameter.name.as_str());
+        dimension.attribute("start").or(parameter).unwrap_or("?")
+    });
+    let sizes: Vec<_> = sizes.collect();
     let of_type = match sizes.len() {
-        0 => v.kind.as_str().to_owned(),
-        _ => format!("{}[{}]", v.kind.as_str(), sizes.join(",")),
+        0 => v.of_type.name(model.version).to_owned(),
+        _ => format!("{}[{}]", v.of_type.as_str(), sizes.join(", ")),
     };
     let bound = |name| v.inherited(name).map(short);
     let range = match (bound("min"), bound("max")) {
@@ -43,14 +60,14 @@ fn row(v: &ScalarVariable<'_>) -> Row {
         (None, None) => String::new(),
     };
     [
-        v.name,
+        &v.name,
         v.causality.as_str(),
         v.variability.as_str(),
         &of_type,
-        v.unit().unwrap_or_default(),
+        v.unit.as_deref().unwrap_or_default(),
         &starts.join(" "),
         &range,
-        v.element.attribute("description").unwrap_or_default(),
+        &v.description,
     ]
     .map(str::to_owned)
 }

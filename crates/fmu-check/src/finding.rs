@@ -3,11 +3,10 @@
 use std::fmt;
 
 use fmu_description::xml::Element;
-use fmu_description::{FmiVersion, ScalarVariable};
+use fmu_description::{FmiVersion, Listed};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 
-use crate::rules::Variable;
 use crate::{Rule, Source};
 
 /// Severity of a finding.
@@ -66,20 +65,14 @@ impl Location {
     }
 }
 
-impl From<&Variable<'_>> for Location {
-    fn from(variable: &Variable<'_>) -> Self {
-        Self::of_variable(variable.element)
-    }
-}
-
 impl From<&Element<'_>> for Location {
     fn from(element: &Element<'_>) -> Self {
         Self::of(MODEL_DESCRIPTION, element)
     }
 }
 
-impl From<&ScalarVariable<'_>> for Location {
-    fn from(variable: &ScalarVariable<'_>) -> Self {
+impl From<&Listed<'_>> for Location {
+    fn from(variable: &Listed<'_>) -> Self {
         Self::of_variable(variable.element)
     }
 }
@@ -252,6 +245,26 @@ impl Findings {
             .sum()
     }
 }
+
+/// Adds a finding: `find!(findings, RULE at place, "min is {min}, expected 0")`.
+macro_rules! find {
+    ($findings:expr, $rule:ident at $place:expr, $($text:tt)+) => {
+        $findings.add(&$rule, $place, format!($($text)+))
+    };
+}
+pub(crate) use find;
+
+/// Adds a finding unless a condition holds: `require!(findings, RULE at place, min == 0, "min is {min},
+/// expected 0")`.
+macro_rules! require {
+    ($findings:expr, $rule:ident at $place:expr, $condition:expr, $($text:tt)+) => {
+        match $condition {
+            true => {}
+            false => $crate::finding::find!($findings, $rule at $place, $($text)+),
+        }
+    };
+}
+pub(crate) use require;
 
 #[cfg(test)]
 mod tests {

@@ -6,14 +6,13 @@
 #![forbid(unsafe_code)]
 
 mod binary;
-mod build;
-mod exports;
 mod finding;
 pub mod format;
 mod package;
 mod rule;
 mod rules;
 mod schema;
+mod sources;
 mod terminals;
 
 use std::path::Path;
@@ -21,29 +20,28 @@ use std::path::Path;
 pub use binary::Probes;
 pub use binary::child::run as probe;
 pub use finding::{Finding, Findings, Group, Location, Severity};
-use fmu_description::xml::{self, Element};
+use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 pub use rule::{Rule, Source};
-use schema::Schema;
 
 /// All rules, by the part of the FMU that they are about.
 pub fn rules() -> impl Iterator<Item = &'static Rule> {
     [
         package::ARCHIVE,
-        exports::EXPORTS,
-        build::BUILD,
+        package::EXPORTS,
+        sources::BUILD,
         terminals::TERMINALS,
         schema::SCHEMA,
         rules::root::ROOT,
-        rules::DEFINITIONS,
-        rules::units::UNITS,
-        rules::types::TYPES,
-        rules::names::NAMES,
+        rules::definitions::DEFINITIONS,
+        rules::definitions::UNITS,
+        rules::definitions::TYPES,
+        rules::variables::NAMES,
         rules::variables::VARIABLES,
         rules::structure::STRUCTURE,
-        rules::arrays::ARRAYS,
-        rules::clocks::CLOCKS,
+        rules::fmi3::ARRAYS,
+        rules::fmi3::CLOCKS,
         binary::rules::BEHAVIOUR,
     ]
     .into_iter()
@@ -70,8 +68,12 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
         }
     };
     let parsed = xml::parse(&decoded.text);
-    let version = parsed.as_ref().map_or(Some(FmiVersion::Fmi2), version);
-    findings.set_version(version.unwrap_or(FmiVersion::Fmi2));
+    let version = parsed
+        .as_ref()
+        .ok()
+        .and_then(|root| FmiVersion::named(root.attribute("fmiVersion")));
+    let version = version.unwrap_or_default();
+    findings.set_version(version);
     package::check(&mut archive, findings);
     let root = match parsed {
         Ok(root) => root,
@@ -79,40 +81,29 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
             return findings.add(&package::READABLE, MODEL_DESCRIPTION, format!("{error:#}"));
         }
     };
-    let Some(version) = version else {
+    if let Some(text) = ModelDescription::other_version(&root) {
         // The rules of another version are different.
-        let text = ModelDescription::other_version(&root).unwrap_or_default();
         return findings.add(&rules::root::FMI_VERSION, &root, text);
-    };
+    }
     for fault in decoded.faults {
         findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
     }
-    schema::check(
-        MODEL_DESCRIPTION,
-        &root,
-        &Schema::of_model(version),
-        findings,
-    );
+    let schema = match version {
+        FmiVersion::Fmi2 => &schema::MODEL_2,
+        FmiVersion::Fmi3 => &schema::MODEL_3,
+    };
+    schema::check(MODEL_DESCRIPTION, &root, schema, findings);
     let model = ModelDescription::new(&root);
-    rules::check(&root, findings);
-    package::check_binaries(&root, &mut archive, findings);
+    rules::check(&model, findings);
+    let has_sources = sources::check(&root, &mut archive, findings);
+    package::check_binaries(&root, has_sources, &mut archive, findings);
     if version == FmiVersion::Fmi3 {
         package::check_folders(&archive, findings);
-        terminals::check(&root, &mut archive, findings);
+        terminals::check(&model, &mut archive, findings);
     }
     if let Some(probes) = probes
         && archive.faults.is_empty()
     {
         binary::check(&decoded.text, &model, &mut archive, probes, findings);
-    }
-}
-
-/// The version that the root of a model description gives, by default FMI 2.0; `None` if it is another
-/// one.
-fn version(root: &Element<'_>) -> Option<FmiVersion> {
-    match root.attribute("fmiVersion") {
-        None | Some("2.0") => Some(FmiVersion::Fmi2),
-        _ if root.name != "fmiModelDescription" => Some(FmiVersion::Fmi2),
-        Some(version) => version.starts_with("3.").then_some(FmiVersion::Fmi3),
     }
 }

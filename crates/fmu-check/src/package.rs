@@ -2,15 +2,15 @@
 
 use std::collections::{BTreeSet, HashSet};
 
+use fmi_abi::{Interface, fmi3};
 use fmu_description::FmiVersion;
 use fmu_description::xml::{self, Element};
-use fmu_file::archive::{self, Archive};
+use fmu_file::archive::Archive;
 use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
-use super::finding::Findings;
-use super::rule::rules;
-use crate::{build, exports};
+use crate::finding::{Findings, find, require};
+use crate::rule::rules;
 
 rules! {
     /// What the archive must contain.
@@ -51,10 +51,19 @@ rules! {
         EXTRA_DOMAIN: Warning, "extra-domain", Fmi3("section 2.5.1.6"),
             "The folder extra has subfolders that are named after domains.";
     }
+
+    /// The functions of a binary.
+    pub EXPORTS {
+        EXPORTED: Error, "functions-exported", Fmi3("section 2.5"),
+            "A binary exports all functions of its interface types.";
+    }
 }
 
 /// Names of the interface types.
 pub const INTERFACES: [&str; 3] = ["ModelExchange", "CoSimulation", "ScheduledExecution"];
+
+/// Larger binaries are not read.
+const MAX_BINARY: u64 = 128 << 20;
 
 /// Maximum number of bytes that are read of an XML file.
 const MAX_XML: u64 = 64 << 20;
@@ -75,38 +84,24 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
     }
 }
 
-/// Checks that each interface type has its sources, or its binary for each platform.
-pub fn check_binaries(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings) {
-    let folders: BTreeSet<String> = platform::folders(&archive.names)
-        .into_iter()
-        .map(str::to_owned)
-        .collect();
-    let has_sources = match findings.version() {
-        FmiVersion::Fmi2 => {
-            sources(root, archive, findings);
-            interfaces(root).any(|interface| interface.child("SourceFiles").is_some())
-        }
-        FmiVersion::Fmi3 => {
-            build::check(root, archive, findings);
-            archive.names.iter().any(|name| name == build::FILE)
-        }
-    };
-    if folders.is_empty() && !has_sources {
-        findings.add(
-            &BINARIES_OR_SOURCES,
-            "archive",
-            "it has neither binaries nor sources, expected at least one of the two",
-        );
-    }
+/// Checks that there are sources or binaries, and that each interface type has its binary for each platform.
+pub fn check_binaries(
+    root: &Element<'_>,
+    has_sources: bool,
+    archive: &mut Archive,
+    findings: &mut Findings,
+) {
+    let folders = platform::folders(&archive.names).into_iter();
+    let folders: BTreeSet<String> = folders.map(str::to_owned).collect();
+    require!(findings, BINARIES_OR_SOURCES at "archive", has_sources || !folders.is_empty(),
+        "it has neither binaries nor sources, expected at least one of the two");
     for folder in folders {
         match Platform::named(&folder, findings.version()) {
             Ok(platform) => binaries(root, platform, archive, findings),
             Err(_) if findings.version() == FmiVersion::Fmi3 && is_static(&folder) => {}
-            Err(error) => findings.add(
-                &KNOWN_PLATFORM,
-                format!("binaries/{folder}"),
-                error.to_string(),
-            ),
+            Err(error) => {
+                find!(findings, KNOWN_PLATFORM at format!("binaries/{folder}"), "{error}")
+            }
         }
     }
 }
@@ -136,27 +131,74 @@ fn binaries(
     for identifier in identifiers {
         let file = platform.binary(identifier);
         if !archive.names.contains(&file) {
-            findings.add(
-                &BINARY_NAMED,
-                format!("binaries/{}", platform.folder),
-                format!(
-                    "it has no {}, expected the binary that modelIdentifier names",
-                    quote(&file)
-                ),
-            );
+            find!(findings, BINARY_NAMED at format!("binaries/{}", platform.folder),
+                "it has no {}, expected the binary that modelIdentifier names", quote(&file));
             continue;
         }
-        let checked = archive
-            .head(&file, Platform::HEAD)
-            .and_then(|head| platform.check(&head));
-        match checked {
-            Err(error) => findings.add(&BINARY_FORMAT, file, format!("{error:#}")),
+        let head = archive.head(&file, Platform::HEAD);
+        match head.and_then(|head| platform.check(&head)) {
+            Err(error) => find!(findings, BINARY_FORMAT at file, "{error:#}"),
             Ok(()) if findings.version() == FmiVersion::Fmi3 => {
-                exports::check(&file, identifier, root, archive, findings);
+                exports(&file, identifier, root, archive, findings);
             }
             Ok(()) => {}
         }
     }
+}
+
+/// Checks which functions of FMI 3.0 a binary exports, without running it, so also those for other machines.
+/// It is the shared library of all interface types with this identifier.
+fn exports(
+    file: &str,
+    identifier: &str,
+    root: &Element<'_>,
+    archive: &mut Archive,
+    findings: &mut Findings,
+) {
+    let Ok(binary) = archive.head(file, MAX_BINARY + 1) else {
+        return;
+    };
+    // The names that a binary of macOS exports may be compressed.
+    let has_plain_names = binary.starts_with(b"\x7fELF") || binary.starts_with(b"MZ");
+    if binary.len() as u64 > MAX_BINARY || !has_plain_names {
+        return;
+    }
+    let is_of = |interface: &str| {
+        let mut own = interfaces(root).filter(|own| own.name == interface);
+        own.any(|own| own.attribute("modelIdentifier") == Some(identifier))
+    };
+    let functions = fmi3::FUNCTIONS.iter().map(|(function, _)| function);
+    let required = functions.filter(|function| {
+        match (
+            function.name.strip_prefix("fmi3Instantiate"),
+            function.interface,
+        ) {
+            (Some(interface), _) => is_of(interface),
+            (None, Interface::All) => true,
+            (None, interface) => is_of(&format!("{interface:?}")),
+        }
+    });
+    for name in missing(&binary, required.map(|function| function.name)) {
+        find!(findings, EXPORTED at file,
+            "it does not export {name}, expected all functions of its interface types");
+    }
+}
+
+/// The names that are not in a binary as texts with a zero byte behind.
+fn missing(binary: &[u8], names: impl Iterator<Item = &'static str>) -> BTreeSet<&'static str> {
+    const PREFIX: &[u8] = b"fmi3";
+    const MAX_LENGTH: usize = 64;
+    let mut missing: BTreeSet<&str> = names.collect();
+    for at in 0..binary.len() {
+        let rest = &binary[at..];
+        if rest.starts_with(PREFIX)
+            && let Some(end) = rest.iter().take(MAX_LENGTH).position(|byte| *byte == 0)
+            && let Ok(name) = str::from_utf8(&rest[..end])
+        {
+            missing.remove(name);
+        }
+    }
+    missing
 }
 
 /// Reads an XML file; `None` if there is none. Damage is reported by [`check`].
@@ -174,73 +216,47 @@ pub fn check_folders(archive: &Archive, findings: &mut Findings) {
     let names: HashSet<&str> = archive.names.iter().map(String::as_str).collect();
     for image in ["documentation/diagram", "terminalsAndIcons/icon"] {
         let (vector, pixels) = (format!("{image}.svg"), format!("{image}.png"));
-        if names.contains(vector.as_str()) && !names.contains(pixels.as_str()) {
-            let text = format!("it has no {pixels} beside it, expected both");
-            findings.add(&IMAGE_PNG, vector, text);
-        }
+        let [vector_exists, pixels_exist] =
+            [&vector, &pixels].map(|name| names.contains(name.as_str()));
+        require!(findings, IMAGE_PNG at vector, pixels_exist || !vector_exists,
+            "it has no {pixels} beside it, expected both");
     }
     const LICENCES: &str = "documentation/licenses/";
+    let has_one = |base: &str, extensions: &[&str]| {
+        let mut extensions = extensions.iter();
+        extensions.any(|extension| names.contains(format!("{base}.{extension}").as_str()))
+    };
     let is_file_in = |folder| move |name: &&&str| name.starts_with(folder) && !name.ends_with('/');
-    if names.iter().any(|name| is_file_in(LICENCES)(&name))
-        && !["spdx", "txt", "html"]
-            .iter()
-            .any(|extension| names.contains(format!("{LICENCES}license.{extension}").as_str()))
-    {
-        let text = "it has no license.txt, license.html or license.spdx, expected one of them";
-        findings.add(&LICENCE_ENTRY, LICENCES, text);
-    }
+    let has_licences = names.iter().any(|name| is_file_in(LICENCES)(&name));
+    let has_entry = has_one(&format!("{LICENCES}license"), &["spdx", "txt", "html"]);
+    require!(findings, LICENCE_ENTRY at LICENCES, has_entry || !has_licences,
+        "it has no license.txt, license.html or license.spdx, expected one of them");
+    let has_page = has_one("documentation/staticLinking", &["txt", "html"]);
     for folder in platform::folders(&archive.names) {
-        if is_static(folder)
-            && !["txt", "html"].iter().any(|extension| {
-                names.contains(format!("documentation/staticLinking.{extension}").as_str())
-            })
-        {
-            let text =
-                "it holds a static library, expected documentation/staticLinking.txt or .html";
-            findings.add(&STATIC_LINKING, format!("binaries/{folder}"), text);
-        }
+        require!(findings, STATIC_LINKING at format!("binaries/{folder}"),
+            has_page || !is_static(folder),
+            "it holds a static library, expected documentation/staticLinking.txt or .html");
     }
     let folders: BTreeSet<&str> = (names.iter())
         .filter(is_file_in("extra/"))
         .filter_map(|name| name.split('/').nth(1))
         .collect();
-    for folder in folders.into_iter().filter(|folder| !folder.contains('.')) {
-        let text = format!(
-            "it is {}, expected a subfolder named after a domain, such as com.example",
-            quote(folder)
-        );
-        findings.add(&EXTRA_DOMAIN, format!("extra/{folder}"), text);
+    for folder in folders {
+        require!(findings, EXTRA_DOMAIN at format!("extra/{folder}"), folder.contains('.'),
+            "it is {}, expected a subfolder named after a domain, such as com.example", quote(folder));
     }
 }
 
-/// Checks that the listed source files exist, and that each is listed once.
-fn sources(root: &Element<'_>, archive: &Archive, findings: &mut Findings) {
-    let names: HashSet<&str> = archive.names.iter().map(String::as_str).collect();
-    for kind in INTERFACES {
-        let mut listed = HashSet::new();
-        for file in root
-            .children(kind)
-            .flat_map(|kind| kind.list("SourceFiles", "File"))
-        {
-            let Some(name) = file.attribute("name") else {
-                continue;
-            };
-            let path = archive::relative(&format!("sources/{name}"));
-            if !path
-                .as_ref()
-                .is_ok_and(|path| names.contains(path.as_str()))
-            {
-                let name = quote(name);
-                let text = format!("the source file {name} is missing, expected it in sources");
-                findings.add(&SOURCES_EXIST, file, text);
-            }
-            if !listed.insert(path.unwrap_or_else(|_| name.to_owned())) {
-                let text = format!(
-                    "the source file {} is listed twice, expected once",
-                    quote(name)
-                );
-                findings.add(&SOURCES_UNIQUE, file, text);
-            }
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_end_with_a_zero_byte() {
+        // The last has no end; a name may be the end of another.
+        let binary = b"\0fmi3Reset\0my_fmi3DoStep\0fmi3SetTimes\0fmi3Terminate";
+        let names = ["fmi3Reset", "fmi3DoStep", "fmi3SetTime", "fmi3Terminate"];
+        let missing = missing(binary, names.into_iter());
+        assert_eq!(missing, BTreeSet::from(["fmi3SetTime", "fmi3Terminate"]));
     }
 }

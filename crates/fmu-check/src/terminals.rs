@@ -2,20 +2,17 @@
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_description::value::real;
+use fmu_description::ModelDescription;
 use fmu_description::xml::{self, Element};
 use fmu_file::archive::{self, Archive};
 use fmu_file::text::quote;
 
-use crate::finding::{Findings, Location};
-use crate::package;
+use crate::finding::{Findings, Location, find, require};
 use crate::rule::rules;
-use crate::schema::{self, terminals::TERMINALS_AND_ICONS};
+use crate::{package, schema};
 
-/// The folder of terminals and icons.
-pub const FOLDER: &str = "terminalsAndIcons";
-/// The description of terminals.
-pub const FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
+const FOLDER: &str = "terminalsAndIcons";
+const FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 
 rules! {
     /// Terminals and icons.
@@ -41,78 +38,50 @@ rules! {
     }
 }
 
-/// The causality of each variable and alias, by name.
-type Causalities<'a> = HashMap<&'a str, &'a str>;
-
 /// What the terminals refer to.
 struct Context<'a> {
-    causalities: Causalities<'a>,
-    files: &'a HashSet<&'a str>,
+    /// The causality of each variable and alias, by name.
+    causalities: HashMap<&'a str, &'a str>,
+    files: HashSet<&'a str>,
 }
 
-/// Checks the file, if the FMU has it; `root` is that of the model description.
-pub fn check(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings) {
+/// Checks the file, if the FMU has it.
+pub fn check(model: &ModelDescription<'_>, archive: &mut Archive, findings: &mut Findings) {
     let Some(text) = package::xml(FILE, archive, findings) else {
         return;
     };
     let document = match xml::parse(&text) {
         Ok(document) => document,
-        Err(error) => return findings.add(&TERMINALS_READABLE, FILE, format!("{error:#}")),
+        Err(error) => return find!(findings, TERMINALS_READABLE at FILE, "{error:#}"),
     };
-    schema::check(FILE, &document, &TERMINALS_AND_ICONS, findings);
-    version(root, &document, findings);
-    coordinates(&document, findings);
-    let files = archive.names.iter().map(String::as_str).collect();
+    schema::check(FILE, &document, &schema::TERMINALS, findings);
+    let [expected, found] = [model.root, &document].map(|root| root.attribute("fmiVersion"));
+    if let (Some(expected), Some(found)) = (expected, found) {
+        require!(findings, TERMINALS_VERSION at Location::of(FILE, &document), expected == found,
+            "fmiVersion is {}, expected {} as in the model description", quote(found), quote(expected));
+    }
+    for system in document.list("GraphicalRepresentation", "CoordinateSystem") {
+        for (first, second) in [("x1", "x2"), ("y1", "y2")] {
+            if let (Some(low), Some(high)) = (system.real(first), system.real(second)) {
+                require!(findings, COORDINATES at Location::of(FILE, system), low < high,
+                    "{first} is {low} and {second} is {high}, expected {first} < {second}");
+            }
+        }
+    }
+    let variables = model.root.child("ModelVariables").into_iter();
+    let names = variables
+        .flat_map(|list| &list.children)
+        .flat_map(|variable| {
+            let causality = variable.attribute("causality").unwrap_or("local");
+            let elements = [variable].into_iter().chain(variable.children("Alias"));
+            elements.filter_map(move |element| Some((element.attribute("name")?, causality)))
+        });
     let context = Context {
-        causalities: causalities(root),
-        files: &files,
+        causalities: names.collect(),
+        files: archive.names.iter().map(String::as_str).collect(),
     };
     if let Some(terminals) = document.child("Terminals") {
         level(terminals, &context, findings);
-    }
-}
-
-fn causalities<'a>(root: &'a Element<'_>) -> Causalities<'a> {
-    let mut causalities = Causalities::new();
-    for variable in root
-        .child("ModelVariables")
-        .into_iter()
-        .flat_map(|list| &list.children)
-    {
-        let causality = variable.attribute("causality").unwrap_or("local");
-        for element in [variable].into_iter().chain(variable.children("Alias")) {
-            if let Some(name) = element.attribute("name") {
-                causalities.insert(name, causality);
-            }
-        }
-    }
-    causalities
-}
-
-fn version(root: &Element<'_>, document: &Element<'_>, findings: &mut Findings) {
-    let [expected, found] = [root, document].map(|element| element.attribute("fmiVersion"));
-    if let (Some(expected), Some(found)) = (expected, found)
-        && expected != found
-    {
-        let (expected, found) = (quote(expected), quote(found));
-        let text =
-            format!("fmiVersion is {found}, expected {expected} as in the model description");
-        findings.add(&TERMINALS_VERSION, Location::of(FILE, document), text);
-    }
-}
-
-fn coordinates(document: &Element<'_>, findings: &mut Findings) {
-    for system in document.list("GraphicalRepresentation", "CoordinateSystem") {
-        for (first, second) in [("x1", "x2"), ("y1", "y2")] {
-            let number = |name| system.attribute(name).and_then(real);
-            if let (Some(low), Some(high)) = (number(first), number(second))
-                && low >= high
-            {
-                let text =
-                    format!("{first} is {low} and {second} is {high}, expected {first} < {second}");
-                findings.add(&COORDINATES, Location::of(FILE, system), text);
-            }
-        }
     }
 }
 
@@ -120,26 +89,23 @@ fn coordinates(document: &Element<'_>, findings: &mut Findings) {
 fn level(parent: &Element<'_>, context: &Context<'_>, findings: &mut Findings) {
     let mut names = HashSet::new();
     for terminal in parent.children("Terminal") {
-        if let Some(name) = terminal.attribute("name")
-            && (name.is_empty() || !names.insert(name))
-        {
-            let text = format!(
-                "the name of the terminal is {}, expected one of its own",
-                quote(name)
-            );
-            findings.add(&TERMINAL_UNIQUE, Location::of(FILE, terminal), text);
+        if let Some(name) = terminal.attribute("name") {
+            require!(findings, TERMINAL_UNIQUE at Location::of(FILE, terminal),
+                !name.is_empty() && names.insert(name),
+                "the name of the terminal is {}, expected one of its own", quote(name));
         }
         members(terminal, context, findings);
-        icon(terminal, context, findings);
+        for graphical in terminal.children("TerminalGraphicalRepresentation") {
+            if let Some(base) = graphical.attribute("iconBaseName") {
+                let path = archive::relative(&format!("{FOLDER}/{base}.png"));
+                let exists = path.is_ok_and(|path| context.files.contains(path.as_str()));
+                require!(findings, ICON_EXISTS at Location::of(FILE, graphical), exists,
+                    "iconBaseName is {}, expected a PNG file of that name in {FOLDER}", quote(base));
+            }
+        }
         level(terminal, context, findings);
     }
 }
-
-/// Attributes of the members of a stream: those with member names, and those with variables.
-const STREAM: [(&str, &str); 2] = [
-    ("inStreamMemberName", "inStreamVariableName"),
-    ("outStreamMemberName", "outStreamVariableName"),
-];
 
 fn members(terminal: &Element<'_>, context: &Context<'_>, findings: &mut Findings) {
     let is_matched_by_name = matches!(terminal.attribute("matchingRule"), Some("plug" | "bus"));
@@ -151,81 +117,44 @@ fn members(terminal: &Element<'_>, context: &Context<'_>, findings: &mut Finding
         flows += usize::from(matches!(kind, "inflow" | "outflow"));
         variable(member, "variableName", is_known, context, findings);
         let name = member.attribute("memberName");
-        if is_matched_by_name && name.is_none_or(|name| name.is_empty() || !names.insert(name)) {
-            let name = name.map_or("missing".into(), quote);
-            let text = format!("memberName is {name}, expected one of its own");
-            findings.add(&MEMBER_NAMED, Location::of(FILE, member), text);
-        }
+        let is_own = name.is_some_and(|name| !name.is_empty() && names.insert(name));
+        require!(findings, MEMBER_NAMED at Location::of(FILE, member), is_own || !is_matched_by_name,
+            "memberName is {}, expected one of its own", name.map_or("missing".into(), quote));
     }
     for member in terminal.children("TerminalStreamMemberVariable") {
-        for (name, of) in STREAM {
+        for (name, of) in [
+            ("inStreamMemberName", "inStreamVariableName"),
+            ("outStreamMemberName", "outStreamVariableName"),
+        ] {
             variable(member, of, true, context, findings);
-            if is_matched_by_name
-                && let Some(name) = member.attribute(name)
-                && !names.insert(name)
-            {
-                let text = format!(
-                    "the member name {} appears twice, expected once",
-                    quote(name)
-                );
-                findings.add(&MEMBER_NAMED, Location::of(FILE, member), text);
+            if let Some(name) = member.attribute(name).filter(|_| is_matched_by_name) {
+                require!(findings, MEMBER_NAMED at Location::of(FILE, member), names.insert(name),
+                    "the member name {} appears twice, expected once", quote(name));
             }
         }
-        if flows > 1 {
-            let text =
-                format!("its terminal has {flows} inflows and outflows, expected at most one");
-            findings.add(&STREAM_FLOW, Location::of(FILE, member), text);
-        }
+        require!(findings, STREAM_FLOW at Location::of(FILE, member), flows <= 1,
+            "its terminal has {flows} inflows and outflows, expected at most one");
     }
 }
 
-/// Checks that a member is a variable that can be connected.
+/// Checks that an attribute names a variable, which has a causality that a member of a known kind may have.
 fn variable(
     member: &Element<'_>,
     attribute: &str,
-    is_connected: bool,
+    is_known: bool,
     context: &Context<'_>,
     findings: &mut Findings,
 ) {
     let Some(name) = member.attribute(attribute) else {
         return;
     };
-    let at = Location::of(FILE, member);
+    let (at, shown) = (Location::of(FILE, member), quote(name));
     match context.causalities.get(name) {
-        None => {
-            let text = format!(
-                "{attribute} is {}, expected the name of a variable",
-                quote(name)
-            );
-            findings.add(&MEMBER_EXISTS, at, text);
-        }
-        Some(causality)
-            if is_connected
-                && !["input", "output", "parameter", "calculatedParameter"].contains(causality) =>
-        {
-            let text = format!(
-                "{attribute} is {} with causality {}, expected input, output, parameter or calculatedParameter",
-                quote(name),
-                quote(causality)
-            );
-            findings.add(&MEMBER_CAUSALITY, at, text);
-        }
-        Some(_) => {}
-    }
-}
-
-fn icon(terminal: &Element<'_>, context: &Context<'_>, findings: &mut Findings) {
-    for graphical in terminal.children("TerminalGraphicalRepresentation") {
-        let Some(base) = graphical.attribute("iconBaseName") else {
-            continue;
-        };
-        let path = archive::relative(&format!("{FOLDER}/{base}.png"));
-        if !path.is_ok_and(|path| context.files.contains(path.as_str())) {
-            let text = format!(
-                "iconBaseName is {}, expected a PNG file of that name in {FOLDER}",
-                quote(base)
-            );
-            findings.add(&ICON_EXISTS, Location::of(FILE, graphical), text);
-        }
+        None => find!(findings, MEMBER_EXISTS at at,
+            "{attribute} is {shown}, expected the name of a variable"),
+        Some(causality) => require!(findings, MEMBER_CAUSALITY at at,
+            !is_known || ["input", "output", "parameter", "calculatedParameter"].contains(causality),
+            "{attribute} is {shown} with causality {}, expected input, output, parameter or \
+             calculatedParameter", quote(causality)),
     }
 }

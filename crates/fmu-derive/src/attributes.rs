@@ -1,98 +1,17 @@
-//! The attributes of structs and fields.
+//! The attributes of structs, enums and fields: which options they have, and how these are written.
 
-use std::collections::HashSet;
+use std::fmt::Display;
 
 use fmu_description::words::is_identifier;
-use proc_macro2::Span;
+use proc_macro2::{Span, TokenStream};
+use quote::{ToTokens, quote};
 use syn::meta::ParseNestedMeta;
 use syn::parse::ParseStream;
 use syn::punctuated::Punctuated;
 use syn::spanned::Spanned;
-use syn::{
-    Attribute, Error, Expr, Field, Ident, LitStr, Path, Result, Token, parenthesized, parse_quote,
-};
+use syn::{Attribute, Error, Ident, LitStr, Result, Token, parenthesized};
 
-/// The attributes of a struct: `#[variables(...)]` and `#[model(...)]`.
-pub struct StructAttributes {
-    /// Path of the crate with the traits.
-    pub krate: Path,
-    /// Whether the struct is created with `Default` instead of field by field.
-    pub by_default: bool,
-    /// Name of the model.
-    pub name: Option<LitStr>,
-    /// Sample time (s).
-    pub sample_time: Option<Expr>,
-    /// Whether the model is described by equations; where the option is written.
-    pub continuous: Option<Span>,
-    /// Function that takes a step of a model with equations.
-    pub step: Option<Path>,
-    /// Stop time of the default experiment (s).
-    pub stop_time: Option<Expr>,
-    /// Step size of the default experiment (s).
-    pub step_size: Option<Expr>,
-    /// Relative tolerance of the integrator.
-    pub tolerance: Option<Expr>,
-}
-
-impl StructAttributes {
-    pub fn of(attributes: &[Attribute]) -> Result<Self> {
-        let mut found = Self {
-            krate: parse_quote!(::fmu_export),
-            by_default: false,
-            name: None,
-            sample_time: None,
-            continuous: None,
-            step: None,
-            stop_time: None,
-            step_size: None,
-            tolerance: None,
-        };
-        for attribute in attributes {
-            if attribute.path().is_ident("variables") {
-                attribute.parse_nested_meta(|meta| found.read_group(&meta))?;
-            } else if attribute.path().is_ident("model") {
-                attribute.parse_nested_meta(|meta| found.read_model(&meta))?;
-            }
-        }
-        Ok(found)
-    }
-
-    fn read_group(&mut self, meta: &ParseNestedMeta<'_>) -> Result<()> {
-        if meta.path.is_ident("crate") {
-            self.krate = meta.value()?.parse()?;
-        } else if meta.path.is_ident("default") {
-            self.by_default = true;
-        } else {
-            return Err(meta.error("unknown option; expected `crate` or `default`"));
-        }
-        Ok(())
-    }
-
-    fn read_model(&mut self, meta: &ParseNestedMeta<'_>) -> Result<()> {
-        if meta.path.is_ident("name") {
-            self.name = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("sample_time") {
-            self.sample_time = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("continuous") {
-            self.continuous = Some(meta.path.span());
-        } else if meta.path.is_ident("step") {
-            self.step = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("stop_time") {
-            self.stop_time = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("step_size") {
-            self.step_size = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("tolerance") {
-            self.tolerance = Some(meta.value()?.parse()?);
-        } else if meta.path.is_ident("crate") {
-            self.krate = meta.value()?.parse()?;
-        } else {
-            return Err(meta.error(
-                "unknown option; expected `name`, `sample_time`, `continuous`, `step`, `stop_time`, `step_size`, `tolerance` or `crate`",
-            ));
-        }
-        Ok(())
-    }
-}
+use crate::expression::Expression;
 
 /// What a field is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,176 +30,256 @@ pub enum Role {
     Internal,
 }
 
+use Role::{
+    Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter,
+    StructuralParameter,
+};
+
 const ROLES: [(&str, Role); 9] = [
-    ("input", Role::Input),
-    ("output", Role::Output),
-    ("parameter", Role::Parameter),
-    ("structural_parameter", Role::StructuralParameter),
-    ("local", Role::Local),
-    ("constant", Role::Constant),
-    ("derivative", Role::Derivative),
-    ("event_indicator", Role::EventIndicator),
-    ("nested", Role::Nested),
+    ("input", Input),
+    ("output", Output),
+    ("parameter", Parameter),
+    ("structural_parameter", StructuralParameter),
+    ("local", Local),
+    ("constant", Constant),
+    ("derivative", Derivative),
+    ("event_indicator", EventIndicator),
+    ("nested", Nested),
 ];
 
-/// The attribute of a field.
-pub struct FieldAttributes {
-    pub role: Role,
-    pub name: Option<LitStr>,
-    pub description: Option<LitStr>,
-    pub unit: Option<LitStr>,
-    /// MIME type of a binary.
-    pub mime_type: Option<LitStr>,
-    pub start: Option<Expr>,
-    pub min: Option<Expr>,
-    pub max: Option<Expr>,
-    /// Name of the structural parameter that is the number of elements in use.
-    pub size: Option<LitStr>,
-    pub tunable: bool,
-    pub discrete: bool,
-    /// Whether it is a continuous state.
-    pub state: bool,
-    /// Nominal value of a state.
-    pub nominal: Option<Expr>,
-    /// Name of the state of which it is the derivative.
-    pub of: Option<LitStr>,
-    pub initially_from: Vec<LitStr>,
-    /// Where the time derivative of an input is stored.
-    pub derivative: Option<Expr>,
-    /// Names of inputs, and the derivatives of an output with respect to them.
-    pub derivative_by: Vec<(LitStr, Expr)>,
-    /// Its terminal and its name there.
-    pub terminal: Option<LitStr>,
-    pub prefix: Option<LitStr>,
-    pub flatten: bool,
+/// An option: its name, and the function that reads its value.
+type Known = (&'static str, fn(&ParseNestedMeta<'_>) -> Result<Value>);
+
+/// The value of an option.
+pub enum Value {
+    Flag,
+    Text(LitStr),
+    Expression(Expression),
+    Names(Vec<LitStr>),
+    Derivatives(Vec<(LitStr, Expression)>),
 }
 
-impl FieldAttributes {
-    pub fn of(field: &Field) -> Result<Self> {
-        let mut found = Self {
-            role: Role::Internal,
-            name: None,
-            description: None,
-            unit: None,
-            mime_type: None,
-            start: None,
-            min: None,
-            max: None,
-            size: None,
-            tunable: false,
-            discrete: false,
-            state: false,
-            nominal: None,
-            of: None,
-            initially_from: Vec::new(),
-            derivative: None,
-            derivative_by: Vec::new(),
-            terminal: None,
-            prefix: None,
-            flatten: false,
-        };
-        for attribute in &field.attrs {
-            let role = ROLES
-                .iter()
-                .find(|(name, _)| attribute.path().is_ident(name));
-            let Some((name, role)) = role else {
-                continue;
-            };
-            if found.role != Role::Internal {
-                return Err(Error::new_spanned(
-                    attribute,
-                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator and nested",
-                ));
-            }
-            found.role = *role;
-            let mut options = HashSet::new();
-            if attribute.meta.require_path_only().is_err() {
-                attribute.parse_nested_meta(|meta| {
-                    match options.insert(meta.path.get_ident().cloned()) {
-                        true => found.read(name, &meta),
-                        false => Err(meta.error("this option is given twice")),
-                    }
-                })?;
-            }
+/// The options of `#[model(...)]`, `#[variables(...)]` and `#[choice(...)]`.
+pub const MODEL: (&str, &[Known]) = (
+    "model",
+    &[
+        ("name", text),
+        ("sample_time", expression),
+        ("continuous", flag),
+        ("step", expression),
+        ("stop_time", expression),
+        ("step_size", expression),
+        ("tolerance", expression),
+        ("crate", expression),
+    ],
+);
+pub const VARIABLES: (&str, &[Known]) = ("variables", &[("crate", expression), ("default", flag)]);
+pub const CHOICE: (&str, &[Known]) = ("choice", &[("name", text), ("crate", expression)]);
+
+/// The options of fields, and the roles that have them.
+const OF_FIELDS: &[(Known, &[Role])] = &[
+    (("of", name), &[Derivative]),
+    (("name", text), NAMED),
+    (("description", text), DESCRIBED),
+    (("unit", text), DESCRIBED),
+    (("start", expression), NAMED),
+    (("min", expression), NAMED),
+    (("max", expression), NAMED),
+    (("mime_type", text), NAMED),
+    (("size", name), &[Input, Output, Parameter, Local, Constant]),
+    (("tunable", flag), &[Parameter, StructuralParameter]),
+    (("discrete", flag), &[Input, Output, Local]),
+    (("state", flag), &[Output, Local]),
+    (("nominal", expression), &[Output, Local]),
+    (("initially_from", names), &[Output, Local]),
+    (("derivative", expression), &[Input]),
+    (("derivative_by", derivatives), EQUATIONS),
+    (("terminal", terminal), &[Input, Output]),
+    (("prefix", text), &[Nested]),
+    (("flatten", flag), &[Nested]),
+];
+const DESCRIBED: &[Role] = &[
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    StructuralParameter,
+    Local,
+    Constant,
+    EventIndicator,
+];
+/// The name of a derivative follows from that of its state.
+const NAMED: &[Role] = DESCRIBED.split_at(1).1;
+const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
+/// Options for a few types only, which messages do not list.
+const RARE: [&str; 2] = ["mime_type", "size"];
+
+/// The options that are given: name, place and value.
+#[derive(Default)]
+pub struct Options(Vec<(&'static str, Span, Value)>);
+
+impl Options {
+    /// The options of a struct, an enum or a variant.
+    pub fn of(attributes: &[Attribute], (name, known): (&str, &[Known])) -> Result<Self> {
+        let names = || known.iter().map(|(name, _)| *name).collect::<Vec<_>>();
+        let expected = || format!("unknown option; expected {}", either(&names()));
+        let mut options = Self::default();
+        for attribute in attributes.iter().filter(|a| a.path().is_ident(name)) {
+            attribute.parse_nested_meta(|meta| options.read(&meta, known, &expected))?;
         }
-        Ok(found)
+        Ok(options)
     }
 
-    fn read(&mut self, role_name: &str, meta: &ParseNestedMeta<'_>) -> Result<()> {
-        use Role::{
-            Constant, Derivative, EventIndicator, Input, Local, Nested, Output, Parameter,
-            StructuralParameter,
-        };
-        let role = self.role;
-        let option = meta.path.get_ident().map(Ident::to_string);
-        match (option.as_deref().unwrap_or_default(), role) {
-            ("prefix", Nested) => self.prefix = Some(meta.value()?.parse()?),
-            ("flatten", Nested) => self.flatten = true,
-            (_, Nested) => {
-                return Err(meta.error("not an option of `nested`; expected `prefix` or `flatten`"));
+    /// The role of a field, and its options.
+    pub fn of_field(field: &syn::Field) -> Result<(Role, Self)> {
+        let (mut found, mut options) = (Role::Internal, Self::default());
+        for attribute in &field.attrs {
+            let mut roles = ROLES.iter();
+            let Some((name, role)) = roles.find(|(name, _)| attribute.path().is_ident(name)) else {
+                continue;
+            };
+            if found != Role::Internal {
+                return error(
+                    attribute,
+                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator and nested",
+                );
             }
-            ("of", Derivative) => self.of = Some(name(meta.value()?)?),
-            ("name" | "start" | "min" | "max", Derivative) => {
-                return Err(meta.error(
-                    "not an option of `derivative`; expected `of`, `description`, `unit` or `derivative_by`",
-                ));
+            found = *role;
+            if attribute.meta.require_path_only().is_ok() {
+                continue;
             }
-            ("name", _) => self.name = Some(meta.value()?.parse()?),
-            ("description", _) => self.description = Some(meta.value()?.parse()?),
-            ("unit", _) => self.unit = Some(meta.value()?.parse()?),
-            ("mime_type", _) => self.mime_type = Some(meta.value()?.parse()?),
-            ("start", _) => self.start = Some(expression(meta)?),
-            ("min", _) => self.min = Some(expression(meta)?),
-            ("max", _) => self.max = Some(expression(meta)?),
-            ("size", Input | Output | Parameter | Local | Constant) => {
-                self.size = Some(name(meta.value()?)?);
-            }
-            ("tunable", Parameter | StructuralParameter) => self.tunable = true,
-            ("discrete", Input | Output | Local) => self.discrete = true,
-            ("state", Output | Local) => self.state = true,
-            ("nominal", Output | Local) => self.nominal = Some(expression(meta)?),
-            ("initially_from", Output | Local) => {
-                let list;
-                parenthesized!(list in meta.input);
-                let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
-                self.initially_from.extend(names);
-            }
-            ("terminal", Input | Output) => self.terminal = Some(terminal(meta.value()?)?),
-            ("derivative", Input) => self.derivative = Some(meta.value()?.parse()?),
-            ("derivative_by", Output | Derivative | EventIndicator) => {
-                let list;
-                parenthesized!(list in meta.input);
-                while !list.is_empty() {
-                    let name = name(&list)?;
-                    list.parse::<Token![=]>()?;
-                    self.derivative_by.push((name, list.parse()?));
-                    if !list.is_empty() {
-                        list.parse::<Token![,]>()?;
-                    }
-                }
-            }
-            _ => {
-                let own = match role {
-                    Input => ", `discrete`, `derivative`, `terminal`",
-                    Output => {
-                        ", `discrete`, `state`, `nominal`, `initially_from`, `derivative_by`, `terminal`"
-                    }
-                    Parameter | StructuralParameter => ", `tunable`",
-                    Local => ", `discrete`, `state`, `nominal`, `initially_from`",
-                    Derivative | EventIndicator => ", `derivative_by`",
-                    Constant | Nested | Role::Internal => "",
+            let of_role = OF_FIELDS.iter().filter(|(_, roles)| roles.contains(role));
+            let known: Vec<Known> = of_role.map(|(known, _)| *known).collect();
+            let expected = || {
+                let names = known.iter().map(|(name, _)| *name);
+                let names: Vec<_> = names.filter(|name| !RARE.contains(name)).collect();
+                let names = match names.len() {
+                    0..=2 => either(&names),
+                    _ => quoted(&names).join(", "),
                 };
-                return Err(meta.error(format!(
-                    "not an option of `{role_name}`; expected `name`, `description`, `unit`, `start`, `min`, `max`{own}"
-                )));
-            }
+                format!("not an option of `{name}`; expected {names}")
+            };
+            attribute.parse_nested_meta(|meta| options.read(&meta, &known, &expected))?;
         }
+        Ok((found, options))
+    }
+
+    fn read(
+        &mut self,
+        meta: &ParseNestedMeta<'_>,
+        known: &[Known],
+        expected: &dyn Fn() -> String,
+    ) -> Result<()> {
+        let found = known.iter().find(|(name, _)| meta.path.is_ident(name));
+        let (name, value) = found.ok_or_else(|| meta.error(expected()))?;
+        if self.has(name) {
+            return Err(meta.error("this option is given twice"));
+        }
+        self.0.push((name, meta.path.span(), value(meta)?));
         Ok(())
     }
+
+    fn find(&self, option: &str) -> Option<&(&'static str, Span, Value)> {
+        self.0.iter().find(|(name, ..)| *name == option)
+    }
+
+    /// Where an option is given.
+    pub fn place(&self, option: &str) -> Option<Span> {
+        self.find(option).map(|(_, place, _)| *place)
+    }
+
+    pub fn has(&self, option: &str) -> bool {
+        self.find(option).is_some()
+    }
+
+    pub fn text(&self, option: &str) -> Option<&LitStr> {
+        match self.find(option) {
+            Some((.., Value::Text(text))) => Some(text),
+            _ => None,
+        }
+    }
+
+    pub fn expression(&self, option: &str) -> Option<&Expression> {
+        match self.find(option) {
+            Some((.., Value::Expression(expression))) => Some(expression),
+            _ => None,
+        }
+    }
+
+    pub fn names(&self, option: &str) -> &[LitStr] {
+        match self.find(option) {
+            Some((.., Value::Names(names))) => names,
+            _ => &[],
+        }
+    }
+
+    pub fn derivatives(&self) -> &[(LitStr, Expression)] {
+        match self.find("derivative_by") {
+            Some((.., Value::Derivatives(derivatives))) => derivatives,
+            _ => &[],
+        }
+    }
+
+    /// The path of the crate with the traits.
+    pub fn krate(&self) -> TokenStream {
+        let path = self.expression("crate").map(ToTokens::to_token_stream);
+        path.unwrap_or_else(|| quote!(::fmu_export))
+    }
+}
+
+fn flag(_: &ParseNestedMeta<'_>) -> Result<Value> {
+    Ok(Value::Flag)
+}
+
+fn text(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    Ok(Value::Text(meta.value()?.parse()?))
+}
+
+fn expression(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    Ok(Value::Expression(meta.value()?.parse()?))
+}
+
+fn name(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    Ok(Value::Text(quoted_or_not(meta.value()?)?))
+}
+
+/// The name of a terminal and of a member, separated by a period.
+fn terminal(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    let names: LitStr = meta.value()?.parse()?;
+    let text = names.value();
+    let is_name = |(terminal, member)| is_identifier(terminal) && is_identifier(member);
+    match text.split_once('.').is_some_and(is_name) {
+        true => Ok(Value::Text(names)),
+        false => error(
+            names,
+            format!("{text:?} is not the name of a terminal and of a member, such as \"loop.u\""),
+        ),
+    }
+}
+
+/// `("name", "name")`
+fn names(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    let list;
+    parenthesized!(list in meta.input);
+    let names = Punctuated::<LitStr, Token![,]>::parse_terminated(&list)?;
+    Ok(Value::Names(names.into_iter().collect()))
+}
+
+/// `(name = expression, name = expression)`
+fn derivatives(meta: &ParseNestedMeta<'_>) -> Result<Value> {
+    let list;
+    parenthesized!(list in meta.input);
+    let one = |input: ParseStream<'_>| {
+        let name = quoted_or_not(input)?;
+        input.parse::<Token![=]>()?;
+        Ok((name, input.parse()?))
+    };
+    let all = list.parse_terminated(one, Token![,])?;
+    Ok(Value::Derivatives(all.into_iter().collect()))
 }
 
 /// A name in quotes, or without if it is an identifier.
-fn name(input: ParseStream<'_>) -> Result<LitStr> {
+fn quoted_or_not(input: ParseStream<'_>) -> Result<LitStr> {
     if input.peek(LitStr) {
         return input.parse();
     }
@@ -288,25 +287,19 @@ fn name(input: ParseStream<'_>) -> Result<LitStr> {
     Ok(LitStr::new(&name.to_string(), name.span()))
 }
 
-/// The name of a terminal and of a member, separated by a period.
-fn terminal(input: ParseStream<'_>) -> Result<LitStr> {
-    let names: LitStr = input.parse()?;
-    let text = names.value();
-    let parts = text.split_once('.');
-    if parts.is_some_and(|(terminal, member)| is_identifier(terminal) && is_identifier(member)) {
-        return Ok(names);
-    }
-    Err(Error::new(
-        names.span(),
-        format!("{text:?} is not the name of a terminal and of a member, such as \"loop.u\""),
-    ))
+fn quoted(names: &[&str]) -> Vec<String> {
+    names.iter().map(|name| format!("`{name}`")).collect()
 }
 
-/// The value of an option, without the invisible parentheses that `macro_rules!` adds.
-fn expression(meta: &ParseNestedMeta<'_>) -> Result<Expr> {
-    let mut expression = meta.value()?.parse()?;
-    while let Expr::Group(group) = expression {
-        expression = *group.expr;
+/// Names in a sentence: `a`, `b` or `c`.
+fn either(names: &[&str]) -> String {
+    match quoted(names).split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => quoted(names).concat(),
     }
-    Ok(expression)
+}
+
+/// An error at a place.
+pub fn error<T>(place: impl ToTokens, text: impl Display) -> Result<T> {
+    Err(Error::new_spanned(place, text))
 }

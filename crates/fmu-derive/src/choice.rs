@@ -3,103 +3,88 @@
 use std::collections::HashSet;
 
 use proc_macro2::TokenStream;
-use quote::quote;
-use syn::meta::ParseNestedMeta;
-use syn::{
-    Attribute, Data, DeriveInput, Error, Fields, LitStr, Path, Result, Variant, parse_quote,
-};
+use quote::{ToTokens, quote};
+use syn::{Data, DeriveInput, Fields, LitStr, Result, Variant};
 
-use crate::names;
+use crate::attributes::{CHOICE, Options, error};
+use crate::field::{described, identifier, literal};
 
-/// The attribute `#[choice(...)]` of an enum or a variant.
-struct Attributes {
-    krate: Path,
-    name: LitStr,
-}
-
-impl Attributes {
-    fn of(attributes: &[Attribute], name: LitStr) -> Result<Self> {
-        let mut found = Self {
-            krate: parse_quote!(::fmu_export),
-            name,
-        };
-        for attribute in attributes.iter().filter(|a| a.path().is_ident("choice")) {
-            attribute.parse_nested_meta(|meta| found.read(&meta))?;
-        }
-        names::check_identifier(&found.name)?;
-        Ok(found)
-    }
-
-    fn read(&mut self, meta: &ParseNestedMeta<'_>) -> Result<()> {
-        if meta.path.is_ident("name") {
-            self.name = meta.value()?.parse()?;
-        } else if meta.path.is_ident("crate") {
-            self.krate = meta.value()?.parse()?;
-        } else {
-            return Err(meta.error("unknown option; expected `name` or `crate`"));
-        }
-        Ok(())
-    }
-}
-
-/// The path of the crate with the traits.
-pub fn krate(input: &DeriveInput) -> Path {
-    match Attributes::of(&input.attrs, literal(&input.ident)) {
-        Ok(attributes) => attributes.krate,
-        Err(_) => parse_quote!(::fmu_export),
-    }
-}
-
+/// Implements `Choice`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let ident = &input.ident;
     let Data::Enum(data) = &input.data else {
-        return Err(Error::new_spanned(ident, "expected an enum"));
+        return error(ident, "expected an enum");
     };
-    let of_enum = Attributes::of(&input.attrs, literal(ident))?;
-    let (krate, name) = (of_enum.krate, of_enum.name);
-    let krate = quote!(#krate::derive);
-    let description = description(&input.attrs, ident)?;
+    let options = Options::of(&input.attrs, CHOICE)?;
+    let name = options.text("name").cloned();
+    let name = identifier(name.unwrap_or_else(|| literal(ident)))?;
+    let description = described(&input.attrs, ident)?;
     // Without discriminants, Rust counts from 0, and FMI tools from 1.
     let base = i32::from(data.variants.iter().all(|v| v.discriminant.is_none()));
-    let mut names = HashSet::new();
-    let items = data
-        .variants
-        .iter()
-        .map(|variant| item(variant, base, &mut names, &krate))
-        .collect::<Result<Vec<_>>>()?;
-    let first = data.variants.first().map(|variant| &variant.ident);
-    let Some(first) = first else {
-        return Err(Error::new_spanned(ident, "expected at least one variant"));
-    };
+    let (krate, mut names) = (options.krate(), HashSet::new());
+    let items = data.variants.iter();
+    let items = items.map(|variant| item(variant, base, &mut names, &krate));
+    let items = items.collect::<Result<Vec<_>>>()?;
     let variants: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
-    Ok(quote! {
-        impl #krate::Choice for #ident {
+    let [first, ..] = &*variants else {
+        return error(ident, "expected at least one variant");
+    };
+    let from_number = quote! {
+        #(
+            if number == Self::#variants as i32 + #base {
+                return ::core::option::Option::Some(Self::#variants);
+            }
+        )*
+        ::core::option::Option::None
+    };
+    let bodies = [
+        quote!(self as i32 + #base),
+        from_number,
+        quote!(Self::#first),
+    ];
+    let about = (name.to_token_stream(), description.to_token_stream());
+    Ok(implementation(input, &krate, about, &items, base, bodies))
+}
+
+/// The implementation for a type whose derive failed, so that the compiler reports the mistake alone. Its
+/// functions are never called.
+pub fn stub(input: &DeriveInput) -> TokenStream {
+    let krate = Options::of(&input.attrs, CHOICE)
+        .unwrap_or_default()
+        .krate();
+    let item = quote!(#krate::derive::Item { value: 1, name: "", description: "" });
+    let bodies = [(); 3].map(|()| quote!(::core::unreachable!()));
+    implementation(input, &krate, (quote!(""), quote!("")), &[item], 1, bodies)
+}
+
+fn implementation(
+    input: &DeriveInput,
+    krate: &TokenStream,
+    (name, description): (TokenStream, TokenStream),
+    items: &[TokenStream],
+    base: i32,
+    [number, from_number, unset]: [TokenStream; 3],
+) -> TokenStream {
+    let (ident, krate) = (&input.ident, quote!(#krate::derive));
+    let (generics, arguments, condition) = input.generics.split_for_impl();
+    quote! {
+        #[allow(unused_variables)]
+        impl #generics #krate::Choice for #ident #arguments #condition {
             const ENUMERATION: #krate::Enumeration = #krate::Enumeration {
                 name: #name,
                 description: #description,
                 items: &[#(#items),*],
+                size: ::core::mem::size_of::<Self>(),
+                item: #krate::item::<Self>,
             };
             const BASE: i32 = #base;
 
             #[inline]
-            fn number(self) -> i32 {
-                self as i32 + #base
-            }
-
-            fn from_number(number: i32) -> ::core::option::Option<Self> {
-                #(
-                    if number == Self::#variants as i32 + #base {
-                        return ::core::option::Option::Some(Self::#variants);
-                    }
-                )*
-                ::core::option::Option::None
-            }
-
-            fn unset() -> Self {
-                Self::#first
-            }
+            fn number(self) -> i32 { #number }
+            fn from_number(number: i32) -> ::core::option::Option<Self> { #from_number }
+            fn unset() -> Self { #unset }
         }
-    })
+    }
 }
 
 fn item(
@@ -110,32 +95,27 @@ fn item(
 ) -> Result<TokenStream> {
     let ident = &variant.ident;
     if !matches!(variant.fields, Fields::Unit) {
-        return Err(Error::new_spanned(
-            &variant.fields,
-            "expected a variant without fields",
-        ));
+        return error(&variant.fields, "expected a variant without fields");
     }
-    let name = LitStr::new(&names::snake_case(&ident.to_string()), ident.span());
-    let name = Attributes::of(&variant.attrs, name)?.name;
+    let options = Options::of(&variant.attrs, CHOICE)?;
+    let default = LitStr::new(&snake_case(&ident.to_string()), ident.span());
+    let name = identifier(options.text("name").cloned().unwrap_or(default))?;
     if !names.insert(name.value()) {
-        let message = format!("two items have the name {:?}", name.value());
-        return Err(Error::new(name.span(), message));
+        return error(&name, format!("two items have the name {:?}", name.value()));
     }
-    let description = description(&variant.attrs, ident)?;
-    Ok(quote! {
-        #krate::Item { value: Self::#ident as i32 + #base, name: #name, description: #description }
-    })
+    let description = described(&variant.attrs, ident)?;
+    let value = quote!(Self::#ident as i32 + #base);
+    Ok(quote!(#krate::derive::Item { value: #value, name: #name, description: #description }))
 }
 
-fn literal(ident: &syn::Ident) -> LitStr {
-    LitStr::new(&ident.to_string(), ident.span())
-}
-
-fn description(attributes: &[Attribute], ident: &syn::Ident) -> Result<String> {
-    names::description(attributes).ok_or_else(|| {
-        Error::new_spanned(
-            ident,
-            format!("`{ident}` has no description; write a doc comment above it"),
-        )
-    })
+/// `TransferFunction` as `transfer_function`.
+fn snake_case(name: &str) -> String {
+    let mut snake = String::new();
+    for (index, c) in name.chars().enumerate() {
+        if c.is_uppercase() && index > 0 {
+            snake.push('_');
+        }
+        snake.extend(c.to_lowercase());
+    }
+    snake
 }

@@ -1,93 +1,78 @@
 //! A field of a struct, with its attribute checked.
 
-use fmu_description::{IntegerKind, Unit};
-use proc_macro2::Span;
+use fmu_description::words::is_identifier;
+use fmu_description::{Type as FmiType, Unit};
+use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
-use syn::{Error, Expr, GenericArgument, Ident, LitStr, PathArguments, Result, Type};
+use syn::{Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, Result, Type};
 
-use crate::attributes::{FieldAttributes, Role};
-use crate::{names, start};
+use crate::attributes::{Options, Role, error};
+use crate::start;
 
 /// A field.
 pub struct Field {
     pub ident: Ident,
     pub ty: Type,
-    pub attributes: FieldAttributes,
-    pub content: Content,
-}
-
-/// What a field contributes to the table.
-pub enum Content {
-    Variable(Variable),
-    Nested { prefix: String },
-    Internal,
-}
-
-/// A variable: its name, and the type of its elements.
-pub struct Variable {
+    pub role: Role,
+    pub options: Options,
+    /// The name of a variable, or the prefix of a nested struct.
     pub name: LitStr,
     pub description: String,
-    pub kind: Kind,
+    /// The type of a variable, or of the elements of an array.
+    pub of_type: FmiType,
+    /// The index of its row in the table; of an internal field, that of the next.
+    pub row: usize,
+    /// The path of the traits.
+    pub krate: TokenStream,
 }
 
-/// The type of the elements of a variable.
-#[derive(Clone)]
-pub enum Kind {
-    /// `f64`
-    Real,
-    /// `f32`
-    Single,
-    Integer(IntegerKind),
-    Boolean,
-    String,
-    /// `Vec<u8>`
-    Binary,
-    Choice(Box<Type>),
-}
-
-impl Kind {
-    /// Whether it is a number with a fraction.
-    pub fn is_real(&self) -> bool {
-        matches!(self, Self::Real | Self::Single)
-    }
-}
-
-const INTEGERS: [(&str, IntegerKind); 8] = [
-    ("i8", IntegerKind::Int8),
-    ("u8", IntegerKind::UInt8),
-    ("i16", IntegerKind::Int16),
-    ("u16", IntegerKind::UInt16),
-    ("i32", IntegerKind::Int32),
-    ("u32", IntegerKind::UInt32),
-    ("i64", IntegerKind::Int64),
-    ("u64", IntegerKind::UInt64),
+/// The types of Rust that are types of variables, by their names.
+const TYPES: [(&str, FmiType); 12] = [
+    ("f32", FmiType::Float32),
+    ("f64", FmiType::Float64),
+    ("i8", FmiType::Int8),
+    ("u8", FmiType::UInt8),
+    ("i16", FmiType::Int16),
+    ("u16", FmiType::UInt16),
+    ("i32", FmiType::Int32),
+    ("u32", FmiType::UInt32),
+    ("i64", FmiType::Int64),
+    ("u64", FmiType::UInt64),
+    ("bool", FmiType::Boolean),
+    ("String", FmiType::String),
 ];
 
 impl Field {
-    pub fn of(field: &syn::Field) -> Result<Self> {
-        let attributes = FieldAttributes::of(field)?;
+    pub fn of(field: &syn::Field, krate: &TokenStream) -> Result<Self> {
+        let (role, options) = Options::of_field(field)?;
         let Some(ident) = field.ident.clone() else {
-            return Err(Error::new_spanned(field, "expected a field with a name"));
+            return error(field, "expected a field with a name");
         };
-        let content = match attributes.role {
-            Role::Internal => Content::Internal,
-            Role::Nested if !matches!(ungrouped(&field.ty), Type::Path(_)) => {
-                return Err(Error::new_spanned(
-                    &field.ty,
-                    "expected a struct with #[derive(Variables)]",
-                ));
-            }
-            Role::Nested => Content::Nested {
-                prefix: prefix(&ident, &attributes)?,
-            },
-            _ => Content::Variable(variable(field, &ident, &attributes)?),
-        };
-        Ok(Self {
-            ident,
+        let mut found = Self {
+            name: literal(&ident),
+            description: String::new(),
+            of_type: FmiType::Clock,
+            row: 0,
+            krate: krate.clone(),
             ty: field.ty.clone(),
-            attributes,
-            content,
-        })
+            ident,
+            role,
+            options,
+        };
+        match role {
+            Role::Internal => {}
+            Role::Nested if !matches!(ungrouped(&field.ty), Type::Path(_)) => {
+                return error(&field.ty, "expected a struct with #[derive(Variables)]");
+            }
+            Role::Nested => found.name = found.prefix()?,
+            _ => {
+                found.name = found.variable_name()?;
+                found.description = found.described(&field.attrs)?;
+                found.of_type = of_type(&field.ty)?;
+                found.check()?;
+            }
+        }
+        Ok(found)
     }
 
     /// Where errors of the field are shown.
@@ -95,18 +80,32 @@ impl Field {
         self.ident.span()
     }
 
-    pub fn variable(&self) -> Option<&Variable> {
-        match &self.content {
-            Content::Variable(variable) => Some(variable),
-            _ => None,
-        }
+    pub fn is_variable(&self) -> bool {
+        !matches!(self.role, Role::Nested | Role::Internal)
+    }
+
+    /// Whether it is a variable of this name.
+    pub fn is_named(&self, name: &LitStr) -> bool {
+        self.is_variable() && self.name.value() == name.value()
     }
 
     /// Whether it is the structural parameter that is the number of elements in use of an array.
     pub fn is_size_of(&self, array: &Self) -> bool {
-        self.attributes.role == Role::StructuralParameter
-            && (self.variable().zip(array.attributes.size.as_ref()))
-                .is_some_and(|(variable, size)| variable.name.value() == size.value())
+        let size = array.options.text("size");
+        self.role == Role::StructuralParameter && size.is_some_and(|size| self.is_named(size))
+    }
+
+    /// Whether it is an input or a state that is a scalar of type f64, with respect to which derivatives may
+    /// be known.
+    pub fn is_known(&self) -> bool {
+        let is_scalar = self.of_type == FmiType::Float64 && self.dimensions().is_empty();
+        is_scalar && (self.role == Role::Input || self.options.has("state"))
+    }
+
+    /// Whether the host sets it, so that it has a start value in any case.
+    pub fn is_settable(&self) -> bool {
+        use Role::{Input, Parameter, StructuralParameter};
+        matches!(self.role, Input | Parameter | StructuralParameter)
     }
 
     /// The dimensions of an array; empty for other types.
@@ -119,223 +118,166 @@ impl Field {
         }
         dimensions
     }
-}
 
-fn prefix(ident: &Ident, attributes: &FieldAttributes) -> Result<String> {
-    match &attributes.prefix {
-        Some(prefix) if attributes.flatten => Err(Error::new_spanned(
-            prefix,
-            "expected either `prefix` or `flatten`",
-        )),
-        Some(prefix) => {
-            names::check(prefix)?;
-            Ok(prefix.value())
+    /// The type of the elements of an array of any dimension, or its own.
+    pub fn element_type(&self) -> &Type {
+        let mut ty = ungrouped(&self.ty);
+        while let Type::Array(array) = ty {
+            ty = ungrouped(&array.elem);
         }
-        None if attributes.flatten => Ok(String::new()),
-        None => Ok(plain(ident)),
+        ty
     }
-}
 
-fn variable(field: &syn::Field, ident: &Ident, attributes: &FieldAttributes) -> Result<Variable> {
-    let name = name(ident, attributes)?;
-    let description = match &attributes.description {
-        Some(text) => Some(text.value()),
-        None => names::description(&field.attrs).map(|text| without_unit(&text, attributes)),
-    };
-    let of_state = || Some(format!("Derivative of {}", attributes.of.as_ref()?.value()));
-    let description = description.or_else(of_state);
-    let description = description.filter(|text| !text.is_empty()).ok_or_else(|| {
-        Error::new(
-            ident.span(),
-            format!("`{ident}` has no description; write a doc comment above it"),
-        )
-    })?;
-    let kind = kind(&field.ty)?;
-    check_options(&kind, field, attributes)?;
-    Ok(Variable {
-        name,
-        description,
-        kind,
-    })
-}
+    fn prefix(&self) -> Result<LitStr> {
+        match (self.options.text("prefix"), self.options.has("flatten")) {
+            (Some(prefix), true) => error(prefix, "expected either `prefix` or `flatten`"),
+            (Some(prefix), false) => structured(prefix.clone()),
+            (None, true) => Ok(LitStr::new("", self.span())),
+            (None, false) => Ok(self.name.clone()),
+        }
+    }
 
-/// The name of a variable; that of a derivative is `der(state)`.
-fn name(ident: &Ident, attributes: &FieldAttributes) -> Result<LitStr> {
-    if attributes.role == Role::Derivative {
-        let state = attributes.of.as_ref().ok_or_else(|| {
-            Error::new(
-                ident.span(),
-                "a derivative needs its state; expected `#[derivative(of = ...)]`",
-            )
-        })?;
-        names::check(state)?;
-        return Ok(LitStr::new(
+    /// The name of a variable; that of a derivative is `der(state)`.
+    fn variable_name(&self) -> Result<LitStr> {
+        if self.role != Role::Derivative {
+            let name = self.options.text("name").unwrap_or(&self.name);
+            return structured(name.clone());
+        }
+        let Some(state) = self.options.text("of") else {
+            let what = "a derivative needs its state; expected `#[derivative(of = ...)]`";
+            return error(&self.ident, what);
+        };
+        let state = structured(state.clone())?;
+        Ok(LitStr::new(
             &format!("der({})", state.value()),
             state.span(),
-        ));
+        ))
     }
-    let name =
-        (attributes.name.clone()).unwrap_or_else(|| LitStr::new(&plain(ident), ident.span()));
-    names::check(&name)?;
-    Ok(name)
-}
 
-/// A doc comment without the unit in parentheses, which the variable has by itself.
-fn without_unit(text: &str, attributes: &FieldAttributes) -> String {
-    match &attributes.unit {
-        Some(unit) => text.replace(&format!(" ({})", unit.value()), ""),
-        None => text.to_owned(),
+    /// The description, without the unit, which the variable has by itself.
+    fn described(&self, attributes: &[Attribute]) -> Result<String> {
+        let given = self.options.text("description").map(LitStr::value);
+        let unit = self.options.text("unit").map(LitStr::value);
+        let unit = unit.map_or(String::new(), |unit| format!(" ({unit})"));
+        let comment = || Some(description(attributes)?.replace(&unit, ""));
+        let state = self.options.text("of").map(LitStr::value);
+        let of_state = || Some(format!("Derivative of {}", state?));
+        needed(given.or_else(comment).or_else(of_state), &self.ident)
     }
-}
 
-/// The name of a field without `r#`.
-fn plain(ident: &Ident) -> String {
-    let name = ident.to_string();
-    name.strip_prefix("r#").unwrap_or(&name).to_owned()
-}
-
-fn kind(ty: &Type) -> Result<Kind> {
-    let unsupported = || {
-        Error::new_spanned(
-            ty,
-            "not a type of an FMI variable; expected f64, f32, i8 to i64, u8 to u64, bool, String, Vec<u8>, an enum with #[derive(Choice)], or an array such as [f64; 3]",
-        )
-    };
-    match ungrouped(ty) {
-        Type::Array(array) => kind(&array.elem),
-        Type::Path(path) => {
-            let Some(last) = path.path.segments.last() else {
-                return Err(unsupported());
-            };
-            let has_types = match &last.arguments {
-                PathArguments::None => false,
-                PathArguments::AngleBracketed(list) => {
-                    (list.args.iter()).any(|a| matches!(a, GenericArgument::Type(_)))
-                }
-                PathArguments::Parenthesized(_) => true,
-            };
-            let name = last.ident.to_string();
-            if let Some((_, kind)) = INTEGERS.iter().find(|(of, _)| *of == name) {
-                return Ok(Kind::Integer(*kind));
-            }
-            match name.as_str() {
-                "f64" => Ok(Kind::Real),
-                "f32" => Ok(Kind::Single),
-                "bool" => Ok(Kind::Boolean),
-                "String" => Ok(Kind::String),
-                "Vec" if last.to_token_stream().to_string() == quote!(Vec<u8>).to_string() => {
-                    Ok(Kind::Binary)
-                }
-                "i128" | "isize" | "u128" | "usize" | "char" | "str" => Err(unsupported()),
-                _ if has_types => Err(unsupported()),
-                _ => Ok(Kind::Choice(Box::new(ty.clone()))),
-            }
-        }
-        _ => Err(unsupported()),
-    }
-}
-
-fn check_options(kind: &Kind, field: &syn::Field, attributes: &FieldAttributes) -> Result<()> {
-    let is_real = matches!(kind, Kind::Real);
-    let is_array = matches!(ungrouped(&field.ty), Type::Array(_));
-    if let Some(unit) = &attributes.unit {
-        if !kind.is_real() {
-            return Err(Error::new_spanned(
-                unit,
-                "only an f64 or f32 has a unit (a type alias is not recognized)",
-            ));
-        }
-        if let Err(error) = Unit::parse(&unit.value()) {
-            let text = unit.value();
-            let which = match error == format!("{text:?} is not a unit") {
-                true => String::new(),
-                false => format!(": {error}"),
-            };
-            return Err(Error::new_spanned(
-                unit,
-                format!(
-                    "unknown unit {text:?}{which}; expected a product such as \"N.m\", \"kg.m2\", \"m/s2\" or \"N/(rad.s)\""
-                ),
-            ));
-        }
-    }
-    if let Some(mime_type) = &attributes.mime_type
-        && !matches!(kind, Kind::Binary)
-    {
-        return Err(Error::new_spanned(
-            mime_type,
+    /// Checks that the options go with the type and with each other.
+    fn check(&self) -> Result<()> {
+        let (options, of_type) = (&self.options, self.of_type);
+        let dimensions = self.dimensions().len();
+        let is_array = dimensions > 0;
+        let is_real = of_type == FmiType::Float64;
+        let is_state = options.has("state");
+        let is_of_equations =
+            is_state || matches!(self.role, Role::Derivative | Role::EventIndicator);
+        refuse(
+            options.text("unit"),
+            !of_type.is_float(),
+            "only an f64 or f32 has a unit (a type alias is not recognized)",
+        )?;
+        options.text("unit").map_or(Ok(()), check_unit)?;
+        refuse(
+            options.text("mime_type"),
+            of_type != FmiType::Binary,
             "only a Vec<u8> has a MIME type",
-        ));
-    }
-    if attributes.role == Role::StructuralParameter
-        && (is_array || !matches!(kind, Kind::Integer(IntegerKind::UInt64)))
-    {
-        return Err(Error::new_spanned(
-            &field.ty,
+        )?;
+        let is_size = self.role == Role::StructuralParameter;
+        refuse(
+            Some(&self.ty),
+            is_size && (is_array || of_type != FmiType::UInt64),
             "a structural parameter is of type u64",
-        ));
-    }
-    if let Some(size) = &attributes.size {
-        let is_list = match ungrouped(&field.ty) {
-            Type::Array(array) => !matches!(ungrouped(&array.elem), Type::Array(_)),
-            _ => false,
-        };
-        if !is_list || attributes.state {
-            return Err(Error::new_spanned(
-                size,
-                "only an array of one dimension, and not of states, has a size",
-            ));
-        }
-    }
-    if attributes.role == Role::Constant && attributes.start.is_none() {
-        return Err(Error::new_spanned(
-            &field.ident,
+        )?;
+        refuse(
+            options.text("size"),
+            dimensions != 1 || is_state,
+            "only an array of one dimension, and not of states, has a size",
+        )?;
+        refuse(
+            Some(&self.ident),
+            self.role == Role::Constant && !options.has("start"),
             "a constant needs a value; expected `#[constant(start = ...)]`",
-        ));
-    }
-    start::check(field, attributes, kind)?;
-    if let Some(derivative) = &attributes.derivative
-        && (!is_real || is_array)
-    {
-        return Err(Error::new_spanned(
-            derivative,
+        )?;
+        start::check(self)?;
+        refuse(
+            options.expression("derivative"),
+            !is_real || is_array,
             "only an input of type f64 has an input derivative",
-        ));
-    }
-    if let Some((name, _)) = attributes.derivative_by.first()
-        && (!is_real || is_array)
-    {
-        return Err(Error::new_spanned(
-            name,
+        )?;
+        refuse(
+            options.derivatives().first().map(|(name, _)| name),
+            !is_real || is_array,
             "only a variable of type f64 has directional derivatives",
-        ));
-    }
-    let is_of_equations =
-        attributes.state || matches!(attributes.role, Role::Derivative | Role::EventIndicator);
-    if is_of_equations && (!is_real || attributes.discrete) {
-        return Err(Error::new_spanned(
-            &field.ident,
+        )?;
+        refuse(
+            Some(&self.ident),
+            is_of_equations && (!is_real || options.has("discrete")),
             "states, derivatives and event indicators are continuous and of type f64",
-        ));
+        )?;
+        let nominal = options.expression("nominal");
+        refuse(nominal, !is_state, "only a state has a nominal value")?;
+        nominal.map_or(Ok(()), start::check_positive)
     }
-    if let Some(nominal) = &attributes.nominal {
-        if !attributes.state {
-            return Err(Error::new_spanned(
-                nominal,
-                "only a state has a nominal value",
-            ));
-        }
-        start::check_positive(nominal)?;
-    }
-    Ok(())
 }
 
-/// The type of the elements of an array of any dimension.
-pub fn element_type(ty: &Type) -> &Type {
-    match ungrouped(ty) {
-        Type::Array(array) => element_type(&array.elem),
-        ty => ty,
+/// An error at a place, if there is the place and a mistake.
+fn refuse(place: Option<impl ToTokens>, is_mistake: bool, what: &str) -> Result<()> {
+    match place {
+        Some(place) if is_mistake => error(place, what),
+        _ => Ok(()),
     }
+}
+
+fn check_unit(unit: &LitStr) -> Result<()> {
+    let text = unit.value();
+    let Err(unknown) = Unit::parse(&text) else {
+        return Ok(());
+    };
+    let which = match unknown == format!("{text:?} is not a unit") {
+        true => String::new(),
+        false => format!(": {unknown}"),
+    };
+    error(
+        unit,
+        format!(
+            "unknown unit {text:?}{which}; expected a product such as \"N.m\", \"kg.m2\", \"m/s2\" or \"N/(rad.s)\""
+        ),
+    )
+}
+
+/// The type of the elements of a variable; a type that is not known is taken for an enumeration, and checked by
+/// the compiler.
+fn of_type(ty: &Type) -> Result<FmiType> {
+    let path = match ungrouped(ty) {
+        Type::Array(array) => return of_type(&array.elem),
+        Type::Path(path) => path.path.segments.last(),
+        _ => None,
+    };
+    if let Some(last) = path {
+        let name = last.ident.to_string();
+        let is_bytes = last.to_token_stream().to_string() == quote!(Vec<u8>).to_string();
+        let is_generic = match &last.arguments {
+            syn::PathArguments::None => false,
+            syn::PathArguments::AngleBracketed(list) => {
+                (list.args.iter()).any(|a| matches!(a, GenericArgument::Type(_)))
+            }
+            syn::PathArguments::Parenthesized(_) => true,
+        };
+        let others = ["i128", "isize", "u128", "usize", "char", "str"];
+        match TYPES.iter().find(|(rust, _)| *rust == name) {
+            Some((_, of_type)) => return Ok(*of_type),
+            None if is_bytes => return Ok(FmiType::Binary),
+            None if !is_generic && !others.contains(&&*name) => return Ok(FmiType::Enumeration),
+            None => {}
+        }
+    }
+    error(
+        ty,
+        "not a type of an FMI variable; expected f64, f32, i8 to i64, u8 to u64, bool, String, Vec<u8>, an enum with #[derive(Choice)], or an array such as [f64; 3]",
+    )
 }
 
 /// The type without parentheses, also those invisible that `macro_rules!` adds.
@@ -344,5 +286,76 @@ pub fn ungrouped(ty: &Type) -> &Type {
         Type::Group(inner) => ungrouped(&inner.elem),
         Type::Paren(inner) => ungrouped(&inner.elem),
         ty => ty,
+    }
+}
+
+/// An identifier as a name, without `r#`.
+pub fn literal(ident: &Ident) -> LitStr {
+    let name = ident.to_string();
+    LitStr::new(name.strip_prefix("r#").unwrap_or(&name), ident.span())
+}
+
+/// A structured name of FMI: identifiers separated by periods.
+fn structured(name: LitStr) -> Result<LitStr> {
+    let is_name = name.value().split('.').all(is_identifier);
+    named(name, is_name, ", with periods between parts")
+}
+
+/// A C identifier.
+pub fn identifier(name: LitStr) -> Result<LitStr> {
+    let is_name = is_identifier(&name.value());
+    named(name, is_name, "")
+}
+
+fn named(name: LitStr, is_name: bool, more: &str) -> Result<LitStr> {
+    let text = name.value();
+    let expected = "expected letters, digits and underscores";
+    match is_name {
+        true => Ok(name),
+        false => error(name, format!("{text:?} is not a name; {expected}{more}")),
+    }
+}
+
+/// The first paragraph of the doc comments as plain text, without backticks and a final period; `None`
+/// if there is none.
+fn description(attributes: &[Attribute]) -> Option<String> {
+    let docs = attributes.iter().filter(|a| a.path().is_ident("doc"));
+    let texts = docs.filter_map(|attribute| match &attribute.meta {
+        Meta::NameValue(meta) => Some(&meta.value),
+        _ => None,
+    });
+    let texts: Vec<String> = texts
+        .filter_map(|value| match value {
+            Expr::Lit(ExprLit {
+                lit: Lit::Str(text),
+                ..
+            }) => Some(text.value()),
+            _ => None,
+        })
+        .collect();
+    let is_empty = |line: &&str| line.trim().is_empty();
+    let lines = texts.iter().flat_map(|text| text.split('\n'));
+    let words = (lines
+        .skip_while(is_empty)
+        .take_while(|line| !is_empty(line)))
+    .flat_map(str::split_whitespace)
+    .collect::<Vec<_>>();
+    let text = words.join(" ").replace('`', "");
+    let text = text.strip_suffix('.').unwrap_or(&text);
+    (!text.is_empty()).then(|| text.to_owned())
+}
+
+/// The description of a type or an item.
+pub fn described(attributes: &[Attribute], ident: &Ident) -> Result<String> {
+    needed(description(attributes), ident)
+}
+
+fn needed(description: Option<String>, ident: &Ident) -> Result<String> {
+    match description.filter(|text| !text.is_empty()) {
+        Some(text) => Ok(text),
+        None => {
+            let what = "has no description; write a doc comment above it";
+            error(ident, format!("`{ident}` {what}"))
+        }
     }
 }

@@ -3,13 +3,11 @@
 
 mod attributes;
 mod choice;
+mod expression;
 mod field;
 mod generate;
 mod model;
-mod names;
-mod spans;
 mod start;
-mod stub;
 
 use proc_macro::TokenStream;
 use syn::{DeriveInput, Error, parse_macro_input};
@@ -87,7 +85,7 @@ use syn::{DeriveInput, Error, parse_macro_input};
     )
 )]
 pub fn model(input: TokenStream) -> TokenStream {
-    expand(parse_macro_input!(input), model::expand, stub::model)
+    expand(parse_macro_input!(input), model::expand, model::stub)
 }
 
 /// Turns a struct into a group of variables, for a field of a model with `#[nested]`.
@@ -220,7 +218,7 @@ pub fn variables(input: TokenStream) -> TokenStream {
     expand(
         parse_macro_input!(input),
         model::expand_variables,
-        stub::variables,
+        model::stub_variables,
     )
 }
 
@@ -255,7 +253,7 @@ pub fn variables(input: TokenStream) -> TokenStream {
 /// ```
 #[proc_macro_derive(Choice, attributes(choice))]
 pub fn choice(input: TokenStream) -> TokenStream {
-    expand(parse_macro_input!(input), choice::expand, stub::choice)
+    expand(parse_macro_input!(input), choice::expand, choice::stub)
 }
 
 fn expand(

@@ -1,23 +1,30 @@
-//! What FMI requires of every slave: the state machine, checks and the panic guard.
+//! An instance of a model: what FMI requires of every FMU, in the vocabulary of FMI 3.0. It knows nothing of
+//! the C interface: an edge calls [`Component::call`] with the function of the standard, and the work, which is
+//! a method of the component.
 
 use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::rc::Rc;
 
-use fmu_description::Variability;
+use fmi_abi::state::State;
+use fmi_abi::{Call, Version};
+use fmu_description::{Overrides, Variability};
+use serde::{Deserialize, Serialize};
 
+use crate::ModelError;
+use crate::bound::{AnyModel, Numbers, take_samples};
+use crate::clock::SampleClock;
+use crate::instance::Hot;
 use crate::lifecycle::{Lifecycle, Mode};
-use crate::log::{Category, Log};
-use crate::model::{Kind, ModelError, Start};
-use crate::panics;
-use crate::phase::{Call, Phase};
-use crate::reason::{Reason, reason};
+use crate::log::{self, Category, Log};
+use crate::model::{Kind, Start};
 use crate::resources::Folder;
-use crate::slave::{Numbers, Slave};
-use crate::snapshot::Snapshot;
-use crate::values::{self, Access, FmiType, Given, Jacobian, Moment};
+use crate::snapshot::{Guid, Snapshot};
+use crate::solver::{self, Workspace};
+use crate::stepping::IntermediateUpdate;
 
-/// The outcome of a call, numbered like `fmi2Status`, so that converting it is free.
+/// The outcome of a call, numbered like the statuses of FMI, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) enum Outcome {
@@ -27,49 +34,41 @@ pub(crate) enum Outcome {
     Fatal = 4,
 }
 
-/// Why a call failed.
-pub(crate) enum Failure {
-    /// The call was invalid and changed nothing.
-    Refused(Reason),
-    /// The step was not taken, and the model is unchanged.
-    Discarded(Reason),
-    /// The model cannot continue.
-    Broken(Reason),
+/// What the component knows of the interface through which it is called.
+pub(crate) struct Edge {
+    /// The version whose names of types are in messages. In FMI 2.0, a value reference addresses a scalar or
+    /// an element of an array; otherwise a variable with all its elements.
+    pub(crate) version: Version,
+    /// The functions that hosts call at every step.
+    pub(crate) get_float64: Call,
+    pub(crate) set_float64: Call,
+    pub(crate) do_step: Call,
+    /// The function that saves the state of an instance, which can be in the states that allow it.
+    pub(crate) get_fmu_state: Call,
 }
 
-impl Failure {
-    fn new(kind: Kind, reason: Reason) -> Self {
-        match kind {
-            Kind::Refused => Self::Refused(reason),
-            Kind::Discarded => Self::Discarded(reason),
-            Kind::Broken => Self::Broken(reason),
-        }
-    }
-
-    /// The same failure of a call that cannot be discarded.
-    fn refused(self) -> Self {
-        match self {
-            Self::Discarded(reason) => Self::Refused(reason),
-            other => other,
-        }
-    }
+/// How an edge creates an instance.
+pub(crate) struct Settings {
+    pub(crate) edge: &'static Edge,
+    pub(crate) mode: Mode,
+    pub(crate) log: Log,
+    pub(crate) resources: Folder,
+    pub(crate) options: Options,
 }
 
-impl From<ModelError> for Failure {
-    fn from(error: ModelError) -> Self {
-        let kind = error.kind();
-        Self::new(kind, Reason::new(move || error.reason().to_owned()))
-    }
-}
-
-impl From<Reason> for Failure {
-    fn from(reason: Reason) -> Self {
-        Self::Refused(reason)
-    }
+/// What else a host may say about an instance.
+#[derive(Default)]
+pub(crate) struct Options {
+    /// Whether a step may end early.
+    pub(crate) early_return_allowed: bool,
+    /// Lets the host do an intermediate update, and returns the time of an early return that it requests.
+    pub(crate) intermediate_update: Option<Rc<dyn Fn(IntermediateUpdate) -> Option<f64>>>,
+    /// The variables that the host may access in an intermediate update.
+    pub(crate) intermediate_variables: Vec<u32>,
 }
 
 /// What an event has changed, and when the next one is due.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Update {
     /// Whether the values of states changed.
     pub(crate) states_changed: bool,
@@ -77,37 +76,90 @@ pub(crate) struct Update {
     pub(crate) next_event: Option<f64>,
 }
 
-/// A product with the Jacobian.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Product {
-    /// With a direction of the knowns.
-    Directional,
-    /// With a direction of the unknowns.
-    Adjoint,
+/// An instance of a model.
+#[repr(C)]
+pub(crate) struct Component<M: ?Sized = dyn AnyModel> {
+    pub(crate) shared: Shared,
+    pub(crate) model: M,
 }
 
-/// An instance of a model; `S` is its [`Slave`].
-pub(crate) struct Component<S: ?Sized = dyn Slave> {
+/// All of a component but its model. The table of functions comes first, so that it can be found without
+/// knowing the model.
+#[repr(C)]
+pub(crate) struct Shared {
+    pub(crate) hot: &'static Hot,
+    pub(crate) lifecycle: Lifecycle,
+    /// The sample instants of a model with a sample time.
+    pub(crate) clock: SampleClock,
+    pub(crate) integration: Integration,
+    pub(crate) edge: &'static Edge,
+    pub(crate) guid: &'static Guid,
+    overrides: Overrides,
     log: Log,
     resources: Folder,
-    /// The texts that the last call returned, which live until the next one.
+    pub(crate) options: Options,
+    /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
-    /// The binary values that the last call returned, which live until the next one.
-    binaries: Vec<Vec<u8>>,
-    pub(crate) lifecycle: Lifecycle,
-    pub(crate) slave: S,
+    pub(crate) binaries: Vec<Vec<u8>>,
+    integrator: Integrator,
 }
 
-impl<S> Component<S> {
-    pub(crate) fn new(mode: Mode, log: Log, resources: Folder, slave: S) -> Self {
+/// How a model is integrated.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub(crate) struct Integration {
+    /// Relative tolerance.
+    tolerance: f64,
+    /// The time until which time events are handled (s).
+    handled: f64,
+}
+
+/// The memory for steps of a model that is integrated; empty for others.
+struct Integrator {
+    workspace: Workspace,
+    /// The model before a step, to which it returns if the step fails.
+    before: Option<Box<dyn Any>>,
+}
+
+impl<M: AnyModel> Component<M> {
+    pub(crate) fn new(
+        settings: Settings,
+        hot: &'static Hot,
+        (guid, overrides): (&'static Guid, Overrides),
+        model: M,
+    ) -> Self {
+        let facts = model.facts();
+        let workspace = match facts.is_integrated {
+            true => Workspace::new(facts.states.len(), facts.event_indicators.len()),
+            false => Workspace::default(),
+        };
         Self {
-            log,
-            resources,
-            texts: Vec::new(),
-            binaries: Vec::new(),
-            lifecycle: Lifecycle::new(mode),
-            slave,
+            shared: Shared {
+                hot,
+                lifecycle: Lifecycle::new(settings.mode),
+                clock: SampleClock::default(),
+                integration: Integration::default(),
+                edge: settings.edge,
+                guid,
+                overrides,
+                log: settings.log,
+                resources: settings.resources,
+                options: settings.options,
+                texts: Vec::new(),
+                binaries: Vec::new(),
+                integrator: Integrator {
+                    workspace,
+                    before: None,
+                },
+            },
+            model,
         }
+    }
+}
+
+impl Shared {
+    /// Whether the host sees what happens in a step, which is then taken in parts.
+    pub(crate) fn is_stepped_in_parts(&self) -> bool {
+        self.lifecycle.mode != Mode::CoSimulation || self.options.intermediate_update.is_some()
     }
 }
 
@@ -116,7 +168,7 @@ impl Component {
     pub(crate) fn call(
         &mut self,
         call: &Call,
-        work: impl FnOnce(&mut Self) -> Result<(), Failure>,
+        work: impl FnOnce(&mut Self) -> Result<(), ModelError>,
     ) -> Outcome {
         let mut work = Some(work);
         self.guard(call, &mut |c| work.take().map_or(Ok(()), |work| work(c)))
@@ -127,570 +179,305 @@ impl Component {
     fn guard(
         &mut self,
         call: &Call,
-        work: &mut dyn FnMut(&mut Self) -> Result<(), Failure>,
+        work: &mut dyn FnMut(&mut Self) -> Result<(), ModelError>,
     ) -> Outcome {
-        if let Some(why) = call.wrong_mode(self.lifecycle.mode) {
-            return self.refuse(call.name, why);
+        let Lifecycle { mode, state, .. } = self.shared.lifecycle;
+        if let Some(why) = mode.lacks(call) {
+            return self.refuse(call, why);
         }
-        if !call.is_allowed(self.lifecycle.phase) {
-            return self.refuse_in_phase(call);
+        if !call.is_allowed(state) {
+            return self.refuse_in(state, call);
         }
         match catch_unwind(AssertUnwindSafe(|| work(self))) {
             Ok(Ok(())) => Outcome::Ok,
-            Ok(Err(failure)) => self.fail(call.name, failure),
-            Err(panic) => self.fail_by_panic(call.name, panic),
+            Ok(Err(error)) => self.fail(call, error),
+            Err(panic) => self.fail_by_panic(call, panic),
         }
     }
 
-    /// Logs why a call failed and returns [`Outcome::Error`].
-    pub(crate) fn refuse(&self, name: &str, reason: impl Into<Reason>) -> Outcome {
-        self.log.send(Category::Error, || {
-            format!("{name}: {}", reason.into().text())
-        });
+    /// Logs why a call failed.
+    pub(crate) fn refuse(&self, call: &Call, reason: &str) -> Outcome {
+        let name = call.name;
+        self.shared
+            .log
+            .send(Category::Error, format_args!("{name}: {reason}"));
         Outcome::Error
     }
 
     #[cold]
-    fn refuse_in_phase(&self, call: &Call) -> Outcome {
-        self.log.send(Category::Error, || {
-            format!(
+    fn refuse_in(&self, state: State, call: &Call) -> Outcome {
+        let all = State::ALL.iter();
+        let mut allowed: Vec<&str> = all
+            .filter(|(state, _)| call.is_allowed(*state))
+            .map(|(_, name)| *name)
+            .collect();
+        allowed.dedup();
+        self.shared.log.send(
+            Category::Error,
+            format_args!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
                 call.name,
-                self.lifecycle.phase.name(),
-                call.allowed_names()
-            )
-        });
-        match self.lifecycle.phase {
-            Phase::Fatal => Outcome::Fatal,
+                state.name(),
+                allowed.join(", ")
+            ),
+        );
+        match state {
+            State::Fatal => Outcome::Fatal,
             _ => Outcome::Error,
         }
+    }
+
+    /// Logs why a call failed, and enters the state that follows.
+    #[cold]
+    #[inline(never)]
+    fn fail(&mut self, call: &Call, error: ModelError) -> Outcome {
+        if error.kind() == Kind::Discarded {
+            // In other states, the host may repeat the call with other values.
+            if self.shared.lifecycle.state == State::StepMode {
+                self.enter(State::StepFailed);
+            }
+            let message = format_args!("{}: {}", call.name, error.reason());
+            self.shared.log.send(Category::Discard, message);
+            return Outcome::Discard;
+        }
+        if error.kind() == Kind::Broken {
+            self.enter(State::Error);
+        }
+        self.refuse(call, error.reason())
     }
 
     /// Logs why a step failed, and enters the state that follows.
     #[cold]
     #[inline(never)]
-    pub(crate) fn fail_step(
-        &mut self,
-        call: &Call,
-        error: ModelError,
-        time: f64,
-        step: f64,
-    ) -> Outcome {
-        let kind = error.kind();
-        let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
-        self.fail(call.name, Failure::new(kind, reason))
+    pub(crate) fn fail_step(&mut self, error: ModelError, time: f64, step: f64) -> Outcome {
+        self.fail(&self.shared.edge.do_step, error.in_step(time, step))
     }
 
     #[cold]
     #[inline(never)]
-    fn fail(&mut self, name: &str, failure: Failure) -> Outcome {
-        match failure {
-            Failure::Refused(reason) => self.refuse(name, reason),
-            Failure::Discarded(reason) => {
-                // In other states, the host may repeat the call with other values.
-                if self.lifecycle.phase == Phase::StepComplete {
-                    self.enter(Phase::StepFailed);
-                }
-                self.log
-                    .send(Category::Discard, || format!("{name}: {}", reason.text()));
-                Outcome::Discard
-            }
-            Failure::Broken(reason) => {
-                self.enter(Phase::Error);
-                self.refuse(name, reason)
-            }
-        }
-    }
-
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn fail_by_panic(&mut self, name: &str, panic: Box<dyn Any + Send>) -> Outcome {
-        self.lifecycle.phase = Phase::Fatal;
+    pub(crate) fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
+        self.shared.lifecycle.state = State::Fatal;
         let text = panic
             .downcast_ref::<&str>()
             .copied()
             .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
             .unwrap_or("no message");
-        let place = panics::take_place();
-        self.log.send(Category::Fatal, || {
-            format!("{name}: {place}the model panicked and is dead: {text}")
-        });
+        let (name, place) = (call.name, log::take_place_of_panic());
+        self.shared.log.send(
+            Category::Fatal,
+            format_args!("{name}: {place}the model panicked and is dead: {text}"),
+        );
         Outcome::Fatal
     }
 
-    pub(crate) fn enter(&mut self, phase: Phase) {
-        self.lifecycle.phase = phase;
-        self.log
-            .send(Category::Events, || format!("state: {}", phase.name()));
+    /// Enters a state, in which the call leaves the instance.
+    pub(crate) fn enter(&mut self, state: State) {
+        self.shared.lifecycle.state = state;
+        let message = format_args!("state: {}", state.name());
+        self.shared.log.send(Category::Events, message);
     }
 
-    pub(crate) fn set_debug_logging(
-        &mut self,
-        call: &Call,
-        on: bool,
-        categories: &[&CStr],
-    ) -> Outcome {
-        self.call(call, |c| Ok(c.log.switch(on, categories)?))
+    pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
+        self.shared.log.switch(on, categories)
     }
 
-    pub(crate) fn setup_experiment(
-        &mut self,
-        call: &Call,
-        start: f64,
-        stop: Option<f64>,
-        tolerance: Option<f64>,
-    ) -> Outcome {
-        self.call(call, |c| c.set_experiment(start, stop, tolerance))
-    }
-
-    /// Sets the times of the experiment, and the relative tolerance.
+    /// Sets the times of the experiment, and the relative tolerance. A model that is not integrated here keeps
+    /// its own tolerance: "An FMU for Co-Simulation might ignore this argument" (FMI 2.0.5, section 2.1.6).
     pub(crate) fn set_experiment(
         &mut self,
         start: f64,
         stop: Option<f64>,
         tolerance: Option<f64>,
-    ) -> Result<(), Failure> {
+    ) -> Result<(), ModelError> {
         if !start.is_finite() {
-            return Err(reason!("the start time is {start}; expected a finite number").into());
+            return Err(ModelError::refuse(format_args!(
+                "the start time is {start}; expected a finite number"
+            )));
         }
         if let Some(stop) = stop
             && !(stop.is_finite() && stop >= start)
         {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the stop time is {stop}; expected a finite number, at least the start time {start}"
-            )
-            .into());
+            )));
         }
-        self.lifecycle.start_time = start;
-        self.lifecycle.stop_time = stop.unwrap_or(f64::MAX);
-        self.lifecycle.tolerance = tolerance;
-        self.lifecycle.stale = true;
+        let lifecycle = &mut self.shared.lifecycle;
+        lifecycle.start_time = start;
+        lifecycle.stop_time = stop.unwrap_or(f64::MAX);
+        lifecycle.tolerance = tolerance;
+        lifecycle.stale = true;
         Ok(())
     }
 
-    pub(crate) fn enter_initialization_mode(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            c.enter(Phase::Initialization);
-            Ok(())
-        })
-    }
-
-    pub(crate) fn exit_initialization_mode(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            c.refresh()?;
-            match c.lifecycle.mode {
-                Mode::CoSimulation => c.enter(Phase::StepComplete),
-                Mode::CoSimulationWithEvents | Mode::ModelExchange => {
-                    c.lifecycle.time = c.lifecycle.start_time;
-                    c.enter(Phase::Event);
-                }
+    pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), ModelError> {
+        self.initialize()?;
+        let lifecycle = &mut self.shared.lifecycle;
+        match lifecycle.mode {
+            Mode::CoSimulation => self.enter(State::StepMode),
+            Mode::CoSimulationWithEvents | Mode::ModelExchange => {
+                lifecycle.time = lifecycle.start_time;
+                self.enter(State::Event);
             }
-            Ok(())
-        })
+        }
+        Ok(())
     }
 
-    /// Enters a state in which the call leaves the instance.
-    pub(crate) fn change_to(&mut self, call: &Call, phase: Phase) -> Outcome {
-        self.call(call, |c| {
-            c.enter(phase);
-            Ok(())
-        })
+    pub(crate) fn terminate(&mut self) -> Result<(), ModelError> {
+        self.enter(State::Terminated);
+        Ok(())
+    }
+
+    pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
+        let shared = &mut self.shared;
+        self.model.reset(shared.overrides);
+        shared.clock = SampleClock::default();
+        shared.integration = Integration::default();
+        shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
+        self.enter(State::Instantiated);
+        Ok(())
+    }
+
+    pub(crate) fn enter_event_mode(&mut self) -> Result<(), ModelError> {
+        let lifecycle = &mut self.shared.lifecycle;
+        // In step mode, nothing is computed for event mode.
+        lifecycle.stale |= lifecycle.state == State::StepMode;
+        self.enter(State::Event);
+        Ok(())
+    }
+
+    pub(crate) fn enter_continuous_time_mode(&mut self) -> Result<(), ModelError> {
+        self.enter(State::ContinuousTime);
+        Ok(())
     }
 
     /// Enters step mode with the outputs of event mode.
-    pub(crate) fn enter_step_mode(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            c.update().map_err(Failure::refused)?;
-            c.enter(Phase::StepComplete);
-            Ok(())
-        })
-    }
-
-    pub(crate) fn reset(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            c.slave.reset();
-            c.lifecycle = Lifecycle::new(c.lifecycle.mode);
-            c.enter(Phase::Instantiated);
-            Ok(())
-        })
-    }
-
-    /// Checks a step. Returns the outcome of the call if no step is to be taken.
-    #[cold]
-    #[inline(never)]
-    pub(crate) fn refuse_step(&mut self, call: &Call, time: f64, step: f64) -> Option<Outcome> {
-        let mut due = false;
-        let outcome = self.call(call, |c| {
-            c.lifecycle.check_step(call.name, time, step, &c.log)?;
-            due = step != 0.0; // some hosts iterate events with steps of 0
-            Ok(())
-        });
-        (!due).then_some(outcome)
-    }
-
-    /// Reads the values with the given references.
-    pub(crate) fn get<T: FmiType>(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        values: &mut [T],
-    ) -> Outcome {
-        self.call(call, |c| {
-            c.read_updated(references, |c| {
-                values::get(&mut c.slave, references, values)
-            })
-        })
-    }
-
-    /// Reads Strings to [`texts`](Self::texts); `T` is the type of the FMI version.
-    pub(crate) fn get_texts<T: FmiType + Into<String> + Default + Clone>(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-    ) -> Outcome {
-        let mut values = vec![T::default(); references.len()];
-        let outcome = self.get(call, references, &mut values);
-        // C strings end at a zero byte.
-        let texts = values
-            .into_iter()
-            .map(|text| text.into().replace('\0', " "));
-        self.texts = texts.filter_map(|text| CString::new(text).ok()).collect();
-        outcome
-    }
-
-    /// Writes all values or none.
-    pub(crate) fn set<'a, T: Into<Given<'a>> + Copy>(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        values: &[T],
-    ) -> Outcome {
-        self.call(call, |c| {
-            let Lifecycle { phase, mode, .. } = c.lifecycle;
-            values::set(&mut c.slave, references, values, Moment::of(phase, mode))?;
-            c.lifecycle.stale |= phase != Phase::StepComplete;
-            Ok(())
-        })
-    }
-
-    /// Reads variables of FMI 3.0 with all their elements. In an intermediate update, they are among the
-    /// `intermediate` ones.
-    pub(crate) fn get_arrays<T: FmiType>(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        values: &mut [T],
-        intermediate: &[u32],
-    ) -> Outcome {
-        self.call(call, |c| {
-            c.check_intermediate(references, intermediate)?;
-            let elements = values::elements(&mut c.slave, references, values.len())?;
-            c.read_updated(references, |c| {
-                let now = c.lifecycle.now();
-                values::get_elements(&mut c.slave, now, &elements, values)
-            })
-        })
-    }
-
-    /// Writes all elements of variables of FMI 3.0, or none.
-    pub(crate) fn set_arrays<'a, T: Into<Given<'a>> + Copy>(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        values: &[T],
-        intermediate: &[u32],
-    ) -> Outcome {
-        self.call(call, |c| {
-            c.check_intermediate(references, intermediate)?;
-            if references.iter().any(|&r| r as usize == c.slave.count()) {
-                return Err(Failure::Refused(
-                    "time is the independent variable, which the host does not set".into(),
-                ));
-            }
-            let elements = values::elements(&mut c.slave, references, values.len())?;
-            let Lifecycle { phase, mode, .. } = c.lifecycle;
-            values::set(&mut c.slave, &elements, values, Moment::of(phase, mode))?;
-            let is_held = matches!(phase, Phase::StepComplete | Phase::IntermediateUpdate);
-            c.lifecycle.stale |= !is_held;
-            Ok(())
-        })
-    }
-
-    /// Checks that a host accesses the variables that it has announced.
-    fn check_intermediate(&self, references: &[u32], announced: &[u32]) -> Result<(), Reason> {
-        let is_announced = |reference: &u32| announced.contains(reference);
-        if self.lifecycle.phase != Phase::IntermediateUpdate || references.iter().all(is_announced)
-        {
-            return Ok(());
-        }
-        Err(
-            "in an intermediate update, only the required intermediate variables can be accessed"
-                .into(),
-        )
-    }
-
-    /// Keeps texts until the next call.
-    pub(crate) fn keep_texts(&mut self, texts: Vec<String>) -> &[CString] {
-        // C strings end at a zero byte.
-        let texts = texts.into_iter().map(|text| text.replace('\0', " "));
-        self.texts = texts.filter_map(|text| CString::new(text).ok()).collect();
-        &self.texts
-    }
-
-    /// Keeps bytes until the next call.
-    pub(crate) fn keep_binaries(&mut self, binaries: Vec<Vec<u8>>) -> &[Vec<u8>] {
-        self.binaries = binaries;
-        &self.binaries
-    }
-
-    /// Sets the first time derivatives of inputs for the next step, all or none.
-    pub(crate) fn set_input_derivatives(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        orders: &[i32],
-        values: &[f64],
-    ) -> Outcome {
-        self.call(call, |c| {
-            let slave = &mut c.slave;
-            values::set_input_derivatives(slave, references, orders, values)?;
-            c.lifecycle.has_input_derivatives |= !references.is_empty();
-            Ok(())
-        })
-    }
-
-    /// Computes directional derivatives.
-    pub(crate) fn directional_derivative(
-        &mut self,
-        call: &Call,
-        access: Access,
-        unknowns: &[u32],
-        knowns: &[u32],
-        direction: &[f64],
-        derivative: &mut [f64],
-    ) -> Outcome {
-        self.call(call, |c| {
-            let variables = (unknowns, knowns);
-            c.multiply(
-                Product::Directional,
-                access,
-                variables,
-                direction,
-                derivative,
-            )
-        })
-    }
-
-    /// Computes directional or adjoint derivatives of variables of FMI 3.0 with all their elements.
-    pub(crate) fn derivative_product(
-        &mut self,
-        call: &Call,
-        product: Product,
-        (unknowns, knowns): (&[u32], &[u32]),
-        seed: &[f64],
-        sensitivity: &mut [f64],
-    ) -> Outcome {
-        self.call(call, |c| {
-            let (n_unknowns, n_knowns) = match product {
-                Product::Directional => (sensitivity.len(), seed.len()),
-                Product::Adjoint => (seed.len(), sensitivity.len()),
-            };
-            let unknowns = values::elements(&mut c.slave, unknowns, n_unknowns)?;
-            let knowns = values::elements(&mut c.slave, knowns, n_knowns)?;
-            let access = <f64 as FmiType>::ACCESS;
-            c.multiply(product, access, (&unknowns, &knowns), seed, sensitivity)
-        })
-    }
-
-    /// Multiplies the Jacobian of some scalars.
-    fn multiply(
-        &mut self,
-        product: Product,
-        access: Access,
-        (unknowns, knowns): (&[u32], &[u32]),
-        seed: &[f64],
-        sensitivity: &mut [f64],
-    ) -> Result<(), Failure> {
-        let mode = self.lifecycle.mode;
-        if mode == Mode::ModelExchange {
-            self.update()?;
-        }
-        let mut jacobian = Jacobian::new(&mut self.slave, mode, access, unknowns, knowns)?;
-        match product {
-            Product::Directional => jacobian.times(seed, sensitivity)?,
-            Product::Adjoint => jacobian.adjoint(seed, sensitivity)?,
-        }
+    pub(crate) fn enter_step_mode(&mut self) -> Result<(), ModelError> {
+        self.update().map_err(ModelError::not_discarded)?;
+        self.enter(State::StepMode);
         Ok(())
     }
 
-    /// Takes a part of a step. With events, samples are not taken here, and time events not handled.
-    pub(crate) fn take_part(
-        &mut self,
-        call: &Call,
-        time: f64,
-        step: f64,
-        has_events: bool,
-    ) -> Outcome {
-        self.call(call, |c| {
-            let holds = has_events && c.slave.is_sampled();
-            if step > 0.0 && !holds {
-                c.slave.step(time, step, !has_events).map_err(|error| {
-                    let kind = error.kind();
-                    let reason = reason!("from t = {time:?} s by {step:?} s: {}", error.reason());
-                    Failure::new(kind, reason)
-                })?;
-            }
-            c.lifecycle.time = time + step;
-            Ok(())
-        })
-    }
-
-    /// The time of the next event after `time` in a step, if there is one.
-    pub(crate) fn next_event(&mut self, call: &Call, time: f64) -> Result<Option<f64>, Outcome> {
-        let mut event = None;
-        let outcome = self.call(call, |c| {
-            if c.lifecycle.mode == Mode::CoSimulationWithEvents {
-                event = c.slave.next_event(time);
-            }
-            Ok(())
-        });
-        match outcome {
-            Outcome::Ok => Ok(event),
-            other => Err(other),
-        }
-    }
-
-    /// The outcome of a step of which a part was not taken, though others were: what the model refuses
-    /// is discarded, as the instance is no longer where the step began.
-    pub(crate) fn fail_part(&mut self, outcome: Outcome) -> Outcome {
-        if outcome == Outcome::Error && self.lifecycle.phase == Phase::StepComplete {
-            self.enter(Phase::StepFailed);
-            return Outcome::Discard;
-        }
-        outcome
-    }
-
-    /// Handles an event within a step.
-    pub(crate) fn handle_event(&mut self, call: &Call, time: f64) -> Outcome {
-        self.call(call, |c| {
-            c.slave.event(time)?;
-            Ok(())
-        })
-    }
-
     /// Enters configuration or reconfiguration mode.
-    pub(crate) fn enter_configuration_mode(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            let (next, needed) = match c.lifecycle.phase {
-                Phase::Instantiated => (Phase::Configuration, Variability::Fixed),
-                Phase::Event => (Phase::EventReconfiguration, Variability::Tunable),
-                _ => (Phase::StepReconfiguration, Variability::Tunable),
-            };
-            if !c.slave.has_structural_parameter(needed) {
-                return Err(match needed {
-                    Variability::Fixed => {
-                        Failure::Refused("the model has no structural parameters".into())
-                    }
-                    _ => Failure::Refused("the model has no tunable structural parameters".into()),
-                });
-            }
-            c.enter(next);
-            Ok(())
-        })
+    pub(crate) fn enter_configuration_mode(&mut self) -> Result<(), ModelError> {
+        let (next, needed) = match self.shared.lifecycle.state {
+            State::Instantiated => (State::Configuration, Variability::Fixed),
+            State::Event => (State::EventReconfiguration, Variability::Tunable),
+            _ => (State::StepReconfiguration, Variability::Tunable),
+        };
+        let (has_any, has_tunable) = self.model.facts().structural_parameters;
+        if needed == Variability::Fixed && !has_any {
+            return Err(ModelError::refuse("the model has no structural parameters"));
+        }
+        if needed == Variability::Tunable && !has_tunable {
+            let reason = "the model has no tunable structural parameters";
+            return Err(ModelError::refuse(reason));
+        }
+        self.enter(next);
+        Ok(())
     }
 
     /// Returns from configuration or reconfiguration mode.
-    pub(crate) fn exit_configuration_mode(&mut self, call: &Call) -> Outcome {
-        self.call(call, |c| {
-            let next = match c.lifecycle.phase {
-                Phase::StepReconfiguration => Phase::StepComplete,
-                Phase::EventReconfiguration => Phase::Event,
-                _ => Phase::Instantiated,
-            };
-            if next != Phase::Instantiated {
-                c.slave.reconfigure()?;
-            }
-            c.enter(next);
-            Ok(())
-        })
+    pub(crate) fn exit_configuration_mode(&mut self) -> Result<(), ModelError> {
+        let next = match self.shared.lifecycle.state {
+            State::StepReconfiguration => State::StepMode,
+            State::EventReconfiguration => State::Event,
+            _ => State::Instantiated,
+        };
+        if next != State::Instantiated {
+            self.model.reconfigure()?;
+        }
+        self.enter(next);
+        Ok(())
     }
 
     /// Sets the time of model exchange.
-    pub(crate) fn set_time(&mut self, call: &Call, time: f64) -> Outcome {
-        self.call(call, |c| {
-            if !time.is_finite() {
-                return Err(reason!("the time is {time:?}; expected a finite number").into());
-            }
-            c.lifecycle.stale |= time != c.lifecycle.time;
-            c.lifecycle.time = time;
-            Ok(())
-        })
+    pub(crate) fn set_time(&mut self, time: f64) -> Result<(), ModelError> {
+        if !time.is_finite() {
+            return Err(ModelError::refuse(format_args!(
+                "the time is {time:?}; expected a finite number"
+            )));
+        }
+        let lifecycle = &mut self.shared.lifecycle;
+        lifecycle.stale |= time != lifecycle.time;
+        lifecycle.time = time;
+        Ok(())
     }
 
-    /// Sets the states.
-    pub(crate) fn set_states(&mut self, call: &Call, states: &[f64]) -> Outcome {
-        self.call(call, |c| {
-            c.check_length(Numbers::States, states.len())?;
-            if let Some(&value) = states.iter().find(|value| !value.is_finite()) {
-                return Err(reason!("a state is {value}; expected finite numbers").into());
-            }
-            c.slave.set_states(states);
-            c.lifecycle.stale = true;
-            Ok(())
-        })
+    pub(crate) fn set_continuous_states(&mut self, states: &[f64]) -> Result<(), ModelError> {
+        self.check_length(Numbers::States, states.len())?;
+        if let Some(&value) = states.iter().find(|value| !value.is_finite()) {
+            return Err(ModelError::refuse(format_args!(
+                "a state is {value}; expected finite numbers"
+            )));
+        }
+        self.model.set_states(states);
+        self.shared.lifecycle.stale = true;
+        Ok(())
     }
 
-    /// Reads states, derivatives, nominal values or event indicators.
-    pub(crate) fn read(&mut self, call: &Call, which: Numbers, values: &mut [f64]) -> Outcome {
-        self.call(call, |c| {
-            c.check_length(which, values.len())?;
-            if which != Numbers::Nominals {
-                c.update()?;
-            }
-            c.slave.read(which, values);
-            Ok(())
-        })
+    pub(crate) fn get_continuous_states(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
+        self.get_numbers(Numbers::States, values)
     }
 
-    fn check_length(&self, of: Numbers, found: usize) -> Result<(), Failure> {
-        let expected = self.slave.length(of);
+    pub(crate) fn get_continuous_state_derivatives(
+        &mut self,
+        values: &mut [f64],
+    ) -> Result<(), ModelError> {
+        self.get_numbers(Numbers::Derivatives, values)
+    }
+
+    pub(crate) fn get_event_indicators(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
+        self.get_numbers(Numbers::EventIndicators, values)
+    }
+
+    pub(crate) fn get_nominals_of_continuous_states(
+        &mut self,
+        values: &mut [f64],
+    ) -> Result<(), ModelError> {
+        self.get_numbers(Numbers::Nominals, values)
+    }
+
+    fn get_numbers(&mut self, which: Numbers, values: &mut [f64]) -> Result<(), ModelError> {
+        self.check_length(which, values.len())?;
+        if which != Numbers::Nominals {
+            self.update()?;
+        }
+        self.model.read(which, values);
+        Ok(())
+    }
+
+    fn check_length(&self, of: Numbers, found: usize) -> Result<(), ModelError> {
+        let expected = self.model.length(of);
         let what = match of {
             Numbers::EventIndicators => "event indicators",
             _ => "continuous states",
         };
         match found == expected {
             true => Ok(()),
-            false => Err(reason!(
+            false => Err(ModelError::refuse(format_args!(
                 "the array has {found} elements; expected {expected}, the number of {what}"
-            )
-            .into()),
+            ))),
         }
     }
 
     /// Handles the event in event mode.
-    pub(crate) fn update_discrete_states(&mut self, call: &Call) -> Result<Update, Outcome> {
-        let mut update = Update::default();
-        let outcome = self.call(call, |c| {
-            let time = c.event_time();
-            update.states_changed = c.slave.event(time).map_err(Failure::from)?;
-            update.next_event = c.slave.next_event(time);
-            c.lifecycle.stale = true;
-            Ok(())
-        });
-        match outcome {
-            Outcome::Ok => Ok(update),
-            other => Err(other),
-        }
+    pub(crate) fn handle_events(&mut self) -> Result<Update, ModelError> {
+        let time = self.event_time();
+        let states_changed = self.handle_event(time)?;
+        self.shared.lifecycle.stale = true;
+        Ok(Update {
+            states_changed,
+            next_event: self.next_event(time),
+        })
     }
 
     /// The time of the event to handle: the current time, or that of a time event which the end of a step
     /// has reached but for rounding errors.
     fn event_time(&self) -> f64 {
-        let now = self.lifecycle.time;
-        let tolerance = 1e-6 * self.slave.default_step() + 8.0 * f64::EPSILON * now.abs();
-        match self.lifecycle.mode {
-            Mode::CoSimulationWithEvents if !self.slave.is_sampled() => self
-                .slave
+        let (facts, now) = (self.model.facts(), self.shared.lifecycle.time);
+        let tolerance = 1e-6 * facts.step + 8.0 * f64::EPSILON * now.abs();
+        match self.shared.lifecycle.mode {
+            Mode::CoSimulationWithEvents if !facts.is_sampled => self
                 .next_event(now)
                 .filter(|event| *event <= now + tolerance)
                 .unwrap_or(now),
@@ -698,147 +485,285 @@ impl Component {
         }
     }
 
-    /// Time derivatives of outputs that are states, of first order.
-    pub(crate) fn output_derivatives(
-        &mut self,
-        call: &Call,
-        references: &[u32],
-        orders: &[i32],
-        values: &mut [f64],
-    ) -> Outcome {
-        self.call(call, |c| {
-            c.read_output_derivatives(references, orders, values)
-        })
+    /// Handles an event: takes the samples that are due. Returns whether states changed.
+    pub(crate) fn handle_event(&mut self, time: f64) -> Result<bool, ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        if model.facts().is_sampled {
+            let before = shared.clock;
+            let due = shared.clock.due_until(time)?;
+            take_samples(model, &mut shared.clock, due, before)?;
+            model.check_outputs()?;
+            return Ok(false);
+        }
+        let before = model.states();
+        model.event(time)?;
+        Ok(model.states() != before)
     }
 
-    /// As [`output_derivatives`](Self::output_derivatives) of variables of FMI 3.0 with all their
-    /// elements; in an intermediate update, of the `intermediate` ones.
-    pub(crate) fn output_array_derivatives(
+    /// The time of the next event after `time`, if it is known.
+    pub(crate) fn next_event(&self, time: f64) -> Option<f64> {
+        match self.model.facts().is_sampled {
+            true => Some(self.shared.clock.next_instant(self.model.sample_time())),
+            false => self
+                .model
+                .next_event(time)
+                .filter(|event| *event > time && event.is_finite()),
+        }
+    }
+
+    /// Checks a step. Returns the outcome of the call if no step is to be taken.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
+        let call = &self.shared.edge.do_step;
+        let outcome = self.call(call, |c| {
+            c.shared
+                .lifecycle
+                .check_step(call.name, time, step, &c.shared.log)
+        });
+        // Some hosts iterate events with steps of 0.
+        (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
+    }
+
+    /// Takes a step, or the samples in it. Of a model that is integrated, time events in the step are handled
+    /// if `handles_events`.
+    pub(crate) fn take_step(
         &mut self,
-        call: &Call,
-        references: &[u32],
-        orders: &[i32],
-        values: &mut [f64],
-        intermediate: &[u32],
-    ) -> Outcome {
-        self.call(call, |c| {
-            c.check_intermediate(references, intermediate)?;
-            let elements = values::elements(&mut c.slave, references, values.len())?;
-            let mut of_elements = Vec::with_capacity(elements.len());
-            for (&reference, &order) in references.iter().zip(orders) {
-                let count = c.slave.elements(reference).unwrap_or(1);
-                of_elements.extend(std::iter::repeat_n(order, count));
+        time: f64,
+        step: f64,
+        handles_events: bool,
+    ) -> Result<(), ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        if model.facts().is_integrated {
+            return self.integrate(time, step, handles_events);
+        }
+        if model.facts().is_sampled {
+            let before = shared.clock;
+            let due = shared.clock.due(time, step)?;
+            take_samples(model, &mut shared.clock, due, before)?;
+        } else {
+            model.step(time, step)?;
+        }
+        model.check_outputs()
+    }
+
+    /// Integrates the equations over a step, which changes nothing if it fails.
+    #[inline(never)]
+    pub(crate) fn integrate(
+        &mut self,
+        time: f64,
+        size: f64,
+        handles_events: bool,
+    ) -> Result<(), ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        let Integrator { workspace, before } = &mut shared.integrator;
+        let Integration { tolerance, handled } = shared.integration;
+        match before {
+            Some(before) => model.save_to(before.as_mut()),
+            None => *before = Some(model.save()),
+        }
+        let step = solver::Step {
+            time,
+            size,
+            tolerance,
+            longest: model.facts().step.max(1e-3 * size),
+            handled: handles_events.then_some(handled),
+        };
+        match (
+            solver::advance(&mut Equations(model), workspace, &step),
+            before,
+        ) {
+            (Ok(handled), _) => shared.integration.handled = handled,
+            (Err(error), None) => return Err(error),
+            (Err(error), Some(before)) => {
+                model.restore(before.as_ref());
+                return Err(error);
             }
-            c.read_output_derivatives(&elements, &of_elements, values)
-        })
-    }
-
-    fn read_output_derivatives(
-        &mut self,
-        references: &[u32],
-        orders: &[i32],
-        values: &mut [f64],
-    ) -> Result<(), Failure> {
-        let derivatives = values::output_derivatives(&mut self.slave, references, orders)?;
-        self.read_evaluated(|c| values::get(&mut c.slave, &derivatives, values))
+        }
+        Ok(())
     }
 
     /// The complete state of the instance.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot::new(self.lifecycle, &self.slave)
+        Snapshot::new(&self.shared, self.model.save())
     }
 
     /// Restores a snapshot of this or another instance of the model.
-    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Reason> {
-        let (found, expected) = (snapshot.mode(), self.lifecycle.mode);
+    pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
+        let (found, expected) = (snapshot.lifecycle.mode, self.shared.lifecycle.mode);
         if found != expected {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the state is that of an instance for {}; expected one for {}",
                 found.name(),
                 expected.name()
-            ));
+            )));
         }
-        self.lifecycle = snapshot.restore(&mut self.slave)?;
-        Ok(())
+        snapshot.restore(&mut self.shared, &mut self.model)
     }
 
-    pub(crate) fn slave(&self) -> &dyn Slave {
-        &self.slave
-    }
-
-    /// Reads the variables with the given references when they are up to date. Between steps, derivatives
-    /// and event indicators are not.
-    fn read_updated(
+    /// Evaluates the equations between steps if any of the variables is computed only when a host asks for it:
+    /// derivatives and event indicators. Otherwise, computes what is not up to date. Returns the model before
+    /// an evaluation, to which it is to return: outputs are those of the last step.
+    pub(crate) fn prepare(
         &mut self,
         references: &[u32],
-        read: impl FnOnce(&mut Self) -> Result<(), Reason>,
-    ) -> Result<(), Failure> {
-        let is_stepped = self.lifecycle.mode != Mode::ModelExchange
+    ) -> Result<Option<Box<dyn Any>>, ModelError> {
+        let Lifecycle { mode, state, .. } = self.shared.lifecycle;
+        let is_stepped = mode != Mode::ModelExchange
             && matches!(
-                self.lifecycle.phase,
-                Phase::StepComplete
-                    | Phase::StepFailed
-                    | Phase::IntermediateUpdate
-                    | Phase::Terminated
+                state,
+                State::StepMode | State::StepFailed | State::IntermediateUpdate | State::Terminated
             );
-        if is_stepped
-            && self.slave.is_continuous()
-            && values::has_derivatives(&mut self.slave, references)
-        {
-            return self.read_evaluated(read);
+        if is_stepped && self.model.facts().is_continuous && self.has_derivatives(references) {
+            return self.evaluate_aside().map(Some);
         }
         self.update()?;
-        Ok(read(self)?)
+        Ok(None)
     }
 
-    /// Evaluates the equations between steps and reads values. It changes nothing, as outputs are those of
-    /// the last step, and discards nothing, as only steps are discarded.
-    fn read_evaluated(
-        &mut self,
-        read: impl FnOnce(&mut Self) -> Result<(), Reason>,
-    ) -> Result<(), Failure> {
-        let saved = self.slave.save();
-        let evaluated = self.slave.evaluate(self.lifecycle.now());
-        let outcome = match evaluated {
-            Ok(()) => read(self).map_err(Failure::from),
-            Err(error) => Err(Failure::from(error).refused()),
-        };
-        self.slave.restore(saved.as_ref());
-        outcome
+    /// Evaluates the equations between steps, and discards nothing, as only steps are discarded. Returns the
+    /// model before.
+    pub(crate) fn evaluate_aside(&mut self) -> Result<Box<dyn Any>, ModelError> {
+        let saved = self.model.save();
+        match self.evaluate(self.shared.lifecycle.now()) {
+            Ok(()) => Ok(saved),
+            Err(error) => {
+                self.model.restore(saved.as_ref());
+                Err(error.not_discarded())
+            }
+        }
     }
 
     /// Computes what a host may read and is not up to date, before the end of the initialization, in event
     /// mode and in model exchange.
-    fn update(&mut self) -> Result<(), Failure> {
-        let is_exchange = self.lifecycle.mode == Mode::ModelExchange;
-        match self.lifecycle.phase {
-            _ if !self.lifecycle.stale => Ok(()),
-            Phase::Initialization => self.refresh(),
-            Phase::Event | Phase::ContinuousTime => self.evaluate(),
-            Phase::Terminated if is_exchange => self.evaluate(),
-            _ => Ok(()),
-        }
-    }
-
-    fn evaluate(&mut self) -> Result<(), Failure> {
-        self.slave.evaluate(self.lifecycle.now())?;
-        self.lifecycle.stale = false;
-        Ok(())
-    }
-
-    /// Computes the outputs from the start values and inputs.
-    fn refresh(&mut self) -> Result<(), Failure> {
-        let start = Start {
-            time: self.lifecycle.start_time,
-            is_model_exchange: self.lifecycle.mode == Mode::ModelExchange,
-            handles_events: self.lifecycle.mode == Mode::CoSimulation,
-            tolerance: self.lifecycle.tolerance,
-            resources: self.resources.clone(),
+    pub(crate) fn update(&mut self) -> Result<(), ModelError> {
+        let Lifecycle {
+            mode, state, stale, ..
+        } = self.shared.lifecycle;
+        let is_evaluated = match state {
+            _ if !stale => return Ok(()),
+            State::Initialization => return self.initialize(),
+            State::Event | State::ContinuousTime => true,
+            State::Terminated => mode == Mode::ModelExchange,
+            _ => false,
         };
-        self.slave
-            .initialize(&start)
-            .map_err(|error: ModelError| Reason::new(move || error.reason().to_owned()))?;
-        self.lifecycle.stale = false;
+        if is_evaluated {
+            self.evaluate(self.shared.lifecycle.now())?;
+            self.shared.lifecycle.stale = false;
+        }
         Ok(())
+    }
+
+    /// Computes derivatives, event indicators and outputs from states and inputs.
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        if self.model.facts().is_continuous {
+            self.model.evaluate(time)?;
+            let checked = self.model.check_equations();
+            checked.map_err(|error| error.with_kind(Kind::Discarded))?;
+        }
+        Ok(())
+    }
+
+    /// Computes the outputs from the start values and inputs; nothing changes if that fails.
+    fn initialize(&mut self) -> Result<(), ModelError> {
+        let before = self.model.save();
+        let initialized = self.initialize_model();
+        if initialized.is_err() {
+            self.model.restore(before.as_ref());
+        }
+        initialized.map_err(|error| error.with_kind(Kind::Refused))
+    }
+
+    fn initialize_model(&mut self) -> Result<(), ModelError> {
+        let (model, shared) = (&mut self.model, &mut self.shared);
+        let (facts, lifecycle) = (model.facts(), &shared.lifecycle);
+        let start = Start {
+            time: lifecycle.start_time,
+            is_model_exchange: lifecycle.mode == Mode::ModelExchange,
+            resources: shared.resources.clone(),
+        };
+        model.renew();
+        model.initialize(&start)?;
+        let mut integration = Integration::default();
+        if facts.is_integrated && !start.is_model_exchange {
+            integration = Integration {
+                tolerance: tolerance(lifecycle.tolerance, facts.tolerance)?,
+                handled: start.time,
+            };
+            // Without event mode, the instance handles the event at the start itself.
+            if lifecycle.mode == Mode::CoSimulation {
+                model.event(start.time)?;
+            }
+        }
+        if facts.is_continuous {
+            model.evaluate(start.time)?;
+        }
+        let clock = match facts.is_sampled {
+            true => SampleClock::new(start.time, model.sample_time())?,
+            false => SampleClock::default(),
+        };
+        model.check_equations().map_err(|error| {
+            let reason = error.reason();
+            ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
+        })?;
+        if facts.is_integrated {
+            shared.integrator.before = Some(model.save());
+        }
+        (shared.clock, shared.integration) = (clock, integration);
+        shared.lifecycle.stale = false;
+        Ok(())
+    }
+}
+
+/// The tolerance of the integration, as the host wants it, or as the model says.
+fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
+    match of_host {
+        Some(tolerance) if tolerance > 0.0 && tolerance.is_finite() => Ok(tolerance),
+        Some(tolerance) => Err(ModelError::new(format_args!(
+            "the tolerance is {tolerance:?}; expected a positive number"
+        ))),
+        None => Ok(of_model),
+    }
+}
+
+/// The equations of a model, as the solver sees them.
+struct Equations<'a>(&'a mut (dyn AnyModel + 'static));
+
+impl solver::System for Equations<'_> {
+    fn nominal(&self, state: usize) -> f64 {
+        self.0.facts().states[state].nominal
+    }
+
+    fn states(&mut self, states: &mut [f64]) {
+        self.0.read(Numbers::States, states);
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
+        self.0.set_states(states);
+        self.0.evaluate(time)?;
+        Ok(self.0.are_equations_finite() || self.0.check_equations().is_ok())
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        self.0.read(Numbers::Derivatives, derivatives);
+    }
+
+    fn is_positive(&mut self, indicator: usize) -> bool {
+        self.0.event_indicator(indicator) > 0.0
+    }
+
+    fn not_finite(&mut self) -> ModelError {
+        let checked = self.0.check_equations();
+        checked
+            .err()
+            .unwrap_or_else(|| ModelError::new("the states became too large"))
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.0.event(time)
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        self.0.next_event(time)
     }
 }

@@ -1,35 +1,27 @@
 //! The models of a library, from which a host selects one by its GUID.
 
-use std::ffi::{CStr, c_void};
+use std::ffi::CStr;
 
-use fmu_description::guid::guid;
+use fmu_description::interface::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
 use crate::Model;
 use crate::bound::Bound;
-use crate::component::Component;
-#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-use crate::fmi2;
-#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-use crate::fmi3;
+use crate::component::Settings;
+use crate::instance::{self, Pointer};
 use crate::lifecycle::Mode;
-use crate::log::Log;
-use crate::resources::Folder;
-use crate::slave::Guid;
+use crate::snapshot::Guid;
 
 /// A model of a library, before it is instantiated.
 pub struct Entry {
     name: &'static str,
     /// Start values of a variant.
     overrides: Overrides,
-    pub(crate) guid: Guid,
+    guid: Guid,
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    create_fmi2: fn(&'static Self, Mode, Log, Folder) -> *mut c_void,
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    create_fmi3: fn(&'static Self, Mode, fmi3::Options, Log, Folder) -> *mut c_void,
+    create: fn(Settings, (&'static Guid, Overrides)) -> Pointer,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
     _embedded: &'static [u8],
 }
@@ -77,16 +69,7 @@ impl Entry {
             overrides: interface.overrides,
             guid: guid(&interface),
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
-            #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-            create_fmi2: |entry, mode, log, resources| {
-                let model = Bound::<M, N>::new(entry);
-                fmi2::create(Component::new(mode, log, resources, model))
-            },
-            #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-            create_fmi3: |entry, mode, options, log, resources| {
-                let model = Bound::<M, N>::new(entry);
-                fmi3::create(options, Component::new(mode, log, resources, model))
-            },
+            create: instance::create::<M, N>,
             _embedded: embedded,
         }
     }
@@ -101,8 +84,9 @@ impl Entry {
         std::str::from_utf8(&self.guid).unwrap_or_default()
     }
 
-    pub(crate) fn overrides(&self) -> Overrides {
-        self.overrides
+    /// Creates an instance, to be freed with [`instance::free`].
+    pub(crate) fn create(&'static self, settings: Settings) -> Pointer {
+        (self.create)(settings, (&self.guid, self.overrides))
     }
 
     /// Finds the model that a host instantiates.
@@ -143,26 +127,5 @@ impl Entry {
             )),
             _ => Ok(model),
         }
-    }
-
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    pub(crate) fn create_fmi2(
-        &'static self,
-        mode: Mode,
-        log: Log,
-        resources: Folder,
-    ) -> *mut c_void {
-        (self.create_fmi2)(self, mode, log, resources)
-    }
-
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) fn create_fmi3(
-        &'static self,
-        mode: Mode,
-        options: fmi3::Options,
-        log: Log,
-        resources: Folder,
-    ) -> *mut c_void {
-        (self.create_fmi3)(self, mode, options, log, resources)
     }
 }

@@ -1,149 +1,303 @@
-//! What a host's pointer points to: a table of functions, and the component.
+//! What the pointer of a host points to, and the functions that a host calls at every step.
+//!
+//! They are compiled for each model, so that its step and the access to its variables are inlined. They
+//! implement the fast path between steps, with a few checks, and leave everything else to the [`Component`],
+//! which checks thoroughly and reports errors. The fast path never accepts a call that the component would
+//! refuse.
 
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::slice::{from_raw_parts, from_raw_parts_mut};
 
-use crate::Model;
-use crate::bound::Bound;
-use crate::component::{Component, Outcome};
-use crate::phase::{Call, Phase};
-use crate::slave::Slave;
+use fmi_abi::state::State;
+use fmu_description::Overrides;
 
-/// An instance of a model. The table of functions `F` comes first, so that it can be found without
-/// knowing the model.
-#[repr(C)]
-pub(crate) struct Instance<F: Functions, M, const N: usize> {
-    functions: &'static F,
-    options: F::Options,
-    pub(crate) component: Component<Bound<M, N>>,
-}
+use crate::bound::{AnyModel, Bound, take_samples};
+use crate::component::{Component, Outcome, Settings, Shared};
+use crate::model::{Model, ModelError};
+use crate::snapshot::Guid;
 
-/// Functions that depend on the model and are the same in all versions of FMI. The argument is the
-/// host's pointer to an instance of this model, which is not used concurrently.
-pub(crate) struct Common {
-    /// The component.
-    pub(crate) component: unsafe fn(*mut c_void) -> *mut Component,
-    /// Frees the instance.
-    pub(crate) free: unsafe fn(*mut c_void),
-}
+pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 
-/// A table of functions that includes the common ones.
-pub(crate) trait Functions: 'static {
-    /// What the host has said about the instance.
-    type Options;
-
-    fn common(&self) -> &Common;
-}
-
-/// The functions of the instance behind the host's pointer; `None` for NULL.
+/// `n` elements behind a pointer; `None` if it is NULL although `n` is not 0.
 ///
 /// # Safety
-/// `instance` is NULL or came from [`Instance::create`] with this type of functions, and is not freed.
-#[inline(always)]
-pub(crate) unsafe fn functions<F>(instance: *mut c_void) -> Option<&'static F> {
-    // SAFETY: every instance begins with a pointer to its functions.
-    unsafe { instance.cast::<&'static F>().as_ref().copied() }
+/// `pointer` is NULL or points to `n` elements that do not change during the slice's lifetime.
+pub(crate) unsafe fn slice<'a, T>(pointer: *const T, n: usize) -> Option<&'a [T]> {
+    match (pointer.is_null(), n) {
+        (_, 0) => Some(&[]),
+        (true, _) => None,
+        // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
+        (false, _) => Some(unsafe { std::slice::from_raw_parts(pointer, n) }),
+    }
 }
 
-/// The component behind the host's pointer; `None` for NULL.
+/// Like [`slice`], but mutable.
 ///
 /// # Safety
-/// As [`functions`], and the instance is not used otherwise during the lifetime of the component.
+/// As [`slice`], and the elements are not used otherwise during the slice's lifetime.
+pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a mut [T]> {
+    match (pointer.is_null(), n) {
+        (_, 0) => Some(&mut []),
+        (true, _) => None,
+        // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
+        (false, _) => Some(unsafe { std::slice::from_raw_parts_mut(pointer, n) }),
+    }
+}
+
+/// A pointer to an instance, which begins with its [`Shared`] part.
+pub(crate) type Pointer = *mut c_void;
+
+/// The functions that depend on the model. The pointer is that of an instance of this model, which is not
+/// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
+/// follow them. A binary for one version of FMI does not contain the functions of the other.
+pub(crate) struct Hot {
+    /// Gets scalars and elements of arrays: `n` value references, and as many values.
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) get_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64) -> Outcome,
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) set_elements:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64) -> Outcome,
+    /// Gets variables with all their elements: `n` value references, and the values.
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) get_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64, usize) -> Outcome,
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) set_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
+    /// Takes a step.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64) -> Outcome,
+    component: unsafe fn(Pointer) -> *mut Component,
+    free: unsafe fn(Pointer),
+}
+
+/// The part of an instance that does not depend on the model; `None` for NULL.
+///
+/// # Safety
+/// `instance` is NULL or came from [`create`], and is not freed, nor used otherwise during the lifetime.
 #[inline(always)]
-pub(crate) unsafe fn component<'a, F: Functions>(
-    instance: *mut c_void,
-) -> Option<&'a mut Component> {
+pub(crate) unsafe fn shared<'a>(instance: Pointer) -> Option<&'a Shared> {
+    // SAFETY: every instance begins with its shared part.
+    unsafe { instance.cast::<Shared>().as_ref() }
+}
+
+/// The component behind a pointer; `None` for NULL.
+///
+/// # Safety
+/// As [`shared`].
+pub(crate) unsafe fn component<'a>(instance: Pointer) -> Option<&'a mut Component> {
     // SAFETY: the caller's promise; the functions are those of the instance.
-    unsafe { functions::<F>(instance).map(|f| &mut *(f.common().component)(instance)) }
+    unsafe { shared(instance).map(|shared| &mut *(shared.hot.component)(instance)) }
 }
 
-impl<F: Functions, M: Model, const N: usize> Instance<F, M, N> {
-    pub(crate) const COMMON: Common = Common {
-        component: Self::component,
+/// Frees an instance. If the model's destructor panics, its memory leaks, but the host keeps running.
+///
+/// # Safety
+/// As [`shared`], and the pointer is not used again.
+pub(crate) unsafe fn free(instance: Pointer) {
+    // SAFETY: the caller's promise; the functions are those of the instance.
+    if let Some(free) = unsafe { shared(instance) }.map(|shared| shared.hot.free) {
+        // SAFETY: as above.
+        let _ = catch_unwind(AssertUnwindSafe(|| unsafe { free(instance) }));
+    }
+}
+
+/// Creates an instance of the model `M` with `N` scalar variables.
+pub(crate) fn create<M: Model, const N: usize>(
+    settings: Settings,
+    (guid, overrides): (&'static Guid, Overrides),
+) -> Pointer {
+    let hot = &Component::<Bound<M, N>>::HOT;
+    let model = Bound::<M, N>::new(overrides);
+    let component = Component::new(settings, hot, (guid, overrides), model);
+    Box::into_raw(Box::new(component)).cast()
+}
+
+/// Defines functions that get or set Float64 by a fast function of [`Bound`], or else by another one.
+macro_rules! access {
+    ($($name:ident($n:ident, *$pointer:ident f64 $(, $n_values:ident)?)
+        = $fast:ident($slice:ident $count:ident) $(if $condition:expr)?, else $rest:path;)*) => {
+        $(
+            /// # Safety
+            /// As for all functions of [`Hot`].
+            #[inline(never)]
+            unsafe extern "C" fn $name(
+                instance: Pointer,
+                references: *const u32,
+                $n: usize,
+                values: *$pointer f64
+                $(, $n_values: usize)?
+            ) -> Outcome {
+                // SAFETY: the caller's promise; no array is NULL by the check.
+                unsafe {
+                    let c = Self::of(instance);
+                    if $($condition &&)? c.is_fast(references, values)
+                        && c.model.$fast(from_raw_parts(references, $n), $slice(values, $count))
+                    {
+                        return Outcome::Ok;
+                    }
+                    $rest(instance, references, $n, values, $count)
+                }
+            }
+        )*
+    };
+}
+
+impl<M: Model, const N: usize> Component<Bound<M, N>> {
+    const HOT: Hot = Hot {
+        #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+        get_elements: Self::get_elements,
+        #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+        set_elements: Self::set_elements,
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        get_variables: Self::get_variables,
+        #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+        set_variables: Self::set_variables,
+        step: Self::step,
+        component: Self::of_any_model,
         free: Self::free,
     };
 
-    /// Moves a component to the heap and returns the host's pointer to it.
-    pub(crate) fn create(
-        functions: &'static F,
-        options: F::Options,
-        component: Component<Bound<M, N>>,
-    ) -> *mut c_void {
-        Box::into_raw(Box::new(Self {
-            functions,
-            options,
-            component,
-        }))
-        .cast()
-    }
-
     /// # Safety
-    /// The pointer is that of an instance of this type, which is not used otherwise.
+    /// As for all functions of [`Hot`].
     #[inline(always)]
-    pub(crate) unsafe fn of<'a>(instance: *mut c_void) -> &'a mut Component<Bound<M, N>> {
+    unsafe fn of<'a>(instance: Pointer) -> &'a mut Self {
         // SAFETY: the caller's promise.
-        unsafe { &mut (*instance.cast::<Self>()).component }
-    }
-
-    /// What the host has said about the instance.
-    ///
-    /// # Safety
-    /// As [`of`](Self::of), but the component may be in use.
-    pub(crate) unsafe fn options(instance: *mut c_void) -> *const F::Options {
-        // SAFETY: the caller's promise.
-        unsafe { &raw const (*instance.cast::<Self>()).options }
+        unsafe { &mut *instance.cast() }
     }
 
     /// # Safety
-    /// As [`of`](Self::of).
-    unsafe fn component(instance: *mut c_void) -> *mut Component {
+    /// As for all functions of [`Hot`].
+    unsafe fn of_any_model(instance: Pointer) -> *mut Component {
         // SAFETY: the caller's promise.
         unsafe { Self::of(instance) }
     }
 
     /// # Safety
-    /// As [`of`](Self::of), and the pointer is not used again.
-    unsafe fn free(instance: *mut c_void) {
+    /// As for all functions of [`Hot`], and the pointer is not used again.
+    unsafe fn free(instance: Pointer) {
         // SAFETY: `create` made the pointer from a box.
         drop(unsafe { Box::from_raw(instance.cast::<Self>()) });
-    }
-}
-
-impl<M: Model, const N: usize> Component<Bound<M, N>> {
-    /// The component without its type.
-    pub(crate) fn shared(&mut self) -> &mut Component {
-        self
     }
 
     /// Whether a get or set may take the fast path: between steps, with arrays that are not NULL.
     #[inline(always)]
-    pub(crate) fn is_fast<V>(&self, references: *const u32, values: *const V) -> bool {
-        self.lifecycle.phase == Phase::StepComplete && !references.is_null() && !values.is_null()
+    fn is_fast<V>(&self, references: *const u32, values: *const V) -> bool {
+        self.shared.lifecycle.state == State::StepMode && !references.is_null() && !values.is_null()
+    }
+
+    access! {
+        get_elements(n, *mut f64) = get_elements(from_raw_parts_mut n), else get_float64;
+        set_elements(n, *const f64) = set_elements(from_raw_parts n), else set_float64;
+        // Scalars; arrays are left to another function, since its registers would have to be saved here.
+        get_variables(n, *mut f64, n_values)
+            = get_scalars(from_raw_parts_mut n_values) if n == n_values, else Self::get_arrays;
+        set_variables(n, *const f64, n_values)
+            = set_scalars(from_raw_parts n_values) if n == n_values, else Self::set_arrays;
+        get_arrays(n, *mut f64, n_values) = get_arrays(from_raw_parts_mut n_values), else get_float64;
+        set_arrays(n, *const f64, n_values) = set_arrays(from_raw_parts n_values), else set_float64;
     }
 
     /// Takes a step, checked quickly if it is a regular one.
-    #[inline(always)]
-    pub(crate) fn take_step(&mut self, call: &'static Call, time: f64, step: f64) -> Outcome {
-        if !self.lifecycle.is_next_step(time, step)
-            && let Some(outcome) = self.shared().refuse_step(call, time, step)
+    ///
+    /// # Safety
+    /// As for all functions of [`Hot`].
+    unsafe extern "C" fn step(instance: Pointer, time: f64, step: f64) -> Outcome {
+        // SAFETY: the caller's promise.
+        let c = unsafe { Self::of(instance) };
+        if !c.shared.lifecycle.is_next_step(time, step)
+            && let Some(outcome) = (c as &mut Component).refuse_step(time, step)
         {
             return outcome;
         }
         let taken = catch_unwind(AssertUnwindSafe(|| {
-            self.slave.step(time, step)?;
-            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && self.lifecycle.has_input_derivatives {
-                self.slave.clear_input_derivatives();
-                self.lifecycle.has_input_derivatives = false;
+            c.simulate(time, step)?;
+            let lifecycle = &mut c.shared.lifecycle;
+            if Bound::<M, N>::HAS_INPUT_DERIVATIVES && lifecycle.has_input_derivatives {
+                (&mut c.model as &mut dyn AnyModel).clear_input_derivatives();
+                lifecycle.has_input_derivatives = false;
             }
             Ok(())
         }));
         match taken {
             Ok(Ok(())) => {
-                self.lifecycle.time = time + step;
+                c.shared.lifecycle.time = time + step;
                 Outcome::Ok
             }
-            Ok(Err(error)) => self.shared().fail_step(call, error, time, step),
-            Err(panic) => self.shared().fail_by_panic(call.name, panic),
+            Ok(Err(error)) => (c as &mut Component).fail_step(error, time, step),
+            Err(panic) => {
+                let call = &c.shared.edge.do_step;
+                (c as &mut Component).fail_by_panic(call, panic)
+            }
         }
     }
+
+    /// As [`Component::take_step`].
+    #[inline(always)]
+    fn simulate(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        let (model, clock) = (&mut self.model, &mut self.shared.clock);
+        if M::IS_INTEGRATED {
+            return (self as &mut Component).integrate(time, step, true);
+        }
+        if M::IS_SAMPLED {
+            let before = *clock;
+            let due = clock.due(time, step)?;
+            take_samples(model, clock, due, before)?;
+        } else {
+            model.step(time, step)?;
+        }
+        model.check_outputs()
+    }
+}
+
+/// Gets Float64 in the cases that are not fast.
+///
+/// # Safety
+/// As for all functions of [`Hot`].
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn get_float64(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+    n_values: usize,
+) -> Outcome {
+    // SAFETY: the caller's promise.
+    let (c, arrays) = unsafe {
+        let arrays = slice(references, n).zip(slice_mut(values, n_values));
+        (component(instance), arrays)
+    };
+    c.map_or(Outcome::Error, |c| match arrays {
+        Some((references, values)) => c.call(&c.shared.edge.get_float64, |c| {
+            c.get_float64(references, values)
+        }),
+        None => c.refuse(&c.shared.edge.get_float64, NULL_ARRAY),
+    })
+}
+
+/// Sets Float64 in the cases that are not fast.
+///
+/// # Safety
+/// As for all functions of [`Hot`].
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn set_float64(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+    n_values: usize,
+) -> Outcome {
+    // SAFETY: the caller's promise.
+    let (c, arrays) = unsafe {
+        let arrays = slice(references, n).zip(slice(values, n_values));
+        (component(instance), arrays)
+    };
+    c.map_or(Outcome::Error, |c| match arrays {
+        Some((references, values)) => c.call(&c.shared.edge.set_float64, |c| {
+            c.set_float64(references, values)
+        }),
+        None => c.refuse(&c.shared.edge.set_float64, NULL_ARRAY),
+    })
 }

@@ -39,15 +39,14 @@
 //!
 //! # How it works
 //!
-//! A call passes through two layers. The entry points in [`fmi2`] and [`fmi3`] convert pointers to slices
-//! and forward them to the component, which implements what FMI requires of every FMU: the state
-//! machine, argument checks, the logger and the panic guard. The component accesses the model through
-//! the derived access functions. Only the entry points use the C types of FMI; the component knows
-//! the names of the functions for its messages.
+//! A call passes through two layers. The entry points in [`fmi2`] and [`fmi3`] convert pointers to slices and
+//! call the component, which implements what FMI requires of every FMU: the state machine, argument checks,
+//! the logger and the panic guard. The component accesses the model through its table. Only the entry points
+//! use the C types of FMI.
 //!
-//! The three calls that a host makes at every step (set Reals, step, get Reals) are generic over the
+//! The three calls that a host makes at every step (set Float64, step, get Float64) are compiled for each
 //! model. They have a fast path with a few checks, which never accepts a call that the component would
-//! reject, and leave all other cases to the component.
+//! refuse, and leave all other cases to the component.
 
 #![cfg_attr(
     any(
@@ -60,34 +59,34 @@
 mod bound;
 mod clock;
 mod component;
+mod derivatives;
+mod edge;
 mod entry;
-#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-pub mod fmi2;
-#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-pub mod fmi3;
 mod instance;
+mod layout;
 mod lifecycle;
 mod log;
 mod model;
-mod panics;
-mod phase;
-mod pointers;
-mod reason;
 mod resources;
-mod slave;
 mod snapshot;
 mod solver;
-mod state;
+mod stepping;
 mod values;
 
 pub use clock::SampleClock;
+#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+pub use edge::fmi2;
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+pub use edge::fmi3;
 #[doc(hidden)]
 pub use entry::{Entry, interface};
+#[doc(hidden)]
+pub use fmi_abi as abi;
 #[doc(inline)]
 pub use fmu_derive::{Choice, Model, Variables};
 pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
-pub use fmu_description::{derive, embedded};
+pub use fmu_description::{derive, interface as embedded};
 #[doc(hidden)]
 pub use model::Stepped;
 pub use model::{Continuous, Model, ModelError, Simulate, Start};
@@ -117,50 +116,54 @@ macro_rules! export {
             $crate::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
         }),+];
 
-        $crate::instantiate_fmi2!();
-        $crate::instantiate_fmi3!();
+        mod fmi {
+            use super::MODELS;
+
+            $crate::instantiate_fmi2!();
+            $crate::instantiate_fmi3!();
+        }
+        pub use fmi::*;
     };
 }
 
-/// Defines `fmi2Instantiate` for `MODELS`.
+/// Defines the functions that instantiate `MODELS`, from the rows of `fmi-abi`.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! instantiate {
+    ($version:ident Free { $($name:ident $args:tt $(-> $result:ty)? => $operation:ident;)* } $($_0:tt)*) => {
+        #[allow(unused_imports, reason = "types of arguments")]
+        use $crate::$version::*;
+        $($crate::instantiate!(@ $version $name $args $operation);)*
+    };
+    (@ $version:ident $name:ident $args:tt get_version) => {};
+    (@ $version:ident $name:ident $args:tt get_types_platform) => {};
+    (@ $version:ident $name:ident $args:tt free_instance) => {};
+    (@ $version:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident) => {
+        #[doc = concat!("`", stringify!($name), "`")]
+        ///
+        /// # Safety
+        /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated, and the
+        /// callbacks live as long as the instance.
+        #[unsafe(no_mangle)]
+        #[allow(non_snake_case, clippy::too_many_arguments, reason = "as in the standard")]
+        pub unsafe extern "C" fn $name($($arg: $crate::abi::c_type!($kind)),*) -> *mut ::core::ffi::c_void {
+            // SAFETY: the caller's promise, passed on.
+            unsafe { $crate::$version::$operation(MODELS, $($arg),*) }
+        }
+    };
+}
+
+/// Defines `fmi2Instantiate`, if the binary is for FMI 2.0.
 #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
 #[doc(hidden)]
 #[macro_export]
 macro_rules! instantiate_fmi2 {
     () => {
-        /// `fmi2Instantiate` (FMI 2.0.5, section 2.1.5).
-        ///
-        /// # Safety
-        /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated,
-        /// and the callbacks live as long as the instance.
-        #[unsafe(no_mangle)]
-        pub unsafe extern "C" fn fmi2Instantiate(
-            instance_name: $crate::fmi2::fmi2String,
-            fmu_type: $crate::fmi2::fmi2Type,
-            guid: $crate::fmi2::fmi2String,
-            resource_location: $crate::fmi2::fmi2String,
-            functions: *const $crate::fmi2::fmi2CallbackFunctions,
-            visible: $crate::fmi2::fmi2Boolean,
-            logging_on: $crate::fmi2::fmi2Boolean,
-        ) -> $crate::fmi2::fmi2Component {
-            // SAFETY: the caller's promise, passed on.
-            unsafe {
-                $crate::fmi2::instantiate(
-                    MODELS,
-                    instance_name,
-                    fmu_type,
-                    guid,
-                    resource_location,
-                    functions,
-                    visible,
-                    logging_on,
-                )
-            }
-        }
+        $crate::abi::fmi2_functions!($crate::instantiate! fmi2);
     };
 }
 
-/// The binary is not for FMI 2.0.
+/// Defines `fmi2Instantiate`, if the binary is for FMI 2.0.
 #[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
 #[doc(hidden)]
 #[macro_export]
@@ -168,87 +171,17 @@ macro_rules! instantiate_fmi2 {
     () => {};
 }
 
-/// Defines `fmi3InstantiateModelExchange` and `fmi3InstantiateCoSimulation` for `MODELS`.
+/// Defines `fmi3InstantiateModelExchange` and the like, if the binary is for FMI 3.0.
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 #[doc(hidden)]
 #[macro_export]
 macro_rules! instantiate_fmi3 {
     () => {
-        /// `fmi3InstantiateModelExchange` (FMI 3.0.2, section 2.3.1).
-        ///
-        /// # Safety
-        /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated,
-        /// and the callbacks live as long as the instance.
-        #[unsafe(no_mangle)]
-        pub unsafe extern "C" fn fmi3InstantiateModelExchange(
-            instance_name: $crate::fmi3::fmi3String,
-            instantiation_token: $crate::fmi3::fmi3String,
-            resource_path: $crate::fmi3::fmi3String,
-            visible: $crate::fmi3::fmi3Boolean,
-            logging_on: $crate::fmi3::fmi3Boolean,
-            environment: $crate::fmi3::fmi3InstanceEnvironment,
-            log_message: ::core::option::Option<$crate::fmi3::fmi3LogMessageCallback>,
-        ) -> $crate::fmi3::fmi3Instance {
-            // SAFETY: the caller's promise, passed on.
-            unsafe {
-                $crate::fmi3::instantiate_model_exchange(
-                    MODELS,
-                    instance_name,
-                    instantiation_token,
-                    resource_path,
-                    visible,
-                    logging_on,
-                    environment,
-                    log_message,
-                )
-            }
-        }
-
-        /// `fmi3InstantiateCoSimulation` (FMI 3.0.2, section 2.3.1).
-        ///
-        /// # Safety
-        /// As required by the standard: every pointer is NULL or valid, strings are zero-terminated,
-        /// and the callbacks live as long as the instance.
-        #[unsafe(no_mangle)]
-        pub unsafe extern "C" fn fmi3InstantiateCoSimulation(
-            instance_name: $crate::fmi3::fmi3String,
-            instantiation_token: $crate::fmi3::fmi3String,
-            resource_path: $crate::fmi3::fmi3String,
-            visible: $crate::fmi3::fmi3Boolean,
-            logging_on: $crate::fmi3::fmi3Boolean,
-            event_mode_used: $crate::fmi3::fmi3Boolean,
-            early_return_allowed: $crate::fmi3::fmi3Boolean,
-            required_intermediate_variables: *const $crate::fmi3::fmi3ValueReference,
-            n_required_intermediate_variables: usize,
-            environment: $crate::fmi3::fmi3InstanceEnvironment,
-            log_message: ::core::option::Option<$crate::fmi3::fmi3LogMessageCallback>,
-            intermediate_update: ::core::option::Option<
-                $crate::fmi3::fmi3IntermediateUpdateCallback,
-            >,
-        ) -> $crate::fmi3::fmi3Instance {
-            // SAFETY: the caller's promise, passed on.
-            unsafe {
-                $crate::fmi3::instantiate_co_simulation(
-                    MODELS,
-                    instance_name,
-                    instantiation_token,
-                    resource_path,
-                    visible,
-                    logging_on,
-                    event_mode_used,
-                    early_return_allowed,
-                    required_intermediate_variables,
-                    n_required_intermediate_variables,
-                    environment,
-                    log_message,
-                    intermediate_update,
-                )
-            }
-        }
+        $crate::abi::fmi3_functions!($crate::instantiate! fmi3);
     };
 }
 
-/// The binary is not for FMI 3.0.
+/// Defines `fmi3InstantiateModelExchange` and the like, if the binary is for FMI 3.0.
 #[cfg(all(feature = "fmi2", not(feature = "fmi3")))]
 #[doc(hidden)]
 #[macro_export]

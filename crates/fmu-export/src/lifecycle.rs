@@ -1,10 +1,11 @@
 //! The lifecycle of an instance, and the steps it may take.
 
+use fmi_abi::state::State;
+use fmi_abi::{Call, Interface};
 use serde::{Deserialize, Serialize};
 
+use crate::ModelError;
 use crate::log::{Category, Log};
-use crate::phase::Phase;
-use crate::reason::{Reason, reason};
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;
@@ -31,13 +32,41 @@ impl Mode {
             Self::ModelExchange => "model exchange",
         }
     }
+
+    /// Whether instances of this mode can be in a state.
+    pub(crate) const fn has(self, state: State) -> bool {
+        match state {
+            State::StepMode | State::StepFailed | State::StepReconfiguration => {
+                !matches!(self, Self::ModelExchange)
+            }
+            State::Event | State::EventReconfiguration => !matches!(self, Self::CoSimulation),
+            State::ContinuousTime => matches!(self, Self::ModelExchange),
+            _ => true,
+        }
+    }
+
+    /// Why an instance of this mode does not have a function; `None` if it does.
+    pub(crate) fn lacks(self, call: &Call) -> Option<&'static str> {
+        match (call.interface, self) {
+            (Interface::CoSimulation, Self::ModelExchange) => {
+                Some("it is a function of co-simulation, but the instance is for model exchange")
+            }
+            (Interface::ModelExchange, Self::CoSimulation | Self::CoSimulationWithEvents) => {
+                Some("it is a function of model exchange, but the instance is for co-simulation")
+            }
+            (Interface::All, Self::CoSimulation) if call.name.ends_with("EnterEventMode") => {
+                Some("the instance was created without event mode: eventModeUsed was false")
+            }
+            _ => None,
+        }
+    }
 }
 
 /// The lifecycle of an instance. Together with the model's values, this is its complete state.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Lifecycle {
     pub(crate) mode: Mode,
-    pub(crate) phase: Phase,
+    pub(crate) state: State,
     pub(crate) start_time: f64,
     /// `f64::MAX` if there is none.
     pub(crate) stop_time: f64,
@@ -56,7 +85,7 @@ impl Lifecycle {
     pub(crate) const fn new(mode: Mode) -> Self {
         Self {
             mode,
-            phase: Phase::Instantiated,
+            state: State::Instantiated,
             start_time: 0.0,
             stop_time: f64::MAX,
             tolerance: None,
@@ -69,19 +98,8 @@ impl Lifecycle {
     /// Whether a saved state can have been this one: calls that save a state are not allowed after a
     /// fatal error and in callbacks, and some states exist in some modes only.
     pub(crate) fn can_be_saved(&self) -> bool {
-        match self.phase {
-            Phase::Fatal | Phase::IntermediateUpdate => false,
-            Phase::ContinuousTime => self.mode == Mode::ModelExchange,
-            Phase::StepComplete | Phase::StepFailed | Phase::StepReconfiguration => {
-                self.mode != Mode::ModelExchange
-            }
-            Phase::Event | Phase::EventReconfiguration => self.mode != Mode::CoSimulation,
-            Phase::Instantiated
-            | Phase::Initialization
-            | Phase::Configuration
-            | Phase::Terminated
-            | Phase::Error => true,
-        }
+        let never = matches!(self.state, State::Fatal | State::IntermediateUpdate);
+        !never && self.mode.has(self.state)
     }
 
     /// The current time: the end of the last successful step, the time of model exchange, or the start (s).
@@ -96,7 +114,7 @@ impl Lifecycle {
     /// [`check_step`](Self::check_step) allows the step, but not the reverse.
     #[inline(always)]
     pub(crate) fn is_next_step(&self, time: f64, step: f64) -> bool {
-        self.phase == Phase::StepComplete
+        self.state == State::StepMode
             && 0.0 < step
             && (time - self.time).abs() <= MIN_TOLERANCE
             && time + step <= self.stop_time
@@ -109,16 +127,16 @@ impl Lifecycle {
         time: f64,
         step: f64,
         log: &Log,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), ModelError> {
         if !step.is_finite() || step < 0.0 {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the communication step is {step:?}; expected a finite number of at least 0"
-            ));
+            )));
         }
         if !time.is_finite() {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the communication point is {time:?}; expected a finite number"
-            ));
+            )));
         }
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
@@ -126,15 +144,15 @@ impl Lifecycle {
         if end == BEFORE_FIRST_STEP {
             self.check_first_step(call, time, step, tolerance, log)?;
         } else if (time - end).abs() > tolerance {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the communication point is {time:?}; expected {end}, where the last step ended"
-            ));
+            )));
         }
         if time + step > stop + tolerance {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the step ends at {:?}, past the stop time {stop:?}",
                 time + step
-            ));
+            )));
         }
         Ok(())
     }
@@ -147,18 +165,21 @@ impl Lifecycle {
         step: f64,
         tolerance: f64,
         log: &Log,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), ModelError> {
         let start = self.start_time;
         let late = time - start;
         if late < -tolerance || late > step + tolerance {
-            return Err(reason!(
+            return Err(ModelError::refuse(format_args!(
                 "the first communication point is {time:?}; expected the start time {start}"
-            ));
+            )));
         }
         if late > tolerance {
-            log.send(Category::Warning, || {
-                format!("{call}: the first step starts at {time}, not at the start time {start}")
-            });
+            log.send(
+                Category::Warning,
+                format_args!(
+                    "{call}: the first step starts at {time}, not at the start time {start}"
+                ),
+            );
         }
         Ok(())
     }
@@ -170,7 +191,7 @@ mod tests {
 
     /// An instance whose last step ended at 1 s and whose stop time is 2 s.
     const RUNNING: Lifecycle = Lifecycle {
-        phase: Phase::StepComplete,
+        state: State::StepMode,
         stop_time: 2.0,
         time: 1.0,
         ..Lifecycle::new(Mode::CoSimulation)
@@ -220,13 +241,13 @@ mod tests {
             ..RUNNING
         };
         assert!(!first.is_next_step(0.0, 0.1));
-        for phase in [
-            Phase::Initialization,
-            Phase::StepFailed,
-            Phase::Error,
-            Phase::Fatal,
+        for state in [
+            State::Initialization,
+            State::StepFailed,
+            State::Error,
+            State::Fatal,
         ] {
-            assert!(!Lifecycle { phase, ..RUNNING }.is_next_step(1.0, 0.1));
+            assert!(!Lifecycle { state, ..RUNNING }.is_next_step(1.0, 0.1));
         }
     }
 }

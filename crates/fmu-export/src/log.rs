@@ -1,46 +1,36 @@
-//! The log categories of FMI 2.0.5 (section 2.2.4), and which of them are enabled.
+//! The log of an instance: categories (FMI 2.0.5, section 2.2.4), which of them are enabled, and where the
+//! last panic happened.
 
-use std::ffi::{CStr, CString};
+use std::cell::RefCell;
+use std::ffi::CStr;
+use std::panic::Location;
+use std::sync::Once;
 
 use fmu_description::LOG_CATEGORIES;
 
-use crate::reason::Reason;
+use crate::ModelError;
 
-/// A log category.
+/// A log category: its position in [`LOG_CATEGORIES`], whose last category includes all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
 pub(crate) enum Category {
-    Error = 1 << 0,
-    Warning = 1 << 1,
-    Discard = 1 << 2,
-    Fatal = 1 << 3,
-    Events = 1 << 4,
+    Error,
+    Warning,
+    Discard,
+    Fatal,
+    Events,
 }
 
-/// All categories that the slave logs to, in the order of [`LOG_CATEGORIES`], whose last category
-/// includes all others.
-const CATEGORIES: [Category; 5] = [
-    Category::Error,
-    Category::Warning,
-    Category::Discard,
-    Category::Fatal,
-    Category::Events,
-];
-
-const EVERY: u8 = STATUSES | Category::Events as u8;
-const STATUSES: u8 = Category::Error as u8
-    | Category::Warning as u8
-    | Category::Discard as u8
-    | Category::Fatal as u8;
+const EVERY: u8 = STATUSES | Category::Events.bit();
+const STATUSES: u8 = Category::Events.bit() - 1;
 
 impl Category {
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+
     /// The name of the category in FMI.
     pub(crate) fn name(self) -> &'static CStr {
-        CATEGORIES
-            .iter()
-            .zip(&LOG_CATEGORIES)
-            .find(|(known, _)| **known == self)
-            .map_or(c"logAll", |(_, (name, _))| *name)
+        LOG_CATEGORIES[self as usize].0
     }
 }
 
@@ -50,23 +40,28 @@ pub(crate) type Sink = Box<dyn Fn(Category, &str)>;
 /// The log of an instance.
 pub(crate) struct Log {
     sink: Option<Sink>,
-    /// Enabled categories, as a set of [`Category`] bits.
+    /// Enabled categories, as a set of bits.
     on: u8,
 }
 
 impl Log {
-    /// Creates a log with the status categories enabled until the host disables them with
-    /// `fmi2SetDebugLogging`; events are enabled if `debug` is true.
+    /// Creates a log with the status categories enabled until the host disables them; events are enabled if
+    /// `debug` is true.
     pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
         let on = if debug { EVERY } else { STATUSES };
         Self { sink, on }
     }
 
     /// Enables exactly the named categories, or disables them; without names, all categories.
-    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), Reason> {
+    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
         let mut set = 0;
-        for name in categories {
-            set |= Self::bits(name)?;
+        for &category in categories {
+            let mut known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
+            let index = known.position(|name| name == category);
+            set |= match index.ok_or_else(|| unknown(category))? {
+                index if index > Category::Events as usize => EVERY,
+                index => 1 << index,
+            };
         }
         self.on = match (on, categories.is_empty()) {
             (true, true) => EVERY,
@@ -77,27 +72,49 @@ impl Log {
         Ok(())
     }
 
-    fn bits(name: &CStr) -> Result<u8, Reason> {
-        match LOG_CATEGORIES.iter().position(|(known, _)| *known == name) {
-            Some(index) => Ok(CATEGORIES.get(index).map_or(EVERY, |c| *c as u8)),
-            None => Err(unknown(name.to_owned())),
-        }
-    }
-
     /// Sends a message. It is formatted only if its category is enabled.
-    pub(crate) fn send(&self, category: Category, message: impl FnOnce() -> String) {
+    pub(crate) fn send(&self, category: Category, message: std::fmt::Arguments<'_>) {
         if let Some(sink) = &self.sink
-            && self.on & category as u8 != 0
+            && self.on & category.bit() != 0
         {
-            sink(category, &message());
+            sink(category, &message.to_string());
         }
     }
 }
 
-fn unknown(category: CString) -> Reason {
-    Reason::new(move || {
-        let known = LOG_CATEGORIES.map(|(name, _)| name.to_string_lossy());
-        let known = known.join(", ");
-        format!("log category {category:?} is unknown; expected one of {known}")
-    })
+fn unknown(category: &CStr) -> ModelError {
+    let known = LOG_CATEGORIES.map(|(name, _)| name.to_string_lossy());
+    let known = known.join(", ");
+    ModelError::refuse(format_args!(
+        "log category {category:?} is unknown; expected one of {known}"
+    ))
+}
+
+thread_local! {
+    /// Where the last panic of the thread happened.
+    static LAST: RefCell<Option<String>> = const { RefCell::new(None) };
+}
+
+/// Keeps panic messages off stderr, as they go to the logger. The hook belongs to this library's own
+/// copy of `std`, so the host's hook is unaffected.
+pub(crate) fn silence_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| std::panic::set_hook(Box::new(|panic| remember(panic.location()))));
+}
+
+fn remember(place: Option<&Location<'_>>) {
+    let place = place.map(ToString::to_string);
+    // A panic during the exit of the thread has no place to be remembered.
+    let _ = LAST.try_with(|last| {
+        if let Ok(mut last) = last.try_borrow_mut() {
+            *last = place;
+        }
+    });
+}
+
+/// The place of the last panic and a colon, as `src/lib.rs:12:5: `; empty if it is not known.
+pub(crate) fn take_place_of_panic() -> String {
+    let place = LAST.try_with(|last| last.try_borrow_mut().ok()?.take());
+    let place = place.ok().flatten();
+    place.map_or_else(String::new, |place| format!("{place}: "))
 }

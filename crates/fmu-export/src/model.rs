@@ -81,6 +81,7 @@ pub trait Model: Variables + 'static {
     }
 
     /// The model with its start values.
+    #[inline(never)] // it is small only once
     fn new() -> Self {
         let mut model = Self::unset();
         model.set_start_values();
@@ -198,10 +199,6 @@ pub struct Start {
     pub time: f64,
     /// Whether the host integrates the states: model exchange.
     pub is_model_exchange: bool,
-    /// Whether the instance handles the event at the start itself: co-simulation without event mode.
-    pub(crate) handles_events: bool,
-    /// The relative tolerance that the host wants; `None` if it left that to the model.
-    pub(crate) tolerance: Option<f64>,
     pub(crate) resources: Folder,
 }
 
@@ -211,8 +208,6 @@ impl Start {
         Self {
             time,
             is_model_exchange: false,
-            handles_events: true,
-            tolerance: None,
             resources: Ok(resources.into()),
         }
     }
@@ -277,61 +272,52 @@ pub(crate) enum Kind {
 
 impl ModelError {
     /// An error after which the model cannot continue (`fmi2Error`).
-    #[cold]
-    #[inline(never)]
     pub fn new(reason: impl Display) -> Self {
-        Self {
-            reason: reason.to_string(),
-            kind: Kind::Broken,
-        }
+        Self::of(Kind::Broken, &reason)
     }
 
     /// The step is invalid, for example its size, and the model is unchanged: the host may continue
     /// with another step (`fmi2Error`).
-    #[cold]
-    #[inline(never)]
     pub fn refuse(reason: impl Display) -> Self {
-        Self {
-            kind: Kind::Refused,
-            ..Self::new(reason)
-        }
+        Self::of(Kind::Refused, &reason)
     }
 
     /// The step could not be computed, and the model is unchanged: the host may restore an earlier
     /// state and try a smaller step (`fmi2Discard`).
-    #[cold]
-    #[inline(never)]
     pub fn discard(reason: impl Display) -> Self {
-        Self {
-            kind: Kind::Discarded,
-            ..Self::new(reason)
-        }
+        Self::of(Kind::Discarded, &reason)
     }
 
-    /// The same error of a call that a host may repeat with other values.
-    pub(crate) fn discarded(self) -> Self {
-        Self {
-            kind: Kind::Discarded,
-            ..self
-        }
+    #[cold]
+    #[inline(never)]
+    fn of(kind: Kind, reason: &dyn Display) -> Self {
+        let reason = reason.to_string();
+        Self { reason, kind }
+    }
+
+    /// The same error of another kind.
+    pub(crate) fn with_kind(self, kind: Kind) -> Self {
+        Self { kind, ..self }
     }
 
     /// The same error with a message that begins by saying where it happened.
     #[cold]
     #[inline(never)]
     pub(crate) fn with_prefix(self, prefix: std::fmt::Arguments<'_>) -> Self {
-        Self {
-            reason: format!("{prefix}: {}", self.reason),
-            ..self
+        Self::of(self.kind, &format_args!("{prefix}: {}", self.reason))
+    }
+
+    /// The same error of a call that cannot be discarded.
+    pub(crate) fn not_discarded(self) -> Self {
+        match self.kind {
+            Kind::Discarded => self.with_kind(Kind::Refused),
+            _ => self,
         }
     }
 
-    /// The same error of a model that is no longer unchanged.
-    pub(crate) fn broken(self) -> Self {
-        Self {
-            kind: Kind::Broken,
-            ..self
-        }
+    /// The same error with a message that begins with the step.
+    pub(crate) fn in_step(self, time: f64, step: f64) -> Self {
+        self.with_prefix(format_args!("from t = {time:?} s by {step:?} s"))
     }
 
     /// The message for the user.

@@ -1,15 +1,21 @@
-//! The saved state of an instance (FMI 2.0.5, section 2.1.8) and its serialization.
+//! The saved state of an instance (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.10) and its serialization.
 
 use std::any::Any;
 
-use fmu_description::guid::checksum;
+use fmu_description::hash::checksum;
+use fmu_description::interface::GUID_LENGTH;
+use fmu_description::{Loader, Saver};
 
-use crate::lifecycle::{Lifecycle, Mode};
-use crate::phase::Call;
-use crate::reason::{Reason, reason};
-use crate::slave::{Guid, Slave};
+use crate::ModelError;
+use crate::bound::AnyModel;
+use crate::clock::SampleClock;
+use crate::component::{Component, Integration, Shared};
+use crate::lifecycle::Lifecycle;
 
-/// The first bytes of a state in memory and of a serialized state.
+/// A GUID as text.
+pub(crate) type Guid = [u8; GUID_LENGTH];
+
+/// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
 const VERSION: [u8; 4] = 5u32.to_le_bytes();
@@ -17,66 +23,62 @@ const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 
 /// The complete state of an instance.
-#[repr(C)]
 pub(crate) struct Snapshot {
-    /// Distinguishes our states from other memory.
-    magic: [u8; 8],
     guid: Guid,
-    lifecycle: Lifecycle,
+    pub(crate) lifecycle: Lifecycle,
+    clock: SampleClock,
+    integration: Integration,
     model: Box<dyn Any>,
 }
 
 impl Snapshot {
-    pub(crate) fn new(lifecycle: Lifecycle, slave: &dyn Slave) -> Self {
+    pub(crate) fn new(shared: &Shared, model: Box<dyn Any>) -> Self {
         Self {
-            magic: MAGIC,
-            guid: slave.guid(),
-            lifecycle,
-            model: slave.save(),
+            guid: *shared.guid,
+            lifecycle: shared.lifecycle,
+            clock: shared.clock,
+            integration: shared.integration,
+            model,
         }
     }
 
-    /// What the instance was for.
-    pub(crate) fn mode(&self) -> Mode {
-        self.lifecycle.mode
-    }
-
-    /// Whether an instance can be in this state and save it, for which the same is allowed as for the call.
-    pub(crate) fn can_be_saved(&self, call: &Call) -> bool {
-        let Lifecycle { mode, phase, .. } = self.lifecycle;
-        phase.is_of(mode) && call.is_allowed(phase)
-    }
-
-    /// Restores the state of a slave of the same model, and returns the lifecycle for its component.
-    pub(crate) fn restore(&self, slave: &mut dyn Slave) -> Result<Lifecycle, Reason> {
-        if slave.restore(self.model.as_ref()) {
-            Ok(self.lifecycle)
-        } else {
-            let (found, expected) = (self.guid, slave.guid());
-            Err(reason!(
+    /// Restores the state of an instance of the same model.
+    pub(crate) fn restore(
+        &self,
+        shared: &mut Shared,
+        model: &mut dyn AnyModel,
+    ) -> Result<(), ModelError> {
+        if !model.restore(self.model.as_ref()) {
+            return Err(ModelError::refuse(format_args!(
                 "the state belongs to the model {}, not to {}",
-                text(&found),
-                text(&expected)
-            ))
+                text(&self.guid),
+                text(shared.guid)
+            )));
         }
+        (shared.clock, shared.integration) = (self.clock, self.integration);
+        shared.lifecycle = self.lifecycle;
+        Ok(())
     }
+}
 
-    /// Serializes the state: header, payload, and a checksum of both.
-    pub(crate) fn to_bytes(&self, slave: &dyn Slave) -> Result<Vec<u8>, Reason> {
-        let payload = postcard::to_allocvec(&self.lifecycle)
-            .ok()
-            .zip(slave.serialize(self.model.as_ref()));
-        let Some((lifecycle, model)) = payload else {
-            return Err("the state belongs to another model".into());
-        };
-        let mut bytes = [&MAGIC[..], &VERSION, &self.guid, &lifecycle, &model].concat();
+impl Component {
+    /// Serializes a state: header, payload, and a checksum of both.
+    pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
+        let mut payload = Saver::default();
+        let saved = payload.put(&state.lifecycle).ok();
+        let saved = saved.and_then(|()| payload.put(&(state.clock, state.integration)).ok());
+        let saved = saved.and_then(|()| self.model.serialize(state.model.as_ref(), &mut payload));
+        if saved.is_none() {
+            return Err(ModelError::refuse("the state belongs to another model"));
+        }
+        let mut bytes = [&MAGIC[..], &VERSION, &state.guid, &payload.into_bytes()].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
         Ok(bytes)
     }
 
-    /// Deserializes a state of the slave's model.
-    pub(crate) fn from_bytes(bytes: &[u8], slave: &dyn Slave) -> Result<Self, Reason> {
-        let damaged = || Reason::from("the bytes are damaged or not a serialized FMU state");
+    /// Deserializes a state of the model.
+    pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
+        let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
         let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
         let (content, sum) = bytes.split_at(end);
         if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
@@ -88,33 +90,32 @@ impl Snapshot {
         if magic != MAGIC {
             return Err(damaged());
         }
-        if version != VERSION || guid != slave.guid() {
-            let (version, found, expected) = (version.to_owned(), guid.to_owned(), slave.guid());
-            return Err(reason!(
+        let expected = self.shared.guid;
+        if version != VERSION || guid != expected {
+            return Err(ModelError::refuse(format_args!(
                 "the bytes are a state of the model {}, format {version:?}; expected {}, format {VERSION:?}",
-                text(&found),
-                text(&expected)
-            ));
+                text(guid),
+                text(expected)
+            )));
         }
-        let (lifecycle, model): (Lifecycle, _) =
-            postcard::take_from_bytes(payload).map_err(|_| damaged())?;
+        let mut loader = Loader::new(payload);
+        let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
         if !lifecycle.can_be_saved() {
             return Err(damaged());
         }
-        Ok(Self {
-            magic: MAGIC,
-            guid: slave.guid(),
+        let (clock, integration) = loader.take().map_err(|_| damaged())?;
+        let model = self.model.deserialize(&mut loader);
+        let model = model.filter(|_| loader.is_empty()).ok_or_else(damaged)?;
+        if !self.shared.edge.get_fmu_state.is_allowed(lifecycle.state) {
+            return Err(ModelError::refuse("the bytes are damaged"));
+        }
+        Ok(Snapshot {
+            guid: *expected,
             lifecycle,
-            model: slave.deserialize(model).ok_or_else(damaged)?,
+            clock,
+            integration,
+            model,
         })
-    }
-}
-
-impl Drop for Snapshot {
-    fn drop(&mut self) {
-        // Helps to detect a pointer that the host uses after freeing it.
-        self.magic = [0; 8];
-        std::hint::black_box(&self.magic); // keeps the compiler from removing the write
     }
 }
 

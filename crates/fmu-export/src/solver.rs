@@ -23,11 +23,6 @@ const RESTART: f64 = 1e4;
 
 /// What is integrated.
 pub(crate) trait System {
-    /// Number of states.
-    const STATES: usize;
-    /// Number of event indicators.
-    const INDICATORS: usize;
-
     /// The order of magnitude of a state.
     fn nominal(&self, state: usize) -> f64;
     /// Reads the states.
@@ -77,14 +72,14 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    pub(crate) fn new<S: System>() -> Self {
-        let zeros = || vec![0.0; S::STATES];
+    pub(crate) fn new(states: usize, indicators: usize) -> Self {
+        let zeros = || vec![0.0; states];
         Self {
             states: zeros(),
             next: zeros(),
             point: zeros(),
             slopes: std::array::from_fn(|_| zeros()),
-            signs: vec![false; S::INDICATORS],
+            signs: vec![false; indicators],
         }
     }
 }
@@ -96,8 +91,8 @@ impl Workspace {
 ///
 /// # Errors
 /// Those of the system, and a discarded step, if it would take too many internal steps or events.
-pub(crate) fn advance<S: System>(
-    system: &mut S,
+pub(crate) fn advance(
+    system: &mut dyn System,
     workspace: &mut Workspace,
     step: &Step,
 ) -> Result<f64, ModelError> {
@@ -122,8 +117,8 @@ pub(crate) fn advance<S: System>(
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
-struct Run<'a, S> {
-    system: &'a mut S,
+struct Run<'a> {
+    system: &'a mut dyn System,
     w: &'a mut Workspace,
     step: &'a Step,
     reached: f64,
@@ -141,7 +136,7 @@ enum Trial {
     Discarded(ModelError),
 }
 
-impl<S: System> Run<'_, S> {
+impl Run<'_> {
     /// The absolute time.
     fn now(&self) -> f64 {
         self.step.time + self.reached
@@ -246,7 +241,7 @@ impl<S: System> Run<'_, S> {
 
     /// The size of the next internal step, if the end is far away.
     fn longest(&self) -> f64 {
-        match S::INDICATORS {
+        match self.w.signs.len() {
             0 => self.size,
             _ => self.size.min(self.step.longest),
         }
@@ -323,7 +318,7 @@ impl<S: System> Run<'_, S> {
             69997945.0 / 29380423.0,
         ];
         let rest = 1.0 - fraction;
-        for i in 0..S::STATES {
+        for i in 0..self.w.states.len() {
             let change = self.w.next[i] - self.w.states[i];
             let first = h * self.w.slopes[0][i] - change;
             let last = change - h * self.w.slopes[6][i] - first;
@@ -389,7 +384,7 @@ impl<S: System> Run<'_, S> {
             -1.0 / 40.0,
         ];
         for (stage, weights) in A.iter().enumerate().skip(1) {
-            for i in 0..S::STATES {
+            for i in 0..self.w.states.len() {
                 let slope = weighted(weights, &self.w.slopes, i);
                 self.w.next[i] = self.w.states[i] + h * slope;
             }
@@ -415,8 +410,8 @@ impl<S: System> Run<'_, S> {
     /// The root mean square of a number for each state.
     fn norm(&self, of: impl Fn(usize) -> f64) -> f64 {
         // A sum, not a maximum: `max` would hide a NaN.
-        let sum: f64 = (0..S::STATES).map(|i| of(i) * of(i)).sum();
-        libm::sqrt(sum / S::STATES.max(1) as f64)
+        let sum: f64 = (0..self.w.states.len()).map(|i| of(i) * of(i)).sum();
+        libm::sqrt(sum / self.w.states.len().max(1) as f64)
     }
 
     /// Estimates the size of the first internal step from the first two derivatives (Hairer, Nørsett and
@@ -431,7 +426,7 @@ impl<S: System> Run<'_, S> {
             true => remaining.min(0.01 * size / slope),
             false => 1e-3 * remaining,
         };
-        for i in 0..S::STATES {
+        for i in 0..self.w.states.len() {
             self.w.point[i] = self.w.states[i] + probe * self.w.slopes[0][i];
         }
         let time = self.now() + probe;
@@ -515,9 +510,6 @@ mod tests {
     }
 
     impl<E: Equations<N>, const N: usize> System for Evaluated<E, N> {
-        const STATES: usize = N;
-        const INDICATORS: usize = E::INDICATORS;
-
         fn nominal(&self, _state: usize) -> f64 {
             1.0
         }
@@ -567,13 +559,13 @@ mod tests {
     }
 
     /// Takes steps of this size until `end`.
-    fn run<S: System>(
-        system: &mut S,
+    fn run<E: Equations<N>, const N: usize>(
+        system: &mut Evaluated<E, N>,
         size: f64,
         end: f64,
         tolerance: f64,
     ) -> Result<f64, ModelError> {
-        let mut workspace = Workspace::new::<S>();
+        let mut workspace = Workspace::new(N, E::INDICATORS);
         let (mut time, mut handled) = (0.0, 0.0);
         while time < end - 1e-9 {
             let step = Step {
@@ -638,7 +630,7 @@ mod tests {
     fn the_dense_output_is_of_fourth_order() {
         let error = |h: f64| {
             let mut oscillator = system(Oscillator, [1.0, 0.5]);
-            let mut workspace = Workspace::new::<Evaluated<Oscillator, 2>>();
+            let mut workspace = Workspace::new(2, 0);
             let step = Step {
                 time: 0.0,
                 size: h,
@@ -657,7 +649,7 @@ mod tests {
             };
             run.start().unwrap();
             run.try_step(h, h).ok().unwrap();
-            let error_at = |run: &mut Run<'_, _>, fraction: f64| {
+            let error_at = |run: &mut Run<'_>, fraction: f64| {
                 run.interpolate(fraction, h);
                 let (sin, cos) = libm::sincos(fraction * h);
                 (run.w.point[0] - cos - 0.5 * sin).abs()

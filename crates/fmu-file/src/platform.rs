@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::FmiVersion;
 
 /// A platform folder.
@@ -19,48 +19,29 @@ pub struct Platform {
     magic: &'static [&'static [u8]],
 }
 
-const ELF_64: &[&[u8]] = &[b"\x7fELF\x02"];
-const ELF_32: &[&[u8]] = &[b"\x7fELF\x01"];
-const PE: &[&[u8]] = &[b"MZ"];
-const MACH_O: &[&[u8]] = &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"];
+/// The extension of a binary, and its possible first bytes.
+type Format = (&'static str, &'static [&'static [u8]]);
 
-const FMI_2: [Platform; 8] = [
-    platform("linux64", "so", ELF_64),
-    platform("linux32", "so", ELF_32),
-    platform("win64", "dll", PE),
-    platform("win32", "dll", PE),
-    platform("darwin64", "dylib", MACH_O),
-    platform("aarch64-linux", "so", ELF_64),
-    platform("aarch64-windows", "dll", PE),
-    platform("aarch64-darwin", "dylib", MACH_O),
-];
+const ELF_64: Format = ("so", &[b"\x7fELF\x02"]);
+const ELF_32: Format = ("so", &[b"\x7fELF\x01"]);
+const PE: Format = ("dll", &[b"MZ"]);
+const MACH_O: Format = ("dylib", &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"]);
 
-const FMI_3: [Platform; 9] = [
-    platform("x86_64-linux", "so", ELF_64),
-    platform("x86-linux", "so", ELF_32),
-    platform("x86_64-windows", "dll", PE),
-    platform("x86-windows", "dll", PE),
-    platform("x86_64-darwin", "dylib", MACH_O),
-    platform("aarch64-linux", "so", ELF_64),
-    platform("aarch64-windows", "dll", PE),
-    platform("aarch64-darwin", "dylib", MACH_O),
-    platform("aarch32-linux", "so", ELF_32),
+/// The folders of FMI 2.0 and of FMI 3.0; empty if a version has none for the platform.
+const FOLDERS: [([&str; 2], Format); 9] = [
+    (["linux64", "x86_64-linux"], ELF_64),
+    (["linux32", "x86-linux"], ELF_32),
+    (["win64", "x86_64-windows"], PE),
+    (["win32", "x86-windows"], PE),
+    (["darwin64", "x86_64-darwin"], MACH_O),
+    (["aarch64-linux", "aarch64-linux"], ELF_64),
+    (["aarch64-windows", "aarch64-windows"], PE),
+    (["aarch64-darwin", "aarch64-darwin"], MACH_O),
+    (["", "aarch32-linux"], ELF_32),
 ];
 
 /// The target name of universal binaries for macOS: x86-64 and ARM in one file.
 pub const UNIVERSAL: &str = "universal2-apple-darwin";
-
-const fn platform(
-    folder: &'static str,
-    extension: &'static str,
-    magic: &'static [&'static [u8]],
-) -> Platform {
-    Platform {
-        folder,
-        extension,
-        magic,
-    }
-}
 
 impl Platform {
     /// The platform of a folder.
@@ -68,10 +49,9 @@ impl Platform {
     /// # Errors
     /// The version of FMI has no such folder.
     pub fn named(folder: &str, version: FmiVersion) -> Result<Self> {
-        let platforms = platforms(version);
-        let found = platforms.iter().find(|platform| platform.folder == folder);
-        found.copied().with_context(|| {
-            let known: Vec<_> = platforms.iter().map(|platform| platform.folder).collect();
+        let found = platforms(version).find(|platform| platform.folder == folder);
+        found.with_context(|| {
+            let known: Vec<_> = platforms(version).map(|platform| platform.folder).collect();
             format!(
                 "platform {folder:?} is unknown; there are {}",
                 known.join(", ")
@@ -81,7 +61,7 @@ impl Platform {
 
     /// Whether a version of FMI has the folder.
     pub fn is_of(&self, version: FmiVersion) -> bool {
-        platforms(version).contains(self)
+        platforms(version).any(|platform| platform == *self)
     }
 
     /// The platforms of a Rust target triple; a suffix with a glibc version is allowed.
@@ -96,15 +76,15 @@ impl Platform {
             other => (other, "64"),
         };
         let number = version.as_str();
-        let (short, system) = if triple.contains("-linux-") {
-            ("linux", "linux")
-        } else if triple.contains("-windows-") {
-            ("win", "windows")
-        } else if triple.contains("-apple-darwin") {
-            ("darwin", "darwin")
-        } else {
-            bail!("FMI {number} has no platform folder for the target {triple}");
-        };
+        let none = || format!("FMI {number} has no platform folder for the target {triple}");
+        let (_, short, system) = [
+            ("-linux-", "linux", "linux"),
+            ("-windows-", "win", "windows"),
+            ("-apple-darwin", "darwin", "darwin"),
+        ]
+        .into_iter()
+        .find(|(part, ..)| triple.contains(part))
+        .with_context(none)?;
         let is_universal = triple == UNIVERSAL;
         let mut folders = Vec::new();
         match version {
@@ -120,17 +100,19 @@ impl Platform {
             .iter()
             .map(|folder| Self::named(folder, version))
             .collect::<Result<_>>()
-            .with_context(|| format!("FMI {number} has no platform folder for the target {triple}"))
+            .with_context(none)
     }
 
     /// The platform of this machine, if this version of FMI has a folder for it.
     pub fn of_this_machine(version: FmiVersion) -> Option<Self> {
-        let folder = match (version, std::env::consts::OS) {
-            (FmiVersion::Fmi2, "windows") => format!("win{}", usize::BITS),
-            (FmiVersion::Fmi2, "macos") => format!("darwin{}", usize::BITS),
-            (FmiVersion::Fmi2, other) => format!("{other}{}", usize::BITS),
-            (FmiVersion::Fmi3, "macos") => format!("{}-darwin", std::env::consts::ARCH),
-            (FmiVersion::Fmi3, other) => format!("{}-{other}", std::env::consts::ARCH),
+        let (short, system) = match std::env::consts::OS {
+            "windows" => ("win", "windows"),
+            "macos" => ("darwin", "darwin"),
+            other => (other, other),
+        };
+        let folder = match version {
+            FmiVersion::Fmi2 => format!("{short}{}", usize::BITS),
+            FmiVersion::Fmi3 => format!("{}-{system}", std::env::consts::ARCH),
         };
         Self::named(&folder, version).ok()
     }
@@ -154,12 +136,19 @@ impl Platform {
     }
 }
 
-/// The folders of a version of FMI.
-fn platforms(version: FmiVersion) -> &'static [Platform] {
-    match version {
-        FmiVersion::Fmi2 => &FMI_2,
-        FmiVersion::Fmi3 => &FMI_3,
-    }
+/// The platforms of a version of FMI.
+fn platforms(version: FmiVersion) -> impl Iterator<Item = Platform> {
+    let index = match version {
+        FmiVersion::Fmi2 => 0,
+        FmiVersion::Fmi3 => 1,
+    };
+    let platform = move |(folders, (extension, magic)): ([&'static str; 2], Format)| Platform {
+        folder: folders[index],
+        extension,
+        magic,
+    };
+    let platforms = FOLDERS.into_iter().map(platform);
+    platforms.filter(|platform| !platform.folder.is_empty())
 }
 
 /// Whether a binary for this machine's platform is also for its processor: the folder `linux64` is used
@@ -175,15 +164,6 @@ pub fn is_for_this_processor(binary: &[u8]) -> bool {
         .get(MACHINE)
         .filter(|_| binary.starts_with(b"\x7fELF"));
     field.is_none_or(|field| field == machine.to_le_bytes())
-}
-
-/// A folder of FMI 2.0.
-impl FromStr for Platform {
-    type Err = anyhow::Error;
-
-    fn from_str(folder: &str) -> Result<Self> {
-        Self::named(folder, FmiVersion::Fmi2)
-    }
 }
 
 /// The folders in `binaries/`, standard or not, from the file names of an archive.
@@ -229,22 +209,16 @@ mod tests {
     #[test]
     fn targets_map_to_the_folders_of_the_standard() {
         for (triple, in_fmi_2, in_fmi_3) in [
-            ("x86_64-unknown-linux-gnu", "linux64", "x86_64-linux"),
             ("x86_64-unknown-linux-gnu.2.17", "linux64", "x86_64-linux"),
-            (
-                "aarch64-unknown-linux-gnu.2.17",
-                "linux64 aarch64-linux",
-                "aarch64-linux",
-            ),
             ("armv7-unknown-linux-gnueabihf", "linux32", "aarch32-linux"),
             ("i686-unknown-linux-gnu", "linux32", "x86-linux"),
             ("x86_64-pc-windows-msvc", "win64", "x86_64-windows"),
             ("i686-pc-windows-gnu", "win32", "x86-windows"),
             ("x86_64-apple-darwin", "darwin64", "x86_64-darwin"),
             (
-                "aarch64-apple-darwin",
-                "darwin64 aarch64-darwin",
-                "aarch64-darwin",
+                "aarch64-unknown-linux-gnu",
+                "linux64 aarch64-linux",
+                "aarch64-linux",
             ),
             (
                 UNIVERSAL,
@@ -262,48 +236,25 @@ mod tests {
     }
 
     #[test]
-    fn a_binary_must_match_its_platform() {
-        let linux: Platform = "linux64".parse().unwrap();
-        assert!(linux.check(b"\x7fELF\x02 rest").is_ok());
-        assert!(linux.check(b"\x7fELF\x01 rest").is_err());
-        assert!(linux.check(b"MZ").is_err());
-        assert!(linux.check(b"").is_err());
-    }
-
-    #[test]
     fn folders_are_listed_once() {
-        let names = [
-            "binaries/",
-            "binaries/win64/a.dll",
-            "binaries/linux64/",
-            "binaries/linux64/a.so",
-            "binaries/readme",
-            "sources/linux64/a.c",
-        ];
-        let names = names.map(String::from);
+        let names = "binaries/ binaries/win64/a.dll binaries/linux64/ binaries/linux64/a.so \
+            binaries/readme sources/linux64/a.c";
+        let names: Vec<_> = names.split(' ').map(String::from).collect();
         assert!(folders(&names).into_iter().eq(["linux64", "win64"]));
     }
 
     #[test]
-    fn the_processor_is_read_from_elf() {
+    fn a_binary_must_match_its_platform_and_the_processor() {
+        let linux = Platform::named("linux64", FmiVersion::Fmi2).unwrap();
+        assert!(linux.check(b"\x7fELF\x02 rest").is_ok());
+        for other in [&b"\x7fELF\x01 rest"[..], b"MZ", b""] {
+            assert!(linux.check(other).is_err());
+        }
         let elf =
             |machine: u8| [b"\x7fELF\x02\x01\x01".as_slice(), &[0; 11], &[machine, 0]].concat();
         let (intel, arm) = (cfg!(target_arch = "x86_64"), cfg!(target_arch = "aarch64"));
         assert_eq!(is_for_this_processor(&elf(62)), intel || !arm);
         assert_eq!(is_for_this_processor(&elf(183)), arm || !intel);
         assert!(is_for_this_processor(b"MZ"));
-    }
-
-    #[test]
-    fn prebuilt_binaries_have_a_platform_and_a_file() {
-        let prebuilt: Prebuilt = "win64=a/b.dll".parse().unwrap();
-        assert_eq!(prebuilt.platform.folder, "win64");
-        assert_eq!(prebuilt.file, PathBuf::from("a/b.dll"));
-        assert!("win64".parse::<Prebuilt>().is_err());
-        let prebuilt: Prebuilt = "x86_64-linux=b.so".parse().unwrap();
-        assert!(prebuilt.platform.is_of(FmiVersion::Fmi3));
-        assert!(!prebuilt.platform.is_of(FmiVersion::Fmi2));
-        let error = "amiga=x".parse::<Prebuilt>().unwrap_err().to_string();
-        assert!(error.contains("linux64"), "{error}");
     }
 }

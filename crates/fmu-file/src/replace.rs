@@ -1,6 +1,7 @@
 //! Atomic writing of files: completely or not at all.
 
 use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -17,7 +18,8 @@ pub struct Replacement {
 }
 
 enum Target {
-    Temporary(Temporary),
+    /// A temporary file that is listed while it exists.
+    Temporary(NamedTempFile, Listed),
     /// A device or a pipe, which cannot be replaced.
     Device(File),
 }
@@ -30,12 +32,10 @@ impl Replacement {
     /// The folder does not exist or cannot be written to.
     pub fn of(path: &Path) -> Result<Self> {
         let target = linked(path);
-        let mut prefix = std::ffi::OsString::from(".");
+        let mut prefix = OsString::from(".");
         prefix.push(target.file_name().unwrap_or_default());
         prefix.push(".");
-        let mut builder = Builder::new();
-        builder.prefix(&prefix).suffix(".tmp");
-        Self::new(path, target, &mut builder)
+        Self::new(path, &target, Builder::new().prefix(&prefix).suffix(".tmp"))
     }
 
     /// Like [`Replacement::of`], but the temporary file has the name of [`part`], so that its contents
@@ -46,7 +46,7 @@ impl Replacement {
     pub fn part(path: &Path) -> Result<Self> {
         let target = linked(path);
         let Some(part) = part(path) else {
-            return Self::new(path, target, &mut Builder::new());
+            return Self::new(path, &target, &mut Builder::new());
         };
         if let Ok(older) = File::open(&part) {
             if let Err(TryLockError::WouldBlock) = older.try_lock() {
@@ -55,31 +55,40 @@ impl Replacement {
             fs::remove_file(&part).with_context(|| format!("cannot remove {}", part.display()))?;
         }
         let name = part.file_name().unwrap_or_default();
-        let new = Self::new(path, target, Builder::new().prefix(name).rand_bytes(0))?;
-        if let Target::Temporary(file) = &new.target {
-            // File systems without locks cannot protect the file.
-            let _ = file.file.as_file().try_lock();
-        }
+        let new = Self::new(path, &target, Builder::new().prefix(name).rand_bytes(0))?;
+        // File systems without locks cannot protect the file.
+        let _ = new.file().try_lock();
         Ok(new)
     }
 
-    fn new(path: &Path, target: PathBuf, builder: &mut Builder<'_, '_>) -> Result<Self> {
-        let target = if is_device(&target) {
-            let file = File::options().write(true).open(&target);
-            Target::Device(file.with_context(|| format!("cannot write {}", path.display()))?)
+    fn new(path: &Path, target: &Path, builder: &mut Builder<'_, '_>) -> Result<Self> {
+        let cannot = || format!("cannot write {}", path.display());
+        let target = if is_device(target) {
+            let file = File::options().write(true).open(target);
+            Target::Device(file.with_context(cannot)?)
         } else {
-            let folder = folder(&target);
+            let folder = match target.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => folder,
+                _ => Path::new("."),
+            };
             ensure!(
                 folder.is_dir(),
-                "cannot write {}: the folder {} does not exist",
-                path.display(),
+                "{}: the folder {} does not exist",
+                cannot(),
                 folder.display()
             );
-            let file = temporary(builder, folder);
-            Target::Temporary(file.with_context(|| format!("cannot write {}", path.display()))?)
+            let (file, listed) = temporary(builder, folder).with_context(cannot)?;
+            Target::Temporary(file, listed)
         };
         let path = path.to_owned();
         Ok(Self { path, target })
+    }
+
+    fn file(&self) -> &File {
+        match &self.target {
+            Target::Temporary(file, _) => file.as_file(),
+            Target::Device(file) => file,
+        }
     }
 
     /// The number of bytes written; 0 for a device.
@@ -88,7 +97,7 @@ impl Replacement {
     /// The file system does not tell it.
     pub fn length(&self) -> io::Result<u64> {
         match &self.target {
-            Target::Temporary(file) => file.file.as_file().stream_position(),
+            Target::Temporary(file, _) => file.as_file().stream_position(),
             Target::Device(_) => Ok(0),
         }
     }
@@ -98,13 +107,11 @@ impl Replacement {
     /// # Errors
     /// The disk is full, or the target is a folder.
     pub fn finish(self) -> Result<()> {
-        let Target::Temporary(file) = self.target else {
-            return Ok(());
-        };
-        let cannot = || format!("cannot write {}", self.path.display());
-        let Temporary { file, _listed } = file;
-        file.as_file().sync_all().with_context(cannot)?;
-        file.persist(linked(&self.path)).with_context(cannot)?;
+        if let Target::Temporary(file, _listed) = self.target {
+            let cannot = || format!("cannot write {}", self.path.display());
+            file.as_file().sync_all().with_context(cannot)?;
+            file.persist(linked(&self.path)).with_context(cannot)?;
+        }
         Ok(())
     }
 
@@ -114,10 +121,9 @@ impl Replacement {
     /// # Errors
     /// The disk is full.
     pub fn keep(self) -> Result<Option<PathBuf>> {
-        let Target::Temporary(file) = self.target else {
+        let Target::Temporary(file, _listed) = self.target else {
             return Ok(None);
         };
-        let Temporary { file, _listed } = file;
         file.as_file().sync_all()?;
         file.keep()?;
         Ok(part(&self.path))
@@ -126,17 +132,11 @@ impl Replacement {
 
 impl Write for Replacement {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.target {
-            Target::Temporary(file) => file.file.write(bytes),
-            Target::Device(file) => file.write(bytes),
-        }
+        self.file().write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.target {
-            Target::Temporary(file) => file.file.flush(),
-            Target::Device(file) => file.flush(),
-        }
+        self.file().flush()
     }
 }
 
@@ -199,19 +199,6 @@ fn is_device(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
 }
 
-fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    }
-}
-
-/// A temporary file that is listed while it exists.
-struct Temporary {
-    file: NamedTempFile,
-    _listed: Listed,
-}
-
 /// A file in the list of unfinished ones.
 struct Listed(PathBuf);
 
@@ -222,60 +209,56 @@ impl Drop for Listed {
 }
 
 /// Creates a temporary file in a folder, with the permissions of an ordinary new file.
-fn temporary(builder: &mut Builder<'_, '_>, folder: &Path) -> io::Result<Temporary> {
+fn temporary(builder: &mut Builder<'_, '_>, folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let file = builder.tempfile_in(folder)?;
     let path = file.path().to_owned();
     unfinished().insert(path.clone());
-    Ok(Temporary {
-        file,
-        _listed: Listed(path),
-    })
+    Ok((file, Listed(path)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// The names of the files in a folder, sorted.
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let name = |entry: io::Result<fs::DirEntry>| entry.unwrap().file_name();
+        let mut names: Vec<String> = entries.map(|e| name(e).into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
     #[test]
     fn the_old_file_remains_until_the_new_one_is_finished() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a");
+        let path = folder.path().join("pid.csv");
         fs::write(&path, "old").unwrap();
         let mut new = Replacement::of(&path).unwrap();
         new.write_all(b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
+        let hidden = names(folder.path()).remove(0);
+        assert!(
+            hidden.starts_with(".pid.csv.") && hidden.ends_with(".tmp"),
+            "{hidden}"
+        );
         new.finish().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         drop(Replacement::of(&path).unwrap());
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert_eq!(names(folder.path()), ["pid.csv"]);
     }
 
     #[test]
-    fn the_name_of_a_temporary_file_shows_what_it_belongs_to() {
+    fn a_part_can_be_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pid.csv");
-        let names = || {
-            let entries = fs::read_dir(folder.path()).unwrap();
-            let mut names: Vec<String> = entries
-                .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-                .collect();
-            names.sort();
-            names
-        };
-        let hidden = Replacement::of(&path).unwrap();
-        let name = names().remove(0);
-        assert!(
-            name.starts_with(".pid.csv.") && name.ends_with(".tmp"),
-            "{name}"
-        );
-        drop(hidden);
         let kept = Replacement::part(&path).unwrap().keep().unwrap();
         assert_eq!(kept, part(&path));
-        assert_eq!(names(), ["pid.csv.part"]);
+        assert_eq!(names(folder.path()), ["pid.csv.part"]);
         Replacement::part(&path).unwrap().finish().unwrap();
-        assert_eq!(names(), ["pid.csv"]);
+        assert_eq!(names(folder.path()), ["pid.csv"]);
     }
 
     #[cfg(unix)]
@@ -285,15 +268,10 @@ mod tests {
         let (path, link) = (folder.path().join("a"), folder.path().join("link"));
         fs::write(&path, "old").unwrap();
         std::os::unix::fs::symlink(&path, &link).unwrap();
-        let mut new = Replacement::of(&link).unwrap();
-        new.write_all(b"new").unwrap();
-        new.finish().unwrap();
+        write(&link, b"new").unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&path).unwrap(), b"new");
-
-        let mut null = Replacement::of(Path::new("/dev/null")).unwrap();
-        null.write_all(b"gone").unwrap();
-        null.finish().unwrap();
+        write(Path::new("/dev/null"), b"gone").unwrap();
     }
 
     #[test]
@@ -301,10 +279,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let taken = folder.path().join("a");
         fs::create_dir(&taken).unwrap();
-        assert!(Replacement::of(&taken).unwrap().finish().is_err());
-        let missing = Replacement::of(Path::new("missing/folder/a")).err();
+        assert!(write(&taken, b"new").is_err());
+        assert_eq!(names(folder.path()), ["a"]);
+        let missing = write(Path::new("missing/folder/a"), b"").unwrap_err();
         assert_eq!(
-            missing.unwrap().to_string(),
+            missing.to_string(),
             "cannot write missing/folder/a: the folder missing/folder does not exist"
         );
     }

@@ -1,73 +1,42 @@
-//! Instances, and the functions common to both kinds of FMU.
+//! Instances, with a method for each operation of FMI. The methods call the function of the instance's
+//! version; a method that only one version has fails for the other.
 
 use std::ffi::{CString, c_void};
 use std::ptr;
 use std::sync::Arc;
 
-use fmu_types::fmi2::{
-    fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2FMUstate, fmi2String,
+use fmi_abi::Version;
+use fmi_abi::fmi2::{
+    fmi2Boolean, fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2EventInfo,
+    fmi2False, fmi2Status, fmi2StatusKind, fmi2String, fmi2Terminated,
 };
-use fmu_types::fmi3::fmi3Instance;
+use fmi_abi::fmi3::{fmi3Boolean, fmi3Clock, fmi3False};
 
-use crate::library::Strings;
-use crate::logger::Registered;
-use crate::{Cause, Failure, Library, Result, Success, Version};
+use crate::logger::{Registered, text};
+use crate::{Cause, Failure, Library, Result, Success};
 
-/// Calls a function of FMI 2.0 of an instance that returns a status: `call!(self.fmi2DoStep(time))`.
+/// Calls the function of the instance's version: `call!(self, fmi2Reset() / fmi3Reset())`.
 macro_rules! call {
-    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {
-        $crate::instance::call_of!($instance, Fmi2, functions, $name($($value),*))
-    };
-}
-
-/// As `call!`, for FMI 3.0.
-macro_rules! call_3 {
-    ($instance:ident.$name:ident($($value:expr),* $(,)?)) => {
-        $crate::instance::call_of!($instance, Fmi3, functions_3, $name($($value),*))
-    };
-}
-
-macro_rules! call_of {
-    ($instance:ident, $version:ident, $functions:ident, $name:ident($($value:expr),*)) => {{
-        const NAME: &str = stringify!($name);
-        if $instance.version != $crate::Version::$version {
-            return Err($crate::Failure::new(NAME, $crate::Cause::OtherVersion));
-        }
-        // SAFETY: the type is that of the standard, the instance is one of its version and not freed,
-        // and every pointer is valid for the length passed with it. The rest depends on the foreign
-        // binary, as described in the crate documentation.
-        let status = unsafe {
-            let library = &*$instance.library;
-            let function = library.function(library.$functions().$name, NAME)?;
-            function($instance.component $(, $value)*)
-        };
-        $instance.library.outcome($crate::Version::$version, NAME, status)
-    }};
-}
-
-/// Calls a function that both versions have, without or with the same arguments.
-macro_rules! call_either {
-    ($instance:ident.$name_2:ident / $name_3:ident($($value:expr),* $(,)?)) => {
+    ($instance:ident, $name_2:ident $values_2:tt / $name_3:ident $values_3:tt) => {
         match $instance.version {
-            $crate::Version::Fmi2 => $crate::instance::call!($instance.$name_2($($value),*)),
-            $crate::Version::Fmi3 => $crate::instance::call_3!($instance.$name_3($($value),*)),
+            Version::Fmi2 => $instance.$name_2 $values_2,
+            Version::Fmi3 => $instance.$name_3 $values_3,
         }
     };
 }
-pub(crate) use {call, call_3, call_either, call_of};
 
 /// An instance of an FMU, which is freed on drop. It keeps its library loaded.
 pub struct Instance {
     pub(crate) library: Arc<Library>,
     /// What the version of FMI calls a component or an instance.
-    pub(crate) component: fmi2Component,
+    pub(crate) pointer: fmi2Component,
     pub(crate) version: Version,
     /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance. FMI 3.0 has none.
     callbacks: Option<*mut fmi2CallbackFunctions>,
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
     experiment: Experiment,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
-    strings: [Vec<u8>; 3],
+    pub(crate) strings: [Vec<u8>; 3],
     _registered: Registered,
 }
 
@@ -78,70 +47,223 @@ unsafe impl Send for Instance {}
 /// Start and stop time (s), and the relative tolerance.
 type Experiment = (f64, Option<f64>, Option<f64>);
 
-/// A saved FMU state, to be freed with [`Instance::free_state`].
-pub struct State(fmi2FMUstate);
+/// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
+pub struct State(pub(crate) *mut c_void);
 
 unsafe extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
     fn free(memory: *mut c_void);
 }
 
-impl Instance {
-    /// Instantiates with a closure that receives the callbacks; `None` if it returns NULL.
+/// The results of a step (FMI 3.0.2, section 4.2.1.2).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stepped {
+    /// `eventHandlingNeeded`
+    pub event_handling_needed: bool,
+    /// `terminateSimulation`
+    pub terminate: bool,
+    /// `earlyReturn`
+    pub early_return: bool,
+    /// `lastSuccessfulTime` (s)
+    pub last_successful_time: f64,
+}
+
+/// The result of an update of discrete states.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Update {
+    /// `discreteStatesNeedUpdate`
+    pub again: bool,
+    /// `terminateSimulation`
+    pub terminate: bool,
+    /// `valuesOfContinuousStatesChanged`
+    pub states_changed: bool,
+    /// `nextEventTime`, if it is defined.
+    pub next_event: Option<f64>,
+    /// Whether the FMU has written all of them.
+    pub is_written: bool,
+}
+
+/// The result of a completed integrator step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Completed {
+    /// `enterEventMode`
+    pub enter_event_mode: bool,
+    /// Whether the FMU has written its results.
+    pub is_written: bool,
+}
+
+/// A type of numbers with functions of its own.
+pub trait Number: Copy + Default {
+    /// Gets the values of all elements of variables.
     ///
-    /// # Safety
-    /// The closure calls the library's `fmi2Instantiate`.
-    pub(crate) unsafe fn of_fmi_2(
+    /// # Errors
+    /// As for every call: the function is missing or returned a failure status.
+    fn get(instance: &mut Instance, references: &[u32], values: &mut [Self]) -> Result;
+
+    /// Sets the values of all elements of variables.
+    ///
+    /// # Errors
+    /// As [`get`](Self::get).
+    fn set(instance: &mut Instance, references: &[u32], values: &[Self]) -> Result;
+}
+
+/// Defines methods that get and set numbers. In FMI 2.0, a variable has one element, and if the slices differ
+/// in length, the rest of the longer one is ignored.
+macro_rules! numbers {
+    ($($type:ty: $get:ident $set:ident = $get_3:ident $set_3:ident $(or $get_2:ident $set_2:ident)?;)*) => {
+        $(
+            impl Number for $type {
+                #[inline(always)]
+                fn get(instance: &mut Instance, references: &[u32], values: &mut [Self]) -> Result {
+                    instance.$get(references, values)
+                }
+
+                #[inline(always)]
+                fn set(instance: &mut Instance, references: &[u32], values: &[Self]) -> Result {
+                    instance.$set(references, values)
+                }
+            }
+
+            impl Instance {
+                #[doc = concat!("`", stringify!($get_3), "`", $(", `", stringify!($get_2), "`",)? ": gets all elements.")]
+                #[inline(always)]
+                pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
+                    $(if self.version == Version::Fmi2 {
+                        return self.$get_2(references, values);
+                    })?
+                    self.$get_3(references, values)
+                }
+
+                #[doc = concat!("`", stringify!($set_3), "`", $(", `", stringify!($set_2), "`",)? ": sets all elements.")]
+                #[inline(always)]
+                pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
+                    $(if self.version == Version::Fmi2 {
+                        return self.$set_2(references, values);
+                    })?
+                    self.$set_3(references, values)
+                }
+            }
+        )*
+    };
+}
+
+numbers! {
+    f64: get_float64 set_float64 = fmi3GetFloat64 fmi3SetFloat64 or fmi2GetReal fmi2SetReal;
+    f32: get_float32 set_float32 = fmi3GetFloat32 fmi3SetFloat32;
+    i8: get_int8 set_int8 = fmi3GetInt8 fmi3SetInt8;
+    u8: get_uint8 set_uint8 = fmi3GetUInt8 fmi3SetUInt8;
+    i16: get_int16 set_int16 = fmi3GetInt16 fmi3SetInt16;
+    u16: get_uint16 set_uint16 = fmi3GetUInt16 fmi3SetUInt16;
+    i32: get_int32 set_int32 = fmi3GetInt32 fmi3SetInt32 or fmi2GetInteger fmi2SetInteger;
+    u32: get_uint32 set_uint32 = fmi3GetUInt32 fmi3SetUInt32;
+    i64: get_int64 set_int64 = fmi3GetInt64 fmi3SetInt64;
+    u64: get_uint64 set_uint64 = fmi3GetUInt64 fmi3SetUInt64;
+}
+
+/// Defines methods that only call the function of the instance's version.
+macro_rules! methods {
+    ($($method:ident $args:tt = $($function:ident $values:tt)/+;)*) => {
+        impl Instance {
+            $(method!($method $args $($function $values)/+);)*
+        }
+    };
+}
+
+macro_rules! method {
+    ($method:ident($($arg:ident: $type:ty),*) $name_2:ident $values_2:tt / $name_3:ident $values_3:tt) => {
+        #[doc = concat!("`", stringify!($name_2), "`, `", stringify!($name_3), "`")]
+        pub fn $method(&mut self, $($arg: $type),*) -> Result {
+            call!(self, $name_2 $values_2 / $name_3 $values_3)
+        }
+    };
+    ($method:ident($($arg:ident: $type:ty),*) $name:ident $values:tt) => {
+        #[doc = concat!("`", stringify!($name), "`, which the other version does not have")]
+        pub fn $method(&mut self, $($arg: $type),*) -> Result {
+            self.$name $values
+        }
+    };
+}
+
+methods! {
+    exit_initialization_mode() = fmi2ExitInitializationMode() / fmi3ExitInitializationMode();
+    enter_event_mode() = fmi2EnterEventMode() / fmi3EnterEventMode();
+    enter_continuous_time_mode() = fmi2EnterContinuousTimeMode() / fmi3EnterContinuousTimeMode();
+    enter_step_mode() = fmi3EnterStepMode();
+    enter_configuration_mode() = fmi3EnterConfigurationMode();
+    exit_configuration_mode() = fmi3ExitConfigurationMode();
+    evaluate_discrete_states() = fmi3EvaluateDiscreteStates();
+    terminate() = fmi2Terminate() / fmi3Terminate();
+    reset() = fmi2Reset() / fmi3Reset();
+    set_time(time: f64) = fmi2SetTime(time) / fmi3SetTime(time);
+    set_continuous_states(states: &[f64])
+        = fmi2SetContinuousStates(states) / fmi3SetContinuousStates(states);
+    get_continuous_states(states: &mut [f64])
+        = fmi2GetContinuousStates(states) / fmi3GetContinuousStates(states);
+    get_continuous_state_derivatives(derivatives: &mut [f64])
+        = fmi2GetDerivatives(derivatives) / fmi3GetContinuousStateDerivatives(derivatives);
+    get_event_indicators(values: &mut [f64])
+        = fmi2GetEventIndicators(values) / fmi3GetEventIndicators(values);
+    get_nominals_of_continuous_states(values: &mut [f64])
+        = fmi2GetNominalsOfContinuousStates(values) / fmi3GetNominalsOfContinuousStates(values);
+    get_directional_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64])
+        = fmi2GetDirectionalDerivative(unknowns, knowns, seed, values)
+        / fmi3GetDirectionalDerivative(unknowns, knowns, seed, values);
+    get_adjoint_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64])
+        = fmi3GetAdjointDerivative(unknowns, knowns, seed, values);
+    set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64])
+        = fmi2SetRealInputDerivatives(references, orders, values);
+    get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64])
+        = fmi2GetRealOutputDerivatives(references, orders, values)
+        / fmi3GetOutputDerivatives(references, orders, values);
+    get_clock(references: &[u32], values: &mut [fmi3Clock]) = fmi3GetClock(references, values);
+    set_clock(references: &[u32], values: &[fmi3Clock]) = fmi3SetClock(references, values);
+    save_to(state: &mut State) = fmi2GetFMUstate(state) / fmi3GetFMUState(state);
+    set_fmu_state(state: &State) = fmi2SetFMUstate(state) / fmi3SetFMUState(state);
+    get_number_of_continuous_states(n: &mut usize) = fmi3GetNumberOfContinuousStates(n);
+    get_number_of_event_indicators(n: &mut usize) = fmi3GetNumberOfEventIndicators(n);
+    cancel_step() = fmi2CancelStep();
+    get_status(kind: fmi2StatusKind, value: &mut fmi2Status) = fmi2GetStatus(kind, value);
+    get_real_status(kind: fmi2StatusKind, value: &mut f64) = fmi2GetRealStatus(kind, value);
+    get_integer_status(kind: fmi2StatusKind, value: &mut i32) = fmi2GetIntegerStatus(kind, value);
+    get_boolean_status(kind: fmi2StatusKind, value: &mut fmi2Boolean) = fmi2GetBooleanStatus(kind, value);
+    get_string_status(kind: fmi2StatusKind, value: &mut fmi2String) = fmi2GetStringStatus(kind, value);
+}
+
+impl Instance {
+    /// An instance that is not yet there, with the callbacks to instantiate it.
+    pub(crate) fn new(
         library: &Arc<Library>,
         registered: Registered,
         logger: Option<fmi2CallbackLogger>,
-        instantiate: impl FnOnce(*const fmi2CallbackFunctions) -> fmi2Component,
-    ) -> Option<Self> {
-        let callbacks = Box::into_raw(Box::new(fmi2CallbackFunctions {
-            logger,
-            allocateMemory: Some(calloc),
-            freeMemory: Some(free),
-            stepFinished: None,
-            componentEnvironment: registered.environment(),
-        }));
-        let component = instantiate(callbacks);
-        if component.is_null() {
-            // SAFETY: the pointer is from a box, and there is no instance that could use it.
-            drop(unsafe { Box::from_raw(callbacks) });
-            return None;
+    ) -> Self {
+        let callbacks = || {
+            Box::into_raw(Box::new(fmi2CallbackFunctions {
+                logger,
+                allocateMemory: Some(calloc),
+                freeMemory: Some(free),
+                stepFinished: None,
+                componentEnvironment: registered.environment(),
+            }))
+        };
+        Self {
+            library: Arc::clone(library),
+            pointer: ptr::null_mut(),
+            version: library.version(),
+            callbacks: (library.version() == Version::Fmi2).then(callbacks),
+            experiment: Experiment::default(),
+            strings: Default::default(),
+            _registered: registered,
         }
-        Some(Self {
-            library: Arc::clone(library),
-            component,
-            version: Version::Fmi2,
-            callbacks: Some(callbacks),
-            experiment: Experiment::default(),
-            strings: Default::default(),
-            _registered: registered,
-        })
     }
 
-    /// An instance of FMI 3.0; `None` if it is NULL.
-    pub(crate) fn of_fmi_3(
-        library: &Arc<Library>,
-        registered: Registered,
-        instance: fmi3Instance,
-    ) -> Option<Self> {
-        (!instance.is_null()).then(|| Self {
-            library: Arc::clone(library),
-            component: instance,
-            version: Version::Fmi3,
-            callbacks: None,
-            experiment: Experiment::default(),
-            strings: Default::default(),
-            _registered: registered,
-        })
+    /// The callbacks of FMI 2.0.
+    pub(crate) fn callbacks(&self) -> *const fmi2CallbackFunctions {
+        self.callbacks.map_or(ptr::null(), |pointer| pointer)
     }
 
-    /// Keeps the strings of the instantiation until the instance is freed.
-    pub(crate) fn keeping(mut self, strings: Strings) -> Self {
-        self.strings = strings.kept();
-        self
+    /// Its library.
+    pub fn library(&self) -> &Arc<Library> {
+        &self.library
     }
 
     /// Its version of FMI.
@@ -149,166 +271,387 @@ impl Instance {
         self.version
     }
 
+    /// What the FMU returned when it was instantiated, for calls that this crate does not make.
+    pub fn pointer(&self) -> *mut c_void {
+        self.pointer
+    }
+
+    /// The failure of a function that returned success.
+    fn broke<T>(&self, name_2: &'static str, name_3: &'static str, cause: Cause) -> Result<T> {
+        let function = match self.version {
+            Version::Fmi2 => name_2,
+            Version::Fmi3 => name_3,
+        };
+        Err(Failure::new(function, cause))
+    }
+
+    /// Gets `n` numbers: `instance.read(n, Instance::get_event_indicators)`.
+    ///
+    /// # Errors
+    /// As for every call: the function is missing or returned a failure status.
+    pub fn read<T: Clone + Default>(
+        &mut self,
+        n: usize,
+        get: impl FnOnce(&mut Self, &mut [T]) -> Result,
+    ) -> Result<Vec<T>> {
+        let mut values = vec![T::default(); n];
+        get(self, &mut values)?;
+        Ok(values)
+    }
+
     /// `fmi2SetDebugLogging`, `fmi3SetDebugLogging`
     pub fn set_debug_logging(&mut self, on: bool, categories: &[CString]) -> Result {
         let names: Vec<fmi2String> = categories.iter().map(|name| name.as_ptr()).collect();
-        let (count, names) = (names.len(), names.as_ptr());
-        call_either!(self.fmi2SetDebugLogging / fmi3SetDebugLogging(on.into(), count, names))
+        call!(
+            self,
+            fmi2SetDebugLogging(on, &names) / fmi3SetDebugLogging(on, &names)
+        )
     }
 
     /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance. FMI 3.0 passes them
     /// when [`Instance::enter_initialization_mode`] is called.
-    ///
-    /// # Errors
-    /// As for every call: the function is missing or returned a failure status.
     pub fn setup_experiment(
         &mut self,
         start: f64,
         stop: Option<f64>,
         tolerance: Option<f64>,
     ) -> Result {
-        if self.version == Version::Fmi3 {
-            self.experiment = (start, stop, tolerance);
-            return Ok(Success::Ok);
+        self.experiment = (start, stop, tolerance);
+        let (has_tolerance, has_stop) = (tolerance.is_some(), stop.is_some());
+        let (tolerance, stop) = (tolerance.unwrap_or_default(), stop.unwrap_or_default());
+        match self.version {
+            Version::Fmi2 => {
+                self.fmi2SetupExperiment(has_tolerance, tolerance, start, has_stop, stop)
+            }
+            Version::Fmi3 => Ok(Success::Ok),
         }
-        call!(self.fmi2SetupExperiment(
-            tolerance.is_some().into(),
-            tolerance.unwrap_or_default(),
-            start,
-            stop.is_some().into(),
-            stop.unwrap_or_default(),
-        ))
     }
 
     /// `fmi2EnterInitializationMode`, `fmi3EnterInitializationMode`
     pub fn enter_initialization_mode(&mut self) -> Result {
         let (start, stop, tolerance) = self.experiment;
-        match self.version {
-            Version::Fmi2 => call!(self.fmi2EnterInitializationMode()),
-            Version::Fmi3 => call_3!(self.fmi3EnterInitializationMode(
-                tolerance.is_some().into(),
-                tolerance.unwrap_or_default(),
-                start,
-                stop.is_some().into(),
-                stop.unwrap_or_default(),
-            )),
+        let (has_tolerance, has_stop) = (tolerance.is_some(), stop.is_some());
+        let (tolerance, stop) = (tolerance.unwrap_or_default(), stop.unwrap_or_default());
+        call!(
+            self,
+            fmi2EnterInitializationMode()
+                / fmi3EnterInitializationMode(has_tolerance, tolerance, start, has_stop, stop)
+        )
+    }
+
+    /// `fmi2GetBoolean`, `fmi3GetBoolean`; as integers, since a foreign FMU may return values other than
+    /// 0 and 1.
+    pub fn get_boolean(&mut self, references: &[u32], values: &mut [fmi2Boolean]) -> Result {
+        if self.version == Version::Fmi2 {
+            return self.fmi2GetBoolean(references, values);
+        }
+        let mut bytes = vec![fmi3False; values.len()];
+        let got = self.fmi3GetBoolean(references, &mut bytes)?;
+        for (value, byte) in values.iter_mut().zip(bytes) {
+            *value = byte.into();
+        }
+        Ok(got)
+    }
+
+    /// `fmi2SetBoolean`, `fmi3SetBoolean`; in FMI 3.0 every value but 0 is true.
+    pub fn set_boolean(&mut self, references: &[u32], values: &[fmi2Boolean]) -> Result {
+        if self.version == Version::Fmi2 {
+            return self.fmi2SetBoolean(references, values);
+        }
+        let bytes: Vec<_> = values.iter().map(|v| fmi3Boolean::from(*v != 0)).collect();
+        self.fmi3SetBoolean(references, &bytes)
+    }
+
+    /// `fmi2GetString`, `fmi3GetString` of variables with `n` elements in total.
+    pub fn get_string(&mut self, references: &[u32], n: usize) -> Result<Vec<String>> {
+        let texts = self.get_string_late(references, n, || ())?;
+        let cause = Cause::Broke("returned NULL for a string");
+        match texts.into_iter().collect() {
+            Some(texts) => Ok(texts),
+            None => self.broke("fmi2GetString", "fmi3GetString", cause),
         }
     }
 
-    /// `fmi2ExitInitializationMode`, `fmi3ExitInitializationMode`
-    pub fn exit_initialization_mode(&mut self) -> Result {
-        call_either!(self.fmi2ExitInitializationMode / fmi3ExitInitializationMode())
+    /// As [`Instance::get_string`], but the strings, which may be NULL, are copied only after `between` was
+    /// called, which is not to call functions of this instance.
+    pub fn get_string_late(
+        &mut self,
+        references: &[u32],
+        n: usize,
+        between: impl FnOnce(),
+    ) -> Result<Vec<Option<String>>> {
+        let mut values = vec![ptr::null(); n];
+        call!(
+            self,
+            fmi2GetString(references, &mut values) / fmi3GetString(references, &mut values)
+        )?;
+        between();
+        // SAFETY: by the standard, the FMU's strings are valid until its next call.
+        let texts = values.into_iter().map(|value| unsafe { text(value) });
+        Ok(texts.collect())
     }
 
-    /// `fmi2Terminate`, `fmi3Terminate`
-    pub fn terminate(&mut self) -> Result {
-        call_either!(self.fmi2Terminate / fmi3Terminate())
+    /// `fmi2SetString`, `fmi3SetString`
+    pub fn set_string(&mut self, references: &[u32], values: &[CString]) -> Result {
+        let values: Vec<fmi2String> = values.iter().map(|value| value.as_ptr()).collect();
+        call!(
+            self,
+            fmi2SetString(references, &values) / fmi3SetString(references, &values)
+        )
     }
 
-    /// `fmi2Reset`, `fmi3Reset`
-    pub fn reset(&mut self) -> Result {
-        call_either!(self.fmi2Reset / fmi3Reset())
+    /// `fmi3GetBinary` of variables with `n` elements in total.
+    pub fn get_binary(&mut self, references: &[u32], n: usize) -> Result<Vec<Vec<u8>>> {
+        let (mut sizes, mut values) = (vec![0; n], vec![ptr::null(); n]);
+        self.fmi3GetBinary(references, &mut sizes, &mut values)?;
+        let copied = values.iter().zip(sizes).map(|(value, size)| match size {
+            0 => Some(Vec::new()),
+            _ if value.is_null() => None,
+            // SAFETY: not NULL by the check; by the standard, the bytes are valid until the next call.
+            _ => Some(unsafe { std::slice::from_raw_parts(*value, size) }.to_vec()),
+        });
+        let copied: Option<_> = copied.collect();
+        let cause = Cause::Broke("returned NULL for a binary that is not empty");
+        copied.ok_or_else(|| Failure::new("fmi3GetBinary", cause))
     }
 
-    /// `fmi3EnterConfigurationMode`
-    pub fn enter_configuration_mode(&mut self) -> Result {
-        call_3!(self.fmi3EnterConfigurationMode())
+    /// `fmi3SetBinary`
+    pub fn set_binary(&mut self, references: &[u32], values: &[&[u8]]) -> Result {
+        let sizes: Vec<usize> = values.iter().map(|value| value.len()).collect();
+        let pointers: Vec<_> = values.iter().map(|value| value.as_ptr()).collect();
+        self.fmi3SetBinary(references, &sizes, &pointers)
     }
 
-    /// `fmi3ExitConfigurationMode`
-    pub fn exit_configuration_mode(&mut self) -> Result {
-        call_3!(self.fmi3ExitConfigurationMode())
+    /// Gets and sets no variables of type Float64, with NULL for all arrays.
+    pub fn get_and_set_nothing(&mut self) -> Result {
+        let (library, i) = (&*self.library, self.pointer);
+        let (none, out) = (ptr::null(), ptr::null_mut());
+        let name = |get_2, get_3| match self.version {
+            Version::Fmi2 => get_2,
+            Version::Fmi3 => get_3,
+        };
+        let get = name("fmi2GetReal", "fmi3GetFloat64");
+        let set = name("fmi2SetReal", "fmi3SetFloat64");
+        let (fmi2, fmi3) = (&library.fmi2, &library.fmi3);
+        // SAFETY: the types are those of the standard, which allows NULL for arrays without elements.
+        let (got, was_set) = unsafe {
+            match self.version {
+                Version::Fmi2 => (
+                    library.function(fmi2.fmi2GetReal, get)?(i, ptr::null(), 0, out).0,
+                    library.function(fmi2.fmi2SetReal, set)?(i, ptr::null(), 0, none).0,
+                ),
+                Version::Fmi3 => (
+                    library.function(fmi3.fmi3GetFloat64, get)?(i, ptr::null(), 0, out, 0).0,
+                    library.function(fmi3.fmi3SetFloat64, set)?(i, ptr::null(), 0, none, 0).0,
+                ),
+            }
+        };
+        library.outcome(get, got)?;
+        library.outcome(set, was_set)
     }
 
     /// `fmi2GetFMUstate`, `fmi3GetFMUState`
-    pub fn state(&mut self) -> Result<State> {
+    pub fn get_fmu_state(&mut self) -> Result<State> {
         let mut state = State(ptr::null_mut());
         self.save_to(&mut state)?;
-        if state.0.is_null() {
-            let cause = Cause::Broke("returned success and no state");
-            return Err(Failure::new(
-                self.either("fmi2GetFMUstate", "fmi3GetFMUState"),
-                cause,
-            ));
+        let cause = Cause::Broke("returned success and no state");
+        match state.0.is_null() {
+            false => Ok(state),
+            true => self.broke("fmi2GetFMUstate", "fmi3GetFMUState", cause),
         }
-        Ok(state)
-    }
-
-    /// `fmi2GetFMUstate`, `fmi3GetFMUState` with a state that is overwritten.
-    pub fn save_to(&mut self, state: &mut State) -> Result {
-        call_either!(self.fmi2GetFMUstate / fmi3GetFMUState(&raw mut state.0))
-    }
-
-    /// `fmi2SetFMUstate`, `fmi3SetFMUState`
-    pub fn set_state(&mut self, state: &State) -> Result {
-        call_either!(self.fmi2SetFMUstate / fmi3SetFMUState(state.0))
     }
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState`
-    pub fn free_state(&mut self, mut state: State) -> Result {
-        let freed = call_either!(self.fmi2FreeFMUstate / fmi3FreeFMUState(&raw mut state.0))?;
-        if state.0.is_null() {
-            Ok(freed)
-        } else {
-            let cause = Cause::Broke("did not set the state to NULL");
-            Err(Failure::new(
-                self.either("fmi2FreeFMUstate", "fmi3FreeFMUState"),
-                cause,
-            ))
+    pub fn free_fmu_state(&mut self, mut state: State) -> Result {
+        let freed = call!(
+            self,
+            fmi2FreeFMUstate(&mut state) / fmi3FreeFMUState(&mut state)
+        )?;
+        let cause = Cause::Broke("did not set the state to NULL");
+        match state.0.is_null() {
+            true => Ok(freed),
+            false => self.broke("fmi2FreeFMUstate", "fmi3FreeFMUState", cause),
         }
     }
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState` with a pointer to NULL, which does nothing by the standard.
     pub fn free_null_state(&mut self) -> Result {
-        self.free_state(State(ptr::null_mut()))
+        self.free_fmu_state(State(ptr::null_mut()))
     }
 
     /// `fmi2SerializedFMUstateSize` and `fmi2SerializeFMUstate`, `fmi3SerializedFMUStateSize` and
     /// `fmi3SerializeFMUState`; an error if there are more than `max` bytes.
-    pub fn serialize(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
-        let mut size = 0;
-        call_either!(
-            self.fmi2SerializedFMUstateSize / fmi3SerializedFMUStateSize(state.0, &raw mut size)
-        )?;
-        if size > max {
-            let function = self.either("fmi2SerializedFMUstateSize", "fmi3SerializedFMUStateSize");
-            return Err(Failure::new(function, Cause::TooLarge(size)));
-        }
+    pub fn serialize_fmu_state(&mut self, state: &State, max: usize) -> Result<Vec<u8>> {
         // An FMU that writes more than it announced damages these bytes only.
         const GUARD: [u8; 64] = [0xa5; 64];
-        let mut bytes = vec![0_u8; size];
-        bytes.extend_from_slice(&GUARD);
-        call_either!(
-            self.fmi2SerializeFMUstate
-                / fmi3SerializeFMUState(state.0, bytes.as_mut_ptr().cast(), size)
+        let mut n = 0;
+        call!(
+            self,
+            fmi2SerializedFMUstateSize(state, &mut n) / fmi3SerializedFMUStateSize(state, &mut n)
         )?;
-        if bytes[size..] != GUARD {
-            let function = self.either("fmi2SerializeFMUstate", "fmi3SerializeFMUState");
-            let cause = Cause::Broke("wrote more bytes than the size that it returned before");
-            return Err(Failure::new(function, cause));
+        if n > max {
+            let (name_2, name_3) = ("fmi2SerializedFMUstateSize", "fmi3SerializedFMUStateSize");
+            return self.broke(name_2, name_3, Cause::TooLarge(n));
         }
-        bytes.truncate(size);
+        let mut bytes = vec![0_u8; n];
+        bytes.extend_from_slice(&GUARD);
+        let to = &mut bytes[..n];
+        call!(
+            self,
+            fmi2SerializeFMUstate(state, to) / fmi3SerializeFMUState(state, to)
+        )?;
+        if bytes.split_off(n) != GUARD {
+            let cause = Cause::Broke("wrote more bytes than the size that it returned before");
+            return self.broke("fmi2SerializeFMUstate", "fmi3SerializeFMUState", cause);
+        }
         Ok(bytes)
     }
 
     /// `fmi2DeSerializeFMUstate`, `fmi3DeserializeFMUState`
-    pub fn deserialize(&mut self, bytes: &[u8]) -> Result<State> {
+    pub fn deserialize_fmu_state(&mut self, bytes: &[u8]) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        let (size, bytes) = (bytes.len(), bytes.as_ptr());
-        call_either!(
-            self.fmi2DeSerializeFMUstate
-                / fmi3DeserializeFMUState(bytes.cast(), size, &raw mut state.0)
+        call!(
+            self,
+            fmi2DeSerializeFMUstate(bytes, &mut state) / fmi3DeserializeFMUState(bytes, &mut state)
         )?;
         Ok(state)
     }
 
-    /// The name of a function in the version of the instance.
-    pub(crate) fn either(&self, name_2: &'static str, name_3: &'static str) -> &'static str {
+    /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true. A step that ends early or
+    /// asks to end the simulation has failed.
+    #[inline(always)]
+    pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         match self.version {
-            Version::Fmi2 => name_2,
-            Version::Fmi3 => name_3,
+            Version::Fmi2 => self.fmi2DoStep(time, step, true),
+            Version::Fmi3 => self.step_to_the_end(time, step),
         }
     }
+
+    #[inline(never)]
+    fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
+        let (done, stepped) = self.step(time, step, true)?;
+        let cause = match stepped {
+            Stepped {
+                terminate: true, ..
+            } => Cause::Terminated,
+            Stepped {
+                early_return: true, ..
+            } => Cause::ReturnedEarly(stepped.last_successful_time),
+            _ => return Ok(done),
+        };
+        Err(Failure::new("fmi3DoStep", cause))
+    }
+
+    /// `fmi2DoStep`, `fmi3DoStep`; the flag is `noSetFMUStatePriorToCurrentPoint`.
+    #[inline]
+    pub fn step(&mut self, time: f64, step: f64, no_set_state: bool) -> Result<(Success, Stepped)> {
+        let [mut event, mut terminate, mut early] = [fmi3False; 3];
+        let mut last = match self.version {
+            Version::Fmi2 => time + step,
+            Version::Fmi3 => time,
+        };
+        let (of_event, of_end, of_last) = (&mut event, &mut terminate, &mut last);
+        let done = call!(
+            self,
+            fmi2DoStep(time, step, no_set_state)
+                / fmi3DoStep(
+                    time,
+                    step,
+                    no_set_state,
+                    of_event,
+                    of_end,
+                    &mut early,
+                    of_last
+                )
+        )?;
+        let stepped = Stepped {
+            event_handling_needed: event != fmi3False,
+            terminate: terminate != fmi3False,
+            early_return: early != fmi3False,
+            last_successful_time: last,
+        };
+        Ok((done, stepped))
+    }
+
+    /// `fmi2GetBooleanStatus` of `fmi2Terminated`: whether the FMU has ended the simulation.
+    pub fn is_terminated(&mut self) -> Result<bool> {
+        let mut terminated = fmi2False;
+        self.get_boolean_status(fmi2Terminated, &mut terminated)?;
+        Ok(terminated != fmi2False)
+    }
+
+    /// `fmi2NewDiscreteStates`, `fmi3UpdateDiscreteStates`
+    pub fn update_discrete_states(&mut self) -> Result<Update> {
+        let (flags, next) = match self.version {
+            Version::Fmi2 => {
+                let mut info = fmi2EventInfo {
+                    newDiscreteStatesNeeded: UNWRITTEN,
+                    terminateSimulation: UNWRITTEN,
+                    nominalsOfContinuousStatesChanged: UNWRITTEN,
+                    valuesOfContinuousStatesChanged: UNWRITTEN,
+                    nextEventTimeDefined: UNWRITTEN,
+                    nextEventTime: 0.0,
+                };
+                self.fmi2NewDiscreteStates(&mut info)?;
+                let flags = [
+                    info.newDiscreteStatesNeeded,
+                    info.terminateSimulation,
+                    info.valuesOfContinuousStatesChanged,
+                    info.nextEventTimeDefined,
+                ];
+                (flags.map(flag), info.nextEventTime)
+            }
+            Version::Fmi3 => {
+                let ([mut a, mut t, mut n, mut s, mut d], mut next) = ([UNWRITTEN_3; 5], 0.0);
+                self.fmi3UpdateDiscreteStates(&mut a, &mut t, &mut n, &mut s, &mut d, &mut next)?;
+                ([a, t, s, d].map(flag_3), next)
+            }
+        };
+        let [again, terminate, states_changed, is_defined] = flags.map(|flag| flag == Some(true));
+        Ok(Update {
+            again,
+            terminate,
+            states_changed,
+            next_event: is_defined.then_some(next),
+            is_written: !flags.contains(&None),
+        })
+    }
+
+    /// `fmi2CompletedIntegratorStep`, `fmi3CompletedIntegratorStep`
+    pub fn completed_integrator_step(&mut self) -> Result<Completed> {
+        let flags = match self.version {
+            Version::Fmi2 => {
+                let [mut event, mut terminate] = [UNWRITTEN; 2];
+                self.fmi2CompletedIntegratorStep(true, &mut event, &mut terminate)?;
+                [event, terminate].map(flag)
+            }
+            Version::Fmi3 => {
+                let [mut event, mut terminate] = [UNWRITTEN_3; 2];
+                self.fmi3CompletedIntegratorStep(true, &mut event, &mut terminate)?;
+                [event, terminate].map(flag_3)
+            }
+        };
+        Ok(Completed {
+            enter_event_mode: flags[0] == Some(true),
+            is_written: !flags.contains(&None),
+        })
+    }
+}
+
+/// A result that the FMU has not written.
+const UNWRITTEN: fmi2Boolean = -1;
+
+/// As [`UNWRITTEN`], for FMI 3.0.
+const UNWRITTEN_3: fmi3Boolean = 0xff;
+
+/// A result, if the FMU has written it.
+fn flag(value: fmi2Boolean) -> Option<bool> {
+    (value != UNWRITTEN).then_some(value != fmi2False)
+}
+
+/// As [`flag`], for FMI 3.0.
+fn flag_3(value: fmi3Boolean) -> Option<bool> {
+    (value != UNWRITTEN_3).then_some(value != fmi3False)
 }
 
 impl Drop for Instance {
@@ -318,14 +661,21 @@ impl Drop for Instance {
             std::mem::forget(Arc::clone(&self.library));
             return;
         }
-        if let Ok(free) = self.library.free_function(self.version) {
-            // SAFETY: the instance is not used again; the callbacks are from a box, and the FMU does not
-            // use them after this call.
-            unsafe {
-                free(self.component);
-                if let Some(callbacks) = self.callbacks {
-                    drop(Box::from_raw(callbacks));
-                }
+        let free = match self.pointer.is_null() {
+            true => None,
+            false => match self.library.free_function() {
+                Ok(free) => Some(free),
+                Err(_) => return, // the callbacks are still in use
+            },
+        };
+        // SAFETY: the instance is not used again; the callbacks are from a box, and the FMU does not use
+        // them after this call.
+        unsafe {
+            if let Some(free) = free {
+                free(self.pointer);
+            }
+            if let Some(callbacks) = self.callbacks {
+                drop(Box::from_raw(callbacks));
             }
         }
     }

@@ -8,32 +8,31 @@ use std::ptr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use fmu_types::fmi2::fmi2String;
-use fmu_types::fmi3::fmi3LogMessageCallback;
+use fmi_abi::{Interface, Version, fmi2, fmi2_functions, fmi3, fmi3_functions};
 
-use crate::functions::{
-    CO_SIMULATION, CO_SIMULATION_3, COMMON, COMMON_3, Functions, Functions3, MODEL_EXCHANGE,
-    MODEL_EXCHANGE_3,
-};
 use crate::logger::{OnIntermediate, Registered, intermediate_update, log_3, text};
 use crate::trampoline::logger;
-use crate::{Cause, Failure, Instance, Logged, Result, Status, Success, Version};
+use crate::{Cause, Failure, Instance, Logged, Result, Status, Success, resource_path, uri};
 
 /// The two kinds of FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Kind {
     /// The host integrates the model.
     ModelExchange,
     /// The FMU integrates the model.
+    #[default]
     CoSimulation,
 }
 
-/// A loaded FMU binary. It is unloaded when neither the caller nor an instance uses it.
+/// An FMU binary of one version of FMI. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
-    library: libloading::Library,
-    /// Empty if calls are traced, which then take the slow path, so that the fast path has no overhead.
-    functions: Functions,
-    functions_3: Functions3,
+    /// `None` if its functions are linked to this program.
+    binary: Option<libloading::Library>,
+    pub(crate) version: Version,
+    /// Those of its version. All are empty if calls are traced, which then take the slow path, so that the
+    /// fast path has no overhead.
+    pub(crate) fmi2: fmi2::Functions,
+    pub(crate) fmi3: fmi3::Functions,
     trace: Option<Box<Trace>>,
     lost: AtomicBool,
 }
@@ -53,8 +52,8 @@ impl fmt::Display for LoadError {
 
 impl Error for LoadError {}
 
-/// The arguments that [`Library::instantiate`] passes to the FMU.
-#[derive(Debug, Clone, Copy)]
+/// The arguments that [`Library::instantiate`] passes to the FMU. FMI 2.0 has those up to `logging_on`.
+#[derive(Clone, Default)]
 pub struct Instantiation<'a> {
     /// Name of the instance.
     pub name: &'a str,
@@ -62,14 +61,23 @@ pub struct Instantiation<'a> {
     pub kind: Kind,
     /// The GUID of the model description, or the instantiation token of FMI 3.0.
     pub guid: &'a str,
-    /// The folder `resources`: its URI, from [`uri`](crate::uri); for FMI 3.0 its path, from
-    /// [`resource_path`](crate::resource_path).
+    /// The location of the folder `resources`, as [`Library::location`] returns it.
     pub resources: &'a str,
     /// Whether the FMU also logs messages other than errors.
     pub logging_on: bool,
+    /// `eventModeUsed`
+    pub event_mode_used: bool,
+    /// `earlyReturnAllowed`
+    pub early_return_allowed: bool,
+    /// `requiredIntermediateVariables`
+    pub intermediate_variables: &'a [u32],
+    /// Receives intermediate updates. It is called during a step, on the thread of the step.
+    pub on_intermediate: Option<OnIntermediate>,
+    /// How the arguments are treated.
+    pub treatment: Treatment,
 }
 
-/// How [`Library::instantiate_as`] treats the arguments. All but the first test an FMU.
+/// How [`Library::instantiate`] treats the arguments. All but the first test an FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Treatment {
     /// All arguments are given, and stay valid until the instance is freed.
@@ -83,30 +91,38 @@ pub enum Treatment {
     NoResources,
 }
 
-/// What only FMI 3.0 lets the host choose; by default nothing is used or allowed.
-#[derive(Default)]
-pub struct Options<'a> {
-    /// How the arguments are treated.
-    pub treatment: Treatment,
-    /// `eventModeUsed`
-    pub event_mode_used: bool,
-    /// `earlyReturnAllowed`
-    pub early_return_allowed: bool,
-    /// `requiredIntermediateVariables`
-    pub intermediate_variables: &'a [u32],
-    /// Receives intermediate updates. It is called during a step, on the thread of the step.
-    pub on_intermediate: Option<OnIntermediate>,
+macro_rules! look_up {
+    (
+        $version:ident $binary:ident
+        Free { $($free:ident($($_0:tt)*) $(-> $_1:ty)? => $_2:ident;)* }
+        $($_3:ident { $($name:ident($($_4:tt)*) => $_5:ident in $($_6:ident)|+;)* })*
+    ) => {
+        // SAFETY: the types are those of the standard; whoever loads the library trusts it to follow the
+        // standard.
+        unsafe {
+            $version::Functions {
+                $($free: $binary.get(stringify!($free)).ok().map(|found| *found),)*
+                $($($name: $binary.get(stringify!($name)).ok().map(|found| *found),)*)*
+            }
+        }
+    };
 }
 
 impl Library {
-    /// Loads a binary, which runs its code; see the [crate](crate) about untrusted binaries.
+    /// Loads a binary of a version of FMI, which runs its code; see the [crate](crate) about untrusted
+    /// binaries.
     ///
     /// # Errors
     /// The dynamic loader's reason.
-    pub fn load(file: &Path) -> std::result::Result<Arc<Self>, LoadError> {
-        let library = open(file)?;
-        let functions = (Functions::of(&library), Functions3::of(&library));
-        Ok(Self::new(library, functions, None))
+    pub fn load(file: &Path, version: Version) -> std::result::Result<Arc<Self>, LoadError> {
+        let binary = open(file)?;
+        let mut library = Self::new(version);
+        match version {
+            Version::Fmi2 => library.fmi2 = fmi2_functions!(look_up! fmi2 binary),
+            Version::Fmi3 => library.fmi3 = fmi3_functions!(look_up! fmi3 binary),
+        }
+        library.binary = Some(binary);
+        Ok(Arc::new(library))
     }
 
     /// Like [`Library::load`]; `trace` receives the name of each function before it is called.
@@ -115,59 +131,78 @@ impl Library {
     /// The dynamic loader's reason.
     pub fn load_traced(
         file: &Path,
+        version: Version,
         trace: impl Fn(&'static str) + Send + Sync + 'static,
     ) -> std::result::Result<Arc<Self>, LoadError> {
         trace("loading it");
-        let library = open(file)?;
-        let trace: Box<Trace> = Box::new(trace);
-        Ok(Self::new(library, Default::default(), Some(trace)))
+        Ok(Arc::new(Self {
+            binary: Some(open(file)?),
+            trace: Some(Box::new(trace)),
+            ..Self::new(version)
+        }))
     }
 
-    fn new(
-        library: libloading::Library,
-        (functions, functions_3): (Functions, Functions3),
-        trace: Option<Box<Trace>>,
-    ) -> Arc<Self> {
+    /// An FMU of FMI 2.0 whose functions are linked to this program.
+    pub fn linked_fmi2(functions: fmi2::Functions) -> Arc<Self> {
         Arc::new(Self {
-            library,
-            functions,
-            functions_3,
-            trace,
-            lost: AtomicBool::new(false),
+            fmi2: functions,
+            ..Self::new(Version::Fmi2)
         })
     }
 
-    /// The functions of FMI 2.0 required for an FMU of this kind that the library does not have.
+    /// An FMU of FMI 3.0 whose functions are linked to this program.
+    pub fn linked_fmi3(functions: fmi3::Functions) -> Arc<Self> {
+        Arc::new(Self {
+            fmi3: functions,
+            ..Self::new(Version::Fmi3)
+        })
+    }
+
+    fn new(version: Version) -> Self {
+        Self {
+            binary: None,
+            version,
+            fmi2: fmi2::Functions::default(),
+            fmi3: fmi3::Functions::default(),
+            trace: None,
+            lost: AtomicBool::new(false),
+        }
+    }
+
+    /// Its version of FMI.
+    pub fn version(&self) -> Version {
+        self.version
+    }
+
+    /// The location of a folder of resources for [`Instantiation`]: a URI in FMI 2.0, a path in FMI 3.0.
+    pub fn location(&self, resources: &Path) -> String {
+        match self.version {
+            Version::Fmi2 => uri(resources),
+            Version::Fmi3 => resource_path(resources),
+        }
+    }
+
+    /// The functions required for an FMU of this kind that the binary does not have.
     pub fn missing(&self, kind: Kind) -> Vec<&'static str> {
-        self.missing_of(Version::Fmi2, kind)
-    }
-
-    /// The functions required for an FMU of this version and kind that the library does not have.
-    pub fn missing_of(&self, version: Version, kind: Kind) -> Vec<&'static str> {
-        let (common, own) = match (version, kind) {
-            (Version::Fmi2, Kind::ModelExchange) => (COMMON, MODEL_EXCHANGE),
-            (Version::Fmi2, Kind::CoSimulation) => (COMMON, CO_SIMULATION),
-            (Version::Fmi3, Kind::ModelExchange) => (COMMON_3, MODEL_EXCHANGE_3),
-            (Version::Fmi3, Kind::CoSimulation) => (COMMON_3, CO_SIMULATION_3),
+        let own = match kind {
+            Kind::ModelExchange => Interface::ModelExchange,
+            Kind::CoSimulation => Interface::CoSimulation,
         };
-        let is_missing = |name: &str| {
+        let functions = self.version.functions().iter().map(|(call, _)| call);
+        functions
+            .filter(|call| call.interface == Interface::All || call.interface == own)
+            .map(|call| call.name)
             // SAFETY: the symbol is looked up but not used.
-            unsafe { self.library.get::<*const c_void>(name) }.is_err()
-        };
-        let all = common.iter().chain(own);
-        all.filter(|name| is_missing(name)).copied().collect()
+            .filter(|name| unsafe { self.symbol::<*const c_void>(name) }.is_none())
+            .collect()
     }
 
-    /// The functions of FMI 2.0 of the library; all `None` if calls are traced.
-    #[inline]
-    pub fn functions(&self) -> &Functions {
-        &self.functions
-    }
-
-    /// The functions of FMI 3.0 of the library; all `None` if calls are traced.
-    #[inline]
-    pub fn functions_3(&self) -> &Functions3 {
-        &self.functions_3
+    /// # Safety
+    /// `F` is the type of the symbol.
+    unsafe fn symbol<F: Copy>(&self, name: &str) -> Option<F> {
+        // SAFETY: the caller's promise.
+        let found = unsafe { self.binary.as_ref()?.get::<F>(name) };
+        found.ok().map(|symbol| *symbol)
     }
 
     /// Whether a call returned a status after which the FMU must not be called again, not even to free
@@ -199,25 +234,20 @@ impl Library {
     #[cold]
     unsafe fn look_up<F: Copy>(&self, name: &'static str) -> Result<F> {
         // SAFETY: the caller's promise.
-        let function = unsafe { self.library.get::<F>(name) };
-        let function = function.map_err(|_| Failure::new(name, Cause::Missing))?;
+        let function = unsafe { self.symbol(name) };
+        let function = function.ok_or_else(|| Failure::new(name, Cause::Missing))?;
         if let Some(trace) = &self.trace {
             trace(name);
         }
-        Ok(*function)
+        Ok(function)
     }
 
     /// The outcome of a call.
     #[inline]
-    pub(crate) fn outcome(
-        &self,
-        version: Version,
-        function: &'static str,
-        status: c_int,
-    ) -> Result {
+    pub(crate) fn outcome(&self, function: &'static str, status: c_int) -> Result {
         match status {
             0 => Ok(Success::Ok),
-            other => self.not_ok(function, Status::of(version, other)),
+            other => self.not_ok(function, Status::of(self.version, other)),
         }
     }
 
@@ -234,44 +264,33 @@ impl Library {
         Err(Failure::new(function, Cause::Returned(status)))
     }
 
-    /// `fmi2GetVersion`
+    /// The names and the results of the functions that return a text: `fmi2GetVersion` and
+    /// `fmi2GetTypesPlatform`, or `fmi3GetVersion`.
     ///
     /// # Errors
-    /// The function is missing or returned NULL.
-    pub fn version(&self) -> Result<String> {
-        self.text(self.functions.fmi2GetVersion, "fmi2GetVersion")
+    /// A function is missing or returned NULL.
+    pub fn texts(&self) -> Result<Vec<(&'static str, String)>> {
+        let (fmi2, fmi3) = (&self.fmi2, &self.fmi3);
+        let functions = match self.version {
+            Version::Fmi2 => vec![
+                ("fmi2GetVersion", fmi2.fmi2GetVersion),
+                ("fmi2GetTypesPlatform", fmi2.fmi2GetTypesPlatform),
+            ],
+            Version::Fmi3 => vec![("fmi3GetVersion", fmi3.fmi3GetVersion)],
+        };
+        let texts = functions.into_iter().map(|(name, found)| {
+            // SAFETY: all functions that return a string have this type; a foreign binary is trusted to
+            // terminate it, as described in the crate documentation.
+            let text = unsafe { text(self.function(found, name)?()) };
+            let text = text.ok_or_else(|| Failure::new(name, Cause::Broke("returned NULL")))?;
+            Ok((name, text))
+        });
+        texts.collect()
     }
 
-    /// `fmi3GetVersion`
-    ///
-    /// # Errors
-    /// The function is missing or returned NULL.
-    pub fn version_3(&self) -> Result<String> {
-        self.text(self.functions_3.fmi3GetVersion, "fmi3GetVersion")
-    }
-
-    /// `fmi2GetTypesPlatform`
-    ///
-    /// # Errors
-    /// The function is missing or returned NULL.
-    pub fn types_platform(&self) -> Result<String> {
-        let found = self.functions.fmi2GetTypesPlatform;
-        self.text(found, "fmi2GetTypesPlatform")
-    }
-
-    fn text(
-        &self,
-        found: Option<unsafe extern "C" fn() -> fmi2String>,
-        name: &'static str,
-    ) -> Result<String> {
-        // SAFETY: all functions that return a string have this type; a foreign binary is trusted to
-        // terminate it, as described in the crate documentation.
-        let text = unsafe { text(self.function(found, name)?()) };
-        text.ok_or_else(|| Failure::new(name, Cause::Broke("returned NULL")))
-    }
-
-    /// `fmi2Instantiate`; `None` if it returns NULL. `sink` receives the log messages of the instance,
-    /// possibly on a thread that the FMU has started.
+    /// `fmi2Instantiate`, `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`; `None` if it
+    /// returns NULL. `sink` receives the log messages of the instance, possibly on a thread that the FMU
+    /// has started.
     ///
     /// # Errors
     /// The function is missing, or an argument contains a zero byte.
@@ -280,175 +299,122 @@ impl Library {
         arguments: &Instantiation<'_>,
         sink: impl Fn(Logged) + Send + Sync + 'static,
     ) -> Result<Option<Instance>> {
-        self.instantiate_as(arguments, Treatment::Usual, sink)
-    }
-
-    /// Like [`Library::instantiate`], with another treatment of the arguments.
-    ///
-    /// # Errors
-    /// As for [`Library::instantiate`].
-    pub fn instantiate_as(
-        self: &Arc<Self>,
-        arguments: &Instantiation<'_>,
-        treatment: Treatment,
-        sink: impl Fn(Logged) + Send + Sync + 'static,
-    ) -> Result<Option<Instance>> {
-        const NAME: &str = "fmi2Instantiate";
-        let strings = Strings::of(arguments, treatment, NAME)?;
-        let [name, guid, resources] = strings.pointers();
-        let logger = (treatment != Treatment::NoLogger).then(logger);
-        let registered = Registered::new(Arc::new(sink));
-        // SAFETY: the type is that of the standard; the instance keeps the strings and the callbacks
-        // until it is freed.
-        let instance = unsafe {
-            let instantiate = self.function(self.functions.fmi2Instantiate, NAME)?;
-            Instance::of_fmi_2(self, registered, logger, |callbacks| {
-                instantiate(
-                    name,
-                    arguments.kind as c_int,
-                    guid,
-                    resources,
-                    callbacks,
-                    0,
-                    arguments.logging_on.into(),
-                )
-            })
+        let function = match (self.version, arguments.kind) {
+            (Version::Fmi2, _) => "fmi2Instantiate",
+            (Version::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
+            (Version::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
         };
-        Ok(instance.map(|instance| instance.keeping(strings)))
-    }
-
-    /// `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`, as [`Library::instantiate`] for
-    /// FMI 3.0.
-    ///
-    /// # Errors
-    /// As for [`Library::instantiate`].
-    pub fn instantiate_3(
-        self: &Arc<Self>,
-        arguments: &Instantiation<'_>,
-        options: Options<'_>,
-        sink: impl Fn(Logged) + Send + Sync + 'static,
-    ) -> Result<Option<Instance>> {
-        let function = match arguments.kind {
-            Kind::ModelExchange => "fmi3InstantiateModelExchange",
-            Kind::CoSimulation => "fmi3InstantiateCoSimulation",
+        let strings = strings(arguments, function)?;
+        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
+        let resources = match arguments.treatment {
+            Treatment::NoResources => ptr::null(),
+            _ => resources,
         };
-        let strings = Strings::of(arguments, options.treatment, function)?;
-        let [name, token, resources] = strings.pointers();
-        let logging_on = arguments.logging_on.into();
-        let logger: Option<fmi3LogMessageCallback> = match options.treatment {
-            Treatment::NoLogger => None,
-            _ => Some(log_3),
+        let has_logger = arguments.treatment != Treatment::NoLogger;
+        let log_message: Option<fmi3::fmi3LogMessageCallback> = match has_logger {
+            true => Some(log_3),
+            false => None,
         };
-        let update = options.on_intermediate.is_some();
-        let registered = Registered::with(Arc::new(sink), options.on_intermediate);
+        let update: Option<fmi3::fmi3IntermediateUpdateCallback> = match arguments.on_intermediate {
+            Some(_) => Some(intermediate_update),
+            None => None,
+        };
+        let registered = Registered::new(Arc::new(sink), arguments.on_intermediate.clone());
         let environment = registered.environment();
-        // SAFETY: the types are those of the standard; the instance keeps the strings until it is
-        // freed, and the FMU copies the value references.
-        let instance = unsafe {
-            match arguments.kind {
-                Kind::ModelExchange => {
-                    let found = self.functions_3.fmi3InstantiateModelExchange;
-                    let instantiate = self.function(found, function)?;
-                    instantiate(name, token, resources, 0, logging_on, environment, logger)
+        let mut instance = Instance::new(self, registered, has_logger.then(logger));
+        let logging_on = arguments.logging_on;
+        // SAFETY: the types are those of the standard; the instance keeps the strings and the callbacks
+        // until it is freed, and the FMU copies the value references.
+        let pointer = unsafe {
+            match (self.version, arguments.kind) {
+                (Version::Fmi2, kind) => {
+                    let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
+                    let (kind, callbacks) = (kind as c_int, instance.callbacks());
+                    instantiate(name, kind, guid, resources, callbacks, 0, logging_on.into())
                 }
-                Kind::CoSimulation => {
-                    let found = self.functions_3.fmi3InstantiateCoSimulation;
+                (Version::Fmi3, Kind::ModelExchange) => {
+                    let found = self.fmi3.fmi3InstantiateModelExchange;
                     let instantiate = self.function(found, function)?;
+                    let logging_on = logging_on.into();
                     instantiate(
                         name,
-                        token,
+                        guid,
                         resources,
                         0,
                         logging_on,
-                        options.event_mode_used.into(),
-                        options.early_return_allowed.into(),
-                        options.intermediate_variables.as_ptr(),
-                        options.intermediate_variables.len(),
                         environment,
-                        logger,
-                        update.then_some(intermediate_update),
+                        log_message,
+                    )
+                }
+                (Version::Fmi3, Kind::CoSimulation) => {
+                    let found = self.fmi3.fmi3InstantiateCoSimulation;
+                    let instantiate = self.function(found, function)?;
+                    instantiate(
+                        name,
+                        guid,
+                        resources,
+                        0,
+                        logging_on.into(),
+                        arguments.event_mode_used.into(),
+                        arguments.early_return_allowed.into(),
+                        arguments.intermediate_variables.as_ptr(),
+                        arguments.intermediate_variables.len(),
+                        environment,
+                        log_message,
+                        update,
                     )
                 }
             }
         };
-        let instance = Instance::of_fmi_3(self, registered, instance);
-        Ok(instance.map(|instance| instance.keeping(strings)))
-    }
-
-    /// `fmi2FreeInstance` with NULL, which does nothing by the standard.
-    ///
-    /// # Errors
-    /// The function is missing.
-    pub fn free_null(&self) -> Result<()> {
-        self.free_null_of(Version::Fmi2)
+        instance.strings = kept(strings, arguments.treatment);
+        instance.pointer = pointer;
+        Ok((!pointer.is_null()).then_some(instance))
     }
 
     /// `fmi2FreeInstance`, `fmi3FreeInstance` with NULL, which does nothing by the standard.
     ///
     /// # Errors
     /// The function is missing.
-    pub fn free_null_of(&self, version: Version) -> Result<()> {
+    pub fn free_null(&self) -> Result<()> {
         // SAFETY: the type is that of the standard, which allows NULL.
-        unsafe { self.free_function(version)?(ptr::null_mut()) };
+        unsafe { self.free_function()?(ptr::null_mut()) };
         Ok(())
     }
 
     /// The function that frees an instance, which has the same type in both versions.
-    pub(crate) fn free_function(
-        &self,
-        version: Version,
-    ) -> Result<unsafe extern "C" fn(*mut c_void)> {
-        let (found, name) = match version {
-            Version::Fmi2 => (self.functions.fmi2FreeInstance, "fmi2FreeInstance"),
-            Version::Fmi3 => (self.functions_3.fmi3FreeInstance, "fmi3FreeInstance"),
+    pub(crate) fn free_function(&self) -> Result<unsafe extern "C" fn(*mut c_void)> {
+        let (found, name) = match self.version {
+            Version::Fmi2 => (self.fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
+            Version::Fmi3 => (self.fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
         };
         // SAFETY: the type is that of the standard.
         unsafe { self.function(found, name) }
     }
 }
 
-/// The strings that an FMU is instantiated with: name, GUID and location of the resources.
-pub(crate) struct Strings {
-    texts: [Vec<u8>; 3],
-    treatment: Treatment,
+/// The strings that an FMU is instantiated with, as C strings: name, GUID and location of the resources.
+type Strings = [Vec<u8>; 3];
+
+fn strings(arguments: &Instantiation<'_>, function: &'static str) -> Result<Strings> {
+    let text = |text: &str| {
+        let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
+        Ok(text.into_bytes_with_nul())
+    };
+    Ok([
+        text(arguments.name)?,
+        text(arguments.guid)?,
+        text(arguments.resources)?,
+    ])
 }
 
-impl Strings {
-    fn of(
-        arguments: &Instantiation<'_>,
-        treatment: Treatment,
-        function: &'static str,
-    ) -> Result<Self> {
-        let text = |text: &str| {
-            let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
-            Ok(text.into_bytes_with_nul())
-        };
-        let texts = [
-            text(arguments.name)?,
-            text(arguments.guid)?,
-            text(arguments.resources)?,
-        ];
-        Ok(Self { texts, treatment })
-    }
-
-    /// What is passed to the FMU.
-    fn pointers(&self) -> [fmi2String; 3] {
-        let [name, guid, resources] = self.texts.each_ref().map(|text| text.as_ptr().cast());
-        match self.treatment {
-            Treatment::NoResources => [name, guid, ptr::null()],
-            _ => [name, guid, resources],
+/// What remains of the strings once the FMU is instantiated.
+fn kept(mut strings: Strings, treatment: Treatment) -> Strings {
+    if treatment == Treatment::ShortLivedStrings {
+        for byte in strings.iter_mut().flatten().filter(|byte| **byte != 0) {
+            *byte = b'#';
         }
     }
-
-    /// What is kept once the FMU is instantiated.
-    pub(crate) fn kept(mut self) -> [Vec<u8>; 3] {
-        if self.treatment == Treatment::ShortLivedStrings {
-            for text in self.texts.iter_mut().flat_map(|text| text.iter_mut()) {
-                *text = if *text == 0 { 0 } else { b'#' };
-            }
-        }
-        self.texts
-    }
+    strings
 }
 
 fn open(file: &Path) -> std::result::Result<libloading::Library, LoadError> {

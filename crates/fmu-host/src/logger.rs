@@ -11,8 +11,8 @@ use std::ptr;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use fmu_types::fmi2::{fmi2ComponentEnvironment, fmi2String};
-use fmu_types::fmi3::{fmi3Boolean, fmi3False, fmi3Float64, fmi3InstanceEnvironment, fmi3String};
+use fmi_abi::fmi2::{fmi2ComponentEnvironment, fmi2String};
+use fmi_abi::fmi3::{fmi3Boolean, fmi3False, fmi3Float64, fmi3InstanceEnvironment, fmi3String};
 
 use crate::{Status, Version};
 
@@ -77,11 +77,7 @@ fn callbacks() -> MutexGuard<'static, BTreeMap<usize, Callbacks>> {
 pub(crate) struct Registered(usize);
 
 impl Registered {
-    pub(crate) fn new(sink: Arc<Sink>) -> Self {
-        Self::with(sink, None)
-    }
-
-    pub(crate) fn with(sink: Arc<Sink>, intermediate: Option<OnIntermediate>) -> Self {
+    pub(crate) fn new(sink: Arc<Sink>, intermediate: Option<OnIntermediate>) -> Self {
         static NEXT: AtomicUsize = AtomicUsize::new(1);
         let key = NEXT.fetch_add(1, Ordering::Relaxed);
         callbacks().insert(key, Callbacks { sink, intermediate });
@@ -277,7 +273,10 @@ mod tests {
     fn received() -> (Received, Registered) {
         let received = Received::default();
         let sink = Arc::clone(&received);
-        let registered = Registered::new(Arc::new(move |logged| sink.lock().unwrap().push(logged)));
+        let registered = Registered::new(
+            Arc::new(move |logged| sink.lock().unwrap().push(logged)),
+            None,
+        );
         (received, registered)
     }
 
@@ -394,7 +393,7 @@ mod tests {
 
     #[test]
     fn a_panic_in_the_sink_does_not_reach_the_fmu() {
-        let registered = Registered::new(Arc::new(|_| panic!("in the sink")));
+        let registered = Registered::new(Arc::new(|_| panic!("in the sink")), None);
         // SAFETY: the format needs no arguments.
         unsafe {
             c_logger()(

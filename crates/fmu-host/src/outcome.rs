@@ -3,14 +3,7 @@
 use std::ffi::c_int;
 use std::fmt;
 
-/// A version of FMI.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[allow(missing_docs, reason = "their names say it")]
-pub enum Version {
-    #[default]
-    Fmi2,
-    Fmi3,
-}
+use fmi_abi::Version;
 
 /// `fmi2Status` or `fmi3Status`, or another integer, as a foreign binary may return any value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 
 use std::ffi::c_int;
 
-use fmu_types::fmi2::{fmi2CallbackLogger, fmi2String};
+use fmi_abi::fmi2::{fmi2CallbackLogger, fmi2String};
 
 use crate::logger::log;
 

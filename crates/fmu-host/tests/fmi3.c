@@ -288,24 +288,6 @@ Status fmi3GetOutputDerivatives(Instance *self, const uint32_t *r, size_t n, con
     return OK;
 }
 
-Status fmi3GetNumberOfVariableDependencies(Instance *self, uint32_t r, size_t *n) {
-    (void)self;
-    *n = r;
-    return OK;
-}
-
-Status fmi3GetVariableDependencies(Instance *self, uint32_t r, size_t *elements, uint32_t *independents,
-                                   size_t *of_independents, int *kinds, size_t n) {
-    (void)self;
-    for (size_t i = 0; i < n; i++) {
-        elements[i] = i;
-        independents[i] = r + 1;
-        of_independents[i] = 2 * i;
-        kinds[i] = 5;
-    }
-    return OK;
-}
-
 Status fmi3GetNumberOfContinuousStates(Instance *self, size_t *n) {
     (void)self;
     *n = 2;

@@ -8,6 +8,8 @@ mod parse;
 use std::borrow::Cow;
 use std::fmt;
 
+use crate::value;
+
 #[cfg(feature = "xml")]
 pub use encoding::{Decoded, decode};
 #[cfg(feature = "xml")]
@@ -34,6 +36,27 @@ impl<'a> Element<'a> {
     pub fn attribute(&self, name: &str) -> Option<&str> {
         let (_, value) = self.attributes.iter().find(|(n, _)| *n == name)?;
         Some(value)
+    }
+
+    /// Whether it has an attribute.
+    pub fn has(&self, name: &str) -> bool {
+        self.attribute(name).is_some()
+    }
+
+    /// The value of an attribute that is an `xs:double`.
+    pub fn real(&self, name: &str) -> Option<f64> {
+        value::real(self.attribute(name)?)
+    }
+
+    /// Whether an attribute is an `xs:boolean` that is true.
+    pub fn is_true(&self, name: &str) -> bool {
+        self.attribute(name).and_then(value::boolean) == Some(true)
+    }
+
+    /// Whether an attribute is true.
+    pub fn flag(&self, name: &str) -> bool {
+        let value = self.attribute(name).and_then(crate::value::boolean);
+        value.unwrap_or(false)
     }
 
     /// The first child with the given name.

@@ -2,11 +2,13 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_build::{Compression, FmiVersion, Selection, Variant};
 use fmu_file::platform::Prebuilt;
+use indicatif::{ProgressBar, ProgressStyle};
 
 /// What to export, and for which platforms.
 #[derive(Debug, Args)]
@@ -105,7 +107,7 @@ fn setting(text: &str) -> Result<(String, String), String> {
 /// See [`fmu_build::export`].
 pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
     let selection = args.selection;
-    let written = fmu_build::export(&fmu_build::Options {
+    let options = fmu_build::Options {
         selection: Selection {
             manifest_path: selection.manifest_path,
             packages: selection.packages,
@@ -128,8 +130,13 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
             true => Compression::Zopfli,
             false => Compression::Deflate,
         },
-    })?;
-    for fmu in written {
+    };
+    let spinner = ProgressBar::new_spinner();
+    spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    let written = fmu_build::export(&options, &|text| spinner.set_message(text.to_owned()));
+    spinner.finish_and_clear();
+    for fmu in written? {
         print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;
     }
     Ok(())

@@ -5,9 +5,15 @@ pub mod export;
 pub mod info;
 pub mod merge;
 pub mod new;
-pub mod probe;
+#[cfg(feature = "run")]
+pub mod run;
+#[cfg(feature = "run")]
 pub mod simulate;
+#[cfg(feature = "run")]
 pub mod ssp;
+#[cfg(feature = "run")]
 pub mod sweep;
+#[cfg(feature = "run")]
 pub mod validate;
+#[cfg(feature = "run")]
 mod worker;

@@ -1,21 +1,20 @@
 //! `cargo fmu simulate`: one run of a system of coupled FMUs, in a process of its own, since an FMU
 //! may crash, hang or exit.
 
+use std::cell::OnceCell;
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Context, Error, Result, bail};
 use clap::{Args, ValueEnum};
-use fmu_cosim::{
-    Csv, Description, Experiment, Failure, Kept, Message, Messages, Plan, Recorder, Supervised,
-    Value, locate,
-};
-use fmu_worker::Ended;
+use fmu_description::Value;
+use fmu_master::run::{self, Outcome, Summary, Watch};
+use fmu_master::{Description, Experiment, Message, Plan, Start, Written, locate};
+use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::worker::{self, Limited};
@@ -53,7 +52,7 @@ pub struct SimulateArgs {
     /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
-    /// Write the time and the recorded variables to this file
+    /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     #[command(flatten)]
@@ -93,82 +92,73 @@ impl FromStr for Assignment {
     }
 }
 
-/// Interval between progress updates: short enough to look smooth without slowing the run.
-const PERIOD: Duration = Duration::from_millis(50);
-
 /// Simulates the system in a worker process and reports the results.
 ///
 /// # Errors
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
-    match &args.limited.worker {
-        Some(folder) => {
-            session::end_with_supervisor(folder);
-            let recorder = Recorder::open(&folder.join(worker::CALLS))?;
-            let outcome = work(args, folder, &recorder, out);
-            recorder.finish();
-            outcome.map(|()| ExitCode::SUCCESS)
-        }
-        None => supervise(args),
+    if let Some(mut service) = Service::of_this_process()? {
+        run::work(&mut service, args.csv.is_some(), || plan(args))?;
+        return Ok(ExitCode::SUCCESS);
     }
-}
-
-/// Starts the worker process, waits for it, and reports what it cannot report itself.
-fn supervise(args: &SimulateArgs) -> Result<ExitCode> {
     let session = Session::start()?;
-    let folder = session.folder();
-    let recorder = Recorder::create(&folder.join(worker::CALLS))?;
-    let child = session.worker(folder)?.spawn()?;
-    let mut process = Supervised::new(child, recorder.clone(), args.limited.limits(1)?);
-    let mut pause = Duration::from_millis(1);
-    let ended = loop {
-        if let Some(signal) = session.signal() {
-            drop(process);
-            let time = recorder.time().map(|time| format!(" at t = {time:?} s"));
-            let time = time.unwrap_or_default();
-            anstream::eprintln!("interrupted{time}{}", kept(args, rescue(args, folder)?));
-            return Ok(session::code(signal));
-        }
-        if let Some(ended) = process.poll()? {
-            break ended;
-        }
-        if let Some(call) = process.newly_slow(&worker::names(folder)) {
-            worker::report_slow(&call);
-        }
-        thread::sleep(pause);
-        pause = (2 * pause).min(WORKER_PERIOD);
-    };
-    match ended {
-        Ended::Exited(status) if recorder.is_finished() => {
-            if status.code().is_none() {
+    let worker = Worker::start(
+        &mut Session::worker()?,
+        session.folder(),
+        args.limited.limits(1)?,
+    )?;
+    let progress = Progress::new()?;
+    let outcome = run::supervise(
+        worker,
+        args.csv.as_deref(),
+        &Watch {
+            is_cancelled: &|| session.signal().is_some(),
+            slow: &worker::report_slow,
+            progress: &|ready, time| progress.show(ready.experiment, time),
+        },
+    )?;
+    progress.bar.finish_and_clear();
+    match outcome {
+        Outcome::Finished(finished) => {
+            warn(&finished.messages);
+            report(out, &finished)?;
+            if let (Some(rows), Some(path)) = (finished.rows, &args.csv) {
+                writeln!(out, "wrote {}: {rows} rows", path.display())?;
+            }
+            if let Some(ended) = finished.crash {
                 anstream::eprintln!(
                     "{WARNING}warning:{WARNING:#} after the simulation, the process {ended}"
                 );
             }
-            let failed = status.code().is_some_and(|code| code != 0);
-            Ok(if failed {
-                ExitCode::FAILURE
-            } else {
-                ExitCode::SUCCESS
-            })
+            Ok(ExitCode::SUCCESS)
         }
-        _ => {
-            let text = worker::explain(&recorder, &worker::names(folder), &ended);
-            bail!("{text}{}", kept(args, rescue(args, folder)?))
+        Outcome::Failed(messages, text) => {
+            warn(&messages);
+            bail!("{text}")
+        }
+        Outcome::Cancelled(text) => {
+            anstream::eprintln!("interrupted{text}");
+            Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
         }
     }
 }
 
-/// Interval between checks of a worker process that runs for long.
-const WORKER_PERIOD: Duration = Duration::from_millis(20);
-
-/// Completes the file of a worker that was ended.
-fn rescue(args: &SimulateArgs, folder: &Path) -> Result<Option<Kept>> {
-    let Some(path) = &args.csv else {
-        return Ok(None);
-    };
-    Csv::rescue(path, &folder.join(worker::ROWS))
-        .with_context(|| format!("cannot write {}", path.display()))
+/// Reads the system file, applies the options and loads the FMUs.
+fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
+    let mut description = describe(args)?;
+    let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
+    let value = |set: &Assignment| Written::Text(set.value.clone());
+    let (sizes, sets): (Vec<_>, Vec<_>) =
+        (args.sets.iter()).partition(|set| plan.is_structural(&set.name));
+    if !sizes.is_empty() {
+        for set in sizes {
+            description.set_start(&set.name, value(set));
+        }
+        plan = Plan::new(&description)?;
+    }
+    let starts = sets.iter().map(|set| plan.start(&set.name, &value(set)));
+    let starts = starts.collect::<Result<_>>()?;
+    Ok((plan, starts))
 }
 
 /// Adds the system file to an error, and the line unless the value may come from an option.
@@ -178,97 +168,6 @@ fn located(args: &SimulateArgs, error: Error) -> Error {
         Some(_) => String::new(),
     };
     locate(error, &args.system, &text)
-}
-
-/// Says where the rows of a failed run are.
-fn kept(args: &SimulateArgs, kept: Option<Kept>) -> String {
-    match kept {
-        Some(kept) => format!("; {kept}"),
-        None if args.csv.is_some() => "; no file was written".to_owned(),
-        None => String::new(),
-    }
-}
-
-/// Simulates the system in this process and reports the results. The rows that are not yet in the file
-/// are in the folder, where the supervisor finds them after a crash.
-fn work(
-    args: &SimulateArgs,
-    folder: &Path,
-    recorder: &Recorder,
-    out: &mut impl Write,
-) -> Result<()> {
-    let mut description = describe(args)?;
-    let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
-    let value = |set: &Assignment| Value::Text(set.value.clone());
-    let (sizes, sets): (Vec<_>, Vec<_>) =
-        (args.sets.iter()).partition(|set| plan.is_structural(&set.name));
-    if !sizes.is_empty() {
-        for set in sizes {
-            description.set_start(&set.name, value(set));
-        }
-        plan = Plan::new(&description)?;
-    }
-    worker::write_names(folder, &plan.names())?;
-    let starts =
-        (sets.iter().map(|set| plan.start(&set.name, &value(set)))).collect::<Result<Vec<_>>>()?;
-    let mut csv = match &args.csv {
-        Some(path) => Some(Csv::shared(
-            path,
-            plan.columns(),
-            &folder.join(worker::ROWS),
-        )?),
-        None => None,
-    };
-    let mut progress = Progress::new(plan.experiment())?;
-    let mut last = (
-        plan.experiment().start,
-        vec![f64::NAN; plan.columns().len()],
-    );
-    let mut begin = Instant::now();
-    let messages = Messages::recorded(recorder.clone());
-    let mut written = Ok(());
-    let outcome = plan
-        .simulate_with(&starts, &messages)
-        .and_then(|simulation| {
-            // Loading the binaries and initializing the FMUs do not count as simulating.
-            begin = Instant::now();
-            simulation.run_while(|time, row| {
-                if let Some(csv) = &mut csv {
-                    written = csv.push(time, row);
-                }
-                progress.tick(time);
-                if progress.is_complete() {
-                    last = (time, row.to_vec());
-                }
-                written.is_ok()
-            })
-        });
-    let elapsed = begin.elapsed();
-    progress.bar.finish_and_clear();
-    let logged = match &outcome {
-        Ok(logged) => logged,
-        Err(_) => &messages.take(),
-    };
-    logged
-        .iter()
-        .filter(|message| message.warning)
-        .for_each(warn);
-    written?;
-    if let Err(error) = outcome {
-        let kept = kept(args, csv.and_then(Csv::keep));
-        return match error.downcast::<Failure>() {
-            Ok(failure) => Err(anyhow!("{failure}{kept}")),
-            Err(error) => Err(error),
-        };
-    }
-    let rows = csv.map(Csv::finish).transpose()?;
-    report(out, &plan, &last, elapsed)?;
-    if let (Some(rows), Some(path)) = (rows, &args.csv) {
-        writeln!(out, "wrote {}: {rows} rows", path.display())?;
-    }
-    // What an FMU does when its binary is unloaded no longer matters.
-    recorder.finish();
-    Ok(())
 }
 
 /// Reads the system file and applies the options.
@@ -286,8 +185,8 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
     }
     if let Some(order) = args.order {
         description.order = match order {
-            Order::Sequential => fmu_cosim::Order::Sequential,
-            Order::Parallel => fmu_cosim::Order::Parallel,
+            Order::Sequential => fmu_master::Order::Sequential,
+            Order::Parallel => fmu_master::Order::Parallel,
         };
     }
     if !args.outputs.is_empty() {
@@ -299,41 +198,41 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
     Ok(description)
 }
 
-fn warn(message: &Message) {
-    let Message { instance, text, .. } = message;
-    match message.times {
-        1 => anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text}"),
-        times => {
-            anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text} ({times} times)")
-        }
+fn warn(messages: &[Message]) {
+    for message in messages.iter().filter(|message| message.warning) {
+        let Message { instance, text, .. } = message;
+        let times = match message.times {
+            1 => String::new(),
+            times => format!(" ({times} times)"),
+        };
+        anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text}{times}");
     }
 }
 
-fn report(
-    out: &mut impl Write,
-    plan: &Plan,
-    (time, row): &(f64, Vec<f64>),
-    elapsed: Duration,
-) -> Result<()> {
+fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
+    let Summary {
+        ready,
+        last,
+        duration,
+        ..
+    } = finished;
+    let time = last.time;
     let mut cells = vec![["output".into(), format!("at t = {time} s"), "unit".into()]];
-    cells.extend(plan.columns().iter().zip(row).map(|(column, value)| {
-        [
-            column.name.clone(),
-            match column.kind {
-                kind if kind.is_float() => format!("{value:.9e}"),
-                _ => column.show(*value).to_string(),
-            },
-            column.unit.clone(),
-        ]
+    let columns = &ready.columns;
+    cells.extend(columns.iter().zip(last.values(columns)).map(|(c, value)| {
+        let value = match &value {
+            Value::Float64(value) => format!("{value:.9e}"),
+            Value::Float32(value) => format!("{value:.9e}"),
+            Value::String(text) => format!("{text:?}"),
+            value => value.to_string(),
+        };
+        [c.name.clone(), value, c.unit.clone()]
     }));
     table::print(&cells, out)?;
-    let simulated = plan.end() - plan.experiment().start;
-    writeln!(
-        out,
-        "{simulated:.6} s in {:.3} ms: {}",
-        elapsed.as_secs_f64() * 1e3,
-        speed(simulated / elapsed.as_secs_f64())
-    )?;
+    let simulated = ready.end - ready.experiment.start;
+    let seconds = duration.as_secs_f64();
+    let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
+    writeln!(out, "{simulated:.6} s in {milliseconds:.3} ms: {speed}")?;
     Ok(())
 }
 
@@ -346,56 +245,29 @@ fn speed(factor: f64) -> String {
 /// A progress bar with the simulated time and the speed relative to real time.
 struct Progress {
     bar: ProgressBar,
-    experiment: Experiment,
-    /// The number of rows so far, and of all.
-    steps: u64,
-    all: u64,
-    /// The step of the next update.
-    next: u64,
-    begin: Instant,
+    begin: OnceCell<Instant>,
 }
 
+/// The length of the bar, which is that of any run.
+const LENGTH: u64 = 1 << 20;
+
 impl Progress {
-    fn new(experiment: Experiment) -> Result<Self> {
-        let all = experiment.steps()?;
-        let bar = ProgressBar::new(all);
-        bar.set_style(
-            ProgressStyle::with_template("[{bar:40}] {percent:>3} %  {msg}  {eta} left")?
-                .progress_chars("=> "),
-        );
+    fn new() -> Result<Self> {
+        let template = "[{bar:40}] {percent:>3} %  {msg}  {eta} left";
+        let style = ProgressStyle::with_template(template)?.progress_chars("=> ");
         Ok(Self {
-            bar,
-            experiment,
-            steps: 0,
-            all,
-            next: 1,
-            begin: Instant::now(),
+            bar: ProgressBar::new(LENGTH).with_style(style),
+            begin: OnceCell::new(),
         })
     }
 
-    #[inline]
-    fn tick(&mut self, time: f64) {
-        self.steps += 1;
-        if self.steps == self.next {
-            self.update(time);
-        }
-    }
-
-    #[cold]
-    fn update(&mut self, time: f64) {
-        let elapsed = self.begin.elapsed().as_secs_f64().max(1e-9);
-        let rate = self.steps as f64 / elapsed;
-        self.next += 1 + (rate * PERIOD.as_secs_f64()) as u64;
-        let stop = self.experiment.stop;
-        let speed = speed(rate * self.experiment.step);
+    fn show(&self, Experiment { start, stop, .. }: Experiment, time: f64) {
+        let begin = self.begin.get_or_init(Instant::now);
+        let factor = (time - start) / begin.elapsed().as_secs_f64().max(1e-9);
+        let speed = speed(factor);
         self.bar
             .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
-        self.bar.set_position(self.steps);
-    }
-
-    /// Whether the last row has been counted.
-    #[inline]
-    fn is_complete(&self) -> bool {
-        self.steps == self.all
+        let done = (time - start) / (stop - start);
+        self.bar.set_position((done * LENGTH as f64) as u64);
     }
 }

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use fmu_cosim::Description;
-use fmu_cosim::ssp::Package;
 use fmu_file::replace;
+use fmu_master::Description;
+use fmu_master::ssp::Package;
 
 use crate::style::WARNING;
 

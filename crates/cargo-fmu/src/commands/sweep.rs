@@ -3,14 +3,14 @@
 use std::io::{self, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::process::{ExitCode, Stdio};
+use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use fmu_sweep::{Ended, Progress, Study, Workers};
-use fmu_worker::Limits;
+use fmu_master::sweep::{Progress, Study, Workers};
+use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::worker::{self, Limited};
@@ -68,52 +68,51 @@ impl FromStr for Runs {
 /// A file is invalid or cannot be written, or an FMU rejects a start value.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     let open = || Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref());
-    if let Some(folder) = &args.limited.worker {
-        session::end_with_supervisor(folder);
-        open()?.work(folder)?;
+    if let Some(mut service) = Service::of_this_process()? {
+        open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);
     }
     let session = Session::start()?;
     let study = open()?;
     let mut workers = Workers {
         count: args.threads,
-        folder: session.folder(),
+        session: session.folder(),
         limits: Limits::default(),
-        command: &|folder: &Path| {
-            let mut command = session.worker(folder)?;
+        command: &|| {
+            let mut command = Session::worker()?;
             // What an FMU prints must not get among the rows.
-            command.stdin(Stdio::null()).stdout(io::stderr());
+            command.stdout(io::stderr());
             Ok(command)
         },
         is_cancelled: &|| session.signal().is_some(),
         slow: &worker::report_slow,
     };
     workers.limits = args.limited.limits(workers.count())?;
-    let interrupted = if let Some(Runs(runs)) = &args.rows {
+    let is_complete = if let Some(Runs(runs)) = &args.rows {
         study.rows(runs.clone(), &workers, |line| {
             Ok(io::stdout().lock().write_all(line.as_bytes())?)
-        })? == Ended::Cancelled
+        })?
     } else if args.plan {
         study.try_corners(&workers)?;
-        let outline = serde_json::to_string(&study.outline()?)?;
+        let outline = serde_json::to_string(&study.outline())?;
         writeln!(out, "{outline}")?;
-        false
+        true
     } else {
-        write(&study, &workers, args, out)? == Ended::Cancelled
+        write(&study, &workers, args, out)?
     };
-    match session.signal().filter(|_| interrupted) {
+    match session.signal().filter(|_| !is_complete) {
         Some(signal) => Ok(session::code(signal)),
         None => Ok(ExitCode::SUCCESS),
     }
 }
 
-/// Executes the remaining runs and prints a summary.
+/// Executes the remaining runs and prints a summary; returns false if cancelled.
 fn write(
     study: &Study,
     workers: &Workers<'_>,
     args: &SweepArgs,
     out: &mut impl Write,
-) -> Result<Ended> {
+) -> Result<bool> {
     let file = match &args.out {
         Some(file) => file.clone(),
         None => {
@@ -123,7 +122,7 @@ fn write(
     };
     let bar = progress_bar()?;
     let mut begin = Instant::now();
-    let (ended, progress) = study.write(&file, workers, |progress| {
+    let (is_complete, progress) = study.write(&file, workers, |progress| {
         if progress.done == 0 {
             bar.set_length(progress.runs);
             bar.reset_eta();
@@ -141,12 +140,12 @@ fn write(
         first_failure,
     } = progress;
     let file = file.display();
-    if ended == Ended::Cancelled {
+    if !is_complete {
         let all = before + done;
         anstream::eprintln!(
             "interrupted; {all} of {runs} runs are in {file}.part; run the same command to resume"
         );
-        return Ok(ended);
+        return Ok(false);
     }
     writeln!(
         out,
@@ -163,7 +162,7 @@ fn write(
         )?;
     }
     writeln!(out, "wrote {file}: {runs} rows")?;
-    Ok(ended)
+    Ok(true)
 }
 
 fn progress_bar() -> Result<ProgressBar> {

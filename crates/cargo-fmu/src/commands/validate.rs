@@ -8,7 +8,6 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
-use super::probe;
 use crate::style::{ERROR, OK, WARNING};
 
 /// The FMUs to check, and how.
@@ -54,7 +53,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
         true => None,
         false => Some(Probes {
             program: std::env::current_exe()?,
-            arguments: vec![probe::NAME.into()],
+            arguments: vec!["probe".into()],
             time_limit: Duration::from_secs(args.time_limit),
             is_quick: args.quick,
         }),

@@ -1,6 +1,6 @@
-//! Proves at compile time that the C interfaces of `fmu-export` and `fmu-host` match the official
-//! headers, for which the crate `fmi` provides bindings: all functions of FMI 2.0 and 3.0, the
-//! structures, and the status values.
+//! Proves at compile time that the C interfaces of `fmu-export` and `fmu-host`, which are both made from the
+//! rows of `fmi-abi`, match the official headers, for which the crate `fmi` provides bindings: all functions
+//! of FMI 2.0 and 3.0, the structures, and the status values.
 #![allow(non_snake_case, reason = "names of the standard")]
 
 use std::ffi::{c_int, c_uint};
@@ -12,34 +12,43 @@ mod fmi3;
 trait Like<Official> {}
 
 impl<T> Like<T> for T {}
-// C enums, which are declared here as integers to accept any value: `fmi2Type` and `fmi2StatusKind`,
-// and in the host the status.
+// C enums, which are declared here as integers to accept any value: `fmi2Type` and `fmi2StatusKind`.
 impl Like<c_uint> for c_int {}
 impl Like<*mut c_uint> for *mut c_int {}
 
-macro_rules! alike {
-    ($($check:ident($($mine:ident $official:ident),*);)*) => {
-        $(
-            const fn $check<$($mine: Like<$official>, $official,)* R: Like<S>, S>(
-                _: unsafe extern "C" fn($($mine),*) -> R,
-                _: Option<unsafe extern "C" fn($($official),*) -> S>,
-            ) {
-            }
-        )*
+/// Functions are alike if their arguments and results are.
+macro_rules! functions {
+    ($($mine:ident $official:ident,)*) => {
+        impl<$($mine: Like<$official>, $official,)* R: Like<S>, S>
+            Like<Option<unsafe extern "C" fn($($official),*) -> S>>
+            for unsafe extern "C" fn($($mine),*) -> R
+        {
+        }
+        functions!(@fewer $($mine $official,)*);
     };
+    (@fewer) => {};
+    (@fewer $first:ident $second:ident, $($rest:tt)*) => { functions!($($rest)*); };
 }
 
-alike! {
-    alike0();
-    alike1(A0 B0);
-    alike2(A0 B0, A1 B1);
-    alike3(A0 B0, A1 B1, A2 B2);
-    alike4(A0 B0, A1 B1, A2 B2, A3 B3);
-    alike5(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4);
-    alike6(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5);
-    alike7(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6);
-    alike8(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6, A7 B7);
-    alike9(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6, A7 B7, A8 B8);
-    alike10(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6, A7 B7, A8 B8, A9 B9);
-    alike12(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6, A7 B7, A8 B8, A9 B9, A10 B10, A11 B11);
+functions!(A0 B0, A1 B1, A2 B2, A3 B3, A4 B4, A5 B5, A6 B6, A7 B7, A8 B8, A9 B9, A10 B10, A11 B11,);
+
+/// Compiles if the types are alike.
+fn alike<Mine: Like<Official>, Official>(_: Option<Mine>, _: Official) {}
+
+/// Compares the functions of a version with the bindings of the same names, followed by `TYPE`. Never called:
+/// compiling it is the proof.
+macro_rules! proofs {
+    (
+        $functions:ident $headers:ident
+        Free { $($free:ident($($_0:tt)*) $(-> $_1:ty)? => $_2:ident;)* }
+        $($_3:ident { $($name:ident($($_4:tt)*) => $_5:ident in $($_6:ident)|+;)* })*
+    ) => {
+        paste::paste! {
+            const _: fn(&$functions) = |mine| {
+                $(crate::alike(mine.$free, None as $headers::[<$free TYPE>]);)*
+                $($(crate::alike(mine.$name, None as $headers::[<$name TYPE>]);)*)*
+            };
+        }
+    };
 }
+pub(crate) use proofs;

@@ -1,78 +1,34 @@
-//! The child process, which runs one test of a binary.
+//! The child process, which runs one test of a binary and replies what it finds.
 
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::collections::{HashMap, HashSet};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
-use fmu_file::archive::MODEL_DESCRIPTION;
-use fmu_host::{Cause, Failure, Library, Status};
+use fmu_host::Library;
+use fmu_worker::{Calls, Function, Record, Service};
+use serde::{Deserialize, Serialize};
 
-use super::excitation::{Level, inputs};
-use super::record::names;
-use super::report::Report;
+use super::inputs::Level;
+use super::probes;
 use super::subject::Subject;
-use super::tests::{self, Test};
+use super::values::Row;
+use crate::Rule;
 
-// These folders are next to each other.
-
-/// The folder of the unpacked FMU.
-pub const FMU: &str = "fmu";
-/// The folder of the reports.
-pub const REPORT: &str = "report";
-/// The working directory of the child process.
-pub const WORK: &str = "work";
-/// A file in [`REPORT`]: names of variables that are not observed.
-pub const IGNORED: &str = "ignored";
-
-/// The interface type under test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// Co-simulation.
-    Cs,
-    /// Model exchange.
-    Me,
-}
-
-impl Kind {
-    /// Both interface types.
-    pub const ALL: [Self; 2] = [Self::Cs, Self::Me];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cs => "cs",
-            Self::Me => "me",
-        }
-    }
-
-    /// Its element in the model description.
-    pub fn element(self) -> &'static str {
-        match self {
-            Self::Cs => "CoSimulation",
-            Self::Me => "ModelExchange",
-        }
-    }
-
-    fn of_host(self) -> fmu_host::Kind {
-        match self {
-            Self::Cs => fmu_host::Kind::CoSimulation,
-            Self::Me => fmu_host::Kind::ModelExchange,
-        }
-    }
-}
-
-/// The arguments of the child process.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// The test.
-    pub test: &'static Test,
-    /// The interface type.
-    pub kind: Kind,
-    /// The binary, relative to the folder of the unpacked FMU.
+/// What the child process is to do.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Task {
+    /// The name of the test.
+    pub probe: String,
+    /// The element of the interface type under test.
+    pub interface: String,
+    /// The file with the model description, and the folder of the unpacked FMU.
+    pub model: PathBuf,
+    pub folder: PathBuf,
+    /// The binary, relative to that folder.
     pub binary: String,
     /// How strongly inputs are excited.
     pub level: Level,
@@ -84,137 +40,184 @@ pub struct Options {
     pub logging: bool,
     /// Whether wrong calls crash it.
     pub is_fragile: bool,
+    /// Names of variables that are not observed.
+    pub ignored: HashSet<String>,
 }
 
-impl Options {
-    /// The arguments.
-    pub fn arguments(&self) -> [String; 8] {
-        [
-            self.test.name.into(),
-            self.kind.name().into(),
-            self.binary.clone(),
-            self.level.name().into(),
-            self.steps.to_string(),
-            self.seconds.to_string(),
-            self.logging.to_string(),
-            self.is_fragile.to_string(),
-        ]
-    }
-
-    fn parse(arguments: &[OsString]) -> Option<Self> {
-        let [
-            test,
-            kind,
-            binary,
-            level,
-            steps,
-            seconds,
-            logging,
-            is_fragile,
-        ] = arguments
-        else {
-            return None;
-        };
-        let (test, kind) = (test.to_str()?, kind.to_str()?);
-        Some(Self {
-            test: tests::find(test)?,
-            kind: Kind::ALL.into_iter().find(|known| known.name() == kind)?,
-            binary: binary.to_str()?.to_owned(),
-            level: level.to_str()?.parse().ok()?,
-            steps: steps.to_str()?.parse().ok()?,
-            seconds: seconds.to_str()?.parse().ok()?,
-            logging: logging.to_str()?.parse().ok()?,
-            is_fragile: is_fragile.to_str()?.parse().ok()?,
-        })
-    }
+/// What the child process replies, in any number and order until it is done.
+#[derive(Debug, Serialize, Deserialize)]
+pub enum Reply {
+    /// The name of a rule, and what breaks it.
+    Found(String, String),
+    /// The name of a variable that cannot be read.
+    Unreadable(String),
+    /// The number of steps of the default experiment, and their duration in s.
+    Ran(usize, f64),
+    /// The FMU refuses the excitation of its inputs.
+    Refused,
+    /// The values at a time (s) of a run.
+    Row(f64, Row),
+    /// There is no more to come.
+    Done,
 }
 
-/// Runs one test of a binary in this process, which [`crate::Probes`] has started.
+/// Receives a test of a binary in this process, which [`crate::Probes`] has started, and runs it.
 ///
 /// # Errors
-/// The arguments do not describe a test, or the unpacked FMU cannot be read.
-pub fn run(arguments: &[OsString]) -> Result<()> {
-    let options = Options::parse(arguments)
-        .context("expected TEST KIND BINARY LEVEL STEPS SECONDS LOGGING FRAGILE of a check")?;
-    end_after(Duration::from_secs(options.seconds.saturating_add(5)));
-    let here = std::env::current_dir()?;
-    let beside = |name: &str| here.with_file_name(name);
-    let folder = beside(FMU);
-    let text = std::fs::read_to_string(beside(REPORT).join(MODEL_DESCRIPTION))?;
+/// The process was not started for a test, or the unpacked FMU cannot be read.
+pub fn run() -> Result<()> {
+    let service = Service::of_this_process()?;
+    let mut service = service.context("it is started by `validate` only")?;
+    let task: Task = service.task()?.context("there is no test to run")?;
+    let text = std::fs::read_to_string(&task.model)?;
     let root = xml::parse(&text)?;
-    let model = ModelDescription::new(&root);
-    let report = Arc::new(Report::open(&beside(REPORT), model.version)?);
-    if let Err(error) = test(&options, &model, &folder, &report) {
+    let model = ModelDescription::read(&root)?;
+    let report = Arc::new(Report::new(service, model.version));
+    let probe = probes::find(&task.probe).context("there is no such test")?;
+    let trace = Arc::clone(&report);
+    let library = Library::load_traced(
+        &task.folder.join(&task.binary),
+        model.version,
+        move |name| {
+            trace.call(name);
+        },
+    );
+    let outcome = match &library {
+        Ok(library) => {
+            let subject = Subject::new(&task, &model, library, &report);
+            subject.and_then(|subject| probe.run(&subject))
+        }
+        Err(error) => Err(error.clone().into()),
+    };
+    if let Err(error) = outcome {
         // The folder no longer exists when the message is read.
-        let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
-        report.find(options.test.rule, report.explained(&text));
+        let text = format!("{error:#}").replace(&format!("{}/", task.folder.display()), "");
+        let text = report.explained(&in_version(&text, model.version));
+        report.find(probe.rule, text);
     }
-    report.end();
+    if probe.unloads() {
+        settle();
+        drop(library);
+    }
+    report.reply(&Reply::Done);
     Ok(())
 }
 
-/// Whether an error is a refusal of the FMU: it returned fmi2Error or fmi2Discard.
-pub fn is_refusal(error: &anyhow::Error) -> bool {
-    error.downcast_ref::<Failure>().is_some_and(|failure| {
-        matches!(
-            failure.cause,
-            Cause::Returned(Status::Error | Status::Discard | Status::Fatal)
-        )
-    })
+/// Gives threads that the FMU has left behind the time to end or to wait, since a library whose code runs
+/// cannot be unloaded.
+fn settle() {
+    const USUAL: usize = 2;
+    let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
+    if threads > USUAL {
+        std::thread::sleep(Duration::from_millis(200));
+    }
 }
 
-/// Aborts this process after a while, or when its parent is gone, which cannot kill it then.
-fn end_after(limit: Duration) {
-    let (begin, parent) = (Instant::now(), parent());
-    std::thread::spawn(move || {
-        while begin.elapsed() < limit && self::parent() == parent {
-            std::thread::sleep(Duration::from_millis(200));
+/// Where findings and the progress of the test go.
+pub struct Report {
+    version: FmiVersion,
+    record: Record,
+    calls: Mutex<Calls>,
+    functions: HashMap<&'static str, Function>,
+    service: Mutex<Service>,
+}
+
+impl Report {
+    fn new(service: Service, version: FmiVersion) -> Self {
+        let record = service.record().clone();
+        Self {
+            version,
+            calls: record.calls(0).into(),
+            record,
+            functions: Function::all()
+                .map(|(function, name)| (name, function))
+                .collect(),
+            service: service.into(),
         }
-        std::process::abort();
-    });
+    }
+
+    /// Records which function is called next.
+    fn call(&self, name: &'static str) {
+        let function = self.functions.get(name).copied();
+        lock(&self.calls).begin(function.or(Some(Function::LOADING)));
+    }
+
+    /// Records what the test is about to do, such as `after fmi2Reset`.
+    pub fn stage(&self, text: impl AsRef<str>) {
+        self.record.stage(&in_version(text.as_ref(), self.version));
+    }
+
+    /// Records a message of the FMU.
+    pub fn log(&self, text: &str) {
+        self.record.log(&text.replace(['\n', '\r'], " "));
+    }
+
+    /// Records the simulation time.
+    pub fn time(&self, time: f64) {
+        self.record.at(time);
+    }
+
+    /// Adds the stage and the message logged last to the text of a finding.
+    fn explained(&self, text: &str) -> String {
+        let now = self.record.now();
+        let stage = match now.stage.as_str() {
+            "" => String::new(),
+            stage if text.contains(stage) => String::new(),
+            stage => format!(" {stage}"),
+        };
+        format!("{text}{stage}{}", logged(&now.message))
+    }
+
+    /// Reports a finding.
+    pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
+        let text = in_version(text.as_ref(), self.version);
+        let text = text.replace(['\n', '\r'], " ");
+        self.reply(&Reply::Found(rule.id.to_owned(), text));
+    }
+
+    /// Replies something else.
+    pub fn reply(&self, reply: &Reply) {
+        lock(&self.service).reply(reply);
+    }
 }
 
-/// The number of the process that has started this one, where the system tells.
-fn parent() -> Option<u32> {
-    #[cfg(unix)]
-    return Some(std::os::unix::process::parent_id());
-    #[cfg(not(unix))]
-    None
+fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
+    value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn test(
-    options: &Options,
-    model: &ModelDescription<'_>,
-    folder: &Path,
-    report: &Arc<Report>,
-) -> Result<()> {
-    let trace = Arc::clone(report);
-    let binary: PathBuf = folder.join(&options.binary);
-    let library = Library::load_traced(&binary, move |name| trace.call(name))?;
-    let element = model
-        .root
-        .child(options.kind.element())
-        .context("it is not of this kind")?;
-    let ignored = names(&folder.with_file_name(REPORT).join(IGNORED));
-    let subject = Subject {
-        model,
-        library: &library,
-        kind: options.kind.of_host(),
-        element,
-        resources: match model.version {
-            FmiVersion::Fmi2 => fmu_host::uri(&folder.join("resources")),
-            FmiVersion::Fmi3 => fmu_host::resource_path(&folder.join("resources")),
-        },
-        report,
-        level: options.level,
-        steps: options.steps,
-        logging: options.logging,
-        is_fragile: options.is_fragile,
-        time_limit: Duration::from_secs(options.seconds),
-        observed: Subject::observed_of(model, &ignored),
-        ignored,
-        inputs: inputs(model),
-        logged: Arc::default(),
-    };
-    (options.test.run)(&subject)
+/// The end of a message that quotes the message that the FMU logged last.
+pub fn logged(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!("; the FMU logged last: {message}"),
+    }
+}
+
+/// The names of FMI 2.0 in a text, as they are in a version of FMI.
+pub fn in_version(text: &str, version: FmiVersion) -> String {
+    const NAMES: [(&str, &str); 14] = [
+        ("fmi2Instantiate", "fmi3Instantiate"),
+        ("fmi2GetRealOutputDerivatives", "fmi3GetOutputDerivatives"),
+        ("fmi2GetReal", "fmi3GetFloat64"),
+        ("fmi2SetReal", "fmi3SetFloat64"),
+        ("fmi2GetInteger", "fmi3GetInt32"),
+        ("fmi2SetInteger", "fmi3SetInt32"),
+        ("fmi2GetDerivatives", "fmi3GetContinuousStateDerivatives"),
+        ("fmi2NewDiscreteStates", "fmi3UpdateDiscreteStates"),
+        ("fmi2SetupExperiment", "fmi3EnterInitializationMode"),
+        ("FMUstate", "FMUState"),
+        ("DeSerialize", "Deserialize"),
+        (
+            "providesDirectionalDerivative",
+            "providesDirectionalDerivatives",
+        ),
+        ("the GUID", "the instantiationToken"),
+        ("fmi2", "fmi3"),
+    ];
+    match version {
+        FmiVersion::Fmi2 => text.to_owned(),
+        FmiVersion::Fmi3 => NAMES
+            .iter()
+            .fold(text.to_owned(), |text, (old, new)| text.replace(old, new)),
+    }
 }

@@ -3,12 +3,14 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
+use fmu_description::Listed;
+use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Kind, Status};
 
-use super::excitation::{Input, change_parameters};
-use super::record::{Row, Trajectory};
+use super::inputs::{Input, other};
 use super::rules::EVENTS;
 use super::subject::{Setup, Subject};
+use super::values::{Row, Trajectory, Value, get, set};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
@@ -18,7 +20,8 @@ const EVENT_EVERY: usize = 10;
 /// A running simulation.
 pub struct Run<'a> {
     subject: &'a Subject<'a>,
-    setup: Setup<'a>,
+    /// What differs from other runs.
+    pub setup: Setup<'a>,
     /// The instance.
     pub instance: Instance,
     /// How far it has got.
@@ -42,33 +45,12 @@ pub struct Place {
 }
 
 impl<'a> Run<'a> {
-    /// Instantiates and initializes.
-    pub fn begin(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Self> {
-        let mut run = Self::instantiate(subject, setup)?;
-        run.initialize()?;
-        Ok(run)
-    }
-
-    /// A usual run after some steps, fewer if the FMU is slow.
-    pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
-        let mut run = Self::begin(subject, &subject.setup())?;
-        for _ in 0..subject.steps.min(steps) {
-            run.advance()?;
-        }
-        Ok(run)
-    }
-
-    /// The rows of a short run.
-    pub fn recorded(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Trajectory> {
-        Self::begin(subject, setup)?.record(subject.steps)
-    }
-
     /// Instantiates.
-    pub fn instantiate(subject: &'a Subject<'a>, setup: &Setup<'a>) -> Result<Self> {
+    pub fn instantiate(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         Ok(Self {
             subject,
-            setup: *setup,
-            instance: subject.instantiate(setup)?,
+            setup,
+            instance: subject.instantiate(&setup)?,
             place: Place {
                 point: 0,
                 now: subject.start(),
@@ -79,25 +61,46 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Resets the instance, which then needs to be initialized.
-    pub fn reset(mut self, setup: Setup<'a>) -> Result<Self> {
-        self.instance.reset()?;
-        Ok(self.continuing(setup))
+    /// Instantiates and enters initialization mode.
+    pub fn initializing(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+        let mut run = Self::instantiate(subject, setup)?;
+        run.enter_initialization()?;
+        Ok(run)
     }
 
-    /// The same run with another setup from now on.
-    pub fn continuing(mut self, setup: Setup<'a>) -> Self {
-        self.setup = setup;
-        self
+    /// Instantiates and initializes.
+    pub fn begin(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+        let mut run = Self::instantiate(subject, setup)?;
+        run.initialize()?;
+        Ok(run)
+    }
+
+    /// A usual run after some steps, fewer if the FMU is slow.
+    pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
+        let mut run = Self::begin(subject, subject.setup())?;
+        run.advance_by(subject.task.steps.min(steps))?;
+        Ok(run)
+    }
+
+    /// The rows of a short run.
+    pub fn recorded(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Trajectory> {
+        Self::begin(subject, setup)?.record()
+    }
+
+    /// Resets the instance, which then needs to be initialized with the usual setup.
+    pub fn reset(mut self) -> Result<Self> {
+        self.instance.reset()?;
+        self.setup = self.subject.setup();
+        Ok(self)
     }
 
     /// Simulation time.
     pub fn time(&self) -> f64 {
-        if self.setup.summed_times {
-            return (0..self.place.point)
-                .fold(self.subject.start(), |time, _| time + self.subject.step());
+        let (start, step) = (self.subject.start(), self.subject.step());
+        match self.setup.summed_times {
+            true => (0..self.place.point).fold(start, |time, _| time + step),
+            false => start + self.place.point as f64 * step,
         }
-        self.subject.start() + self.place.point as f64 * self.subject.step()
     }
 
     /// Puts an instance that is new or was reset into initialization mode.
@@ -109,13 +112,16 @@ impl<'a> Run<'a> {
         };
         self.ended = false;
         if self.setup.parameters {
-            change_parameters(self.subject.model, &mut self.instance)?;
+            let parameters = self.subject.settable().filter(|v| v.is_parameter());
+            for variable in parameters.filter(|v| v.of_type.is_float()) {
+                if let Some(value) = other(variable) {
+                    self.set(variable, &[value])?;
+                }
+            }
         }
-        self.instance.setup_experiment(
-            self.subject.start(),
-            self.setup.stop,
-            self.subject.model.experiment("tolerance"),
-        )?;
+        let tolerance = self.subject.model.experiment("tolerance");
+        let (start, stop) = (self.subject.start(), self.setup.stop);
+        self.instance.setup_experiment(start, stop, tolerance)?;
         self.instance.enter_initialization_mode()?;
         Ok(())
     }
@@ -125,45 +131,92 @@ impl<'a> Run<'a> {
         self.enter_initialization()?;
         self.set_inputs(|_| true)?;
         self.instance.exit_initialization_mode()?;
-        if self.setup.event_mode {
+        let is_exchange = self.subject.kind == Kind::ModelExchange;
+        if is_exchange || self.setup.event_mode {
             self.iterate()?;
-        } else if self.subject.kind == Kind::ModelExchange {
-            self.iterate()?;
-            if !self.ended && self.subject.states() > 0 {
-                let nominals = self.instance.nominals(self.subject.states())?;
-                ensure!(
-                    nominals
-                        .iter()
-                        .all(|nominal| nominal.is_finite() && *nominal != 0.0),
-                    "fmi2GetNominalsOfContinuousStates gave {nominals:?}, expected finite numbers other than 0"
-                );
-            }
+        }
+        let n = self.states();
+        if n > 0 && !self.ended {
+            let nominals = (self.instance).read(n, Instance::get_nominals_of_continuous_states)?;
+            ensure!(
+                nominals.iter().all(|n| n.is_finite() && *n != 0.0),
+                "fmi2GetNominalsOfContinuousStates gave {nominals:?}, expected finite numbers other than 0"
+            );
         }
         Ok(())
     }
 
+    /// Reads the elements of a variable.
+    pub fn read(&mut self, variable: &Listed<'_>) -> Result<Vec<Value>> {
+        self.read_elements(variable, variable.count())
+    }
+
+    /// Reads this number of elements of a variable.
+    pub fn read_elements(&mut self, variable: &Listed<'_>, n: usize) -> Result<Vec<Value>> {
+        let of_type = (variable.of_type, self.subject.model.version);
+        get(&mut self.instance, of_type, &[variable.reference], n)
+            .with_context(|| format!("{} cannot be read", quote(&variable.name)))
+    }
+
+    /// Reads a scalar.
+    pub fn value(&mut self, variable: &Listed<'_>) -> Result<Value> {
+        self.read(variable)?.pop().context("it has no elements")
+    }
+
+    /// Sets the elements of a variable.
+    pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
+        let of_type = (variable.of_type, self.subject.model.version);
+        set(&mut self.instance, of_type, variable.reference, values)
+    }
+
+    /// Reads Float64 scalars.
+    pub fn reals(&mut self, references: &[u32]) -> fmu_host::Result<Vec<f64>> {
+        let get = |i: &mut Instance, values: &mut [f64]| i.get_float64(references, values);
+        self.instance.read(references.len(), get)
+    }
+
+    /// Number of continuous states that the host sees.
+    fn states(&self) -> usize {
+        match self.subject.kind {
+            Kind::ModelExchange => self.subject.states(),
+            Kind::CoSimulation => 0,
+        }
+    }
+
+    /// The continuous states.
+    pub fn continuous_states(&mut self) -> fmu_host::Result<Vec<f64>> {
+        let n = self.states();
+        self.instance.read(n, Instance::get_continuous_states)
+    }
+
+    /// The derivatives of the continuous states.
+    pub fn derivatives(&mut self) -> fmu_host::Result<Vec<f64>> {
+        let n = self.states();
+        self.instance
+            .read(n, Instance::get_continuous_state_derivatives)
+    }
+
     fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
+        let Setup { level, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
-            let Setup { level, seed, .. } = self.setup;
-            input.set(&mut self.instance, level, seed, self.place.point)?;
+            if let Some(value) = input.value(level, seed, self.place.point) {
+                self.set(input.variable, &[value])?;
+            }
         }
         Ok(())
     }
 
     /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
-        let (mut n, time) = (self.subject.states(), self.place.now);
-        if self.setup.event_mode {
-            n = 0; // co-simulation has no functions for states
-        }
-        let before = if n > 0 {
-            self.instance.continuous_states(n)?
-        } else {
-            vec![]
+        let (has_states, time) = (self.states() > 0, self.place.now);
+        let states = |run: &mut Self| match has_states {
+            true => run.continuous_states(),
+            false => Ok(Vec::new()),
         };
+        let before = states(self)?;
         let mut may_change = false;
         for _ in 0..MAX_ROUNDS {
-            let update = self.instance.new_discrete_states()?;
+            let update = self.instance.update_discrete_states()?;
             may_change |= update.states_changed;
             self.check_written("fmi2NewDiscreteStates", update.is_written);
             if update.terminate {
@@ -179,8 +232,8 @@ impl<'a> Run<'a> {
                     "fmi2NewDiscreteStates gave {next} s for nextEventTime at t = {time} s, expected a later time"
                 );
             }
-            if n > 0 && !may_change {
-                let after = self.instance.continuous_states(n)?;
+            if !may_change {
+                let after = states(self)?;
                 ensure!(
                     after == before,
                     "an event has changed the states from {before:?} to {after:?}, but valuesOfContinuousStatesChanged is false"
@@ -209,12 +262,6 @@ impl<'a> Run<'a> {
 
     /// Advances to the next communication point.
     pub fn advance(&mut self) -> Result<()> {
-        self.advance_in(&[1.0])
-    }
-
-    /// Advances to the next communication point in steps of these fractions of the step size, with
-    /// the same inputs.
-    pub fn advance_in(&mut self, fractions: &[f64]) -> Result<()> {
         if self.ended {
             return Ok(());
         }
@@ -226,7 +273,7 @@ impl<'a> Run<'a> {
                 let event_mode = self.setup.event_mode;
                 self.set_inputs(|input| !event_mode || input.is_continuous())?;
                 let mut passed = 0.0;
-                for fraction in fractions {
+                for fraction in self.setup.fractions {
                     self.step(begin + passed * step, fraction * step)?;
                     passed += fraction;
                 }
@@ -237,31 +284,37 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// Advances by this number of steps.
+    pub fn advance_by(&mut self, steps: usize) -> Result<()> {
+        (0..steps).try_for_each(|_| self.advance())
+    }
+
     fn step(&mut self, time: f64, step: f64) -> Result<()> {
         if self.ended {
             return Ok(());
         }
+        let at = || format!("the step from t = {time} s");
         if self.setup.event_mode {
-            return self.step_with_events(time, step);
+            return self.step_with_events(time, step).with_context(at);
         }
         match self.instance.do_step(time, step) {
             Ok(_) => Ok(()),
             // By fmi2Discard, an FMU may also tell that it has reached the end of its simulation.
             Err(failure)
                 if failure.cause == Cause::Terminated
-                    || is_discard(&failure) && self.instance.is_terminated() == Ok(true) =>
+                    || failure.cause == Cause::Returned(Status::Discard)
+                        && self.instance.is_terminated() == Ok(true) =>
             {
                 self.ended = true;
                 Ok(())
             }
-            Err(failure) => Err(failure).with_context(|| format!("the step from t = {time} s")),
+            Err(failure) => Err(failure).with_context(at),
         }
     }
 
     /// Takes a step and handles the event at its end, if the FMU needs that.
     fn step_with_events(&mut self, time: f64, step: f64) -> Result<()> {
-        let stepped = self.instance.step(time, step, true);
-        let (_, stepped) = stepped.with_context(|| format!("the step from t = {time} s"))?;
+        let (_, stepped) = self.instance.step(time, step, true)?;
         if stepped.terminate {
             self.ended = true;
             return Ok(());
@@ -269,7 +322,7 @@ impl<'a> Run<'a> {
         self.place.now = stepped.last_successful_time;
         ensure!(
             !stepped.early_return,
-            "the step from t = {time} s has ended early, at {} s, though that is not allowed",
+            "it has ended early, at {} s, though that is not allowed",
             self.place.now
         );
         if stepped.event_handling_needed {
@@ -299,7 +352,7 @@ impl<'a> Run<'a> {
             }
             // An event at the end may be a little later, by rounding.
             if end - self.place.now > 1e-9 * part {
-                self.euler(end, end - self.place.now)?;
+                self.euler(end)?;
             }
         }
         Ok(())
@@ -308,13 +361,14 @@ impl<'a> Run<'a> {
     /// Integrates to each time event up to the end of a part of a step, and handles it.
     fn handle_time_events(&mut self, end: f64, part: f64) -> Result<()> {
         for _ in 0..MAX_ROUNDS {
-            let Some(event) = self.place.next_event else {
+            let event = self.place.next_event;
+            let Some(event) = event.filter(|event| *event <= end + 1e-9 * part) else {
                 return Ok(());
             };
-            if self.ended || event > end + 1e-9 * part {
+            if self.ended {
                 return Ok(());
             }
-            self.euler(event, event - self.place.now)?;
+            self.euler(event)?;
             if !self.ended {
                 self.instance.enter_event_mode()?;
                 self.iterate()?;
@@ -323,21 +377,18 @@ impl<'a> Run<'a> {
         bail!("there are more than {MAX_ROUNDS} time events up to t = {end} s")
     }
 
-    fn euler(&mut self, end: f64, step: f64) -> Result<()> {
+    /// Takes an Euler step from the last one to this time.
+    fn euler(&mut self, end: f64) -> Result<()> {
+        let step = end - self.place.now;
         self.place.now = end;
-        let n = self.subject.states();
-        if n > 0 {
-            let mut states = self.instance.continuous_states(n)?;
-            let derivatives = self.instance.derivatives(n)?;
-            for (state, derivative) in states.iter_mut().zip(derivatives) {
+        if self.states() > 0 {
+            let mut states = self.continuous_states()?;
+            for (state, derivative) in states.iter_mut().zip(self.derivatives()?) {
                 *state += step * derivative;
             }
             self.instance.set_time(end)?;
             // Stiff models need another method than ours.
-            if states
-                .iter()
-                .any(|state| state.is_nan() || state.abs() > 1e100)
-            {
+            if states.iter().any(|x| x.is_nan() || x.abs() > 1e100) {
                 self.ended = true;
                 return Ok(());
             }
@@ -345,14 +396,7 @@ impl<'a> Run<'a> {
         } else {
             self.instance.set_time(end)?;
         }
-        let indicators = self.subject.indicators();
-        ensure!(
-            indicators <= 1 << 20,
-            "numberOfEventIndicators is {indicators}, which is more than can be tested"
-        );
-        if indicators > 0 {
-            self.instance.event_indicators(indicators)?;
-        }
+        self.event_indicators()?;
         let completed = self.instance.completed_integrator_step()?;
         self.check_written("fmi2CompletedIntegratorStep", completed.is_written);
         if completed.enter_event_mode {
@@ -362,27 +406,35 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// The event indicators, if there are any.
+    pub fn event_indicators(&mut self) -> Result<Vec<f64>> {
+        let n = self.subject.indicators();
+        ensure!(
+            n <= 1 << 20,
+            "numberOfEventIndicators is {n}, which is more than can be tested"
+        );
+        Ok(match n {
+            0 => Vec::new(),
+            _ => self.instance.read(n, Instance::get_event_indicators)?,
+        })
+    }
+
     /// The values of the observed variables.
     pub fn observe(&mut self) -> Result<Row> {
         self.subject.observed.read(&mut self.instance)
     }
 
-    /// Takes this many steps and records the values at each communication point.
-    pub fn record(&mut self, steps: usize) -> Result<Trajectory> {
-        self.record_in(steps, &[1.0])
-    }
-
-    /// Like [`Run::record`], with each step in parts.
-    pub fn record_in(&mut self, steps: usize, fractions: &[f64]) -> Result<Trajectory> {
-        self.record_by(steps, |run| run.advance_in(fractions))
+    /// Takes the steps of a short run and records the values at each communication point.
+    pub fn record(&mut self) -> Result<Trajectory> {
+        self.record_by(Self::advance)
     }
 
     /// Like [`Run::record`]; `advance` takes each step.
     pub fn record_by(
         &mut self,
-        steps: usize,
         mut advance: impl FnMut(&mut Self) -> Result<()>,
     ) -> Result<Trajectory> {
+        let steps = self.subject.task.steps;
         let stride = self.subject.observed.stride(steps);
         let mut rows = vec![(self.time(), self.observe()?)];
         for k in 1..=steps {
@@ -397,15 +449,15 @@ impl<'a> Run<'a> {
         Ok(rows)
     }
 
-    /// Takes steps until the end or a time limit; `observe` receives the time and the values at each
-    /// communication point. Returns how many steps were taken.
+    /// Takes steps to the end of the default experiment, or until a time limit; `observe` receives the time
+    /// and the values at each communication point. Returns how many steps were taken.
     pub fn run_for(
         &mut self,
-        steps: usize,
         limit: Duration,
         mut observe: impl FnMut(f64, &Row),
     ) -> Result<usize> {
         let begin = Instant::now();
+        let steps = self.subject.all_steps();
         observe(self.time(), &self.observe()?);
         for k in 0..steps {
             if begin.elapsed() > limit {
@@ -421,6 +473,10 @@ impl<'a> Run<'a> {
     }
 }
 
-fn is_discard(failure: &Failure) -> bool {
-    failure.cause == Cause::Returned(Status::Discard)
+/// Whether an error is a refusal of the FMU: it returned fmi2Error, fmi2Discard or fmi2Fatal.
+pub fn is_refusal(error: &anyhow::Error) -> bool {
+    use Status::{Discard, Error, Fatal};
+    error
+        .downcast_ref::<Failure>()
+        .is_some_and(|failure| matches!(failure.cause, Cause::Returned(Error | Discard | Fatal)))
 }

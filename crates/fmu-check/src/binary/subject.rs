@@ -1,38 +1,25 @@
 //! The FMU under test, in the child process.
 
 use std::collections::HashSet;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::time::Duration;
+use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context, Result, bail};
-use fmu_description::value::{boolean, unsigned};
+use fmu_description::value::unsigned;
 use fmu_description::xml::Element;
-use fmu_description::{
-    Capability, Causality, FmiVersion, ModelDescription, ScalarVariable, Unknown, VariableType,
-};
-use fmu_host::{Instance, Instantiation, Kind, Library, Options, Status, Treatment};
+use fmu_description::{Causality, Listed, ModelDescription, Type, Unknown, Variability};
+use fmu_host::{Instance, Instantiation, Kind, Library, Status, Treatment};
 
-use super::excitation::{Input, Level};
-use super::record::{Class, Observed, Row};
-use super::report::{Report, in_version};
-
-/// Whether the tests read and set a variable: scalars other than Binaries, clocks and structural
-/// parameters.
-pub fn is_tested(variable: &ScalarVariable<'_>) -> bool {
-    variable.dimensions.is_empty()
-        && Class::of(variable.kind) != Class::Other
-        && !variable.is_structural
-        && variable.element.attribute("clocks").is_none()
-}
-
-/// Whether a variable is a Real, in FMI 3.0 a Float64.
-pub fn is_real(variable: &ScalarVariable<'_>) -> bool {
-    matches!(variable.kind, VariableType::Real | VariableType::Float64)
-}
+use super::child::{Report, Task};
+use super::inputs::{Input, Level, inputs, is_tested};
+use super::probes::claims;
+use super::run::Run;
+use super::values::{MAX_ELEMENTS, Observed, Row, Trajectory};
 
 /// The FMU under test.
 pub struct Subject<'a> {
+    /// The task.
+    pub task: &'a Task,
     /// Its model description.
     pub model: &'a ModelDescription<'a>,
     /// Its binary.
@@ -41,27 +28,17 @@ pub struct Subject<'a> {
     pub kind: Kind,
     /// The XML element of that type.
     pub element: &'a Element<'a>,
-    /// URI of the folder `resources`.
-    pub resources: String,
+    /// The location of the folder `resources`.
+    resources: String,
     /// Where findings and the progress of the test go.
     pub report: &'a Arc<Report>,
-    /// How strongly inputs are excited.
-    pub level: Level,
-    /// Number of steps of a short run.
-    pub steps: usize,
-    /// Whether logging is on in the usual setup.
-    pub logging: bool,
-    /// Whether wrong calls crash the FMU.
-    pub is_fragile: bool,
-    /// Time limit of the test.
-    pub time_limit: Duration,
     /// The variables that the FMU computes and that can be compared between runs.
     pub observed: Observed<'a>,
-    /// Names of variables that are not observed.
-    pub ignored: HashSet<String>,
     /// The inputs.
     pub inputs: Vec<Input<'a>>,
-    /// How many messages were logged without a category, and how many with status OK.
+    /// The usual run, once it was made.
+    usual: OnceLock<Trajectory>,
+    /// How many messages were logged.
     pub logged: Arc<Logged>,
 }
 
@@ -72,7 +49,7 @@ pub struct Logged {
     pub uncategorized: AtomicUsize,
     /// Messages with a category that the XML does not list, though it lists some.
     pub undeclared: AtomicUsize,
-    /// Messages with a number that is not an `fmi2Status`.
+    /// Messages with a number that is not a status.
     pub invalid: AtomicUsize,
     /// Messages with the status OK.
     pub ok: AtomicUsize,
@@ -99,44 +76,66 @@ pub struct Setup<'a> {
     pub parameters: bool,
     /// Whether times are sums of step sizes, with rounding errors that add up, instead of products.
     pub summed_times: bool,
+    /// In co-simulation, the parts of a communication step, as fractions of its size.
+    pub fractions: &'static [f64],
     /// In model exchange, steps of an explicit Euler method in a communication step.
     pub parts: usize,
     /// In co-simulation, whether event mode is used.
     pub event_mode: bool,
 }
 
+impl Setup<'_> {
+    /// The setup with a change.
+    pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
+        change(&mut self);
+        self
+    }
+}
+
 impl<'a> Subject<'a> {
-    /// The variables that are observed in runs, without those that are named.
-    pub fn observed_of(model: &'a ModelDescription<'a>, without: &HashSet<String>) -> Observed<'a> {
-        Observed::of(model.variables().map(|(_, v)| v).filter(|v| {
-            use Causality::{CalculatedParameter, Local, Output};
-            matches!(v.causality, Output | Local | CalculatedParameter)
-                && is_tested(v)
-                && !without.contains(v.name)
-        }))
+    /// The FMU in the library, for a task.
+    pub fn new(
+        task: &'a Task,
+        model: &'a ModelDescription<'a>,
+        library: &'a Arc<Library>,
+        report: &'a Arc<Report>,
+    ) -> Result<Self> {
+        let element = model.root.child(&task.interface);
+        Ok(Self {
+            task,
+            model,
+            library,
+            kind: match task.interface.as_str() {
+                "ModelExchange" => Kind::ModelExchange,
+                _ => Kind::CoSimulation,
+            },
+            element: element.context("it is not of this kind")?,
+            resources: library.location(&task.folder.join("resources")),
+            report,
+            observed: observed(model, &task.ignored),
+            inputs: inputs(model),
+            usual: OnceLock::new(),
+            logged: Arc::default(),
+        })
     }
 
-    /// Whether the FMU declares a capability.
-    pub fn claims(&self, capability: Capability) -> bool {
-        self.has(&in_version(capability.as_str(), self.model.version))
-    }
-
-    /// Whether a flag of the XML is true.
-    pub fn has(&self, flag: &str) -> bool {
-        self.element.attribute(flag).and_then(boolean) == Some(true)
+    /// Whether a flag of the XML, named as in FMI 2.0, is true.
+    pub fn claims(&self, flag: &str) -> bool {
+        claims(self.element, flag, self.model.version)
     }
 
     /// The usual setup.
     pub fn setup(&self) -> Setup<'static> {
         Setup {
             name: "instance",
-            logging: self.logging,
+            logging: self.task.logging,
             stop: self.stop(),
             treatment: Treatment::Usual,
-            level: self.level,
+            level: self.task.level,
             seed: 1,
             parameters: false,
             summed_times: false,
+            fractions: &[1.0],
             parts: 10,
             event_mode: false,
         }
@@ -144,17 +143,19 @@ impl<'a> Subject<'a> {
 
     /// The usual setup, with inputs that keep their start values.
     pub fn still(&self) -> Setup<'static> {
-        Setup {
-            level: Level::Still,
-            ..self.setup()
-        }
+        self.setup().with(|s| s.level = Level::Still)
+    }
+
+    /// The setup of another instance, with another excitation than the usual one.
+    pub fn other(&self) -> Setup<'static> {
+        self.setup().with(|s| (s.name, s.seed) = ("other", 3))
     }
 
     /// Creates an instance.
     pub fn instantiate(&self, setup: &Setup<'_>) -> Result<Instance> {
-        let guid = self.model.token();
-        self.try_instantiate(setup, guid)?.with_context(|| {
-            let tool = match self.claims(Capability::NeedsExecutionTool) {
+        let instance = self.try_instantiate(setup, self.model.token())?;
+        instance.with_context(|| {
+            let tool = match self.claims("needsExecutionTool") {
                 true => "; needsExecutionTool is true: is its tool installed?",
                 false => "",
             };
@@ -172,6 +173,9 @@ impl<'a> Subject<'a> {
             guid,
             resources: &self.resources,
             logging_on: setup.logging,
+            event_mode_used: setup.event_mode,
+            treatment: setup.treatment,
+            ..Instantiation::default()
         };
         let (report, logged) = (Arc::clone(self.report), Arc::clone(&self.logged));
         let name = setup.name.to_owned();
@@ -179,69 +183,62 @@ impl<'a> Subject<'a> {
         let categories = categories.filter_map(|category| category.attribute("name"));
         let categories: HashSet<String> = categories.map(str::to_owned).collect();
         let sink = move |message: fmu_host::Logged| {
-            if message.instance.is_some_and(|instance| instance != name) {
-                logged.misnamed.fetch_add(1, Relaxed);
+            let is_undeclared =
+                |name: &String| !categories.is_empty() && !categories.contains(name);
+            let is_ok = message.status == Status::Ok;
+            for (count, applies) in [
+                (
+                    &logged.misnamed,
+                    message.instance.is_some_and(|of| of != name),
+                ),
+                (&logged.uncategorized, message.category.is_none()),
+                (
+                    &logged.undeclared,
+                    message.category.as_ref().is_some_and(is_undeclared),
+                ),
+                (
+                    &logged.invalid,
+                    matches!(message.status, Status::Unknown(_)),
+                ),
+                (&logged.ok, is_ok),
+            ] {
+                count.fetch_add(applies.into(), Relaxed);
             }
-            match &message.category {
-                None => {
-                    logged.uncategorized.fetch_add(1, Relaxed);
-                }
-                Some(name) if !categories.is_empty() && !categories.contains(name) => {
-                    logged.undeclared.fetch_add(1, Relaxed);
-                }
-                Some(_) => {}
-            }
-            if matches!(message.status, Status::Unknown(_)) {
-                logged.invalid.fetch_add(1, Relaxed);
-            }
-            if message.status == Status::Ok {
-                logged.ok.fetch_add(1, Relaxed);
-            } else {
+            if !is_ok {
                 report.log(&message.text);
             }
         };
-        if self.model.version == FmiVersion::Fmi3 {
-            let options = Options {
-                treatment: setup.treatment,
-                event_mode_used: setup.event_mode,
-                ..Options::default()
-            };
-            return Ok(self.library.instantiate_3(&arguments, options, sink)?);
-        }
-        Ok(self
-            .library
-            .instantiate_as(&arguments, setup.treatment, sink)?)
+        Ok(self.library.instantiate(&arguments, sink)?)
     }
 
     /// Start time of the default experiment.
     pub fn start(&self) -> f64 {
-        self.model
-            .experiment("startTime")
-            .filter(|t| t.is_finite())
-            .unwrap_or(0.0)
+        let start = self.model.experiment("startTime");
+        start.filter(|t| t.is_finite()).unwrap_or(0.0)
     }
 
     /// Stop time of the default experiment.
     pub fn stop(&self) -> Option<f64> {
-        self.model
-            .experiment("stopTime")
-            .filter(|stop| stop.is_finite() && *stop > self.start())
+        let stop = self.model.experiment("stopTime");
+        stop.filter(|stop| stop.is_finite() && *stop > self.start())
+    }
+
+    /// Duration of the default experiment, which is 1 s if it has no stop time.
+    fn span(&self) -> f64 {
+        self.stop().map_or(1.0, |stop| stop - self.start())
     }
 
     /// Step size of the default experiment; if there is none, the one that FMPy would choose.
     pub fn step(&self) -> f64 {
-        let span = self.stop().map_or(1.0, |stop| stop - self.start());
-        self.model
-            .experiment("stepSize")
-            .filter(|step| *step > 0.0 && *step <= span)
-            .unwrap_or_else(|| 10_f64.powf(span.log10().round() - 3.0))
+        let step = self.model.experiment("stepSize");
+        step.filter(|step| *step > 0.0 && *step <= self.span())
+            .unwrap_or_else(|| 10_f64.powf(self.span().log10().round() - 3.0))
     }
 
     /// Number of steps to the end of the default experiment.
     pub fn all_steps(&self) -> usize {
-        let span = self.stop().map_or(1.0, |stop| stop - self.start());
         // Rounding may put the last point just past the stop time.
-        (span / self.step() + 1e-6).floor() as usize
+        (self.span() / self.step() + 1e-6).floor() as usize
     }
 
     /// Relative differences up to this come from the FMU's solver, which has the tolerance of the
@@ -251,61 +248,107 @@ impl<'a> Subject<'a> {
         tolerance.map_or(1e-6, |tolerance| (10.0 * tolerance).clamp(1e-6, 1e-2))
     }
 
-    /// All variables that can be read.
-    pub fn all(&self) -> impl Iterator<Item = &ScalarVariable<'a>> {
-        let all = self.model.variables().map(|(_, v)| v);
-        all.filter(|v| is_tested(v) && !self.ignored.contains(v.name))
+    /// All variables that can be read, arrays included.
+    pub fn readable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+        readable(self.model, &self.task.ignored)
     }
 
-    /// The variables of a causality that can be read.
-    pub fn variables(&self, causality: Causality) -> impl Iterator<Item = &ScalarVariable<'a>> {
+    /// All scalars that can be read.
+    pub fn all(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+        self.readable().filter(|v| is_tested(v))
+    }
+
+    /// The scalars of a causality that can be read.
+    pub fn variables(&self, causality: Causality) -> impl Iterator<Item = &'a Listed<'a>> {
         self.all().filter(move |v| v.causality == causality)
     }
 
-    /// The Reals of a causality that can be read; in FMI 3.0 the Float64.
-    pub fn reals(&self, causality: Causality) -> Vec<&ScalarVariable<'a>> {
+    /// The scalars that the host sets: parameters and inputs.
+    pub fn settable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+        self.all()
+            .filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
+    }
+
+    /// The Float64 scalars of a causality that can be read.
+    pub fn reals(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
         let all = self.variables(causality);
-        all.filter(|v| is_real(v)).collect()
+        all.filter(|v| v.of_type == Type::Float64).collect()
+    }
+
+    /// Of [`Subject::reals`], the continuous ones.
+    pub fn continuous(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
+        let mut reals = self.reals(causality);
+        reals.retain(|v| v.variability == Variability::Continuous);
+        reals
     }
 
     /// Number of continuous states.
     pub fn states(&self) -> usize {
-        self.elements(&self.model.derivatives)
+        self.count(&self.model.derivatives)
     }
 
     /// Number of event indicators.
     pub fn indicators(&self) -> usize {
-        if self.model.version == FmiVersion::Fmi3 {
-            return self.elements(&self.model.event_indicators);
-        }
         let indicators = self.model.root.attribute("numberOfEventIndicators");
-        indicators.and_then(unsigned).unwrap_or(0) as usize
+        let in_2 = indicators.and_then(unsigned).unwrap_or(0) as usize;
+        in_2.max(self.count(&self.model.event_indicators))
     }
 
     /// Number of elements of the variables in a list.
-    fn elements(&self, unknowns: &[Unknown<'_>]) -> usize {
+    fn count(&self, unknowns: &[Unknown<'_>]) -> usize {
         let variables = unknowns.iter().map(|u| self.model.variable(u.index));
-        variables.map(|v| v.map_or(1, ScalarVariable::count)).sum()
+        variables.map(|v| v.map_or(1, |v| v.count())).sum()
     }
 
     /// Whether a process may have only one instance.
     pub fn is_only_once(&self) -> bool {
-        self.claims(Capability::CanBeInstantiatedOnlyOncePerProcess)
+        self.claims("canBeInstantiatedOnlyOncePerProcess")
     }
 
-    /// Checks that two runs are the same up to a tolerance, relative to the largest value of each
-    /// variable. `when` tells what the actual run does, `like` what the expected one has done.
+    /// The usual run, which others are compared with.
+    pub fn usual(&'a self) -> Result<&'a Trajectory> {
+        if let Some(usual) = self.usual.get() {
+            return Ok(usual);
+        }
+        let usual = Run::recorded(self, self.setup())?;
+        Ok(self.usual.get_or_init(|| usual))
+    }
+
+    /// Checks that two runs are the same up to a tolerance, relative to the largest value of each variable.
+    /// `when` tells what the actual run does, `like` what the expected run has done.
     pub fn ensure_same(
         &self,
-        actual: &[(f64, Row)],
+        actual: &Trajectory,
         expected: &[(f64, Row)],
         tolerance: f64,
         when: &str,
         like: &str,
     ) -> Result<()> {
         match self.observed.difference(actual, expected, tolerance) {
-            Some(text) => bail!("{when}, {text}{like}"),
+            Some(difference) => bail!(difference.told(when, like)),
             None => Ok(()),
         }
     }
+}
+
+/// The variables that an FMU computes and that can be compared between runs, without those that are named.
+pub fn observed<'a>(model: &'a ModelDescription<'a>, without: &HashSet<String>) -> Observed<'a> {
+    use Causality::{CalculatedParameter, Local, Output};
+    let computed = readable(model, without)
+        .filter(|v| matches!(v.causality, Output | Local | CalculatedParameter));
+    Observed::of(computed, model.version)
+}
+
+/// The variables of a model that the tests read, without those that are named.
+pub fn readable<'a>(
+    model: &'a ModelDescription<'a>,
+    without: &HashSet<String>,
+) -> impl Iterator<Item = &'a Listed<'a>> {
+    let is_array = |v: &Listed<'_>| {
+        let is_other = matches!(v.of_type, Type::String | Type::Binary | Type::Clock);
+        let is_clocked = v.element.attribute("clocks").is_some();
+        !v.dimensions.is_empty() && v.count() <= MAX_ELEMENTS && !is_other && !is_clocked
+    };
+    let all = model.variables().map(|(_, v)| v);
+    all.filter(move |v| (is_tested(v) || is_array(v)) && !without.contains(&v.name))
 }

@@ -1,15 +1,13 @@
 //! Rules for the root attributes, log categories, interface types and default experiment.
 
-use fmu_description::FmiVersion;
-use fmu_description::value::{boolean, real};
 use fmu_description::words::is_identifier;
 use fmu_description::xml::Element;
+use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::text::quote;
 
-use super::{Model, unique};
-use crate::finding::Findings;
-use crate::package::INTERFACES;
-use crate::package::interfaces;
+use super::definitions::unique;
+use crate::finding::{Findings, find, require};
+use crate::package::{INTERFACES, interfaces};
 use crate::rule::rules;
 
 rules! {
@@ -45,35 +43,21 @@ rules! {
     }
 }
 
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let root = model.root;
     let token = match model.version {
         FmiVersion::Fmi2 => "guid",
         FmiVersion::Fmi3 => "instantiationToken",
     };
     for name in ["modelName", token] {
-        if root
+        let is_given = root
             .attribute(name)
-            .is_some_and(|text| text.trim().is_empty())
-        {
-            findings.add(
-                &NAME_AND_GUID,
-                root,
-                format!("{name} is empty, expected a string"),
-            );
-        }
+            .is_none_or(|text| !text.trim().is_empty());
+        require!(findings, NAME_AND_GUID at root, is_given, "{name} is empty, expected a string");
     }
-    if let Some(date) = root.attribute("generationDateAndTime")
-        && !date.trim().ends_with('Z')
-    {
-        findings.add(
-            &UTC,
-            root,
-            format!(
-                "generationDateAndTime is {}, expected a time in UTC, which ends in Z",
-                quote(date)
-            ),
-        );
+    if let Some(date) = root.attribute("generationDateAndTime") {
+        require!(findings, UTC at root, date.trim().ends_with('Z'),
+            "generationDateAndTime is {}, expected a time in UTC, which ends in Z", quote(date));
     }
     unique(
         root.list("LogCategories", "Category"),
@@ -81,114 +65,76 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
         findings,
     );
     unique(root.list("VendorAnnotations", "Tool"), "tool", findings);
-    kinds(root, model.version, findings);
-    experiment(model, findings);
+    match model.version {
+        FmiVersion::Fmi2 => interfaces_2(root, findings),
+        FmiVersion::Fmi3 => {
+            require!(findings, INTERFACE_GIVEN at root, interfaces(root).next().is_some(),
+                "it has no interface type, expected ModelExchange, CoSimulation or \
+                 ScheduledExecution");
+        }
+    }
+    for interface in interfaces(root) {
+        claims(interface, model.version, findings);
+    }
+    if let Some(element) = root.child("DefaultExperiment") {
+        experiment(element, findings);
+    }
 }
 
-fn kinds(root: &Element<'_>, version: FmiVersion, findings: &mut Findings) {
-    // The schema of FMI 3.0 has this rule.
-    for kind in INTERFACES
-        .into_iter()
-        .filter(|_| version == FmiVersion::Fmi2)
-    {
+/// What the schema of FMI 3.0 requires, but not that of FMI 2.0.
+fn interfaces_2(root: &Element<'_>, findings: &mut Findings) {
+    for kind in INTERFACES {
         if let Some(second) = root.children(kind).nth(1) {
-            findings.add(
-                &KIND_ONCE,
-                second,
-                format!("{kind} appears twice, expected it once"),
-            );
+            find!(findings, KIND_ONCE at second, "{kind} appears twice, expected it once");
         }
     }
-    if interfaces(root).next().is_none() && version == FmiVersion::Fmi3 {
-        let text =
-            "it has no interface type, expected ModelExchange, CoSimulation or ScheduledExecution";
-        findings.add(&INTERFACE_GIVEN, root, text);
-    }
-    if version == FmiVersion::Fmi2
-        && root.child("ModelExchange").is_some()
-        && root.attribute("numberOfEventIndicators").is_none()
-    {
-        findings.add(
-            &EVENT_INDICATORS,
-            root,
-            "numberOfEventIndicators is missing, expected it for model exchange",
-        );
-    }
-    let (serialize, get) = match version {
-        FmiVersion::Fmi2 => ("canSerializeFMUstate", "canGetAndSetFMUstate"),
-        FmiVersion::Fmi3 => ("canSerializeFMUState", "canGetAndSetFMUState"),
-    };
-    for kind in interfaces(root) {
-        if let Some(identifier) = kind.attribute("modelIdentifier")
-            && !is_identifier(identifier)
-        {
-            findings.add(
-                &MODEL_IDENTIFIER,
-                kind,
-                format!(
-                    "modelIdentifier is {}, expected a C identifier",
-                    quote(identifier)
-                ),
-            );
-        }
-        let claims = |name| kind.attribute(name).and_then(boolean) == Some(true);
-        if claims(serialize) && !claims(get) {
-            let text = format!("{serialize} is true, expected {get} to be true with it");
-            findings.add(&SERIALIZE_NEEDS_GET, kind, text);
-        }
-        if claims("canReturnEarlyAfterIntermediateUpdate") && !claims("providesIntermediateUpdate")
-        {
-            let text = "canReturnEarlyAfterIntermediateUpdate is true, expected providesIntermediateUpdate to be true with it";
-            findings.add(&EARLY_RETURN, kind, text);
-        }
-        if let Some(step) = kind.attribute("fixedInternalStepSize").and_then(real)
-            && !(step > 0.0 && step.is_finite())
-        {
-            let text = format!("fixedInternalStepSize is {step}, expected a positive number");
-            findings.add(&INTERNAL_STEP, kind, text);
-        }
-    }
+    let is_exchange = root.child("ModelExchange").is_some();
+    require!(findings, EVENT_INDICATORS at root, !is_exchange || root.has("numberOfEventIndicators"),
+        "numberOfEventIndicators is missing, expected it for model exchange");
 }
 
-fn experiment(model: &Model<'_>, findings: &mut Findings) {
-    let Some(element) = model.root.child("DefaultExperiment") else {
-        return;
+/// Checks the attributes of an interface type.
+fn claims(interface: &Element<'_>, version: FmiVersion, findings: &mut Findings) {
+    if let Some(identifier) = interface.attribute("modelIdentifier") {
+        require!(findings, MODEL_IDENTIFIER at interface, is_identifier(identifier),
+            "modelIdentifier is {}, expected a C identifier", quote(identifier));
+    }
+    let state = match version {
+        FmiVersion::Fmi2 => ["canSerializeFMUstate", "canGetAndSetFMUstate"],
+        FmiVersion::Fmi3 => ["canSerializeFMUState", "canGetAndSetFMUState"],
     };
-    for name in ["startTime", "stopTime", "tolerance", "stepSize"] {
-        if let Some(value) = model.experiment(name) {
-            let positive = matches!(name, "tolerance" | "stepSize");
-            if !value.is_finite() || (positive && value <= 0.0) {
-                let expected = if positive {
-                    "a positive number"
-                } else {
-                    "a finite number"
-                };
-                findings.add(
-                    &EXPERIMENT_NUMBERS,
-                    element,
-                    format!("{name} is {value}, expected {expected}"),
-                );
-            }
+    let early = [
+        "canReturnEarlyAfterIntermediateUpdate",
+        "providesIntermediateUpdate",
+    ];
+    for (rule, [flag, needed]) in [(&SERIALIZE_NEEDS_GET, state), (&EARLY_RETURN, early)] {
+        if interface.is_true(flag) && !interface.is_true(needed) {
+            let text = format!("{flag} is true, expected {needed} to be true with it");
+            findings.add(rule, interface, text);
         }
     }
-    let start = model.experiment("startTime").unwrap_or(0.0);
-    if let Some(stop) = model.experiment("stopTime")
-        && stop <= start
-    {
-        findings.add(
-            &STOP_AFTER_START,
-            element,
-            format!("stopTime is {stop}, expected it after startTime {start}"),
-        );
+    let step = interface.real("fixedInternalStepSize").unwrap_or(1.0);
+    require!(findings, INTERNAL_STEP at interface, step > 0.0 && step.is_finite(),
+        "fixedInternalStepSize is {step}, expected a positive number");
+}
+
+fn experiment(element: &Element<'_>, findings: &mut Findings) {
+    for (name, above, expected) in [
+        ("startTime", f64::NEG_INFINITY, "a finite number"),
+        ("stopTime", f64::NEG_INFINITY, "a finite number"),
+        ("tolerance", 0.0, "a positive number"),
+        ("stepSize", 0.0, "a positive number"),
+    ] {
+        let value = element.real(name).unwrap_or(1.0);
+        require!(findings, EXPERIMENT_NUMBERS at element, value.is_finite() && value > above,
+            "{name} is {value}, expected {expected}");
     }
-    if let (Some(stop), Some(step)) = (model.experiment("stopTime"), model.experiment("stepSize"))
-        && stop > start
-        && step > (stop - start) * (1.0 + 1e-9)
-    {
-        let text = format!(
-            "stepSize is {step}, expected at most stopTime - startTime = {}",
-            stop - start
-        );
-        findings.add(&STEP_IN_EXPERIMENT, element, text);
+    let start = element.real("startTime").unwrap_or(0.0);
+    if let Some(stop) = element.real("stopTime") {
+        let (span, step) = (stop - start, element.real("stepSize").unwrap_or(0.0));
+        require!(findings, STOP_AFTER_START at element, stop > start,
+            "stopTime is {stop}, expected it after startTime {start}");
+        require!(findings, STEP_IN_EXPERIMENT at element, span <= 0.0 || step <= span * (1.0 + 1e-9),
+            "stepSize is {step}, expected at most stopTime - startTime = {span}");
     }
 }

@@ -4,13 +4,14 @@ use std::collections::HashSet;
 
 use fmu_description::value::{items, unsigned};
 use fmu_description::xml::Element;
-
-use fmu_description::{Causality, FmiVersion, Initial, Variability};
-
-use super::{Kind, Model, Unknown, Variable};
-use crate::finding::Findings;
-use crate::rule::rules;
+use fmu_description::{
+    Causality, FmiVersion, Initial, Listed, ModelDescription, Type, Unknown, Variability,
+};
 use fmu_file::text::quote;
+
+use super::definitions::{expected, float, is_clocked};
+use crate::finding::{Findings, find, require};
+use crate::rule::rules;
 
 rules! {
     /// The model structure.
@@ -62,26 +63,10 @@ rules! {
     }
 }
 
-/// A list of unknowns, for messages.
-struct List {
-    name: &'static str,
-    /// How it refers to variables.
-    reference: &'static str,
-}
-
-/// The names of `Outputs`, `Derivatives` and `InitialUnknowns`.
-fn names(version: FmiVersion) -> [&'static str; 3] {
-    match version {
+pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
+    let [outputs_name, derivatives_name, initial_name] = match model.version {
         FmiVersion::Fmi2 => ["Outputs", "Derivatives", "InitialUnknowns"],
         FmiVersion::Fmi3 => ["Output", "ContinuousStateDerivative", "InitialUnknown"],
-    }
-}
-
-pub fn check(model: &Model<'_>, findings: &mut Findings) {
-    let [outputs_name, derivatives_name, initial_name] = names(model.version);
-    let reference = match model.version {
-        FmiVersion::Fmi2 => "index",
-        FmiVersion::Fmi3 => "value reference",
     };
     for (name, unknowns) in [
         (outputs_name, &model.outputs),
@@ -90,191 +75,159 @@ pub fn check(model: &Model<'_>, findings: &mut Findings) {
         (initial_name, &model.initial_unknowns),
         ("EventIndicator", &model.event_indicators),
     ] {
-        each(&List { name, reference }, unknowns, model, findings);
+        each(name, unknowns, model, findings);
     }
     dependencies_known(model, findings);
-    outputs(model, findings);
-    derivatives(model, findings);
-    clocked_states(model, findings);
-    event_indicators(model, findings);
-    initial_unknowns(model, findings);
+    outputs(outputs_name, model, findings);
+    derivatives(derivatives_name, model, findings);
+    clocked_states_and_indicators(model, findings);
+    initial_unknowns(initial_name, model, findings);
 }
 
 fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
-    (unknowns.iter())
+    unknowns
+        .iter()
         .filter_map(|unknown| unknown.index)
         .collect()
 }
 
 /// Checks the references and dependencies of the unknowns in a list.
-fn each(list: &List, unknowns: &[Unknown<'_>], model: &Model<'_>, findings: &mut Findings) {
-    let List { name, reference } = list;
-    let expected = || model.expected();
+fn each(
+    list: &str,
+    unknowns: &[Unknown<'_>],
+    model: &ModelDescription<'_>,
+    findings: &mut Findings,
+) {
+    let reference = match model.version {
+        FmiVersion::Fmi2 => "index",
+        FmiVersion::Fmi3 => "value reference",
+    };
     let mut seen = HashSet::new();
     for unknown in unknowns {
         let (at, number) = (unknown.element, unknown.number);
-        if unknown.index.is_none() {
-            let text = format!(
-                "{name} has the {reference} {number}, expected {}",
-                expected()
-            );
-            findings.add(&INDEX_EXISTS, at, text);
-        }
-        if !seen.insert(number) {
-            let text = format!("{name} has the {reference} {number} twice, expected it once");
-            findings.add(&INDEX_ONCE, at, text);
-        }
+        require!(findings, INDEX_EXISTS at at, unknown.index.is_some(),
+            "{list} has the {reference} {number}, expected {}", expected(model));
+        require!(findings, INDEX_ONCE at at, seen.insert(number),
+            "{list} has the {reference} {number} twice, expected it once");
         let dependencies = unknown.dependencies.as_deref().unwrap_or_default();
         if let Some(wrong) = (dependencies.iter()).find(|number| model.index(**number).is_none()) {
-            let text = format!("dependencies has {wrong}, expected {}", expected());
-            findings.add(&DEPENDENCY_EXISTS, at, text);
+            find!(findings, DEPENDENCY_EXISTS at at,
+                "dependencies has {wrong}, expected {}", expected(model));
         }
         if model.version == FmiVersion::Fmi2 {
-            order(unknown, dependencies, findings);
+            order(at, dependencies, findings);
         }
-        kinds(name, unknown, model, findings);
+        kinds(list, unknown, model, findings);
     }
 }
 
 /// Checks that dependencies are ascending, as in FMI 2.0.
-fn order(unknown: &Unknown<'_>, dependencies: &[u32], findings: &mut Findings) {
-    if dependencies.iter().collect::<HashSet<_>>().len() < dependencies.len() {
-        findings.add(
-            &DEPENDENCY_ONCE,
-            unknown.element,
-            "dependencies has an index twice, expected each once",
-        );
-    }
-    if let Some(pair) = dependencies.windows(2).find(|pair| pair[0] > pair[1]) {
-        let (first, second) = (pair[0], pair[1]);
-        let text = format!("dependencies has {second} after {first}, expected ascending order");
-        findings.add(&DEPENDENCY_ORDER, unknown.element, text);
+fn order(at: &Element<'_>, dependencies: &[u32], findings: &mut Findings) {
+    let different: HashSet<_> = dependencies.iter().collect();
+    require!(findings, DEPENDENCY_ONCE at at, different.len() == dependencies.len(),
+        "dependencies has an index twice, expected each once");
+    if let Some([first, second]) = dependencies.windows(2).find(|pair| pair[0] > pair[1]) {
+        find!(findings, DEPENDENCY_ORDER at at,
+            "dependencies has {second} after {first}, expected ascending order");
     }
 }
 
 /// Checks the kinds of the dependencies of an unknown.
-fn kinds(list: &str, unknown: &Unknown<'_>, model: &Model<'_>, findings: &mut Findings) {
-    let Some(kinds) = unknown.element.attribute("dependenciesKind") else {
+fn kinds(list: &str, unknown: &Unknown<'_>, model: &ModelDescription<'_>, findings: &mut Findings) {
+    let at = unknown.element;
+    let Some(kinds) = at.attribute("dependenciesKind") else {
         return;
     };
     let count = items(kinds).count();
-    let text = match &unknown.dependencies {
-        None => "dependenciesKind is given without dependencies, expected both".to_owned(),
-        Some(all) => format!(
-            "dependenciesKind has {count} items, expected {}, one per dependency",
-            all.len()
-        ),
-    };
-    if unknown.dependencies.as_ref().map(Vec::len) != Some(count) {
-        findings.add(&DEPENDENCY_KINDS, unknown.element, text);
+    match unknown.dependencies.as_ref().map(Vec::len) {
+        None => find!(findings, DEPENDENCY_KINDS at at,
+            "dependenciesKind is given without dependencies, expected both"),
+        Some(all) => require!(findings, DEPENDENCY_KINDS at at, all == count,
+            "dependenciesKind has {count} items, expected {all}, one per dependency"),
     }
-    if model
-        .variable(unknown.index)
-        .is_some_and(|v| v.kind != Kind::Float)
+    let variable = model.variable(unknown.index);
+    if variable.is_some_and(|v| !v.of_type.is_float())
         && let Some(kind) = items(kinds).find(|kind| *kind != "dependent")
     {
-        let text = format!(
-            "dependenciesKind has {}, expected dependent for what is not a {}",
-            quote(kind),
-            model.float()
-        );
-        findings.add(&DEPENDENCY_KIND_REAL, unknown.element, text);
+        let (kind, float) = (quote(kind), float(model));
+        find!(findings, DEPENDENCY_KIND_REAL at at,
+            "dependenciesKind has {kind}, expected dependent for what is not a {float}");
     }
     let is_initial = |kind: &&str| matches!(*kind, "dependent" | "constant");
     if list.starts_with("InitialUnknown")
         && let Some(kind) = items(kinds).find(|kind| !is_initial(kind))
     {
-        let text = format!(
-            "dependenciesKind has {}, expected dependent or constant",
-            quote(kind)
-        );
-        findings.add(&INITIAL_KINDS, unknown.element, text);
+        find!(findings, INITIAL_KINDS at at,
+            "dependenciesKind has {}, expected dependent or constant", quote(kind));
     }
 }
 
-fn outputs(model: &Model<'_>, findings: &mut Findings) {
+fn outputs(list: &str, model: &ModelDescription<'_>, findings: &mut Findings) {
     let listed = indices(&model.outputs);
-    let [list, ..] = names(model.version);
     for (index, variable) in model.variables() {
         let is_output = variable.causality == Causality::Output;
-        if is_output && !listed.contains(&index) {
-            let text = format!("the output is not in {list} of ModelStructure, expected it there");
-            findings.add(&OUTPUTS_LISTED, variable, text);
-        }
-        if !is_output && listed.contains(&index) {
-            let text = format!("it is in {list} of ModelStructure, expected outputs only");
-            findings.add(&ONLY_OUTPUTS_LISTED, variable, text);
-        }
+        let is_listed = listed.contains(&index);
+        require!(findings, OUTPUTS_LISTED at variable, !is_output || is_listed,
+            "the output is not in {list} of ModelStructure, expected it there");
+        require!(findings, ONLY_OUTPUTS_LISTED at variable, is_output || !is_listed,
+            "it is in {list} of ModelStructure, expected outputs only");
     }
 }
 
 /// The index of the state that a variable is the derivative of.
-fn state_of(variable: &Variable<'_>, model: &Model<'_>) -> Option<usize> {
+fn state_of(variable: &Listed<'_>, model: &ModelDescription<'_>) -> Option<usize> {
     model.index(unsigned(variable.value.attribute("derivative")?)?)
 }
 
-fn derivatives(model: &Model<'_>, findings: &mut Findings) {
-    let [_, list, _] = names(model.version);
+fn derivatives(list: &str, model: &ModelDescription<'_>, findings: &mut Findings) {
     let mut states = HashSet::new();
     for unknown in &model.derivatives {
         let Some(variable) = model.variable(unknown.index) else {
             continue;
         };
-        if variable.value.attribute("derivative").is_none() {
-            let text = format!(
-                "it is in {list} of ModelStructure, expected it to have the attribute derivative"
-            );
-            findings.add(&DERIVATIVE_ATTRIBUTE, variable, text);
-        } else if variable.variability != Variability::Continuous {
-            let text = format!(
-                "it is in {list} of ModelStructure, expected its variability to be continuous"
-            );
-            findings.add(&DERIVATIVE_CONTINUOUS, variable, text);
-        }
+        let is_derivative = variable.value.has("derivative");
+        let is_continuous = variable.variability == Variability::Continuous;
+        require!(findings, DERIVATIVE_ATTRIBUTE at variable, is_derivative,
+            "it is in {list} of ModelStructure, expected it to have the attribute derivative");
+        require!(findings, DERIVATIVE_CONTINUOUS at variable, is_continuous || !is_derivative,
+            "it is in {list} of ModelStructure, expected its variability to be continuous");
         let index = state_of(variable, model);
         let Some(state) = model.variable(index) else {
             continue;
         };
-        if index == unknown.index || !states.insert(index) {
-            let text = format!(
-                "it is in {list} of ModelStructure as derivative of {}, expected a state that has no other derivative there",
-                quote(state.name)
-            );
-            findings.add(&DERIVATIVE_ONCE, variable, text);
-        }
+        let name = quote(&state.name);
+        require!(findings, DERIVATIVE_ONCE at variable,
+            index != unknown.index && states.insert(index),
+            "it is in {list} of ModelStructure as derivative of {name}, expected a state that has no \
+             other derivative there");
         if model.version == FmiVersion::Fmi3 {
             state_causality(state, "the state", findings);
-            if dimensions(variable) != dimensions(state) {
-                let text = format!(
-                    "it is the derivative of {}, expected the same dimensions",
-                    quote(state.name)
-                );
-                findings.add(&DERIVATIVE_SIZE, variable, text);
-            }
+            require!(findings, DERIVATIVE_SIZE at variable, sizes(variable) == sizes(state),
+                "it is the derivative of {name}, expected the same dimensions");
         }
     }
 }
 
 /// The dimensions of a variable, each a number or a value reference.
-fn dimensions<'a>(variable: &Variable<'a>) -> Vec<[Option<&'a str>; 2]> {
+fn sizes<'a>(variable: &Listed<'a>) -> Vec<[Option<&'a str>; 2]> {
     let size = |d: &'a Element<'a>| ["start", "valueReference"].map(|name| d.attribute(name));
     (variable.element.children("Dimension")).map(size).collect()
 }
 
 /// Checks that what is listed depends on no other unknowns. An FMU for co-simulation may hide its
 /// states, so that nothing is known about its variables.
-fn dependencies_known(model: &Model<'_>, findings: &mut Findings) {
-    if model.derivatives.is_empty() && model.root.child("ModelExchange").is_none() {
+fn dependencies_known(model: &ModelDescription<'_>, findings: &mut Findings) {
+    if model.derivatives.is_empty() && model.model_exchange().is_none() {
         return;
     }
     let states: HashSet<usize> = (model.variables())
         .filter_map(|(_, variable)| state_of(variable, model))
         .collect();
     let is_unknown = |index: &usize| {
-        model.variable(Some(*index)).is_some_and(|variable| {
+        model.variable(*index).is_some_and(|variable| {
             matches!(variable.causality, Causality::Local | Causality::Output)
                 && variable.variability == Variability::Continuous
-                && variable.kind == Kind::Float
+                && variable.of_type.is_float()
                 && !states.contains(index)
         })
     };
@@ -283,126 +236,95 @@ fn dependencies_known(model: &Model<'_>, findings: &mut Findings) {
         let dependencies = unknown.dependencies.iter().flatten();
         let mut indices = dependencies.filter_map(|number| model.index(*number));
         if let Some(other) = model.variable(indices.find(is_unknown)) {
-            let text = format!(
-                "dependencies has {}, which is computed, expected inputs, states and the independent variable",
-                quote(other.name)
-            );
-            findings.add(&DEPENDENCY_KNOWN, unknown.element, text);
+            find!(findings, DEPENDENCY_KNOWN at unknown.element,
+                "dependencies has {}, which is computed, expected inputs, states and the independent \
+                 variable", quote(&other.name));
         }
     }
 }
 
 /// Checks that a state or event indicator is computed by the FMU.
-fn state_causality(variable: &Variable<'_>, what: &str, findings: &mut Findings) {
-    if !matches!(variable.causality, Causality::Local | Causality::Output) {
-        let causality = variable.causality.as_str();
-        let text = format!("{what} has causality {causality}, expected local or output");
-        findings.add(&STATE_CAUSALITY, variable, text);
-    }
+fn state_causality(variable: &Listed<'_>, what: &str, findings: &mut Findings) {
+    let causality = variable.causality;
+    require!(findings, STATE_CAUSALITY at variable,
+        matches!(causality, Causality::Local | Causality::Output),
+        "{what} has causality {}, expected local or output", causality.as_str());
 }
 
-fn clocked_states(model: &Model<'_>, findings: &mut Findings) {
-    for unknown in &model.clocked_states {
-        if let Some(variable) = model.variable(unknown.index)
-            && (variable.element.attribute("previous").is_none()
-                || !variable.is_clocked()
-                || variable.variability != Variability::Discrete)
-        {
-            let text = "it is in ClockedState, expected it to be discrete and to have the attributes clocks and previous";
-            findings.add(&CLOCKED_STATE, variable, text);
-        }
+fn clocked_states_and_indicators(model: &ModelDescription<'_>, findings: &mut Findings) {
+    for variable in (model.clocked_states.iter()).filter_map(|u| model.variable(u.index)) {
+        let is_discrete = variable.variability == Variability::Discrete;
+        let has_previous = variable.element.has("previous");
+        require!(findings, CLOCKED_STATE at variable,
+            has_previous && is_clocked(variable) && is_discrete,
+            "it is in ClockedState, expected it to be discrete and to have the attributes clocks and \
+             previous");
     }
-}
-
-fn event_indicators(model: &Model<'_>, findings: &mut Findings) {
-    for unknown in &model.event_indicators {
-        let Some(variable) = model.variable(unknown.index) else {
-            continue;
-        };
-        if variable.kind != Kind::Float || variable.variability != Variability::Continuous {
-            let text = format!(
-                "it is in EventIndicator, expected a continuous {}",
-                model.float()
-            );
-            findings.add(&INDICATOR_CONTINUOUS, variable, text);
-        }
+    for variable in (model.event_indicators.iter()).filter_map(|u| model.variable(u.index)) {
+        let is_continuous = variable.variability == Variability::Continuous;
+        require!(findings, INDICATOR_CONTINUOUS at variable,
+            variable.of_type.is_float() && is_continuous,
+            "it is in EventIndicator, expected a continuous {}", float(model));
         state_causality(variable, "the event indicator", findings);
     }
 }
 
 /// Checks that `InitialUnknowns` lists exactly the variables that are computed during initialization.
-fn initial_unknowns(model: &Model<'_>, findings: &mut Findings) {
-    let listed = indices(&model.initial_unknowns);
-    if model.version == FmiVersion::Fmi2
-        && let Some(pair) =
-            (model.initial_unknowns.windows(2)).find(|pair| pair[0].number > pair[1].number)
-    {
-        let (first, second) = (pair[0].number, pair[1].number);
-        let text = format!(
-            "InitialUnknowns has the index {second} after {first}, expected ascending order"
-        );
-        findings.add(&INITIAL_UNKNOWNS_ORDER, pair[1].element, text);
+fn initial_unknowns(list: &str, model: &ModelDescription<'_>, findings: &mut Findings) {
+    let unknowns = &model.initial_unknowns;
+    let descent = unknowns
+        .windows(2)
+        .find(|pair| pair[0].number > pair[1].number);
+    if let Some([first, second]) = descent.filter(|_| model.version == FmiVersion::Fmi2) {
+        find!(findings, INITIAL_UNKNOWNS_ORDER at second.element,
+            "InitialUnknowns has the index {} after {}, expected ascending order",
+            second.number, first.number);
     }
-    for unknown in &model.initial_unknowns {
+    for unknown in unknowns {
         initial_known(unknown, model, findings);
     }
+    let listed = indices(unknowns);
     let mut of_states = HashSet::new();
     for unknown in &model.derivatives {
         of_states.extend(unknown.index);
         of_states.extend((model.variable(unknown.index)).and_then(|v| state_of(v, model)));
     }
-    let [.., list] = names(model.version);
-    for (index, variable) in model.variables() {
-        let computed = matches!(
+    // An FMU may or may not initialize its clocked variables.
+    for (index, variable) in model.variables().filter(|(_, v)| !is_clocked(v)) {
+        let is_computed = matches!(
             variable.initial,
             Some(Initial::Approx | Initial::Calculated)
         );
-        let unknown = match variable.causality {
+        let is_unknown = match variable.causality {
             Causality::CalculatedParameter => true,
-            Causality::Output => computed,
-            _ => computed && of_states.contains(&index),
+            Causality::Output => is_computed,
+            _ => is_computed && of_states.contains(&index),
         };
-        // An FMU may or may not initialize its clocked variables.
-        if variable.is_clocked() {
-            continue;
-        }
-        if unknown && !listed.contains(&index) {
-            let text = format!(
-                "it is computed during initialization but not in {list} of ModelStructure, \
-                 expected it there"
-            );
-            findings.add(&INITIAL_UNKNOWNS_LISTED, variable, text);
-        }
-        if !unknown && listed.contains(&index) {
-            let text = format!(
-                "it is in {list} of ModelStructure, expected outputs, calculated parameters, \
-                 states and derivatives that are computed"
-            );
-            findings.add(&ONLY_INITIAL_UNKNOWNS_LISTED, variable, text);
-        }
+        let is_listed = listed.contains(&index);
+        require!(findings, INITIAL_UNKNOWNS_LISTED at variable, is_listed || !is_unknown,
+            "it is computed during initialization but not in {list} of ModelStructure, expected it \
+             there");
+        require!(findings, ONLY_INITIAL_UNKNOWNS_LISTED at variable, is_unknown || !is_listed,
+            "it is in {list} of ModelStructure, expected outputs, calculated parameters, states and \
+             derivatives that are computed");
     }
 }
 
 /// Checks that an initial unknown depends on what is known then.
-fn initial_known(unknown: &Unknown<'_>, model: &Model<'_>, findings: &mut Findings) {
-    let dependencies = unknown.dependencies.as_deref().unwrap_or_default();
-    let known = |variable: &Variable<'_>| {
+fn initial_known(unknown: &Unknown<'_>, model: &ModelDescription<'_>, findings: &mut Findings) {
+    let is_known = |variable: &Listed<'_>| {
         matches!(
             variable.causality,
             Causality::Input | Causality::Independent
         ) || variable.initial == Some(Initial::Exact)
-            || variable.kind == Kind::Clock
-            || variable.is_clocked()
+            || variable.of_type == Type::Clock
+            || is_clocked(variable)
     };
-    let mut dependencies = dependencies
-        .iter()
-        .filter_map(|number| model.variable(model.index(*number)));
-    if let Some(other) = dependencies.find(|variable| !known(variable)) {
-        let text = format!(
+    let dependencies = unknown.dependencies.iter().flatten();
+    let mut variables = dependencies.filter_map(|number| model.variable(model.index(*number)));
+    if let Some(other) = variables.find(|variable| !is_known(variable)) {
+        find!(findings, INITIAL_KNOWN at unknown.element,
             "dependencies has {}, which is computed, expected inputs, the independent variable, and \
-             variables with initial exact",
-            quote(other.name)
-        );
-        findings.add(&INITIAL_KNOWN, unknown.element, text);
+             variables with initial exact", quote(&other.name));
     }
 }

@@ -1,18 +1,16 @@
-//! The XML schemas of FMI 2.0.5 and FMI 3.0.2 as tables, and the validation of a document against them.
+//! The XML schemas of FMI 2.0.5 and FMI 3.0.2, and the validation of a document against them.
 
-pub mod build;
-mod fmi2;
-mod fmi3;
-mod form;
-pub mod terminals;
+mod grammar;
+mod standard;
 
-use fmu_description::FmiVersion;
+use std::sync::LazyLock;
+
 use fmu_description::xml::Element;
 use fmu_file::text::quote;
 
-use super::finding::{Findings, Location};
-use super::rule::{Rule, rules};
-use form::Form;
+use crate::finding::{Findings, Location, find, require};
+use crate::rule::rules;
+use grammar::{Content, Part, Schema, Type};
 
 rules! {
     /// What the XML schema requires.
@@ -43,168 +41,72 @@ rules! {
     }
 }
 
-/// An attribute of an element: name, form, whether it is required.
-type Attribute = (&'static str, Form, bool);
-
-const REQUIRED: bool = true;
-const OPTIONAL: bool = false;
-
-/// The attributes and children that an element may have.
-struct Type {
-    /// Attributes that it shares with other types.
-    shared: &'static [&'static [Attribute]],
-    attributes: &'static [Attribute],
-    /// Whether it may have further attributes.
-    has_more: bool,
-    content: Content,
-}
-
-enum Content {
-    /// Elements in this order.
-    Sequence(&'static [Part]),
-    /// At most one element, of any kind.
-    Anything,
-    /// Any children and text.
-    Mixed,
-    /// Any children and attributes.
-    Open,
-}
-
-/// A part of a sequence: the elements allowed there, and how many.
-struct Part {
-    choice: &'static [(&'static str, &'static Type)],
-    at_least: usize,
-    at_most: usize,
-}
-
-const fn one(choice: &'static [(&'static str, &'static Type)]) -> Part {
-    part(choice, 1, 1)
-}
-
-const fn optional(choice: &'static [(&'static str, &'static Type)]) -> Part {
-    part(choice, 0, 1)
-}
-
-const fn some(choice: &'static [(&'static str, &'static Type)]) -> Part {
-    part(choice, 1, usize::MAX)
-}
-
-const fn part(
-    choice: &'static [(&'static str, &'static Type)],
-    at_least: usize,
-    at_most: usize,
-) -> Part {
-    Part {
-        choice,
-        at_least,
-        at_most,
-    }
-}
-
-const fn leaf(attributes: &'static [Attribute]) -> Type {
-    sequence(attributes, &[])
-}
-
-const fn list(content: &'static [Part]) -> Type {
-    sequence(&[], content)
-}
-
-const fn sequence(attributes: &'static [Attribute], content: &'static [Part]) -> Type {
-    extending(&[], attributes, content)
-}
-
-/// A sequence with further attributes, which other types have, too.
-const fn extending(
-    shared: &'static [&'static [Attribute]],
-    attributes: &'static [Attribute],
-    content: &'static [Part],
-) -> Type {
-    Type {
-        shared,
-        attributes,
-        has_more: false,
-        content: Content::Sequence(content),
-    }
-}
-
-/// An XML schema.
-pub struct Schema {
-    /// Name of the root element.
-    root: &'static str,
-    of: &'static Type,
-}
-
-impl Schema {
-    /// The schema of `modelDescription.xml`.
-    pub fn of_model(version: FmiVersion) -> Self {
-        Self {
-            root: "fmiModelDescription",
-            of: match version {
-                FmiVersion::Fmi2 => &fmi2::ROOT,
-                FmiVersion::Fmi3 => &fmi3::ROOT,
-            },
-        }
-    }
-}
+/// The schema of `modelDescription.xml` of FMI 2.0.
+pub static MODEL_2: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::MODEL_2));
+/// The schema of `modelDescription.xml` of FMI 3.0.
+pub static MODEL_3: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::MODEL_3));
+/// The schema of `terminalsAndIcons.xml`.
+pub static TERMINALS: LazyLock<Schema> =
+    LazyLock::new(|| Schema::new(standard::TERMINALS_AND_ICONS));
+/// The schema of `buildDescription.xml`.
+pub static BUILD: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::BUILD_DESCRIPTION));
 
 /// A document that is checked against a schema.
 struct Document<'a> {
     file: &'a str,
+    schema: &'a Schema,
     findings: &'a mut Findings,
 }
 
 /// Checks a file of an FMU against its schema.
 pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Findings) {
-    let mut document = Document { file, findings };
-    if root.name == schema.root {
-        document.element(root, schema.of);
-    } else {
-        let (found, expected) = (quote(root.name), schema.root);
-        let text = format!("the root is {found}, expected {expected}");
-        document.add(&ROOT_ELEMENT, root, text);
+    if root.name != schema.root {
+        return find!(findings, ROOT_ELEMENT at Location::of(file, root),
+            "the root is {}, expected {}", quote(root.name), schema.root);
     }
+    let mut document = Document {
+        file,
+        schema,
+        findings,
+    };
+    document.element(root, schema.root);
 }
 
 impl Document<'_> {
-    fn add(&mut self, rule: &'static Rule, element: &Element<'_>, text: String) {
-        self.findings
-            .add(rule, Location::of(self.file, element), text);
-    }
-
-    fn element(&mut self, element: &Element<'_>, of: &Type) {
-        if let Content::Open = of.content {
+    fn element(&mut self, element: &Element<'_>, of: &str) {
+        let Some(of) = self.schema.of(of) else {
             return;
-        }
-        self.attributes(element, of);
-        if element.has_text && !matches!(of.content, Content::Mixed) {
-            let text = format!("{} holds text, expected elements only", element.name);
-            self.add(&NO_TEXT, element, text);
-        }
-        match of.content {
-            Content::Sequence(parts) => self.children(element, parts),
-            Content::Anything if element.children.len() > 1 => {
-                let (name, number) = (element.name, element.children.len());
-                let text = format!("{name} holds {number} elements, expected at most one");
-                self.add(&ONE_ANNOTATION, element, text);
+        };
+        let (at, name) = (|| Location::of(self.file, element), element.name);
+        match &of.content {
+            Content::Everything => return,
+            Content::One => {
+                let number = element.children.len();
+                require!(self.findings, ONE_ANNOTATION at at(), number <= 1,
+                    "{name} holds {number} elements, expected at most one");
             }
-            Content::Anything | Content::Mixed | Content::Open => {}
+            _ => {}
+        }
+        let may_have_text = matches!(of.content, Content::Mixed);
+        require!(self.findings, NO_TEXT at at(), may_have_text || !element.has_text,
+            "{name} holds text, expected elements only");
+        self.attributes(element, of);
+        if let Content::Sequence(parts) = &of.content {
+            self.children(element, parts);
         }
     }
 
     fn attributes(&mut self, element: &Element<'_>, of: &Type) {
-        let known = || of.shared.iter().copied().flatten().chain(of.attributes);
-        for (name, form, required) in known() {
+        let (at, of_element) = (|| Location::of(self.file, element), element.name);
+        for known in &of.attributes {
+            let name = known.name;
             match element.attribute(name) {
-                None if *required => {
-                    let text = format!("{} has no attribute {name}, expected one", element.name);
-                    self.add(&ATTRIBUTE_REQUIRED, element, text);
+                None => require!(self.findings, ATTRIBUTE_REQUIRED at at(), !known.is_required,
+                    "{of_element} has no attribute {name}, expected one"),
+                Some(value) => {
+                    require!(self.findings, ATTRIBUTE_VALUE at at(), known.form.fits(value),
+                    "{name} is {}, expected {}", quote(value), known.form.expected())
                 }
-                Some(value) if !form.fits(value) => {
-                    let (value, expected) = (quote(value), form.expected());
-                    let text = format!("{name} is {value}, expected {expected}");
-                    self.add(&ATTRIBUTE_VALUE, element, text);
-                }
-                _ => {}
             }
         }
         for (name, _) in &element.attributes {
@@ -213,73 +115,62 @@ impl Document<'_> {
                 || ["xmlns:", "xml:", "xsi:"]
                     .iter()
                     .any(|p| name.starts_with(p));
-            if special || known().any(|(known, _, _)| known == name) {
+            let is_known = of.attributes.iter().any(|known| known.name == *name);
+            if special || is_known || of.has_more && name.contains(':') {
                 continue;
             }
             let rule = match of.has_more {
-                true if name.contains(':') => continue,
                 true => &INTERFACE_ATTRIBUTE,
                 false => &ATTRIBUTE_KNOWN,
             };
-            let (at, name, version) = (element.name, quote(name), self.findings.version().as_str());
-            let text =
-                format!("{at} has the attribute {name}, which FMI {version} does not define");
-            self.add(rule, element, text);
+            let (name, version) = (quote(name), self.findings.version().as_str());
+            let text = format!(
+                "{of_element} has the attribute {name}, which FMI {version} does not define"
+            );
+            self.findings.add(rule, at(), text);
         }
     }
 
     /// Checks that the elements of a sequence are known and in the order of the parts.
     fn children(&mut self, parent: &Element<'_>, parts: &[Part]) {
+        let parent_name = parent.name;
         let mut counts = vec![0_usize; parts.len()];
         let mut reached = 0;
         for child in &parent.children {
+            let (at, name) = (Location::of(self.file, child), child.name);
             let found = parts.iter().enumerate().find_map(|(index, part)| {
-                let (_, of) = part.choice.iter().find(|(name, _)| *name == child.name)?;
+                let (_, of) = part.choice.iter().find(|(choice, _)| *choice == name)?;
                 Some((index, *of))
             });
             let Some((index, of)) = found else {
-                let (at, name, expected) = (parent.name, quote(child.name), names(parts));
-                let text = format!("{at} holds {name}, expected {expected}");
-                self.add(&ELEMENT_KNOWN, child, text);
+                find!(self.findings, ELEMENT_KNOWN at at,
+                    "{parent_name} holds {}, expected {}", quote(name), names(parts));
                 continue;
             };
-            if index < reached {
-                let (name, later) = (child.name, parts[reached].choice[0].0);
-                let text = format!("{name} comes after {later}, expected it before");
-                self.add(&ELEMENT_ORDER, child, text);
-            }
+            require!(self.findings, ELEMENT_ORDER at at.clone(), index >= reached,
+                "{name} comes after {}, expected it before", parts[reached].choice[0].0);
             reached = reached.max(index);
             counts[index] += 1;
             let at_most = parts[index].at_most;
-            if counts[index] > at_most && counts[index] <= at_most + 1 {
-                let (at, name) = (parent.name, child.name);
-                let text = format!("{at} holds too many {name}, expected {at_most} at most");
-                self.add(&ELEMENT_ONCE, child, text);
-            }
+            require!(self.findings, ELEMENT_ONCE at at, counts[index].checked_sub(1) != Some(at_most),
+                "{parent_name} holds too many {name}, expected {at_most} at most");
             self.element(child, of);
         }
         for (part, count) in parts.iter().zip(counts) {
-            if count < part.at_least {
-                let (at, name) = (parent.name, names(std::slice::from_ref(part)));
-                self.add(
-                    &ELEMENT_REQUIRED,
-                    parent,
-                    format!("{at} holds no {name}, expected one"),
-                );
-            }
+            require!(self.findings, ELEMENT_REQUIRED at Location::of(self.file, parent),
+                count >= part.at_least,
+                "{parent_name} holds no {}, expected one", names(std::slice::from_ref(part)));
         }
     }
 }
 
 fn names(parts: &[Part]) -> String {
-    let names: Vec<_> = parts
-        .iter()
-        .flat_map(|part| part.choice)
-        .map(|(name, _)| *name)
-        .collect();
-    if names.is_empty() {
-        "nothing".into()
-    } else {
-        names.join(" or ")
+    let choices = parts.iter().flat_map(|part| &part.choice);
+    match &*choices.map(|(name, _)| *name).collect::<Vec<_>>() {
+        [] => "nothing".into(),
+        names => names.join(" or "),
     }
 }
+
+#[cfg(test)]
+const SCHEMAS: [&LazyLock<Schema>; 4] = [&MODEL_2, &MODEL_3, &TERMINALS, &BUILD];

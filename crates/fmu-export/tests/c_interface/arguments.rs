@@ -3,8 +3,8 @@
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Error, fmi2OK};
 
 use crate::host::{Arguments, MODEL_EXCHANGE, Slave, guid};
 use crate::models::*;

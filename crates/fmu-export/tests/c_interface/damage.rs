@@ -2,7 +2,7 @@
 
 use std::ptr::null_mut;
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2Fatal, fmi2OK};
+use fmu_export::fmi2::{fmi2Error, fmi2Fatal, fmi2OK};
 use proptest::prelude::*;
 use proptest::sample::Index;
 

@@ -2,8 +2,8 @@
 
 use std::ptr::{null, null_mut};
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Error, fmi2OK};
 
 use crate::host::Slave;
 use crate::models::*;

@@ -1,7 +1,7 @@
 //! Model exchange of FMI 2.0.
 
-use fmu_export::fmi2::fmi2Status::{self, fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK, fmi2Status};
 
 use crate::host::{Arguments, MODEL_EXCHANGE, Slave, guid};
 use crate::models::*;

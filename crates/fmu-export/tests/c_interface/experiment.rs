@@ -1,7 +1,7 @@
 //! The experiment and the communication steps it allows.
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Error, fmi2OK, fmi2Warning};
 
 use crate::host::Slave;
 use crate::models::*;

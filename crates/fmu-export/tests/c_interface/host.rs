@@ -6,8 +6,8 @@ use std::ptr::{null, null_mut};
 use std::sync::Once;
 
 use fmu_export::Entry;
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Error, fmi2OK};
 
 use crate::models::{Kind, MODELS, fmi2Instantiate, number};
 

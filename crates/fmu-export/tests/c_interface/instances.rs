@@ -4,7 +4,7 @@ use std::ffi::CString;
 use std::sync::Barrier;
 
 use allocation_counter::measure;
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
+use fmu_export::fmi2::{fmi2Error, fmi2OK};
 
 use crate::host::Slave;
 use crate::models::*;

@@ -1,8 +1,8 @@
 //! Co-simulation of models with equations and without a step of their own, in FMI 2.0 and 3.0.
 
 use fmu_export::fmi2::fmi2SetupExperiment;
-use fmu_export::fmi2::fmi2Status::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
-use fmu_export::fmi3::fmi3Status::fmi3OK;
+use fmu_export::fmi2::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
+use fmu_export::fmi3::fmi3OK;
 
 use crate::fmi3::host::{Arguments, Instance, Kind as Kind3};
 use crate::host::{Slave, guid};

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::ffi::CStr;
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK, fmi2Warning};
+use fmu_export::fmi2::{fmi2Error, fmi2OK, fmi2Warning};
 
 use crate::host::{Arguments, Slave};
 use crate::models::{PANIC, TROUBLE};

@@ -3,6 +3,7 @@
 //! The logger of these tests is not variadic, as Rust cannot define variadic functions. This works on
 //! all CI platforms except macOS on ARM, which passes variadic arguments differently.
 #![cfg(not(all(target_vendor = "apple", target_arch = "aarch64")))]
+#![allow(non_upper_case_globals, reason = "the names of the standard")]
 
 mod arguments;
 mod damage;

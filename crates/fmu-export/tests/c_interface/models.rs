@@ -373,7 +373,7 @@ impl Probe {
 
     /// The variables in the order of their value references.
     fn variables(&mut self) -> Vec<ValueMut<'_>> {
-        use ValueMut::{Boolean, Choice, Int32, Real, String};
+        use ValueMut::{Boolean, Enumeration, Float64, Int32, String};
         let [w1, w2, w3] = &mut self.weights;
         let [part1, part2] = &mut self.parts;
         let [[t11, t12, t13], [t21, t22, t23]] = &mut self.table;
@@ -383,50 +383,50 @@ impl Probe {
         let [[c11, c12], [c21, c22]] = &mut self.counts;
         let [next1, next2] = &mut self.next;
         vec![
-            Real(&mut self.u),
-            Real(&mut self.v),
-            Real(&mut self.trouble),
-            Real(&mut self.gain),
-            Real(&mut self.limit),
-            Real(w1),
-            Real(w2),
-            Real(w3),
+            Float64(&mut self.u),
+            Float64(&mut self.v),
+            Float64(&mut self.trouble),
+            Float64(&mut self.gain),
+            Float64(&mut self.limit),
+            Float64(w1),
+            Float64(w2),
+            Float64(w3),
             Int32(&mut self.order),
             Boolean(&mut self.limited),
-            Choice(&mut self.law),
-            Real(&mut self.y),
-            Real(part1),
-            Real(part2),
+            Enumeration(&mut self.law),
+            Float64(&mut self.y),
+            Float64(part1),
+            Float64(part2),
             Int32(&mut self.mode),
             Boolean(&mut self.enabled),
             String(&mut self.label),
-            Choice(&mut self.shape),
-            Real(t11),
-            Real(t12),
-            Real(t13),
-            Real(t21),
-            Real(t22),
-            Real(t23),
+            Enumeration(&mut self.shape),
+            Float64(t11),
+            Float64(t12),
+            Float64(t13),
+            Float64(t21),
+            Float64(t22),
+            Float64(t23),
             String(name1),
             String(name2),
             Boolean(flag1),
             Boolean(flag2),
-            Choice(law1),
-            Choice(law2),
+            Enumeration(law1),
+            Enumeration(law2),
             Int32(c11),
             Int32(c12),
             Int32(c21),
             Int32(c22),
-            Real(&mut self.part.bias),
-            Real(&mut self.part.scale),
+            Float64(&mut self.part.bias),
+            Float64(&mut self.part.scale),
             Int32(&mut self.steps),
             Boolean(&mut self.done),
             String(&mut self.report),
-            Choice(next1),
-            Choice(next2),
-            Real(&mut self.sum),
+            Enumeration(next1),
+            Enumeration(next2),
+            Float64(&mut self.sum),
             Int32(&mut self.label_length),
-            Real(&mut self.tau),
+            Float64(&mut self.tau),
             String(&mut self.version),
         ]
     }
@@ -434,24 +434,25 @@ impl Probe {
     /// The value of a variable.
     pub fn value(&mut self, reference: u32) -> f64 {
         match self.variables()[reference as usize].get() {
-            Value::Real(value) => value,
-            Value::Integer(value) => value as f64,
             Value::Boolean(value) => f64::from(u8::from(value)),
             Value::String(text) => number(&text),
-            Value::Binary(bytes) => panic!("{bytes:?}"),
+            value => (value.as_real())
+                .or(value.as_whole().map(|number| number as f64))
+                .unwrap(),
         }
     }
 
     /// Sets a variable.
     pub fn set(&mut self, reference: u32, value: f64) {
         let variable = self.variables().swap_remove(reference as usize);
+        let of_type = variable.of_type();
         let value = match FACTS[reference as usize].kind {
-            Kind::Real => Value::Real(value),
-            Kind::Integer => Value::Integer(value as i128),
-            Kind::Boolean => Value::Boolean(value == 1.0),
-            Kind::String => Value::String(value.to_string()),
+            Kind::Real => Value::real(of_type, value),
+            Kind::Integer => Value::whole(of_type, value as i128),
+            Kind::Boolean => Some(Value::Boolean(value == 1.0)),
+            Kind::String => Some(Value::String(value.to_string())),
         };
-        assert!(variable.set(value));
+        assert!(value.is_some_and(|value| variable.set(value)));
     }
 
     /// The outcome of an initialization at `time` with the values that were set.

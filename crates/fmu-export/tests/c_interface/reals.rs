@@ -1,6 +1,6 @@
 //! Setting and getting Reals between steps: the fast path behaves like the slow one.
 
-use fmu_export::fmi2::fmi2Status::{self, fmi2Error, fmi2OK};
+use fmu_export::fmi2::{fmi2Error, fmi2OK, fmi2Status};
 
 use crate::host;
 use crate::models::{SAMPLED, WIDE};

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, CString};
 use std::fs;
 
-use fmu_export::fmi2::fmi2Status::fmi2OK;
+use fmu_export::fmi2::fmi2OK;
 
 use crate::host::{Arguments, Slave, guid};
 use crate::models::READER;

@@ -1,6 +1,6 @@
 //! Models with a sample time: when they act, and what an error in a sample leaves behind.
 
-use fmu_export::fmi2::fmi2Status::{self, fmi2Discard, fmi2Error, fmi2OK};
+use fmu_export::fmi2::{fmi2Discard, fmi2Error, fmi2OK, fmi2Status};
 
 use crate::host::Slave;
 use crate::models::{Kind, SAMPLED};

@@ -3,8 +3,8 @@
 use std::ptr::null_mut;
 
 use fmu_export::Simulate;
-use fmu_export::fmi2::fmi2Status::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
 use fmu_export::fmi2::*;
+use fmu_export::fmi2::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK};
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 

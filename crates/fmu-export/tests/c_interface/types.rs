@@ -1,6 +1,6 @@
 //! Variables of the types of FMI 3.0, accessed by the functions of FMI 2.0.
 
-use fmu_export::fmi2::fmi2Status::{fmi2Error, fmi2OK};
+use fmu_export::fmi2::{fmi2Error, fmi2OK};
 
 use crate::host::Slave;
 use crate::models::SIZES;

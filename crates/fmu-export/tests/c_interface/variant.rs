@@ -5,7 +5,7 @@ use std::ptr::null;
 
 use fmu_description::Interface;
 use fmu_export::Variables;
-use fmu_export::fmi2::fmi2Status::fmi2OK;
+use fmu_export::fmi2::fmi2OK;
 use fmu_export::{Entry, interface};
 
 use crate::host::{Arguments, Slave, guid};

@@ -1,6 +1,6 @@
 //! Co-simulation with event mode and early return (FMI 3.0.2, section 4.2.1).
 
-use fmu_export::fmi3::fmi3Status::{fmi3Discard, fmi3Error, fmi3OK};
+use fmu_export::fmi3::{fmi3Discard, fmi3Error, fmi3OK};
 
 use super::host::{Arguments, Instance, Kind, Kind::*, Results};
 use crate::host::guid;

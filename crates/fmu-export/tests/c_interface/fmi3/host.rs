@@ -5,8 +5,8 @@ use std::ffi::{CStr, CString, c_char, c_int};
 use std::ops::Deref;
 use std::ptr::{null, null_mut};
 
-use fmu_export::fmi3::fmi3Status::{fmi3Error, fmi3OK};
 use fmu_export::fmi3::*;
+use fmu_export::fmi3::{fmi3Error, fmi3OK};
 
 use crate::host::guid;
 use crate::models::{BALL, fmi3InstantiateCoSimulation, fmi3InstantiateModelExchange};
@@ -195,7 +195,7 @@ impl Instance {
         let messages = self.messages();
         assert_eq!(messages.len(), 1, "{words:?}: {messages:?}");
         assert_eq!(messages[0].category, "logStatusError");
-        assert_eq!(messages[0].status, fmi3Error as c_int);
+        assert_eq!(messages[0].status, fmi3Error.0);
         for word in words {
             assert!(messages[0].text.contains(word), "{word}: {messages:?}");
         }

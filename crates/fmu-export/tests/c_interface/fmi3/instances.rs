@@ -3,8 +3,8 @@
 use std::ffi::CStr;
 use std::ptr::{null, null_mut};
 
-use fmu_export::fmi3::fmi3Status::{fmi3Fatal, fmi3OK};
 use fmu_export::fmi3::*;
+use fmu_export::fmi3::{fmi3Fatal, fmi3OK};
 
 use super::host::{Arguments, Instance, Kind, Kind::*};
 use crate::host::guid;

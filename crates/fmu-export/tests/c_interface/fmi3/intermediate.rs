@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use fmu_export::fmi3::fmi3Status::{self, fmi3Error, fmi3Fatal, fmi3OK};
+use fmu_export::fmi3::{fmi3Error, fmi3Fatal, fmi3OK, fmi3Status};
 
 use super::host::{Arguments, Fmu, Instance, Kind, Kind::*, Update};
 use crate::host::guid;

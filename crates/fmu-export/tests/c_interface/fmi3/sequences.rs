@@ -1,7 +1,7 @@
 //! Random valid and invalid calls, compared with a simple reference model of the standard.
 
 use fmu_export::fmi3::fmi3FMUState;
-use fmu_export::fmi3::fmi3Status::{self, fmi3Discard, fmi3Error, fmi3Fatal, fmi3OK};
+use fmu_export::fmi3::{fmi3Discard, fmi3Error, fmi3Fatal, fmi3OK, fmi3Status};
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 

@@ -5,8 +5,8 @@ use std::cell::RefCell;
 use std::ptr::{null, null_mut};
 use std::rc::Rc;
 
-use fmu_export::fmi3::fmi3Status::{fmi3Discard, fmi3Error, fmi3Fatal, fmi3OK};
 use fmu_export::fmi3::*;
+use fmu_export::fmi3::{fmi3Discard, fmi3Error, fmi3Fatal, fmi3OK};
 
 use super::host::{Arguments, Fmu, Instance, Kind, Kind::*};
 use crate::host::guid;

@@ -2,8 +2,8 @@
 
 use std::ptr::{null, null_mut};
 
-use fmu_export::fmi3::fmi3Status::{fmi3Error, fmi3Fatal, fmi3OK};
 use fmu_export::fmi3::*;
+use fmu_export::fmi3::{fmi3Error, fmi3Fatal, fmi3OK};
 use proptest::prelude::*;
 use proptest::sample::Index;
 

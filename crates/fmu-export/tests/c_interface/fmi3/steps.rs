@@ -2,8 +2,8 @@
 
 use std::ptr::null_mut;
 
-use fmu_export::fmi3::fmi3Status::{fmi3Discard, fmi3Error, fmi3OK};
 use fmu_export::fmi3::*;
+use fmu_export::fmi3::{fmi3Discard, fmi3Error, fmi3OK};
 
 use super::host::{Instance, Kind::*, Results};
 use crate::models::*;

@@ -1,0 +1,275 @@
+//! `cargo fmu info`: the contents of an FMU.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Error, Result};
+use fmu_build::table;
+use fmu_description::xml::{self, Element};
+use fmu_description::{FmiVersion, ModelDescription};
+use fmu_file::archive::{Archive, DOCUMENTATION, ICON, MODEL_DESCRIPTION};
+use fmu_file::platform;
+use fmu_file::text::{about, plain};
+
+/// Maximum width of a cell.
+const MAX_WIDTH: usize = 200;
+/// Maximum length of the items of an enumeration.
+const MAX_ITEMS: usize = 2000;
+/// The icon and the terminals of an FMU of FMI 3.0.
+const ICON_3: &str = "terminalsAndIcons/icon.png";
+const TERMINALS: &str = "terminalsAndIcons/terminalsAndIcons.xml";
+/// Maximum number of bytes that are read of the terminals.
+const MAX_TERMINALS: u64 = 64 << 20;
+
+/// An interface type: its element, its title, its flags, and its numbers.
+type Interface = (
+    &'static str,
+    &'static str,
+    &'static [&'static str],
+    &'static [&'static str],
+);
+
+/// The interface type of FMI 2.0 that is shown (FMI 2.0.5, section 4.3.1).
+const OF_FMI_2: [Interface; 1] = [(
+    "CoSimulation",
+    "co-simulation",
+    &[
+        "needsExecutionTool",
+        "canHandleVariableCommunicationStepSize",
+        "canInterpolateInputs",
+        "canRunAsynchronuously",
+        "canBeInstantiatedOnlyOncePerProcess",
+        "canNotUseMemoryManagementFunctions",
+        "canGetAndSetFMUstate",
+        "canSerializeFMUstate",
+        "providesDirectionalDerivative",
+    ],
+    &["maxOutputDerivativeOrder"],
+)];
+
+/// The interface types of FMI 3.0 (sections 2.4.2, 3.4 and 4.4); all have the flags in `COMMON`.
+const OF_FMI_3: [Interface; 3] = [
+    (
+        "ModelExchange",
+        "model exchange",
+        &[
+            "needsCompletedIntegratorStep",
+            "providesEvaluateDiscreteStates",
+        ],
+        &[],
+    ),
+    (
+        "CoSimulation",
+        "co-simulation",
+        &[
+            "canHandleVariableCommunicationStepSize",
+            "providesIntermediateUpdate",
+            "mightReturnEarlyFromDoStep",
+            "canReturnEarlyAfterIntermediateUpdate",
+            "hasEventMode",
+            "providesEvaluateDiscreteStates",
+        ],
+        &[
+            "fixedInternalStepSize",
+            "maxOutputDerivativeOrder",
+            "recommendedIntermediateInputSmoothness",
+        ],
+    ),
+    ("ScheduledExecution", "scheduled execution", &[], &[]),
+];
+const COMMON: [&str; 7] = [
+    "needsExecutionTool",
+    "canBeInstantiatedOnlyOncePerProcess",
+    "canGetAndSetFMUState",
+    "canSerializeFMUState",
+    "providesDirectionalDerivatives",
+    "providesAdjointDerivatives",
+    "providesPerElementDependencies",
+];
+
+/// Prints the contents of an FMU.
+///
+/// # Errors
+/// The file is not a valid FMU, or `out` cannot be written.
+pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
+    let (mut archive, text) = open(file).map_err(|error| about(file, &error))?;
+    let cannot = |error: Error| {
+        let error = error.context(format!("{MODEL_DESCRIPTION} cannot be read"));
+        about(file, &error)
+    };
+    let root = xml::parse(&text).map_err(cannot)?;
+    let model = ModelDescription::read(&root).map_err(cannot)?;
+    header(&model, &archive, out)?;
+    match model.version {
+        FmiVersion::Fmi2 if model.co_simulation().is_none() => {
+            writeln!(out, "\nnot for co-simulation")?;
+        }
+        FmiVersion::Fmi2 => interfaces(&model, &[], &OF_FMI_2, out)?,
+        FmiVersion::Fmi3 => interfaces(&model, &COMMON, &OF_FMI_3, out)?,
+    }
+    variables(&model, out)?;
+    enumerations(&model, out)?;
+    let document = archive.head(TERMINALS, MAX_TERMINALS);
+    let text = document
+        .map(|bytes| xml::decode(&bytes).text)
+        .unwrap_or_default();
+    let mut lines = Vec::new();
+    if let Ok(document) = xml::parse(&text)
+        && let Some(list) = document.child("Terminals")
+    {
+        terminals(list, 1, &mut lines);
+    }
+    section("terminals", &lines, out)
+}
+
+fn open(file: &Path) -> Result<(Archive, String)> {
+    let mut archive = Archive::open_sound(file)?;
+    let text = archive.model_description()?;
+    Ok((archive, text))
+}
+
+/// Prints lines below a title, unless there are none.
+fn section(title: &str, lines: &[String], out: &mut impl Write) -> Result<()> {
+    if !lines.is_empty() {
+        writeln!(out, "\n{title}")?;
+    }
+    for line in lines {
+        writeln!(out, "{line}")?;
+    }
+    Ok(())
+}
+
+fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
+    let times = [
+        ("start", "startTime"),
+        ("stop", "stopTime"),
+        ("step", "stepSize"),
+    ];
+    let tolerance = model.experiment("tolerance");
+    let experiment: Vec<String> = times
+        .iter()
+        .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
+        .chain(tolerance.map(|value| format!("tolerance {value:?}")))
+        .collect();
+    let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
+    let documents: Vec<&str> = [DOCUMENTATION, ICON, ICON_3]
+        .into_iter()
+        .filter(|file| archive.names.iter().any(|name| name == file))
+        .collect();
+    let resources: Vec<&str> = (archive.names.iter())
+        .filter_map(|name| name.strip_prefix("resources/"))
+        .filter(|name| !name.is_empty())
+        .collect();
+    let text = |name| model.root.attribute(name).unwrap_or_default().to_owned();
+    let lines = [
+        ("model", text("modelName")),
+        ("description", text("description")),
+        ("FMI version", text("fmiVersion")),
+        ("GUID", text("guid")),
+        ("token", text("instantiationToken")),
+        ("version", text("version")),
+        ("author", text("author")),
+        ("copyright", text("copyright")),
+        ("licence", text("license")),
+        ("generated by", text("generationTool")),
+        ("experiment", experiment.join(", ")),
+        ("platforms", platforms.join(" ")),
+        ("documents", documents.join(" ")),
+        ("resources", resources.join(" ")),
+        ("size", format!("{} KB", archive.size.div_ceil(1000))),
+    ];
+    for (name, value) in lines.iter().filter(|(_, value)| !value.is_empty()) {
+        writeln!(out, "{name:12} {}", plain(value, MAX_WIDTH))?;
+    }
+    Ok(())
+}
+
+/// Prints what the interface types that the FMU has can do. Numbers are shown if they are given, in FMI 2.0 also
+/// if not.
+fn interfaces(
+    model: &ModelDescription<'_>,
+    common: &[&str],
+    interfaces: &[Interface],
+    out: &mut impl Write,
+) -> Result<()> {
+    for (name, title, flags, numbers) in interfaces {
+        let Some(interface) = model.root.child(name) else {
+            continue;
+        };
+        let default = (model.version == FmiVersion::Fmi2).then_some("0");
+        let flags = common.iter().chain(*flags);
+        let flags = flags.map(|name| format!("  {name:40} {}", interface.flag(name)));
+        let numbers = numbers.iter().filter_map(|name| {
+            let value = plain(interface.attribute(name).or(default)?, MAX_WIDTH);
+            Some(format!("  {name:40} {value}"))
+        });
+        section(title, &flags.chain(numbers).collect::<Vec<_>>(), out)?;
+    }
+    Ok(())
+}
+
+/// Prints a table of the variables, without those that are invalid.
+fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+    let rows = table::rows(model).map(|row| row.map(|cell| plain(&cell, MAX_WIDTH)));
+    let rows: Vec<_> = [table::HEAD.map(str::to_owned)]
+        .into_iter()
+        .chain(rows)
+        .collect();
+    let mut widths = [0; table::HEAD.len()];
+    for row in &rows {
+        for (width, cell) in widths.iter_mut().zip(row) {
+            *width = (*width).max(cell.chars().count());
+        }
+    }
+    // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
+    let terminal = terminal_size::terminal_size_of(std::io::stdout());
+    let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
+    let line = |row: &table::Row| {
+        let cells = row.iter().zip(widths);
+        let line: String = cells
+            .map(|(cell, width)| format!("  {cell:width$}"))
+            .collect();
+        line.trim_end().chars().take(width).collect()
+    };
+    let lines: Vec<String> = rows.iter().map(line).collect();
+    let left_out = match model.variables.iter().filter(|v| v.is_none()).count() {
+        0 => String::new(),
+        invalid => format!(", without {invalid} that are invalid"),
+    };
+    section(
+        &format!("{} variables{left_out}", rows.len() - 1),
+        &lines,
+        out,
+    )
+}
+
+fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
+    let lines = model.enumerations().map(|of_type| {
+        let items = of_type.items.iter();
+        let items: Vec<_> = items
+            .map(|item| format!("{} = {}", item.name, item.value))
+            .collect();
+        let line = format!("{}: {}", of_type.name, items.join(", "));
+        format!("  {}", plain(&line, MAX_ITEMS))
+    });
+    section("enumerations", &lines.collect::<Vec<_>>(), out)
+}
+
+/// Adds a line for each terminal and those in it.
+fn terminals(parent: &Element<'_>, depth: usize, lines: &mut Vec<String>) {
+    const NAMES: [&str; 3] = [
+        "variableName",
+        "inStreamVariableName",
+        "outStreamVariableName",
+    ];
+    for terminal in parent.children("Terminal") {
+        let text = |name: &str| terminal.attribute(name).unwrap_or_default();
+        let members: Vec<&str> = (terminal.children.iter())
+            .flat_map(|member| NAMES.into_iter().filter_map(|name| member.attribute(name)))
+            .collect();
+        let (name, rule) = (text("name"), text("matchingRule"));
+        let line = format!("{name} ({rule}): {}", members.join(", "));
+        lines.push(format!("{:1$}{2}", "", 2 * depth, plain(&line, MAX_WIDTH)));
+        terminals(terminal, depth + 1, lines);
+    }
+}

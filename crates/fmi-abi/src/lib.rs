@@ -1,0 +1,230 @@
+//! The C interface of the Functional Mock-up Interface (FMI), for FMU binaries and for the hosts that load
+//! them: the C types, and one row for each function of FMI 2.0 and 3.0.
+//!
+//! A row has the name and the arguments of a function, the operation that it performs, and the states in
+//! which it is allowed:
+//!
+//! ```text
+//! fmi2GetReal(references: [in u32; n], n: [len], values: [out f64; n]) => get_float64 in READABLE;
+//! ```
+//!
+//! The operations are those of FMI 3.0: `fmi2GetReal` and `fmi3GetFloat64` both perform `get_float64`. The
+//! macros [`fmi2_functions!`] and [`fmi3_functions!`] pass all rows to another macro, which turns them into
+//! whatever it needs: entry points, function pointers, names. [`fmi2::Functions`], [`fmi2::calls`] and
+//! [`fmi2::FUNCTIONS`] are made in this way, and those in [`fmi3`].
+//!
+//! # Rows
+//!
+//! The first group of rows, `Free`, has the functions that have no instance, or are more than a call of one;
+//! all their arguments and results are listed. The other groups are named like the variants of
+//! [`Interface`]. Functions in them have an instance as first argument, which is not listed, and return a
+//! status. An argument is one of these:
+//!
+//! | in the row | means | in C |
+//! |---|---|---|
+//! | `values: [in T; n]` | an array of `n` elements that the FMU reads | `const T values[]` |
+//! | `values: [out T; n]` | an array of `n` elements that the FMU writes | `T values[]` |
+//! | `n: [len]` | the length of arrays | `size_t n` |
+//! | `value: [out T]` | a variable that the FMU writes | `T* value` |
+//! | `[in? T; n]`, `[out? T; n]`, `[out? T]` | the same, but the operation itself treats NULL | |
+//! | `value: [*const T]` | another pointer | `const T* value` |
+//! | `callback: [Option<T>]` | a function, or NULL | `T callback` |
+//! | `value: T` | anything else | `T value` |
+//!
+//! [`c_type!`] turns the second part into the type in C.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod fmi2;
+pub mod fmi3;
+pub mod state;
+
+use state::State;
+
+/// The type in C of an argument of a row, such as `[in f64; n]`; see the [crate].
+#[macro_export]
+macro_rules! c_type {
+    ([in? $type:ty; $length:ident]) => { *const $type };
+    ([in $type:ty; $length:ident]) => { *const $type };
+    ([out? $type:ty; $length:ident]) => { *mut $type };
+    ([out $type:ty; $length:ident]) => { *mut $type };
+    ([out? $type:ty]) => { *mut $type };
+    ([out $type:ty]) => { *mut $type };
+    ([len]) => { usize };
+    ([*const $type:ty]) => { *const $type };
+    ([Option<$type:ty>]) => { ::core::option::Option<$type> };
+    ($type:ty) => { $type };
+}
+
+/// Turns the rows of a version of FMI into `Functions`, `calls` and `FUNCTIONS`.
+macro_rules! define {
+    (
+        $instance:ident $status:ident
+        Free { $($free:ident($($free_arg:ident: $free_kind:tt),*) $(-> $result:ty)? => $free_operation:ident;)* }
+        $($interface:ident {
+            $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($states:ident)|+;)*
+        })*
+    ) => {
+        /// Pointers to all functions, under their names; `None` for those that a binary lacks.
+        #[derive(Debug, Clone, Copy, Default)]
+        pub struct Functions {
+            $(pub $free: Option<unsafe extern "C" fn($($crate::c_type!($free_kind)),*) $(-> $result)?>,)*
+            $($(
+                pub $name: Option<unsafe extern "C" fn($instance $(, $crate::c_type!($kind))*) -> $status>,
+            )*)*
+        }
+
+        /// Each function that is a call of an instance, under its name.
+        pub mod calls {
+            use $crate::state::*;
+            use $crate::{Call, Interface};
+
+            $($(
+                pub const $name: Call = Call {
+                    name: stringify!($name),
+                    interface: Interface::$interface,
+                    states: $($states)|+,
+                };
+            )*)*
+        }
+
+        /// All functions, each with the operation that it performs.
+        pub const FUNCTIONS: &[($crate::Call, &str)] = &[
+            $(($crate::Call::free(stringify!($free)), stringify!($free_operation)),)*
+            $($((calls::$name, stringify!($operation)),)*)*
+        ];
+    };
+}
+pub(crate) use define;
+
+/// A version of FMI.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[allow(missing_docs, reason = "their names say it")]
+pub enum Version {
+    #[default]
+    Fmi2,
+    Fmi3,
+}
+
+impl Version {
+    /// All versions.
+    pub const ALL: [Self; 2] = [Self::Fmi2, Self::Fmi3];
+
+    /// The version that the attribute `fmiVersion` names; `None` if it is another one. All versions 3.x have
+    /// the same interface (FMI 3.0.2, section 2.4.1), and a model description without it is of FMI 2.0.
+    pub fn named(attribute: Option<&str>) -> Option<Self> {
+        match attribute {
+            None | Some("2.0") => Some(Self::Fmi2),
+            Some(version) => version.starts_with("3.").then_some(Self::Fmi3),
+        }
+    }
+
+    /// Its number.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Fmi2 => "2.0",
+            Self::Fmi3 => "3.0",
+        }
+    }
+
+    /// The functions of this version, each with the operation that it performs.
+    pub const fn functions(self) -> &'static [(Call, &'static str)] {
+        match self {
+            Self::Fmi2 => fmi2::FUNCTIONS,
+            Self::Fmi3 => fmi3::FUNCTIONS,
+        }
+    }
+
+    /// The function of this version that performs an operation, such as `get_float64`.
+    pub fn function(self, operation: &str) -> Option<&'static str> {
+        let mut functions = self.functions().iter();
+        let (call, _) = functions.find(|(_, performed)| *performed == operation)?;
+        Some(call.name)
+    }
+}
+
+/// The interface types that a function belongs to: what the standard also calls kinds of FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names of the standard")]
+pub enum Interface {
+    All,
+    ModelExchange,
+    CoSimulation,
+    ScheduledExecution,
+}
+
+/// A function, and the states in which an instance allows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Call {
+    /// Its name in C.
+    pub name: &'static str,
+    /// The interface types that have it.
+    pub interface: Interface,
+    /// A set of states; see [`state`].
+    pub states: u16,
+}
+
+impl Call {
+    /// A function that no state forbids.
+    const fn free(name: &'static str) -> Self {
+        Self {
+            name,
+            interface: Interface::All,
+            states: u16::MAX,
+        }
+    }
+
+    /// Whether the function is allowed in a state.
+    pub const fn is_allowed(&self, state: State) -> bool {
+        self.states & state as u16 != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_versions_have_44_and_75_functions_with_different_names() {
+        for (version, count) in [(Version::Fmi2, 44), (Version::Fmi3, 75)] {
+            let functions = version.functions();
+            assert_eq!(functions.len(), count);
+            for (i, (call, operation)) in functions.iter().enumerate() {
+                let others = &functions[i + 1..];
+                assert!(others.iter().all(|(other, _)| other.name != call.name));
+                assert!(others.iter().all(|(_, other)| other != operation));
+            }
+        }
+    }
+
+    #[test]
+    fn functions_that_do_the_same_perform_the_same_operation() {
+        for (operation, in_2, in_3) in [
+            ("do_step", "fmi2DoStep", "fmi3DoStep"),
+            ("get_float64", "fmi2GetReal", "fmi3GetFloat64"),
+            ("set_int32", "fmi2SetInteger", "fmi3SetInt32"),
+            (
+                "update_discrete_states",
+                "fmi2NewDiscreteStates",
+                "fmi3UpdateDiscreteStates",
+            ),
+            ("get_fmu_state", "fmi2GetFMUstate", "fmi3GetFMUState"),
+        ] {
+            assert_eq!(Version::Fmi2.function(operation), Some(in_2));
+            assert_eq!(Version::Fmi3.function(operation), Some(in_3));
+        }
+        assert_eq!(Version::Fmi3.function("setup_experiment"), None);
+    }
+
+    #[test]
+    fn nothing_is_allowed_after_a_fatal_error() {
+        let all = Version::ALL.map(Version::functions);
+        for (call, _) in all
+            .into_iter()
+            .flatten()
+            .filter(|(call, _)| call.states != u16::MAX)
+        {
+            assert!(!call.is_allowed(State::Fatal), "{}", call.name);
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! Runs cargo.
+
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::fs;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+
+use anyhow::{Context, Result, bail};
+use cargo_metadata::{Artifact, CrateType, Message, Metadata};
+
+const ENCODED_RUSTFLAGS: &str = "CARGO_ENCODED_RUSTFLAGS";
+const SEPARATOR: &str = "\x1f";
+const RELEASE: &str = "release";
+
+/// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
+/// compiled with the model; the rest of its libraries is optimized for size.
+const DEFAULTS: [(&str, &str); 7] = [
+    ("lto", "\"fat\""),
+    ("codegen-units", "1"),
+    ("strip", "\"symbols\""),
+    ("opt-level", "3"),
+    ("package.fmu-export.opt-level", "\"s\""),
+    ("package.fmu-description.opt-level", "\"s\""),
+    ("package.postcard.opt-level", "\"s\""),
+];
+
+/// Arguments of cargo's option `--config` for a release: what the workspace does not set itself.
+///
+/// # Errors
+/// The manifest of the workspace cannot be read.
+pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<Vec<String>> {
+    if profile != RELEASE {
+        return Ok(Vec::new());
+    }
+    let manifest = metadata.workspace_root.join("Cargo.toml");
+    let cannot = || format!("cannot read {manifest}");
+    let text = fs::read_to_string(&manifest).with_context(cannot)?;
+    let table: toml::Table = text.parse().with_context(cannot)?;
+    let profiles = table.get("profile");
+    let own = profiles.and_then(|profiles| profiles.get(RELEASE));
+    let is_set = |key: &str| own.and_then(|own| key.split('.').try_fold(own, toml::Value::get));
+    Ok(DEFAULTS
+        .into_iter()
+        .filter(|(key, _)| is_set(key).is_none())
+        .map(|(key, value)| format!("profile.{RELEASE}.{key}={value}"))
+        .collect())
+}
+
+/// A cargo command that builds a library.
+pub struct Build {
+    title: String,
+    command: Command,
+    rustflags: Vec<String>,
+}
+
+impl Build {
+    /// `cargo SUBCOMMAND` with cargo or a program that replaces it, shown to the user as `title`.
+    pub fn new(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
+        let mut command = Command::new(program);
+        command.args([subcommand, "--message-format=json-render-diagnostics"]);
+        // Libraries of both versions of FMI have the same name. In its folder `deps`, cargo would take one
+        // for the other, unless this variable makes it add a hash to the name.
+        command.env("__CARGO_DEFAULT_LIB_METADATA", "fmu");
+        Self {
+            title: title.into(),
+            command,
+            rustflags: inherited_rustflags(),
+        }
+    }
+
+    /// Adds arguments.
+    pub fn args(&mut self, args: impl IntoIterator<Item = impl AsRef<OsStr>>) -> &mut Self {
+        self.command.args(args);
+        self
+    }
+
+    /// Sets an environment variable.
+    pub fn env(&mut self, name: &str, value: impl AsRef<OsStr>) -> &mut Self {
+        self.command.env(name, value);
+        self
+    }
+
+    /// Adds flags for the compiler, for every package.
+    pub fn rustflags(&mut self, flags: impl IntoIterator<Item = String>) -> &mut Self {
+        self.rustflags.extend(flags);
+        self.env(ENCODED_RUSTFLAGS, self.rustflags.join(SEPARATOR))
+    }
+
+    /// Keeps local paths out of the locations of panics, for all packages outside of the workspace: in it,
+    /// cargo passes relative paths. So the flags are the same for all workspaces that share a target folder,
+    /// and dependencies are built once. The last folder that matches counts.
+    pub fn without_local_paths(&mut self, metadata: &Metadata, std: Option<&Path>) -> &mut Self {
+        let root = &metadata.workspace_root;
+        let folders: BTreeSet<_> = metadata
+            .packages
+            .iter()
+            .filter(|package| package.source.is_some() || !package.manifest_path.starts_with(root))
+            .filter_map(|package| package.manifest_path.parent()?.parent())
+            .map(|folder| (folder.as_std_path(), "crates"))
+            .collect();
+        let generated = (metadata.target_directory.as_std_path(), "target");
+        let folders = folders.into_iter().chain([generated]);
+        let folders = folders.chain(std.map(|folder| (folder, "rust")));
+        self.rustflags(folders.map(|(path, name)| remap(path, name)))
+    }
+
+    /// Runs cargo to completion and returns the shared library of a library target. `progress` is told
+    /// which crates were built.
+    ///
+    /// # Errors
+    /// The diagnostics of cargo and the compiler if the build fails; it has no such library.
+    pub fn shared_library(
+        &mut self,
+        target: &str,
+        extension: &str,
+        progress: &dyn Fn(&str),
+    ) -> Result<PathBuf> {
+        let mut child = self
+            .command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .context("cannot run cargo; is a Rust toolchain installed?")?;
+        let (stdout, stderr) = child
+            .stdout
+            .take()
+            .zip(child.stderr.take())
+            .context("cannot capture the output of cargo")?;
+        // Read on another thread, as a full pipe would block cargo.
+        let diagnostics = thread::spawn(move || {
+            let mut text = String::new();
+            let _ = BufReader::new(stderr).read_to_string(&mut text);
+            text
+        });
+        progress(&self.title);
+        let mut artifacts = Vec::new();
+        for message in Message::parse_stream(BufReader::new(stdout)) {
+            if let Message::CompilerArtifact(artifact) =
+                message.context("cannot read the output of cargo")?
+            {
+                progress(&format!("{}: {}", self.title, artifact.target.name));
+                artifacts.push(artifact);
+            }
+        }
+        let status = child.wait()?;
+        let diagnostics = diagnostics.join().unwrap_or_default();
+        if !status.success() {
+            bail!("{} failed:\n{}", self.title, diagnostics.trim_end());
+        }
+        let is_library = |artifact: &&Artifact| {
+            let built = &artifact.target;
+            built.name == target && built.crate_types.contains(&CrateType::CDyLib)
+        };
+        let mut files = artifacts
+            .iter()
+            .filter(is_library)
+            .flat_map(|a| &a.filenames);
+        let file = files.find(|file| file.extension() == Some(extension));
+        let file =
+            file.with_context(|| format!("{}: cargo built no shared library", self.title))?;
+        Ok(file.into())
+    }
+}
+
+/// The compiler flag that replaces a folder in the locations of panics.
+pub fn remap(path: &Path, name: &str) -> String {
+    format!("--remap-path-prefix={}={name}", path.display())
+}
+
+/// The compiler flags from the user's environment.
+fn inherited_rustflags() -> Vec<String> {
+    match std::env::var(ENCODED_RUSTFLAGS) {
+        Ok(flags) if !flags.is_empty() => flags.split(SEPARATOR).map(str::to_owned).collect(),
+        _ => std::env::var("RUSTFLAGS")
+            .unwrap_or_default()
+            .split_whitespace()
+            .map(str::to_owned)
+            .collect(),
+    }
+}

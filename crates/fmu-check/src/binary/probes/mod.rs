@@ -1,0 +1,370 @@
+//! The tests of a binary. Each runs in a process of its own.
+
+mod derivatives;
+mod host;
+mod misuse;
+mod runs;
+mod states;
+mod values;
+
+use anyhow::{Error, Result};
+use fmu_description::FmiVersion;
+use fmu_description::value::boolean;
+use fmu_description::xml::Element;
+
+use super::child::in_version;
+use super::rules;
+use super::run::Run;
+use super::subject::{Setup, Subject};
+use super::values::Trajectory;
+use crate::Rule;
+
+/// A test.
+pub struct Probe {
+    /// Its name.
+    pub name: &'static str,
+    /// The rule that it breaks if it fails.
+    pub rule: &'static Rule,
+    test: Test,
+    /// What else is to know about it.
+    traits: &'static [Trait],
+}
+
+enum Test {
+    /// A function, whose error is a finding.
+    Of(fn(&Subject<'_>) -> Result<()>),
+    /// A run that must be the same as the usual run.
+    Twin(Twin),
+}
+
+/// A run that differs from the usual run in what must not matter.
+struct Twin {
+    /// What is different, such as `after fmi2Reset`, and what the usual run has done.
+    how: &'static str,
+    like: &'static str,
+    tolerance: Tolerance,
+    way: Way,
+}
+
+/// How a run differs.
+enum Way {
+    /// In its setup.
+    Setup(fn(&mut Setup<'_>, &Subject<'_>)),
+    /// In something else; the function receives `how`.
+    Run(fn(&Subject<'_>, &str) -> Result<Trajectory>),
+}
+
+/// The relative difference of results that must be equal.
+enum Tolerance {
+    /// The rounding of vectorized loops.
+    Rounding,
+    /// The tolerance of the FMU's solver.
+    Solver,
+    /// The error of other step sizes.
+    Coarse,
+}
+
+/// What is special about a test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trait {
+    /// It is one of the quick tests.
+    Quick,
+    /// Its calls are those that hosts must not make; if they crash, that is no error of the FMU.
+    Misuse,
+    /// If the process crashes, hangs or ends, that breaks the same rule.
+    Own,
+    /// It takes a few seconds at most.
+    Brief,
+    /// The library is unloaded before the test ends.
+    Unloads,
+    /// The allocator checks the heap, and ends the process if it is damaged.
+    HeapChecked,
+    /// It is for co-simulation, or for model exchange.
+    CoSimulation,
+    ModelExchange,
+    /// It is for one version of FMI.
+    Fmi2,
+    Fmi3,
+    /// A process may have several instances.
+    Several,
+    /// The FMU declares this flag, named as in FMI 2.0.
+    Claims(&'static str),
+}
+use Test::Of;
+use Tolerance::{Coarse, Rounding, Solver};
+use Trait::{
+    Brief, Claims, CoSimulation, Fmi2, Fmi3, HeapChecked, Misuse, ModelExchange, Own, Quick,
+    Several, Unloads,
+};
+use Way::{Run as By, Setup as With};
+
+impl Probe {
+    /// Whether it is one of the quick tests.
+    pub fn is_quick(&self) -> bool {
+        self.traits.contains(&Quick)
+    }
+
+    /// Whether the library is unloaded before the test ends.
+    pub fn unloads(&self) -> bool {
+        self.traits.contains(&Unloads)
+    }
+
+    /// The rule that it breaks if the process crashes, hangs or ends.
+    pub fn crash(&self) -> &'static Rule {
+        match self.traits {
+            traits if traits.contains(&Misuse) => &rules::SURVIVES_MISUSE,
+            traits if traits.contains(&Own) => self.rule,
+            traits if traits.contains(&HeapChecked) => &rules::HEAP,
+            _ => &rules::SURVIVES,
+        }
+    }
+
+    /// Its time limit in seconds, given the usual one.
+    pub fn seconds(&self, usual: u64) -> u64 {
+        const FEW: u64 = 5;
+        match self.traits.contains(&Misuse) || self.traits.contains(&Brief) {
+            true => usual.min(FEW),
+            false => usual,
+        }
+    }
+
+    /// Whether it is for an interface type of an FMU, given by its element.
+    pub fn applies(&self, element: &Element<'_>, version: FmiVersion) -> bool {
+        self.traits.iter().all(|needed| match needed {
+            CoSimulation => element.name == "CoSimulation",
+            ModelExchange => element.name == "ModelExchange",
+            Fmi2 => version == FmiVersion::Fmi2,
+            Fmi3 => version == FmiVersion::Fmi3,
+            Several => !claims(element, "canBeInstantiatedOnlyOncePerProcess", version),
+            Claims(flag) => claims(element, flag, version),
+            _ => true,
+        })
+    }
+
+    /// What the FMU declares, if the test is about that.
+    fn claim(&self) -> Option<String> {
+        self.traits.iter().rev().find_map(|about| match about {
+            Claims(flag) => Some(format!("{flag} is true, but")),
+            Several => Some("canBeInstantiatedOnlyOncePerProcess is false, but".into()),
+            _ => None,
+        })
+    }
+
+    /// Runs it, in the child process.
+    pub fn run(&self, subject: &Subject<'_>) -> Result<()> {
+        let outcome = match &self.test {
+            Test::Of(test) => test(subject),
+            Test::Twin(twin) => twin.run(subject),
+        };
+        match (outcome, self.claim()) {
+            (Err(error), _) if error.is::<Skip>() => Ok(()),
+            (Err(error), Some(claim)) => Err(error.context(claim)),
+            (outcome, _) => outcome,
+        }
+    }
+}
+
+impl Twin {
+    fn run(&self, subject: &Subject<'_>) -> Result<()> {
+        let expected = subject.usual()?;
+        let tolerance = match self.tolerance {
+            Tolerance::Rounding => 1e-9,
+            Tolerance::Solver => subject.tolerance(),
+            Tolerance::Coarse => subject.tolerance().max(1e-3),
+        };
+        let actual = match self.way {
+            Way::Run(run) => run(subject, self.how),
+            Way::Setup(change) => {
+                subject.report.stage(self.how);
+                Run::recorded(
+                    subject,
+                    subject.setup().with(|setup| change(setup, subject)),
+                )
+            }
+        }?;
+        subject.ensure_same(&actual, expected, tolerance, self.how, self.like)
+    }
+}
+
+/// Whether an interface type declares a flag, named as in FMI 2.0.
+pub fn claims(element: &Element<'_>, flag: &str, version: FmiVersion) -> bool {
+    let flag = element.attribute(&in_version(flag, version));
+    flag.and_then(boolean) == Some(true)
+}
+
+/// Ends a test without a finding.
+#[derive(Debug)]
+struct Skip;
+
+impl std::fmt::Display for Skip {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the FMU refuses what it may refuse")
+    }
+}
+
+impl std::error::Error for Skip {}
+
+/// What an FMU may refuse.
+trait OrSkip<T> {
+    /// Ends the test without a finding if the FMU refuses.
+    fn or_skip(self) -> Result<T>;
+}
+
+impl<T, E> OrSkip<T> for Result<T, E> {
+    fn or_skip(self) -> Result<T> {
+        self.map_err(|_| Error::new(Skip))
+    }
+}
+
+/// Defines tests: the name of each, the rule that it breaks if it fails, its function and traits.
+macro_rules! probes {
+    ($($name:literal: $rule:ident, $test:expr $(, $trait:expr)*;)*) => {
+        &[$(Probe {
+            name: $name,
+            rule: &rules::$rule,
+            test: $test,
+            traits: &[$($trait),*],
+        }),*]
+    };
+}
+
+/// A run that must be the same as the usual run.
+const fn same(how: &'static str, like: &'static str, tolerance: Tolerance, way: Way) -> Test {
+    Test::Twin(Twin {
+        how,
+        like,
+        tolerance,
+        way,
+    })
+}
+
+/// The tests on whose results the others depend.
+static FIRST: &[Probe] = probes! {
+    "identity": LOADS, Of(host::identity), Unloads;
+    "readable": RUNS, Of(values::readable);
+    "experiment": RUNS, Of(runs::experiment);
+    "trace": RUNS, Of(runs::trace);
+    "trace-logging": INDEPENDENT, Of(runs::trace_logging);
+    "heap": RUNS, Of(host::lives), HeapChecked;
+};
+/// The binary loads and creates an instance.
+pub static IDENTITY: &Probe = &FIRST[0];
+/// The variables that cannot be read.
+pub static READABLE: &Probe = &FIRST[1];
+/// A run to the end of the default experiment.
+pub static EXPERIMENT: &Probe = &FIRST[2];
+/// A short run, which is compared between processes.
+pub static TRACE: &Probe = &FIRST[3];
+/// As [`TRACE`], with another name of the instance and with logging.
+pub static TRACE_LOGGING: &Probe = &FIRST[4];
+/// The life of an instance under an allocator that checks the heap.
+pub static HEAP_CHECK: &Probe = &FIRST[5];
+
+/// The test of a name.
+pub fn find(name: &str) -> Option<&'static Probe> {
+    let mut all = FIRST.iter().chain(PROBES);
+    all.find(|probe| probe.name == name)
+}
+
+const STATE: Trait = Claims("canGetAndSetFMUstate");
+const BYTES: Trait = Claims("canSerializeFMUstate");
+const DIRECTIONAL: Trait = Claims("providesDirectionalDerivative");
+const ADJOINT: Trait = Claims("providesAdjointDerivatives");
+const INTERPOLATES: Trait = Claims("canInterpolateInputs");
+const VARIABLE_STEPS: Trait = Claims("canHandleVariableCommunicationStepSize");
+const NEW: &str = " as in a new instance";
+const ALONE: &str = " as alone";
+const STOP: &str = " as with the stop time of the default experiment";
+const WHOLE: &str = " as with whole steps";
+
+/// All other tests.
+pub static PROBES: &[Probe] = probes! {
+    // First, since other tests make no mistakes if these crash.
+    "mistakes": SURVIVES_MISUSE, Of(misuse::mistakes), Misuse;
+    "unknown-get": UNKNOWN_REFERENCE, Of(misuse::unknown_get), Misuse;
+    "unknown-set": UNKNOWN_REFERENCE, Of(misuse::unknown_set), Misuse;
+    "step-arguments": STEP_ARGUMENTS, Of(misuse::step_arguments), Misuse, CoSimulation;
+    "order": ORDER, Of(misuse::order), Misuse;
+    // The others.
+    "guid": GUID, Of(host::guid), Quick;
+    "start": START, Of(values::start), Quick;
+    "state": STATE, Of(states::restore), Quick, STATE;
+    "serialized": SERIALIZED, Of(states::serialize), Quick, STATE, BYTES;
+    "directional": DIRECTIONAL, Of(derivatives::of_outputs), Quick, DIRECTIONAL;
+    "directional-states": DIRECTIONAL, Of(derivatives::of_states), Quick, ModelExchange, DIRECTIONAL;
+    "input-derivatives": INPUT_DERIVATIVES, Of(derivatives::of_inputs_in_time),
+        Quick, Fmi2, CoSimulation, INTERPOLATES;
+    "output-derivatives": OUTPUT_DERIVATIVES, Of(derivatives::of_outputs_in_time), Quick, CoSimulation;
+    "instances": SEPARATE, same("with a second instance", ALONE, Rounding, By(runs::beside)), Quick, Several;
+    "reset": RESET, same("after fmi2Reset", NEW, Solver, By(runs::reset)), Quick;
+    "reset-new": RESET, same("after fmi2Reset of a new instance", NEW, Solver, By(runs::reset_new));
+    "reset-initializing": RESET,
+        same("after fmi2Reset in initialization mode", NEW, Solver, By(runs::reset_initializing));
+    "reset-values": RESET, Of(states::reset_values);
+    "previous": SEPARATE,
+        same("after another instance was freed", ALONE, Rounding, By(runs::after_another));
+    "thread": THREADS, same("on another thread", ALONE, Rounding, By(runs::on_a_thread));
+    "threads": THREADS, Of(runs::on_threads), Own, Several;
+    "strings-of-instances": STRINGS, Of(values::strings_of_instances), Several;
+    "no-stop-time": STOP_TIME, same("without a stop time", STOP, Solver, With(|setup, _| setup.stop = None));
+    "later-stop-time": STOP_TIME,
+        same("with a later stop time", STOP, Solver, With(|setup, subject| {
+            setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - subject.start()));
+        }));
+    "summed-times": ROUNDED_TIMES,
+        same("with times that are rounded in another way", "", Solver, With(|setup, _| {
+            setup.summed_times = true;
+        }));
+    "step-size": STEP_SIZE, Of(runs::step_sizes), Quick, CoSimulation, VARIABLE_STEPS;
+    "micro-steps": MICRO_STEPS,
+        same("with each step in two parts, the second of 1e-9 of its size", WHOLE, Coarse,
+            With(|setup, _| setup.fractions = &[1.0 - 1e-9, 1e-9])),
+        CoSimulation, VARIABLE_STEPS;
+    "half-steps": HALF_STEPS,
+        same("with each step in two halves", WHOLE, Coarse, With(|setup, _| setup.fractions = &[0.5, 0.5])),
+        CoSimulation, VARIABLE_STEPS;
+    "stop-time-passed": PAST_STOP, Of(misuse::past_stop), Misuse, Fmi2, CoSimulation;
+    "end": GET_AFTER_END, Of(runs::end);
+    "get": PURE_GET, Of(values::get);
+    "nothing": NO_VARIABLES, Of(values::nothing), Own;
+    "aliases": ALIASES, Of(values::aliases);
+    "kept": INPUTS_KEPT, Of(values::kept);
+    "kept-arrays": INPUTS_KEPT, Of(values::kept_arrays), Quick, Fmi3;
+    "tunable": TUNABLE, Of(values::tunable), CoSimulation;
+    "dependencies": DEPENDENCIES, Of(derivatives::dependencies);
+    "events": EVENTS, Of(derivatives::events), ModelExchange;
+    "array-lengths": ARRAY_LENGTHS, Of(misuse::array_lengths), Misuse, Fmi3;
+    "sizes": SIZES, Of(values::sizes), Quick, Fmi3, CoSimulation;
+    "adjoint": ADJOINT, Of(derivatives::adjoint), Quick, Fmi3, ADJOINT;
+    "event-mode": EVENT_MODE, Of(runs::event_mode), Quick, Fmi3, CoSimulation, Claims("hasEventMode");
+    "null": FREE_NULL, Of(host::null), Own, Fmi2;
+    "no-logger": NO_LOGGER, Of(host::no_logger), Own;
+    "no-resources": NO_RESOURCES, Of(host::no_resources), Own;
+    "strings": ARGUMENTS_COPIED, Of(host::short_lived_strings), Own;
+    "format": LOG_FORMAT, Of(host::percent_signs), Own;
+    "logging": LOGGING_OFF, Of(host::logging);
+    "host": HANDLES, Of(host::process);
+    "memory": MEMORY, Of(host::memory);
+    "debug-logging": RUNS, Of(host::debug_logging), Misuse;
+    "long": LONG_TEXTS, Of(host::long_texts), Own;
+    "initial-outputs": INITIAL_OUTPUTS, Of(values::initial_outputs), CoSimulation;
+    "nan": NAN, Of(misuse::nan), Own, Brief;
+    "infinity": NAN, Of(misuse::infinity), Own, Brief;
+    "damaged-state": DAMAGED_STATE, Of(states::damaged), Misuse, STATE, BYTES;
+    "settable": SETTABLE, Of(misuse::settable), Misuse;
+    "step-nan": STEP_ARGUMENTS, Of(misuse::step_nan), Misuse, CoSimulation;
+    "status": SURVIVES_MISUSE, Of(misuse::status), Misuse, Fmi2, CoSimulation;
+    "after-error": AFTER_ERROR, Of(misuse::after_error), Misuse;
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn tests_have_different_names() {
+        let names: HashSet<_> = FIRST.iter().chain(PROBES).map(|probe| probe.name).collect();
+        assert_eq!(names.len(), FIRST.len() + PROBES.len());
+    }
+}

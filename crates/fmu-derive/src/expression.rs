@@ -1,0 +1,113 @@
+//! Expressions in attributes, as far as the macros look into them: literals, and arrays.
+
+use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use quote::{ToTokens, quote};
+use syn::parse::{Parse, ParseStream, Parser};
+use syn::punctuated::Punctuated;
+use syn::{Lit, LitFloat, Result, Token};
+
+/// An expression.
+#[derive(Clone)]
+pub struct Expression {
+    tokens: TokenStream,
+    pub form: Form,
+}
+
+/// What an expression is.
+#[derive(Clone)]
+pub enum Form {
+    Literal(Lit),
+    /// `[a, b]`
+    Array(Vec<Expression>),
+    /// `[a; n]`
+    Repeat(Box<Expression>, TokenStream),
+    Other,
+}
+
+impl Parse for Expression {
+    /// Parses an expression to the next comma that is not between generic arguments.
+    fn parse(input: ParseStream<'_>) -> Result<Self> {
+        let (mut tokens, mut depth) = (TokenStream::new(), 0);
+        while !input.is_empty() && (depth > 0 || !input.peek(Token![,])) {
+            let is_path = input.peek(Token![::]) && input.peek3(Token![<]);
+            let is_closed = depth > 0 && input.peek(Token![>]);
+            depth = depth + usize::from(is_path) - usize::from(is_closed);
+            for _ in 0..if is_path { 3 } else { 1 } {
+                tokens.extend([input.parse::<TokenTree>()?]);
+            }
+        }
+        match tokens.is_empty() {
+            true => Err(input.error("expected an expression")),
+            false => Ok(Self::of(tokens)),
+        }
+    }
+}
+
+impl Expression {
+    fn of(tokens: TokenStream) -> Self {
+        let mut trees = tokens.clone().into_iter();
+        let form = match (trees.next(), trees.next()) {
+            (Some(TokenTree::Group(group)), None) => match group.delimiter() {
+                // Invisible parentheses, which `macro_rules!` adds.
+                Delimiter::None => return Self::of(group.stream()),
+                Delimiter::Parenthesis => Self::of(group.stream()).form,
+                Delimiter::Bracket => of_brackets(group.stream()).unwrap_or(Form::Other),
+                Delimiter::Brace => Form::Other,
+            },
+            _ => syn::parse2(tokens.clone()).map_or(Form::Other, Form::Literal),
+        };
+        Self { tokens, form }
+    }
+
+    /// Whether it is a single literal value.
+    pub fn is_literal(&self) -> bool {
+        matches!(self.form, Form::Literal(_))
+    }
+
+    /// The value of a literal number.
+    pub fn number(&self) -> Option<f64> {
+        match &self.form {
+            Form::Literal(Lit::Int(number)) => number.base10_parse().ok(),
+            Form::Literal(Lit::Float(number)) => number.base10_parse().ok(),
+            _ => None,
+        }
+    }
+
+    /// The expression as one of type f64 or f32: whole numbers get a fraction.
+    pub fn real(&self) -> TokenStream {
+        match &self.form {
+            Form::Literal(Lit::Int(number)) if number.suffix().is_empty() => {
+                LitFloat::new(&format!("{number}.0"), number.span()).to_token_stream()
+            }
+            Form::Array(elements) => {
+                let elements = elements.iter().map(Self::real);
+                quote!([#(#elements),*])
+            }
+            Form::Repeat(element, length) => {
+                let element = element.real();
+                quote!([#element; #length])
+            }
+            _ => self.tokens.clone(),
+        }
+    }
+}
+
+/// The form of what is between brackets.
+fn of_brackets(inner: TokenStream) -> Option<Form> {
+    let trees: Vec<TokenTree> = inner.clone().into_iter().collect();
+    let is_semicolon = |tree: &TokenTree| matches!(tree, TokenTree::Punct(p) if p.as_char() == ';');
+    if let Some(at) = trees.iter().position(is_semicolon) {
+        let part = |trees: &[TokenTree]| trees.iter().cloned().collect();
+        let element = Expression::of(part(&trees[..at]));
+        return Some(Form::Repeat(Box::new(element), part(&trees[at + 1..])));
+    }
+    let elements = Punctuated::<Expression, Token![,]>::parse_terminated;
+    let elements = elements.parse2(inner).ok()?;
+    Some(Form::Array(elements.into_iter().collect()))
+}
+
+impl ToTokens for Expression {
+    fn to_tokens(&self, tokens: &mut TokenStream) {
+        tokens.extend(self.tokens.clone());
+    }
+}

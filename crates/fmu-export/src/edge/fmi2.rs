@@ -1,0 +1,247 @@
+//! The C interface of FMI 2.0.5: all 44 functions. Those that instantiate are defined by
+//! [`export!`](crate::export), as they depend on the models.
+#![allow(
+    non_snake_case,
+    non_upper_case_globals,
+    clippy::missing_safety_doc,
+    clippy::too_many_arguments,
+    reason = "names, arguments and safety requirements are defined by the standard"
+)]
+
+use std::ffi::{CStr, c_int};
+
+pub use fmi_abi::fmi2::*;
+use fmi_abi::state::State;
+use fmi_abi::{Version, c_type, fmi2_functions};
+
+use super::{c_text, text, texts};
+use crate::component::{Component, Edge, Options, Outcome, Settings};
+use crate::entry::Entry;
+use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
+use crate::lifecycle::Mode;
+use crate::log::{Category, Log, Sink};
+use crate::{ModelError, resources};
+
+static EDGE: Edge = Edge {
+    version: Version::Fmi2,
+    get_float64: calls::fmi2GetReal,
+    set_float64: calls::fmi2SetReal,
+    do_step: calls::fmi2DoStep,
+    get_fmu_state: calls::fmi2GetFMUstate,
+};
+
+fmi2_functions!(entries! fmi2Component fmi2Status);
+
+/// Why a function of the model is not supported.
+fn unsupported(_name: &str) -> &'static str {
+    "the slave steps synchronously: canRunAsynchronuously is false"
+}
+
+/// `fmi2GetTypesPlatform`
+#[unsafe(no_mangle)]
+pub extern "C" fn fmi2GetTypesPlatform() -> fmi2String {
+    c"default".as_ptr()
+}
+
+/// `fmi2GetVersion`
+#[unsafe(no_mangle)]
+pub extern "C" fn fmi2GetVersion() -> fmi2String {
+    c"2.0".as_ptr()
+}
+
+/// Creates an instance of the model with the given GUID. On failure, logs the reason and returns NULL.
+///
+/// # Safety
+/// The requirements of the standard on the caller of `fmi2Instantiate`.
+pub unsafe fn instantiate(
+    models: &'static [Entry],
+    name: fmi2String,
+    kind: fmi2Type,
+    guid: fmi2String,
+    resources: fmi2String,
+    functions: *const fmi2CallbackFunctions,
+    _visible: fmi2Boolean,
+    logging_on: fmi2Boolean,
+) -> fmi2Component {
+    // SAFETY: the caller's promise: callbacks and texts are NULL or valid.
+    let (functions, [name, guid, location]) = unsafe {
+        let texts = [name, guid, resources].map(|pointer| text(pointer));
+        (functions.as_ref(), texts)
+    };
+    let mode = match kind {
+        fmi2ModelExchange => Ok(Mode::ModelExchange),
+        fmi2CoSimulation => Ok(Mode::CoSimulation),
+        other => Err(format!(
+            "the type is {other}; expected fmi2ModelExchange (0) or fmi2CoSimulation (1)"
+        )),
+    };
+    let settings = Settings {
+        edge: &EDGE,
+        mode: Mode::CoSimulation,
+        log: Log::new(sink(functions, name), logging_on != fmi2False),
+        resources: match location.map(CStr::to_str).transpose() {
+            Ok(location) => resources::path(location),
+            Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
+        },
+        options: Options::default(),
+    };
+    super::instantiate("fmi2Instantiate", models, (name, guid), mode, settings)
+}
+
+/// Forwards messages to the host's logger, if the host provides one.
+fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Option<Sink> {
+    let environment = functions?.componentEnvironment;
+    let logger = functions?.logger?;
+    let instance = name.map(CStr::to_owned).unwrap_or_default();
+    Some(Box::new(move |category, message| {
+        let status = match category {
+            Category::Error => fmi2Error,
+            Category::Warning => fmi2Warning,
+            Category::Discard => fmi2Discard,
+            Category::Fatal => fmi2Fatal,
+            Category::Events => fmi2OK,
+        };
+        let (category, text) = (category.name().as_ptr(), c_text(message));
+        // SAFETY: the host provides this function to be called with these C types (FMI 2.0.5, section
+        // 2.1.5); all strings are zero-terminated and outlive the call; the text is an argument of the format
+        // "%s", never the format itself.
+        unsafe {
+            let (instance, text) = (instance.as_ptr(), text.as_ptr());
+            logger(
+                environment,
+                instance,
+                status,
+                category,
+                c"%s".as_ptr(),
+                text,
+            );
+        }
+    }))
+}
+
+/// `fmi2FreeInstance`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
+    // SAFETY: the host's promise: NULL or an instance, which is not used again.
+    unsafe { free(instance) }
+}
+
+/// `fmi2GetReal`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2GetReal(
+    instance: fmi2Component,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let outcome = unsafe {
+        match shared(instance) {
+            Some(shared) => (shared.hot.get_elements)(instance, references, n, values),
+            None => Outcome::Error,
+        }
+    };
+    fmi2Status(outcome as c_int)
+}
+
+/// `fmi2SetReal`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2SetReal(
+    instance: fmi2Component,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let outcome = unsafe {
+        match shared(instance) {
+            Some(shared) => (shared.hot.set_elements)(instance, references, n, values),
+            None => Outcome::Error,
+        }
+    };
+    fmi2Status(outcome as c_int)
+}
+
+/// `fmi2DoStep`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi2DoStep(
+    instance: fmi2Component,
+    time: f64,
+    step: f64,
+    _no_set_state: fmi2Boolean,
+) -> fmi2Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let outcome = unsafe {
+        match shared(instance) {
+            Some(shared) => (shared.hot.step)(instance, time, step),
+            None => Outcome::Error,
+        }
+    };
+    fmi2Status(outcome as c_int)
+}
+
+/// The operations whose arguments differ between the versions.
+trait Operations {
+    fn enter_initialization_mode(&mut self) -> Result<(), ModelError>;
+    fn update_discrete_states(&mut self, info: &mut fmi2EventInfo) -> Result<(), ModelError>;
+}
+
+impl Operations for Component {
+    fn enter_initialization_mode(&mut self) -> Result<(), ModelError> {
+        self.enter(State::Initialization);
+        Ok(())
+    }
+
+    fn update_discrete_states(&mut self, info: &mut fmi2EventInfo) -> Result<(), ModelError> {
+        let update = self.handle_events()?;
+        *info = fmi2EventInfo {
+            newDiscreteStatesNeeded: fmi2False,
+            terminateSimulation: fmi2False,
+            nominalsOfContinuousStatesChanged: fmi2False,
+            valuesOfContinuousStatesChanged: update.states_changed.into(),
+            nextEventTimeDefined: update.next_event.is_some().into(),
+            nextEventTime: update.next_event.unwrap_or_default(),
+        };
+        Ok(())
+    }
+}
+
+/// The operations that only this version has.
+impl Component {
+    fn setup_experiment(
+        &mut self,
+        tolerance_defined: bool,
+        tolerance: f64,
+        start: f64,
+        stop_defined: bool,
+        stop: f64,
+    ) -> Result<(), ModelError> {
+        let tolerance = tolerance_defined.then_some(tolerance);
+        self.set_experiment(start, stop_defined.then_some(stop), tolerance)
+    }
+
+    fn get_real_status(&mut self, kind: c_int, value: Option<&mut f64>) -> Result<(), ModelError> {
+        let now = self.shared.lifecycle.now();
+        answer((kind == fmi2LastSuccessfulTime).then_some(now), value)
+    }
+
+    fn get_boolean_status(
+        &mut self,
+        kind: c_int,
+        value: Option<&mut fmi2Boolean>,
+    ) -> Result<(), ModelError> {
+        answer((kind == fmi2Terminated).then_some(fmi2False), value)
+    }
+}
+
+/// Returns a status value, if it is one of an FMU that steps synchronously.
+fn answer<T>(answer: Option<T>, value: Option<&mut T>) -> Result<(), ModelError> {
+    let answer = answer.ok_or_else(|| {
+        ModelError::refuse(
+            "this kind of status exists for asynchronous steps only, which the slave does not support",
+        )
+    })?;
+    let value = value.ok_or_else(|| ModelError::refuse("the pointer to the value is NULL"))?;
+    *value = answer;
+    Ok(())
+}

@@ -1,0 +1,492 @@
+//! The C interface of FMI 3.0.2: all 75 functions. Those that instantiate are defined by
+//! [`export!`](crate::export), as they depend on the models.
+//!
+//! The value reference of a variable is that of its first element in FMI 2.0, and the independent variable
+//! has the next one after all others.
+#![allow(
+    non_snake_case,
+    non_upper_case_globals,
+    clippy::missing_safety_doc,
+    clippy::too_many_arguments,
+    reason = "names, arguments and safety requirements are defined by the standard"
+)]
+
+use std::ffi::{CStr, c_int};
+use std::path::PathBuf;
+use std::rc::Rc;
+
+pub use fmi_abi::fmi3::*;
+use fmi_abi::state::State;
+use fmi_abi::{Version, c_type, fmi3_functions};
+use fmu_description::{Type, Value};
+
+use super::{c_text, text, texts};
+use crate::ModelError;
+use crate::bound::Numbers;
+use crate::component::{Component, Edge, Options, Outcome, Settings};
+use crate::entry::Entry;
+use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
+use crate::lifecycle::Mode;
+use crate::log::{Category, Log, Sink};
+use crate::resources::Folder;
+use crate::stepping::{IntermediateUpdate, Next, Results, Stepping};
+use crate::values::Given;
+
+static EDGE: Edge = Edge {
+    version: Version::Fmi3,
+    get_float64: calls::fmi3GetFloat64,
+    set_float64: calls::fmi3SetFloat64,
+    do_step: calls::fmi3DoStep,
+    get_fmu_state: calls::fmi3GetFMUState,
+};
+
+fmi3_functions!(entries! fmi3Instance fmi3Status);
+
+const SCHEDULED: &str =
+    "the FMU is not for scheduled execution; expected model exchange or co-simulation";
+
+/// Why a function of the model is not supported.
+fn unsupported(name: &str) -> &'static str {
+    match name {
+        "fmi3ActivateModelPartition" => SCHEDULED,
+        "fmi3EvaluateDiscreteStates" => "providesEvaluateDiscreteStates is false",
+        name if name.ends_with("Dependencies") => {
+            "providesPerElementDependencies is false; the model description has the dependencies"
+        }
+        _ => "the model has no clocks",
+    }
+}
+
+/// `fmi3GetVersion`
+#[unsafe(no_mangle)]
+pub extern "C" fn fmi3GetVersion() -> fmi3String {
+    c"3.0".as_ptr()
+}
+
+/// `fmi3InstantiateModelExchange`. On failure, logs the reason and returns NULL.
+///
+/// # Safety
+/// The requirements of the standard on the caller.
+pub unsafe fn instantiate_model_exchange(
+    models: &'static [Entry],
+    name: fmi3String,
+    token: fmi3String,
+    resources: fmi3String,
+    _visible: fmi3Boolean,
+    logging_on: fmi3Boolean,
+    environment: fmi3InstanceEnvironment,
+    log_message: Option<fmi3LogMessageCallback>,
+) -> fmi3Instance {
+    let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
+    let (function, mode) = ("fmi3InstantiateModelExchange", Ok(Mode::ModelExchange));
+    // SAFETY: the caller's promise.
+    unsafe {
+        instantiate(
+            function,
+            models,
+            [name, token, resources],
+            log,
+            mode,
+            Options::default(),
+        )
+    }
+}
+
+/// `fmi3InstantiateCoSimulation`. On failure, logs the reason and returns NULL.
+///
+/// # Safety
+/// The requirements of the standard on the caller.
+pub unsafe fn instantiate_co_simulation(
+    models: &'static [Entry],
+    name: fmi3String,
+    token: fmi3String,
+    resources: fmi3String,
+    _visible: fmi3Boolean,
+    logging_on: fmi3Boolean,
+    event_mode_used: fmi3Boolean,
+    early_return_allowed: fmi3Boolean,
+    intermediate_variables: *const u32,
+    n: usize,
+    environment: fmi3InstanceEnvironment,
+    log_message: Option<fmi3LogMessageCallback>,
+    intermediate_update: Option<fmi3IntermediateUpdateCallback>,
+) -> fmi3Instance {
+    let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
+    // SAFETY: the caller's promise.
+    let variables = unsafe { slice(intermediate_variables, n) };
+    let mode = match (variables, event_mode_used) {
+        (None, _) => Err("requiredIntermediateVariables is NULL though its length is not 0".into()),
+        (_, fmi3False) => Ok(Mode::CoSimulation),
+        _ => Ok(Mode::CoSimulationWithEvents),
+    };
+    let options = Options {
+        early_return_allowed: early_return_allowed != fmi3False,
+        intermediate_update: intermediate_update.map(|function| {
+            // SAFETY: the host provides this function for this environment.
+            Rc::new(move |update| unsafe { call_back(function, environment, update) }) as Rc<_>
+        }),
+        intermediate_variables: variables.unwrap_or_default().to_vec(),
+    };
+    let function = "fmi3InstantiateCoSimulation";
+    // SAFETY: the caller's promise.
+    unsafe {
+        instantiate(
+            function,
+            models,
+            [name, token, resources],
+            log,
+            mode,
+            options,
+        )
+    }
+}
+
+/// `fmi3InstantiateScheduledExecution`, which logs that it is not supported and returns NULL.
+///
+/// # Safety
+/// The requirements of the standard on the caller.
+pub unsafe fn instantiate_scheduled_execution(
+    _models: &'static [Entry],
+    _name: fmi3String,
+    _token: fmi3String,
+    _resources: fmi3String,
+    _visible: fmi3Boolean,
+    _logging_on: fmi3Boolean,
+    environment: fmi3InstanceEnvironment,
+    log_message: Option<fmi3LogMessageCallback>,
+    _clock_update: Option<fmi3ClockUpdateCallback>,
+    _lock_preemption: Option<fmi3PreemptionCallback>,
+    _unlock_preemption: Option<fmi3PreemptionCallback>,
+) -> fmi3Instance {
+    let log = Log::new(sink(environment, log_message), false);
+    let message = format_args!("fmi3InstantiateScheduledExecution: {SCHEDULED}");
+    log.send(Category::Error, message);
+    std::ptr::null_mut()
+}
+
+/// Creates an instance of the model with the given token.
+///
+/// # Safety
+/// The texts (name, token and resource path) are NULL or zero-terminated.
+unsafe fn instantiate(
+    function: &str,
+    models: &'static [Entry],
+    texts: [fmi3String; 3],
+    log: Log,
+    mode: Result<Mode, String>,
+    options: Options,
+) -> fmi3Instance {
+    // SAFETY: the caller's promise.
+    let [name, token, path] = texts.map(|pointer| unsafe { text(pointer) });
+    let settings = Settings {
+        edge: &EDGE,
+        mode: Mode::CoSimulation,
+        log,
+        resources: folder(path),
+        options,
+    };
+    super::instantiate(function, models, (name, token), mode, settings)
+}
+
+/// The folder of the resources, which is a path and not a URI in FMI 3.0.
+fn folder(path: Option<&CStr>) -> Folder {
+    let path = path.filter(|path| !path.is_empty());
+    let path = path.ok_or("the host passed no resource path")?;
+    match path.to_str() {
+        Ok(path) => Ok(PathBuf::from(path)),
+        Err(_) => Err(format!("the resource path {path:?} is not UTF-8")),
+    }
+}
+
+/// Forwards messages to the host's logger, if the host provides one.
+fn sink(
+    environment: fmi3InstanceEnvironment,
+    log_message: Option<fmi3LogMessageCallback>,
+) -> Option<Sink> {
+    let log_message = log_message?;
+    Some(Box::new(move |category, message| {
+        let status = match category {
+            Category::Error => fmi3Error,
+            Category::Warning => fmi3Warning,
+            Category::Discard => fmi3Discard,
+            Category::Fatal => fmi3Fatal,
+            Category::Events => fmi3OK,
+        };
+        // `#` introduces a value reference (FMI 3.0.2, section 2.3.1).
+        let text = c_text(&message.replace('#', "##"));
+        let category = category.name().as_ptr();
+        // SAFETY: the host provides this function to be called with these C types (FMI 3.0.2, section
+        // 2.3.1); the strings are zero-terminated and outlive the call.
+        unsafe { log_message(environment, status.0, category, text.as_ptr()) };
+    }))
+}
+
+/// `fmi3FreeInstance`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
+    // SAFETY: the host's promise: NULL or an instance, which is not used again.
+    unsafe { free(instance) }
+}
+
+/// `fmi3GetFloat64`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi3GetFloat64(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *mut f64,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let outcome = unsafe {
+        match shared(instance) {
+            Some(shared) => (shared.hot.get_variables)(instance, references, n, values, n_values),
+            None => Outcome::Error,
+        }
+    };
+    fmi3Status(outcome as c_int)
+}
+
+/// `fmi3SetFloat64`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi3SetFloat64(
+    instance: fmi3Instance,
+    references: *const u32,
+    n: usize,
+    values: *const f64,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises, as for all entry points.
+    let outcome = unsafe {
+        match shared(instance) {
+            Some(shared) => (shared.hot.set_variables)(instance, references, n, values, n_values),
+            None => Outcome::Error,
+        }
+    };
+    fmi3Status(outcome as c_int)
+}
+
+/// `fmi3DoStep`
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fmi3DoStep(
+    instance: fmi3Instance,
+    time: f64,
+    step: f64,
+    _no_set_state: fmi3Boolean,
+    event_handling_needed: *mut fmi3Boolean,
+    terminate: *mut fmi3Boolean,
+    early_return: *mut fmi3Boolean,
+    last_successful_time: *mut f64,
+) -> fmi3Status {
+    // SAFETY: the host's promises, as for all entry points; some hosts pass NULL for results.
+    unsafe {
+        // Before the step, whose registers need not be saved then.
+        put(event_handling_needed, fmi3False);
+        put(terminate, fmi3False);
+        put(early_return, fmi3False);
+        let Some(shared) = shared(instance) else {
+            return fmi3Error;
+        };
+        if shared.is_stepped_in_parts() {
+            let (event, early, last) = (event_handling_needed, early_return, last_successful_time);
+            return step_in_parts(instance, time, step, event, early, last);
+        }
+        let outcome = (shared.hot.step)(instance, time, step);
+        put(last_successful_time, shared.lifecycle.now());
+        fmi3Status(outcome as c_int)
+    }
+}
+
+/// # Safety
+/// The pointer is NULL or writable.
+#[inline(always)]
+unsafe fn put<T>(pointer: *mut T, value: T) {
+    if !pointer.is_null() {
+        // SAFETY: not NULL, and writable by the caller's promise.
+        unsafe { pointer.write(value) };
+    }
+}
+
+/// A step that the host sees into.
+///
+/// # Safety
+/// The promises of a host. Its callback may call functions of the instance, therefore no reference to the
+/// instance is held meanwhile.
+#[cold]
+#[inline(never)]
+unsafe extern "C" fn step_in_parts(
+    instance: fmi3Instance,
+    time: f64,
+    step: f64,
+    event_handling_needed: *mut fmi3Boolean,
+    early_return: *mut fmi3Boolean,
+    last_successful_time: *mut f64,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let (outcome, results) = in_parts(instance, time, step);
+        put(event_handling_needed, results.event_handling_needed.into());
+        put(early_return, results.early_return.into());
+        put(last_successful_time, results.last_successful_time);
+        fmi3Status(outcome as c_int)
+    }
+}
+
+/// # Safety
+/// As [`step_in_parts`].
+unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Outcome, Results) {
+    // SAFETY: the caller's promise; each reference ends before the callback.
+    let borrow = || unsafe { component(instance) };
+    let failed = (Outcome::Error, Results::plain(time));
+    let Some(c) = borrow() else {
+        return failed;
+    };
+    let call_back = c.shared.options.intermediate_update.clone();
+    let mut stepping = match Stepping::begin(c, time, step) {
+        Ok(stepping) => stepping,
+        Err(returned) => return returned,
+    };
+    let mut next = stepping.advance(c);
+    loop {
+        match next {
+            Next::Return(outcome, results) => return (outcome, results),
+            Next::Update(update) => {
+                let requested = call_back.as_ref().and_then(|call_back| call_back(update));
+                let Some(c) = borrow() else {
+                    return failed;
+                };
+                next = stepping.resume(c, update, requested);
+            }
+        }
+    }
+}
+
+/// Calls the host in an intermediate update. Returns the time of an early return that it requests.
+///
+/// # Safety
+/// The function and its environment are those of the host.
+unsafe fn call_back(
+    function: fmi3IntermediateUpdateCallback,
+    environment: fmi3InstanceEnvironment,
+    update: IntermediateUpdate,
+) -> Option<f64> {
+    let (mut requested, mut return_time) = (fmi3False, update.time);
+    // SAFETY: the host provides this function to be called with these C types (FMI 3.0.2, section
+    // 4.2.2); the pointers are valid during the call.
+    unsafe {
+        function(
+            environment,
+            update.time,
+            update.set_requested.into(),
+            fmi3True,
+            fmi3True,
+            update.can_return_early.into(),
+            &raw mut requested,
+            &raw mut return_time,
+        );
+    }
+    (requested != fmi3False).then_some(return_time)
+}
+
+/// The operations whose arguments differ between the versions.
+trait Operations {
+    fn enter_initialization_mode(
+        &mut self,
+        tolerance_defined: bool,
+        tolerance: f64,
+        start: f64,
+        stop_defined: bool,
+        stop: f64,
+    ) -> Result<(), ModelError>;
+    fn update_discrete_states(
+        &mut self,
+        needs_update: &mut fmi3Boolean,
+        terminate: &mut fmi3Boolean,
+        nominals_changed: &mut fmi3Boolean,
+        states_changed: &mut fmi3Boolean,
+        next_event_defined: &mut fmi3Boolean,
+        next_event: &mut f64,
+    ) -> Result<(), ModelError>;
+}
+
+impl Operations for Component {
+    fn enter_initialization_mode(
+        &mut self,
+        tolerance_defined: bool,
+        tolerance: f64,
+        start: f64,
+        stop_defined: bool,
+        stop: f64,
+    ) -> Result<(), ModelError> {
+        let tolerance = tolerance_defined.then_some(tolerance);
+        self.set_experiment(start, stop_defined.then_some(stop), tolerance)?;
+        self.enter(State::Initialization);
+        Ok(())
+    }
+
+    fn update_discrete_states(
+        &mut self,
+        needs_update: &mut fmi3Boolean,
+        terminate: &mut fmi3Boolean,
+        nominals_changed: &mut fmi3Boolean,
+        states_changed: &mut fmi3Boolean,
+        next_event_defined: &mut fmi3Boolean,
+        next_event: &mut f64,
+    ) -> Result<(), ModelError> {
+        let update = self.handle_events()?;
+        *needs_update = fmi3False;
+        *terminate = fmi3False;
+        *nominals_changed = fmi3False;
+        *states_changed = update.states_changed.into();
+        *next_event_defined = update.next_event.is_some().into();
+        *next_event = update.next_event.unwrap_or_default();
+        Ok(())
+    }
+}
+
+/// The operations that only this version has.
+impl Component {
+    fn get_number_of_event_indicators(&mut self, n: &mut usize) -> Result<(), ModelError> {
+        *n = self.model.length(Numbers::EventIndicators);
+        Ok(())
+    }
+
+    fn get_number_of_continuous_states(&mut self, n: &mut usize) -> Result<(), ModelError> {
+        *n = self.model.length(Numbers::States);
+        Ok(())
+    }
+
+    /// Hands out pointers to bytes that live until the next call.
+    fn get_binary(
+        &mut self,
+        references: &[u32],
+        sizes: &mut [usize],
+        values: &mut [fmi3Binary],
+    ) -> Result<(), ModelError> {
+        let mut found = Vec::with_capacity(values.len());
+        self.get(Type::Binary, references, values.len(), &mut |_, value| {
+            if let Value::Binary(bytes) = value {
+                found.push(bytes);
+            }
+        })?;
+        for ((value, size), bytes) in values.iter_mut().zip(sizes).zip(&found) {
+            (*value, *size) = (bytes.as_ptr(), bytes.len());
+        }
+        self.shared.binaries = found;
+        Ok(())
+    }
+
+    unsafe fn set_binary(
+        &mut self,
+        references: &[u32],
+        sizes: &[usize],
+        values: &[fmi3Binary],
+    ) -> Result<(), ModelError> {
+        let each = sizes.iter().zip(values);
+        // SAFETY: the host's promise: NULL, or as many bytes.
+        let binaries = each.map(|(&size, &value)| unsafe { slice(value, size) });
+        let binaries: Vec<Option<&[u8]>> = binaries.collect();
+        let given = |i: usize| Given::Binary(binaries[i]);
+        self.set(Type::Binary, references, binaries.len(), &given)
+    }
+}

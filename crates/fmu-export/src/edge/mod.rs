@@ -1,0 +1,261 @@
+//! The edges: the interfaces through which a host calls the instances of this crate. They turn the arguments of
+//! a host into slices and values, and call the [`Component`]; nothing behind the component knows of them.
+//!
+//! [`fmi2`] and [`fmi3`] are the C interfaces. Their entry points are made from the rows of `fmi-abi`: a row
+//! becomes a function that converts its arguments, checks the state, and calls the method of the component that
+//! has the name of the row's operation. Most of these methods are those of the component itself; the edges add
+//! those whose arguments are of C, in this file and in [`state`] if both versions have them.
+//!
+//! Another edge, such as WebAssembly components, docks here: it creates instances with
+//! [`Entry::create`](crate::entry::Entry::create), and calls [`Component::call`] with a function and a method.
+
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use fmu_description::{Type, Value};
+
+use crate::ModelError;
+use crate::component::{Component, Settings};
+use crate::entry::Entry;
+use crate::instance::Pointer;
+use crate::lifecycle::Mode;
+use crate::log::{self, Category};
+use crate::values::Given;
+
+/// Defines the entry points of a version from the rows of its functions that have an instance.
+macro_rules! entries {
+    (
+        $instance:ident $status:ident
+        Free { $($_0:tt)* }
+        $($_1:ident { $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)* })*
+    ) => {
+        $($(entry!($instance $status $name $arguments $operation $($states)|+);)*)*
+    };
+}
+
+macro_rules! entry {
+    // Written by hand, as hosts call them at every step.
+    ($i:ident $s:ident fmi2GetReal $($row:tt)*) => {};
+    ($i:ident $s:ident fmi2SetReal $($row:tt)*) => {};
+    ($i:ident $s:ident fmi2DoStep $($row:tt)*) => {};
+    ($i:ident $s:ident fmi3GetFloat64 $($row:tt)*) => {};
+    ($i:ident $s:ident fmi3SetFloat64 $($row:tt)*) => {};
+    ($i:ident $s:ident fmi3DoStep $($row:tt)*) => {};
+    // Declared as unsupported by the model description. Importers bind them anyway.
+    ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
+        #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
+            // SAFETY: the host's promise: NULL or an instance.
+            let component = unsafe { component(instance) };
+            let call = &calls::$name;
+            $s(component.map_or(Outcome::Error, |c| c.refuse(call, unsupported(call.name))) as c_int)
+        }
+    };
+    ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
+        #[doc = concat!("`", stringify!($name), "`")]
+        #[unsafe(no_mangle)]
+        #[allow(unused_variables, reason = "the slices have the lengths")]
+        pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
+            let call = &calls::$name;
+            // SAFETY: the host's promises: NULL or an instance that is not used otherwise; pointers that are
+            // NULL or valid, those to arrays for the lengths passed with them; zero-terminated texts.
+            let outcome = unsafe {
+                let Some(component) = component(instance) else {
+                    return $s(Outcome::Error as c_int);
+                };
+                $(let $arg = match convert!($arg $kind) {
+                    Ok(arg) => arg,
+                    Err(why) => return $s(component.refuse(call, why) as c_int),
+                };)*
+                component.call(call, |c| apply!(c.$operation [] $($arg: $kind,)*))
+            };
+            $s(outcome as c_int)
+        }
+    };
+}
+
+/// The argument of a host as a Rust type, or why it is refused.
+macro_rules! convert {
+    ($arg:ident [in? fmi2String; $n:ident]) => {
+        Ok(slice($arg, $n).map(|texts| self::texts(texts)))
+    };
+    ($arg:ident [in? fmi3String; $n:ident]) => {
+        Ok(slice($arg, $n).map(|texts| self::texts(texts)))
+    };
+    ($arg:ident [in fmi2String; $n:ident]) => {
+        slice($arg, $n)
+            .map(|texts| self::texts(texts))
+            .ok_or(NULL_ARRAY)
+    };
+    ($arg:ident [in fmi3String; $n:ident]) => {
+        slice($arg, $n)
+            .map(|texts| self::texts(texts))
+            .ok_or(NULL_ARRAY)
+    };
+    ($arg:ident [in? $byte:ty; $n:ident]) => {
+        Ok(slice($arg.cast::<u8>(), $n))
+    };
+    ($arg:ident [out? $byte:ty; $n:ident]) => {
+        Ok(slice_mut($arg.cast::<u8>(), $n))
+    };
+    ($arg:ident [in $type:ty; $n:ident]) => {
+        slice($arg, $n).ok_or(NULL_ARRAY)
+    };
+    ($arg:ident [out $type:ty; $n:ident]) => {
+        slice_mut($arg, $n).ok_or(NULL_ARRAY)
+    };
+    ($arg:ident [out? $type:ty]) => {
+        Ok($arg.as_mut())
+    };
+    ($arg:ident [out $type:ty]) => {
+        $arg.as_mut().ok_or("a pointer to a result is NULL")
+    };
+    ($arg:ident fmi2Boolean) => {
+        Ok($arg != 0)
+    };
+    ($arg:ident fmi3Boolean) => {
+        Ok($arg != 0)
+    };
+    ($arg:ident $kind:tt) => {
+        Ok($arg)
+    };
+}
+
+/// Calls a method with all arguments but the lengths.
+macro_rules! apply {
+    ($c:ident.$method:ident [$($done:ident)*]) => { $c.$method($($done),*) };
+    ($c:ident.$method:ident [$($done:ident)*] $n:ident: [len], $($rest:tt)*) => {
+        apply!($c.$method [$($done)*] $($rest)*)
+    };
+    ($c:ident.$method:ident [$($done:ident)*] $arg:ident: $kind:tt, $($rest:tt)*) => {
+        apply!($c.$method [$($done)* $arg] $($rest)*)
+    };
+}
+
+#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+pub mod fmi2;
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+pub mod fmi3;
+mod state;
+
+/// The string behind a pointer; `None` for NULL.
+///
+/// # Safety
+/// `text` is NULL or points to a zero-terminated string that lives long enough.
+unsafe fn text<'a>(text: *const c_char) -> Option<&'a CStr> {
+    // SAFETY: not NULL by the check, and a C string by the caller's promise.
+    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) })
+}
+
+/// The strings behind pointers.
+///
+/// # Safety
+/// As [`text`].
+unsafe fn texts<'a>(pointers: &[*const c_char]) -> Vec<Option<&'a CStr>> {
+    // SAFETY: the caller's promise.
+    pointers
+        .iter()
+        .map(|&pointer| unsafe { text(pointer) })
+        .collect()
+}
+
+/// A text for C, where strings end at a zero byte. Our messages have none, but they may quote the host.
+fn c_text(text: &str) -> CString {
+    CString::new(text.replace('\0', " ")).unwrap_or_default()
+}
+
+/// Creates an instance of the model that a host chooses by name and GUID, for the mode. On failure, logs the
+/// reason and returns NULL.
+fn instantiate(
+    function: &str,
+    models: &'static [Entry],
+    (name, guid): (Option<&CStr>, Option<&CStr>),
+    mode: Result<Mode, String>,
+    settings: Settings,
+) -> Pointer {
+    log::silence_panics();
+    let made = catch_unwind(AssertUnwindSafe(|| {
+        let chosen = mode.and_then(|mode| Ok((mode, Entry::choose(models, name, mode, guid)?)));
+        match chosen {
+            Ok((mode, entry)) => entry.create(Settings { mode, ..settings }),
+            Err(reason) => {
+                let message = format_args!("{function}: {reason}");
+                settings.log.send(Category::Error, message);
+                std::ptr::null_mut()
+            }
+        }
+    }));
+    made.unwrap_or(std::ptr::null_mut())
+}
+
+/// The methods whose arguments are of C, for both versions.
+impl Component {
+    fn set_debug_logging(
+        &mut self,
+        on: bool,
+        categories: Option<Vec<Option<&CStr>>>,
+    ) -> Result<(), ModelError> {
+        let names: Option<Vec<&CStr>> = categories.and_then(|names| names.into_iter().collect());
+        let names = names.ok_or_else(|| ModelError::refuse("a category is NULL"))?;
+        self.switch_log(on, &names)
+    }
+
+    /// Gets Booleans as 0 or 1.
+    fn get_boolean<B: From<bool>>(
+        &mut self,
+        references: &[u32],
+        values: &mut [B],
+    ) -> Result<(), ModelError> {
+        self.get(Type::Boolean, references, values.len(), &mut |i, value| {
+            values[i] = (value == Value::Boolean(true)).into();
+        })
+    }
+
+    fn set_boolean<B: Copy + Into<i32>>(
+        &mut self,
+        references: &[u32],
+        values: &[B],
+    ) -> Result<(), ModelError> {
+        let given = |i: usize| Given::Boolean(values[i].into());
+        self.set(Type::Boolean, references, values.len(), &given)
+    }
+
+    /// Hands out pointers to texts that live until the next call.
+    fn get_string(
+        &mut self,
+        references: &[u32],
+        values: &mut [*const c_char],
+    ) -> Result<(), ModelError> {
+        let mut texts = Vec::with_capacity(values.len());
+        self.get(Type::String, references, values.len(), &mut |_, value| {
+            if let Value::String(text) = value {
+                texts.push(c_text(&text));
+            }
+        })?;
+        for (value, text) in values.iter_mut().zip(&texts) {
+            *value = text.as_ptr();
+        }
+        self.shared.texts = texts;
+        Ok(())
+    }
+
+    fn set_string(
+        &mut self,
+        references: &[u32],
+        values: Vec<Option<&CStr>>,
+    ) -> Result<(), ModelError> {
+        let given = |i: usize| Given::String(values[i]);
+        self.set(Type::String, references, values.len(), &given)
+    }
+
+    fn completed_integrator_step<B: From<bool>>(
+        &mut self,
+        _no_set_state: bool,
+        enter_event_mode: &mut B,
+        terminate: &mut B,
+    ) -> Result<(), ModelError> {
+        (*enter_event_mode, *terminate) = (false.into(), false.into());
+        Ok(())
+    }
+}

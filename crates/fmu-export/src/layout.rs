@@ -1,0 +1,232 @@
+//! Where the variables of a model are: tables by value reference, computed by the compiler.
+
+use fmu_description::table::{Bounds, Row, Scalar};
+use fmu_description::{Causality, Dynamics, Variability};
+
+/// Where a Float64 is stored, and the values that it may be set to between steps.
+#[derive(Clone, Copy)]
+pub(crate) struct Place {
+    /// Its offset in the model; [`Place::NONE`] if the variable is no `f64`, or is computed only when a host
+    /// asks for it.
+    pub(crate) offset: usize,
+    /// The smallest and the largest value. They are finite, which excludes NaN and infinities. The range
+    /// is empty for variables that cannot be set.
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+}
+
+impl Place {
+    pub(crate) const NONE: usize = usize::MAX;
+    /// That of no variable.
+    const EMPTY: Self = Self {
+        offset: Self::NONE,
+        min: f64::INFINITY,
+        max: f64::NEG_INFINITY,
+    };
+
+    const fn of(row: &Scalar) -> Self {
+        let variable = row.variable;
+        let is_settable = matches!(
+            (variable.causality, variable.variability),
+            (Causality::Input, _) | (Causality::Parameter, Variability::Tunable)
+        );
+        match (row.offset_of_real(), variable.dynamics, variable.bounds) {
+            (_, Dynamics::Derivative { .. } | Dynamics::EventIndicator, _) => Self::EMPTY,
+            (Some(offset), _, Bounds::Real(min, max)) if is_settable => Self {
+                offset,
+                min: min.max(f64::MIN),
+                max: max.min(f64::MAX),
+            },
+            (Some(offset), ..) => Self {
+                offset,
+                ..Self::EMPTY
+            },
+            _ => Self::EMPTY,
+        }
+    }
+}
+
+/// The elements of a variable.
+#[derive(Clone, Copy)]
+pub(crate) struct Array {
+    /// Number of elements; 0 if the reference is not that of a first element.
+    pub(crate) count: u32,
+    /// Number of elements that are in use by default.
+    pub(crate) default: u32,
+    /// Offset of the number of elements in use; [`Array::ALL`] if all are.
+    pub(crate) size: u32,
+}
+
+impl Array {
+    pub(crate) const ALL: u32 = u32::MAX;
+    /// That of no variable.
+    const EMPTY: Self = Self {
+        count: 0,
+        default: 0,
+        size: Self::ALL,
+    };
+}
+
+/// A state and its derivative.
+#[derive(Clone, Copy)]
+pub(crate) struct Integrated {
+    /// Value references.
+    pub(crate) state: u32,
+    pub(crate) derivative: u32,
+    /// Offsets in the model.
+    pub(crate) state_offset: usize,
+    pub(crate) derivative_offset: usize,
+    pub(crate) nominal: f64,
+}
+
+/// Up to `N` items.
+#[derive(Clone, Copy)]
+pub(crate) struct List<T, const N: usize> {
+    items: [T; N],
+    length: usize,
+}
+
+impl<T: Copy, const N: usize> List<T, N> {
+    const fn new(filler: T) -> Self {
+        Self {
+            items: [filler; N],
+            length: 0,
+        }
+    }
+
+    const fn push(&mut self, item: T) {
+        self.items[self.length] = item;
+        self.length += 1;
+    }
+
+    /// The items, without the memory for others if there are none.
+    pub(crate) const fn as_slice(&'static self) -> &'static [T] {
+        match self.length {
+            0 => &[],
+            length => self.items.split_at(length).0,
+        }
+    }
+}
+
+/// The tables of a model with `N` scalar variables, for constants only: a binary contains those that it uses.
+pub(crate) struct Tables<const N: usize> {
+    /// The scalars and elements of arrays that are in use by default.
+    pub(crate) elements: [Place; N],
+    /// The variables that are not arrays.
+    pub(crate) scalars: [Place; N],
+    /// The first elements of all variables, and how many elements there are.
+    pub(crate) variables: [Place; N],
+    pub(crate) arrays: [Array; N],
+    /// In the order of the derivatives.
+    pub(crate) states: List<Integrated, N>,
+    /// Offsets.
+    pub(crate) event_indicators: List<usize, N>,
+    /// Whether the host may set the time derivative of any input.
+    pub(crate) has_input_derivatives: bool,
+    /// Whether derivatives of any variable with respect to others are known.
+    pub(crate) has_directional_derivatives: bool,
+    /// Whether there are structural parameters, and whether any of them is tunable.
+    pub(crate) structural_parameters: (bool, bool),
+}
+
+impl<const N: usize> Tables<N> {
+    pub(crate) const fn of(rows: &[Scalar; N]) -> Self {
+        let mut tables = Self {
+            elements: [Place::EMPTY; N],
+            scalars: [Place::EMPTY; N],
+            variables: [Place::EMPTY; N],
+            arrays: [Array::EMPTY; N],
+            states: List::new(Integrated {
+                state: 0,
+                derivative: 0,
+                state_offset: 0,
+                derivative_offset: 0,
+                nominal: 1.0,
+            }),
+            event_indicators: List::new(0),
+            has_input_derivatives: false,
+            has_directional_derivatives: false,
+            structural_parameters: (false, false),
+        };
+        let mut in_use = 0;
+        let mut reference = 0;
+        while reference < N {
+            let row = &rows[reference];
+            if row.element == 0 {
+                in_use = row.elements(rows);
+            }
+            tables.add(rows, reference, in_use);
+            reference += 1;
+        }
+        tables
+    }
+
+    /// Adds a scalar of a variable of which `in_use` elements are in use by default.
+    const fn add(&mut self, rows: &[Scalar; N], reference: usize, in_use: usize) {
+        let row = &rows[reference];
+        let (variable, place, size) = (row.variable, Place::of(row), row.size(rows));
+        if row.element < in_use {
+            self.elements[reference] = place;
+        }
+        if variable.count() == 1 && size.is_none() {
+            self.scalars[reference] = place;
+        }
+        if row.element == 0 {
+            self.variables[reference] = place;
+            self.arrays[reference].count = variable.count() as u32;
+            self.arrays[reference].default = in_use as u32;
+            if let Some(size) = size
+                && let Some(offset) = rows[size].offset_of_size()
+            {
+                self.arrays[reference].size = offset as u32;
+            }
+        }
+        match (variable.dynamics, row.offset_of_real()) {
+            (Dynamics::Derivative { .. }, Some(derivative_offset)) => {
+                if let Some(of) = row.state(rows)
+                    && let Dynamics::State { nominal } = rows[of].variable.dynamics
+                    && let Some(state_offset) = rows[of].offset_of_real()
+                {
+                    self.states.push(Integrated {
+                        state: of as u32,
+                        derivative: reference as u32,
+                        state_offset,
+                        derivative_offset,
+                        nominal,
+                    });
+                }
+            }
+            (Dynamics::EventIndicator, Some(offset)) => self.event_indicators.push(offset),
+            _ => {}
+        }
+        self.has_input_derivatives |= variable.has_input_derivative;
+        self.has_directional_derivatives |= !variable.depends_on.is_empty();
+        if matches!(variable.causality, Causality::StructuralParameter) {
+            self.structural_parameters.0 = true;
+            self.structural_parameters.1 |= matches!(variable.variability, Variability::Tunable);
+        }
+    }
+}
+
+/// What the code that all models share knows of a model.
+pub(crate) struct Facts {
+    pub(crate) rows: &'static [Row],
+    /// Number of scalar variables; their value references are 0 to `count - 1`.
+    pub(crate) count: usize,
+    pub(crate) arrays: &'static [Array],
+    pub(crate) states: &'static [Integrated],
+    /// Offsets.
+    pub(crate) event_indicators: &'static [usize],
+    /// Whether the model has a sample time.
+    pub(crate) is_sampled: bool,
+    /// Whether it has equations, see [`Continuous`](crate::Continuous).
+    pub(crate) is_continuous: bool,
+    /// Whether they are integrated here in co-simulation.
+    pub(crate) is_integrated: bool,
+    /// The step size of the default experiment (s), and the relative tolerance.
+    pub(crate) step: f64,
+    pub(crate) tolerance: f64,
+    pub(crate) has_directional_derivatives: bool,
+    /// Whether there are structural parameters, and whether any of them is tunable.
+    pub(crate) structural_parameters: (bool, bool),
+}

@@ -1,0 +1,531 @@
+//! Merges FMUs of one model that were built on several machines into one FMU for all platforms.
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::xml::{self, Element};
+
+use crate::archive::{self, Archive, ICON, MODEL_DESCRIPTION, Packed};
+use crate::platform;
+use crate::text::{about, plain, quote};
+
+/// Maximum number of differences between two model descriptions.
+const MAX_DIFFERENCES: usize = 100;
+/// Maximum number of differences shown.
+const MAX_SHOWN: usize = 20;
+/// Maximum length of a path or value that is shown.
+const MAX_LENGTH: usize = 300;
+
+/// Attributes of the root element that describe the export, not the model.
+const EXPORT_ATTRIBUTES: [&str; 2] = ["generationTool", "generationDateAndTime"];
+/// Tool-specific elements, which have no meaning for other tools.
+const TOOL_ELEMENTS: [&str; 2] = ["VendorAnnotations", "Annotations"];
+
+/// The result of a merge.
+#[derive(Debug)]
+pub struct Merged {
+    /// Size of the FMU in bytes.
+    pub size: u64,
+    /// The platform folders that it has binaries in.
+    pub platforms: Vec<String>,
+    /// Harmless differences, and which FMU was used.
+    pub notes: Vec<String>,
+}
+
+/// An FMU to merge.
+struct Fmu {
+    path: PathBuf,
+    archive: Archive,
+    description: String,
+}
+
+/// The source of a file: the index of the FMU, and the index of the file in it.
+type Source = (usize, usize);
+
+/// The parts of an FMU, in the order in which `cargo fmu export` writes them.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Part {
+    ModelDescription,
+    Binaries,
+    Rest,
+}
+
+/// Merges two or more FMUs and writes the result to `out`, which may be one of them.
+///
+/// # Errors
+/// An FMU cannot be read or does not match the others, or `out` cannot be written.
+pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
+    ensure!(
+        files.len() > 1,
+        "got {} FMU, expected two or more",
+        files.len()
+    );
+    let mut notes = Vec::new();
+    let mut fmus = files
+        .iter()
+        .map(|path| Fmu::open(path))
+        .collect::<Result<Vec<_>>>()?;
+    for other in &fmus[1..] {
+        check_same_model(&fmus[0], other, &mut notes)?;
+    }
+    let files = sources(&fmus)
+        .into_values()
+        .map(|sources| choose(&sources, &mut fmus, &mut notes))
+        .collect::<Result<Vec<_>>>()?;
+    // Windows does not replace open files.
+    drop(fmus);
+    let entries: Vec<_> = files.iter().map(|(name, file)| (name, file)).collect();
+    let platforms = platform::folders(files.iter().map(|(name, _)| name));
+    Ok(Merged {
+        size: archive::write(out, &entries)?,
+        platforms: platforms.into_iter().map(str::to_owned).collect(),
+        notes,
+    })
+}
+
+impl Fmu {
+    fn open(path: &Path) -> Result<Self> {
+        let read = || {
+            let mut archive = Archive::open_sound(path)?;
+            let description = archive.model_description()?;
+            let root = root(&description)?;
+            ensure!(
+                root.name == "fmiModelDescription",
+                "{MODEL_DESCRIPTION} has the root {}, expected fmiModelDescription",
+                quote(root.name)
+            );
+            Ok((archive, description))
+        };
+        let (archive, description) = read().map_err(|error| about(path, &error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            archive,
+            description,
+        })
+    }
+
+    fn content(&mut self, file: usize) -> Result<Vec<u8>> {
+        let content = self.archive.content(file);
+        content.map_err(|error| about(&self.path, &error))
+    }
+}
+
+fn root(description: &str) -> Result<Element<'_>> {
+    xml::parse(description).with_context(|| format!("{MODEL_DESCRIPTION} cannot be read"))
+}
+
+// --- files ----------------------------------------------------------------------------------------
+
+/// The sources of each file, by part. Sorted, so that the order of the FMUs does not matter.
+fn sources(fmus: &[Fmu]) -> BTreeMap<(Part, String), Vec<Source>> {
+    let mut files = BTreeMap::<_, Vec<_>>::new();
+    for (number, fmu) in fmus.iter().enumerate() {
+        for (index, name) in fmu.archive.names.iter().enumerate() {
+            // Some systems ignore case in names.
+            let folded = name.to_lowercase();
+            let part = match name.as_str() {
+                // An entry for the FMU itself.
+                "" => continue,
+                MODEL_DESCRIPTION => Part::ModelDescription,
+                _ if folded.starts_with("binaries/") => Part::Binaries,
+                _ => Part::Rest,
+            };
+            let sources = files.entry((part, folded)).or_default();
+            sources.push((number, index));
+        }
+    }
+    files
+}
+
+/// Chooses among the files of one name: the one from the first FMU that has it.
+fn choose(
+    sources: &[Source],
+    fmus: &mut [Fmu],
+    notes: &mut Vec<String>,
+) -> Result<(String, Packed)> {
+    let (first, index) = sources[0];
+    let name = fmus[first].archive.names[index].clone();
+    let content = fmus[first].content(index)?;
+    for &(other, index) in &sources[1..] {
+        let other_name = &fmus[other].archive.names[index];
+        ensure!(
+            *other_name == name,
+            "{} has {}, and {} has {}; some systems treat them as the same file",
+            fmus[first].path.display(),
+            quote(&name),
+            fmus[other].path.display(),
+            quote(other_name)
+        );
+        let is_same = fmus[other].content(index)? == content;
+        // The content of model descriptions was compared before.
+        if is_same || name == MODEL_DESCRIPTION {
+            continue;
+        }
+        let what = format!(
+            "{} differs in {} and {}",
+            quote(&name),
+            fmus[first].path.display(),
+            fmus[other].path.display()
+        );
+        ensure!(is_documentation(&name), "{what}, expected the same bytes");
+        notes.push(note(&what, &fmus[first]));
+    }
+    let packed = fmus[first].archive.packed(index);
+    let packed = packed.map_err(|error| about(&fmus[first].path, &error))?;
+    Ok((name, packed))
+}
+
+/// Whether the file is irrelevant for simulation. Pages may mention when and where they were created.
+fn is_documentation(name: &str) -> bool {
+    let is_image = |extension| name.starts_with("terminalsAndIcons/") && name.ends_with(extension);
+    name.starts_with("documentation/") || name == ICON || is_image(".png") || is_image(".svg")
+}
+
+/// A note on a harmless difference, and which FMU was used.
+fn note(what: &str, fmu: &Fmu) -> String {
+    format!("{what}; kept the one from {}", fmu.path.display())
+}
+
+// --- model descriptions ---------------------------------------------------------------------------
+
+/// Checks that two model descriptions agree, and notes harmless differences.
+fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result<()> {
+    let (left, right) = (root(&first.description)?, root(&other.description)?);
+    let mut differences = Vec::new();
+    compare("", &left, &right, &mut differences);
+    let (harmless, conflicts): (Vec<_>, Vec<_>) = differences
+        .into_iter()
+        .partition(|(path, _)| EXPORT_ATTRIBUTES.contains(&path.as_str()));
+    let shown = |(path, values): &Difference| {
+        let [left, right] = values.each_ref().map(|value| match value {
+            Some(value) => plain(value, MAX_LENGTH),
+            None => "nothing".into(),
+        });
+        format!(
+            "{}: {left} in {}, {right} in {}",
+            plain(path, MAX_LENGTH),
+            first.path.display(),
+            other.path.display()
+        )
+    };
+    if !conflicts.is_empty() {
+        let mut lines: Vec<_> = conflicts.iter().take(MAX_SHOWN).map(shown).collect();
+        if conflicts.len() > MAX_SHOWN {
+            lines.push("and more".into());
+        }
+        bail!(
+            "{} and {} are not the same version of the same model; {MODEL_DESCRIPTION} differs:\n  {}",
+            first.path.display(),
+            other.path.display(),
+            lines.join("\n  ")
+        );
+    }
+    notes.extend(
+        harmless
+            .iter()
+            .map(|difference| note(&shown(difference), first)),
+    );
+    Ok(())
+}
+
+/// The path of an attribute or element that differs between two model descriptions, and its value in each
+/// of them; `None` if missing.
+type Difference = (String, [Option<String>; 2]);
+
+/// Adds the first differences between two elements, in order; the path of the root is empty.
+fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<Difference>) {
+    // The order of attributes is irrelevant.
+    let of_left = left.attributes.iter().map(|(name, _)| *name);
+    let of_right = right.attributes.iter().map(|(name, _)| *name);
+    for name in of_left.chain(of_right.filter(|name| left.attribute(name).is_none())) {
+        let values = [left, right].map(|element| element.attribute(name).map(quote));
+        if values[0] != values[1] {
+            found.push((below(path, name), values));
+        }
+    }
+    let parent = if path.is_empty() { left.name } else { path };
+    let [in_left, in_right] =
+        [left, right].map(|element| children(element).map(label).collect::<HashSet<_>>());
+    let (mut of_left, mut of_right) = (children(left).peekable(), children(right).peekable());
+    while found.len() < MAX_DIFFERENCES {
+        let next = [of_left.peek(), of_right.peek()].map(Option::<&&_>::copied);
+        let labels = match (next, next.map(|element| element.map(label))) {
+            ([None, None], _) => return,
+            ([Some(left), Some(right)], [Some(label), Some(other)]) if label == other => {
+                compare(&below(path, &label), left, right, found);
+                of_left.next();
+                of_right.next();
+                continue;
+            }
+            (_, [Some(left), _]) if !in_right.contains(&left) => {
+                of_left.next();
+                [Some(left), None]
+            }
+            (_, [_, Some(right)]) if !in_left.contains(&right) => {
+                of_right.next();
+                [None, Some(right)]
+            }
+            // The order differs, so the elements that follow cannot be paired.
+            (_, labels) => {
+                found.push((parent.to_owned(), labels));
+                return;
+            }
+        };
+        found.push((parent.to_owned(), labels));
+    }
+}
+
+/// The path of a child or attribute.
+fn below(path: &str, name: &str) -> String {
+    if path.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{path}/{name}")
+    }
+}
+
+fn children<'a, 'b>(element: &'a Element<'b>) -> impl Iterator<Item = &'a Element<'b>> {
+    let of_the_model = |child: &&Element<'_>| !TOOL_ELEMENTS.contains(&child.name);
+    element.children.iter().filter(of_the_model)
+}
+
+/// The name of an element, with its attribute `name`.
+fn label(element: &Element<'_>) -> String {
+    match element.attribute("name") {
+        Some(name) => format!("{} {}", element.name, quote(name)),
+        None => element.name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use tempfile::TempDir;
+
+    use super::*;
+
+    const XML: &str = "<fmiModelDescription guid='1'/>";
+
+    /// A temporary folder with FMUs.
+    struct Folder(TempDir);
+
+    impl Folder {
+        fn new() -> Self {
+            Self(tempfile::tempdir().unwrap())
+        }
+
+        fn file(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        /// Writes an FMU with a model description and other files.
+        fn fmu(&self, name: &str, xml: &str, files: &[(&str, &str)]) {
+            let files = [(MODEL_DESCRIPTION, xml)]
+                .into_iter()
+                .chain(files.iter().copied());
+            let packed = files.map(|(name, text)| (name, Packed::text(text.as_bytes()).unwrap()));
+            let packed: Vec<_> = packed.collect();
+            let entries: Vec<_> = packed.iter().map(|(name, file)| (name, file)).collect();
+            archive::write(&self.file(name), &entries).unwrap();
+        }
+
+        /// Merges FMUs to `out`.
+        fn merge(&self, files: &[&str]) -> Result<Merged> {
+            let files: Vec<_> = files.iter().map(|name| self.file(name)).collect();
+            merge(&files, &self.file("out"))
+        }
+
+        /// Checks that a merge fails, says all of `words`, and writes nothing.
+        fn refuse(&self, files: &[&str], words: &[&str]) {
+            let _ = fs::remove_file(self.file("out"));
+            let error = format!("{:#}", self.merge(files).unwrap_err());
+            assert!(words.iter().all(|word| error.contains(word)), "{error}");
+            assert!(!self.file("out").exists());
+        }
+
+        /// Names and texts of the files in `out`.
+        fn merged(&self) -> Vec<(String, String)> {
+            let mut archive = Archive::open_sound(&self.file("out")).unwrap();
+            let names = archive.names.clone();
+            let text = |index| String::from_utf8(archive.content(index).unwrap()).unwrap();
+            let texts: Vec<_> = (0..names.len()).map(text).collect();
+            names.into_iter().zip(texts).collect()
+        }
+    }
+
+    #[test]
+    fn files_are_merged_in_the_order_of_an_export() {
+        let folder = Folder::new();
+        let shared = ("documentation/index.html", "page");
+        let linux = ("binaries/linux64/A.so", "l");
+        let windows = ("binaries/win64/A.dll", "w");
+        folder.fmu("a", XML, &[windows, shared, ("model.png", "i")]);
+        folder.fmu("b", XML, &[linux, ("resources/r", "r"), shared]);
+        assert_eq!(
+            folder.merge(&["a", "b"]).unwrap().platforms,
+            ["linux64", "win64"]
+        );
+        let (icon, resource) = (("model.png", "i"), ("resources/r", "r"));
+        let expected = [
+            (MODEL_DESCRIPTION, XML),
+            linux,
+            windows,
+            shared,
+            icon,
+            resource,
+        ];
+        let expected = expected.map(|(name, text)| (name.to_owned(), text.to_owned()));
+        assert_eq!(folder.merged(), expected);
+        let bytes = fs::read(folder.file("out")).unwrap();
+        for order in [&["b", "a"][..], &["out", "a", "b", "a"]] {
+            folder.merge(order).unwrap();
+            assert_eq!(fs::read(folder.file("out")).unwrap(), bytes);
+        }
+    }
+
+    #[test]
+    fn files_relevant_for_simulation_must_be_identical() {
+        let folder = Folder::new();
+        for name in [
+            "binaries/linux64/A.so",
+            "resources/r",
+            "sources/A.c",
+            "extra/e",
+            "terminalsAndIcons/terminalsAndIcons.xml",
+        ] {
+            folder.fmu("a", XML, &[(name, "1")]);
+            folder.fmu("b", XML, &[(name, "2")]);
+            let a = folder.file("a").display().to_string();
+            folder.refuse(&["a", "b"], &[&format!("{name:?} differs in {a}")]);
+        }
+    }
+
+    #[test]
+    fn documentation_is_taken_from_the_first_fmu() {
+        let folder = Folder::new();
+        for text in ["1", "2"] {
+            let xml = format!("<fmiModelDescription fmiVersion='3.0' generationTool='{text}'/>");
+            let page = ("documentation/index.html", text);
+            let icons = ["model.png", "terminalsAndIcons/icon.png"].map(|name| (name, text));
+            folder.fmu(text, &xml, &[page, icons[0], icons[1]]);
+        }
+        assert_eq!(folder.merge(&["2", "1"]).unwrap().notes.len(), 4);
+        for (name, text) in folder.merged() {
+            assert!(text.contains('2') && !text.contains('1'), "{name}: {text}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_merged_is_refused_with_the_reason() {
+        let folder = Folder::new();
+        folder.fmu("a", XML, &[("binaries/linux64/A.so", "")]);
+        folder.fmu("b", XML, &[("Binaries/linux64/a.so", "")]);
+        folder.fmu("c", "<fmiModelDescription guid='2'/>", &[]);
+        folder.refuse(&["a"], &["two or more"]);
+        folder.refuse(&["a", "b"], &["\"Binaries/linux64/a.so\""]);
+        let [a, c] = ["a", "c"].map(|name| folder.file(name).display().to_string());
+        let line = format!("guid: \"1\" in {a}, \"2\" in {c}");
+        folder.refuse(&["a", "a", "c"], &[&line]);
+        fs::write(folder.file("text"), "no archive").unwrap();
+        folder.fmu("other", "<html/>", &[]);
+        folder.fmu("broken", "<a>", &[]);
+        for bad in ["text", "other", "broken", "missing"] {
+            let path = folder.file(bad).display().to_string();
+            folder.refuse(&["a", bad], &[&path]);
+            folder.refuse(&[bad, "a"], &[&path]);
+        }
+    }
+
+    #[test]
+    fn damage_never_reaches_the_output() {
+        let folder = Folder::new();
+        folder.fmu("a", XML, &[("binaries/linux64/A.so", "the program")]);
+        folder.merge(&["a", "a"]).unwrap();
+        // Names have no checksum.
+        let texts = || {
+            folder
+                .merged()
+                .into_iter()
+                .map(|(_, text)| text)
+                .collect::<Vec<_>>()
+        };
+        let expected = texts();
+        let sound = fs::read(folder.file("a")).unwrap();
+        for position in 0..sound.len() {
+            let mut damaged = sound.clone();
+            damaged[position] ^= 0x55;
+            fs::write(folder.file("damaged"), damaged).unwrap();
+            if folder.merge(&["damaged", "damaged"]).is_ok() {
+                assert_eq!(texts(), expected, "at {position}");
+            }
+        }
+    }
+
+    /// The differences, one a line: path, left and right value.
+    fn differences(left: &str, right: &str) -> String {
+        let (left, right) = (xml::parse(left).unwrap(), xml::parse(right).unwrap());
+        let mut found = Vec::new();
+        compare("", &left, &right, &mut found);
+        let shown = |value: Option<String>| value.unwrap_or_else(|| "nothing".into());
+        let line = |(path, values): Difference| [vec![path], values.map(shown).to_vec()].concat();
+        let lines = found
+            .into_iter()
+            .map(|difference| line(difference).join(" | "));
+        lines.collect::<Vec<_>>().join("\n")
+    }
+
+    #[test]
+    fn model_descriptions_are_compared_by_their_elements_and_attributes() {
+        for (left, right, expected) in [
+            // Syntax and order of attributes are irrelevant.
+            (
+                "<?xml version='1.0'?><r a='1' b='&lt;'><v name='x'><Real/></v></r>",
+                "<r b='&#60;' a='1'>\r\n<!-- c --><v name='x'><Real></Real></v></r>",
+                "",
+            ),
+            // Tool-specific elements are ignored.
+            (
+                "<r><VendorAnnotations><T/></VendorAnnotations><v name='x'/></r>",
+                "<r><v name='x'><Annotations><T/></Annotations></v></r>",
+                "",
+            ),
+            (
+                "<r guid='1'><V><v name='x'><Real start='0'/></v></V></r>",
+                "<r guid='2'><V><v name='x' c='d'><Real/></v></V></r>",
+                "guid | \"1\" | \"2\"\nV/v \"x\"/c | nothing | \"d\"\nV/v \"x\"/Real/start | \"0\" | nothing",
+            ),
+            // Elements without a counterpart.
+            (
+                "<r><T/><V><v name='x'/><v name='y'/><v name='z'/></V></r>",
+                "<r><V><v name='x'/><v name='z' a='1'/><v name='w'/></V></r>",
+                "r | T | nothing\nV | v \"y\" | nothing\nV/v \"z\"/a | nothing | \"1\"\nV | nothing | v \"w\"",
+            ),
+            // A list is compared until its order differs.
+            (
+                "<r><V><v name='x'/><v name='y'/></V><O><u i='1'/></O></r>",
+                "<r><V><v name='y'/><v name='x'/></V><O><u i='1'/><u i='2'/></O></r>",
+                "V | v \"x\" | v \"y\"\nO | nothing | u",
+            ),
+            // An attribute of the export has the path of an attribute of the root.
+            (
+                "<r generationTool='a'><s generationTool='a'/></r>",
+                "<r generationTool='b'><s generationTool='b'/></r>",
+                "generationTool | \"a\" | \"b\"\ns/generationTool | \"a\" | \"b\"",
+            ),
+        ] {
+            assert_eq!(differences(left, right), expected);
+        }
+    }
+
+    #[test]
+    fn the_number_of_differences_is_limited() {
+        let long = |value: &str| {
+            let variables = (0..1000).map(|i| format!("<v name='{i}' a='{value}'/>"));
+            format!("<r>{}</r>", variables.collect::<String>())
+        };
+        let found = differences(&long("1"), &long("2"));
+        assert_eq!(found.lines().count(), MAX_DIFFERENCES);
+    }
+}

@@ -1,0 +1,366 @@
+//! The description of a system in a TOML file: components, connections, order, experiment; and the line that
+//! an error is about.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Error, Result, anyhow, ensure};
+use serde::{Deserialize, Serialize};
+use toml::de::{DeTable, DeValue};
+
+use crate::Written;
+
+/// A system of coupled FMUs.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// The first communication point (s); 0 by default.
+    #[serde(default)]
+    pub start: f64,
+    /// The last communication point that is recorded (s).
+    pub stop: f64,
+    /// The communication step (s).
+    pub step: f64,
+    /// Order of stepping; sequential by default.
+    #[serde(default)]
+    pub order: Order,
+    /// Whether sequential stepping is allowed although outputs depend directly on each other.
+    #[serde(default)]
+    pub allow_algebraic_loops: bool,
+    /// The relative tolerance of all components that have none of their own; by default, that of the
+    /// default experiment of each FMU.
+    pub tolerance: Option<f64>,
+    /// The components, in the order in which sequential stepping takes them.
+    #[serde(rename = "component")]
+    pub components: Vec<Component>,
+    /// Which output feeds which input.
+    #[serde(default)]
+    pub connections: Vec<Connection>,
+    /// Variables to record, `component.variable`; by default all outputs except Strings.
+    #[serde(default)]
+    pub outputs: Vec<String>,
+}
+
+/// The times of a simulation (s).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Experiment {
+    /// The first communication point.
+    pub start: f64,
+    /// The last communication point that is recorded.
+    pub stop: f64,
+    /// The communication step.
+    pub step: f64,
+}
+
+/// The order in which components step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// One after the other (Gauss-Seidel).
+    #[default]
+    Sequential,
+    /// All from the same outputs (Jacobi).
+    Parallel,
+}
+
+/// An instance of an FMU.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Component {
+    /// Its name in the system.
+    pub name: String,
+    /// The FMU file, relative to the folder of the system file.
+    pub fmu: PathBuf,
+    /// Whether its outputs after a step belong to the sample taken at the start of the step; by
+    /// default, true if all outputs are discrete.
+    pub sampled: Option<bool>,
+    /// Its relative tolerance.
+    pub tolerance: Option<f64>,
+    /// Start values of parameters, inputs, and variables with initial exact or approx.
+    #[serde(default)]
+    pub start: BTreeMap<String, Written>,
+}
+
+/// An output that feeds an input: `plant.theta -> controller.y`, or a table of these fields.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Notation")]
+pub struct Connection {
+    /// The output, `component.variable`.
+    pub from: String,
+    /// The input, `component.variable`.
+    pub to: String,
+    /// How to convert the value to another unit.
+    pub scale: Option<Scale>,
+}
+
+/// The input is `factor` times the output plus `offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// The factor.
+    pub factor: f64,
+    /// The offset, in the unit of the input.
+    pub offset: f64,
+}
+
+/// A connection as the user writes it.
+#[derive(Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected \"component.output -> component.input\", or a table with from, to, factor and offset"
+)]
+enum Notation {
+    Arrow(String),
+    Table(Table),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    from: String,
+    to: String,
+    factor: Option<f64>,
+    offset: Option<f64>,
+}
+
+impl TryFrom<Notation> for Connection {
+    type Error = String;
+
+    fn try_from(notation: Notation) -> Result<Self, String> {
+        let table = match notation {
+            Notation::Table(table) => table,
+            Notation::Arrow(text) => {
+                let Some((from, to)) = text.split_once("->") else {
+                    return Err(format!(
+                        "the connection {text:?} is not of the form \"component.output -> component.input\""
+                    ));
+                };
+                let (from, to) = (from.trim().into(), to.trim().into());
+                return Ok(Self {
+                    from,
+                    to,
+                    scale: None,
+                });
+            }
+        };
+        let Table { from, to, .. } = table;
+        let is_scaled = table.factor.is_some() || table.offset.is_some();
+        let (factor, offset) = (table.factor.unwrap_or(1.0), table.offset.unwrap_or(0.0));
+        if !(factor.is_finite() && offset.is_finite()) {
+            return Err(format!(
+                "the factor and offset of {from} -> {to} are not finite, expected numbers"
+            ));
+        }
+        let scale = is_scaled.then_some(Scale { factor, offset });
+        Ok(Self { from, to, scale })
+    }
+}
+
+impl Description {
+    /// Reads a file and resolves the paths of the FMUs against its folder.
+    ///
+    /// # Errors
+    /// The file cannot be read or is not a valid description.
+    pub fn read(file: &Path) -> Result<Self> {
+        let cannot = || format!("{}", file.display());
+        let text =
+            fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+        let mut description = Self::parse(&text).with_context(cannot)?;
+        description.locate(file.parent().unwrap_or(Path::new("")));
+        Ok(description)
+    }
+
+    /// Parses a TOML document.
+    ///
+    /// # Errors
+    /// The text is not a valid description; the error names line and key.
+    pub fn parse(text: &str) -> Result<Self> {
+        toml::from_str(text).map_err(|error| anyhow!("{}", error.to_string().trim_end()))
+    }
+
+    /// The times of the simulation.
+    pub fn experiment(&self) -> Experiment {
+        Experiment {
+            start: self.start,
+            stop: self.stop,
+            step: self.step,
+        }
+    }
+
+    /// Resolves relative paths of FMUs against a folder.
+    pub fn locate(&mut self, folder: &Path) {
+        for component in &mut self.components {
+            component.fmu = folder.join(&component.fmu);
+        }
+    }
+
+    /// Replaces the start value of `component.variable`, if there is such a component.
+    pub fn set_start(&mut self, name: &str, value: Written) {
+        if let Some((component, variable)) = name.split_once('.')
+            && let Some(component) = self.components.iter_mut().find(|c| c.name == component)
+        {
+            component.start.insert(variable.to_owned(), value);
+        }
+    }
+
+    /// Uses the FMUs of the same file names from another folder.
+    pub fn take_fmus_from(&mut self, folder: &Path) {
+        for component in &mut self.components {
+            if let Some(name) = component.fmu.file_name() {
+                component.fmu = folder.join(name);
+            }
+        }
+    }
+}
+
+/// Maximum number of steps; more are assumed to be a mistake in `step` or `stop`.
+const MAX_STEPS: f64 = 1e9;
+
+impl Experiment {
+    /// The number of communication points `start + k step` up to `stop`.
+    ///
+    /// # Errors
+    /// The times are inconsistent.
+    pub fn steps(&self) -> Result<u64> {
+        let Self { start, stop, step } = *self;
+        for (key, time) in [("start", start), ("stop", stop)] {
+            ensure!(
+                time.is_finite(),
+                "{key} = {time:?}, expected a finite time in s"
+            );
+        }
+        ensure!(
+            stop >= start,
+            "stop = {stop:?}, expected at least start = {start:?}"
+        );
+        ensure!(
+            step.is_finite() && step > 0.0,
+            "step = {step:?}, expected a positive number of s"
+        );
+        let steps = (stop - start) / step;
+        ensure!(
+            steps <= MAX_STEPS,
+            "step = {step:?}, which makes {steps:.3e} steps; expected at most {MAX_STEPS:.0e}"
+        );
+        // Rounding may put the last point just past the stop time.
+        Ok((steps + 1e-6).floor() as u64 + 1)
+    }
+
+    /// The communication point of step `k`, computed directly so that rounding errors do not add up.
+    #[inline]
+    pub fn time(&self, k: u64) -> f64 {
+        // Processors convert signed numbers in one instruction; no run has 2^63 steps.
+        self.start + k as i64 as f64 * self.step
+    }
+}
+
+/// Adds the file to an error that was found after parsing it, and the line if the message starts with
+/// something in the file: a key, or a name such as `plant.theta`.
+pub fn locate(error: Error, file: &Path, text: &str) -> Error {
+    let message = format!("{error:#}");
+    let message = message.strip_prefix("component ").unwrap_or(&message);
+    let name = message.split([' ', ':', ',']).next().unwrap_or_default();
+    let file = file.display();
+    match line(text, name) {
+        Some(line) => error.context(format!("{file}:{line}")),
+        None => error.context(file.to_string()),
+    }
+}
+
+/// The line of the first key or string that has this word.
+fn line(text: &str, word: &str) -> Option<usize> {
+    let document = DeTable::parse(text).ok()?;
+    let offset = in_table(document.get_ref(), word)?;
+    Some(1 + text.get(..offset)?.matches('\n').count())
+}
+
+fn in_table(table: &DeTable<'_>, word: &str) -> Option<usize> {
+    let offsets = table.iter().filter_map(|(key, value)| match key.get_ref() {
+        key_text if key_text == word => Some(key.span().start),
+        _ => in_value(value.get_ref(), value.span().start, word),
+    });
+    offsets.min()
+}
+
+fn in_value(value: &DeValue<'_>, start: usize, word: &str) -> Option<usize> {
+    match value {
+        DeValue::String(text) => text
+            .split_whitespace()
+            .any(|part| part == word)
+            .then_some(start),
+        DeValue::Table(table) => in_table(table, word),
+        DeValue::Array(values) => values
+            .iter()
+            .find_map(|value| in_value(value.get_ref(), value.span().start, word)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SYSTEM: &str = r#"
+        start = 0.001
+        stop = 20.0
+        step = 0.001
+        connections = [
+          "a.y -> b.u", "b.y->a.u"]
+        [[component]]
+        name = "b"
+        fmu = "B.fmu"
+        [[component]]
+        name = "a"
+        fmu = "models/A.fmu"
+        start = { "pid.kp" = 1, on = true, form = "linear", "x[1]" = 0.5 }
+    "#;
+
+    #[test]
+    fn components_keep_the_order_of_the_file() {
+        let mut system = Description::parse(SYSTEM).unwrap();
+        assert_eq!(system.experiment().steps().unwrap(), 20_000);
+        let names: Vec<_> = system.components.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["b", "a"]);
+        assert_eq!(system.components[1].start["pid.kp"], Written::Integer(1));
+        assert_eq!(system.components[1].start["on"], Written::Boolean(true));
+        let Connection { from, to, .. } = &system.connections[1];
+        assert_eq!((from.as_str(), to.as_str()), ("b.y", "a.u"));
+        system.locate(Path::new("folder"));
+        assert_eq!(system.components[1].fmu, Path::new("folder/models/A.fmu"));
+        system.take_fmus_from(Path::new("other"));
+        assert_eq!(system.components[1].fmu, Path::new("other/A.fmu"));
+    }
+
+    #[test]
+    fn an_error_names_the_line_of_what_it_is_about() {
+        for (message, line) in [
+            ("stop = inf, expected a finite number", ":3"),
+            ("b.u is connected twice", ":6"),
+            ("component a: no such file", ":11"),
+            ("form = 1 is wrong", ":13"),
+            ("order is missing", ""),
+        ] {
+            let error = locate(anyhow!(message), Path::new("f.toml"), SYSTEM);
+            assert_eq!(format!("{error:#}"), format!("f.toml{line}: {message}"));
+        }
+    }
+
+    #[test]
+    fn inconsistent_times_are_rejected() {
+        let steps = |start, stop, step| Experiment { start, stop, step }.steps().ok();
+        let nan = f64::NAN;
+        for (start, stop, step, expected) in [
+            (0.0, 1.0, 0.1, Some(11)),
+            (0.0, 0.0, 0.1, Some(1)),
+            (0.3, 0.6, 0.1, Some(4)),
+            (1.0, 0.0, 0.1, None),
+            (0.0, nan, 0.1, None),
+            (0.0, 1.0, 0.0, None),
+            (0.0, 1.0, -1.0, None),
+            (0.0, 1.0, nan, None),
+            (0.0, 1.0, 1e-300, None),
+        ] {
+            assert_eq!(steps(start, stop, step), expected, "{start} {stop} {step}");
+        }
+    }
+}

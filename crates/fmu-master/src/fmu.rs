@@ -1,0 +1,381 @@
+//! An unpacked FMU: the parts of its model description that the master needs, and its instances.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use fmu_description::value::real;
+use fmu_description::xml::{self, Element};
+use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variable};
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
+use fmu_file::platform::Platform;
+use fmu_host::{Instance, Instantiation, Library, LoadError};
+use fmu_worker::Function;
+use tempfile::TempDir;
+
+use crate::Messages;
+
+/// An FMU for co-simulation.
+pub struct Fmu {
+    /// The file.
+    pub path: PathBuf,
+    /// Its version of FMI.
+    pub version: FmiVersion,
+    /// Its variables, in the order of the model description.
+    pub variables: Vec<Variable>,
+    /// Its scalar variables and the elements of its arrays, which follow each other.
+    pub(crate) scalars: Vec<Scalar>,
+    /// The indices of variables that depend on clocks.
+    clocked: HashSet<usize>,
+    /// Outputs, and the inputs that they depend on directly; `None` where the FMU declares nothing.
+    pub(crate) feedthrough: Vec<(usize, Option<Arc<[usize]>>)>,
+    /// The indices of scalars by their names and aliases.
+    index: HashMap<String, usize>,
+    units: HashMap<String, Vec<(String, f64)>>,
+    token: String,
+    /// The tolerance of its default experiment.
+    pub(crate) tolerance: Option<f64>,
+    /// The binary, relative to the folder.
+    binary: String,
+    /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
+    library: OnceLock<Result<Arc<Library>, LoadError>>,
+    folder: TempDir,
+    /// Whether a process can have only one instance of the FMU.
+    pub(crate) only_once: bool,
+}
+
+/// A scalar variable, or an element of an array.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scalar {
+    /// The index of the variable.
+    pub(crate) variable: usize,
+    /// Its index in the array.
+    pub(crate) element: usize,
+}
+
+impl Fmu {
+    /// Reads and unpacks a file.
+    ///
+    /// # Errors
+    /// The file is not a valid co-simulation FMU of FMI 2.0 or 3.0 with a binary for this machine.
+    pub fn open(path: &Path) -> Result<Self> {
+        Self::open_sized(path, &Sizes::new())
+    }
+
+    /// As [`Fmu::open`], with other values of structural parameters, which are the sizes of arrays.
+    pub(crate) fn open_sized(path: &Path, sizes: &Sizes) -> Result<Self> {
+        Self::read(path, sizes).with_context(|| format!("{} cannot be used", path.display()))
+    }
+
+    fn read(path: &Path, sizes: &Sizes) -> Result<Self> {
+        let mut archive = Archive::open_sound(path)?;
+        let text = archive.model_description()?;
+        let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        resize(&mut root, sizes);
+        let model = ModelDescription::read(&root)?;
+        let interface = co_simulation(&model)?;
+        let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
+        let binary = binary(&archive, identifier, model.version)?;
+        let only_once = interface.flag("canBeInstantiatedOnlyOncePerProcess");
+
+        let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
+        archive.unpack("", folder.path())?;
+        let count = model.variables().map(|(_, v)| v.count());
+        let count = count.fold(0_usize, usize::saturating_add);
+        ensure!(
+            count <= MAX_VARIABLES,
+            "its variables have {count} elements, expected at most {MAX_VARIABLES}"
+        );
+        let mut variables = Vec::new();
+        let mut clocked = HashSet::new();
+        let mut scalars = Vec::with_capacity(count);
+        let mut index = HashMap::with_capacity(count);
+        for (_, v) in model.variables() {
+            for name in [v.name.as_str()].into_iter().chain(v.aliases()) {
+                let names = (0..v.count()).map(|element| v.element_name(name, element));
+                index.extend(names.zip(scalars.len()..));
+            }
+            let variable = variables.len();
+            scalars.extend((0..v.count()).map(|element| Scalar { variable, element }));
+            if v.element.attribute("clocks").is_some() {
+                clocked.insert(variable);
+            }
+            variables.push(Variable::clone(v));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            version: model.version,
+            feedthrough: feedthrough(&model),
+            variables,
+            scalars,
+            clocked,
+            index,
+            units: units(&root),
+            token: model.token().to_owned(),
+            tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
+            binary,
+            library: OnceLock::new(),
+            folder,
+            only_once,
+        })
+    }
+
+    /// Its file name.
+    pub fn file_name(&self) -> String {
+        self.path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    }
+
+    /// The variable of a scalar.
+    pub(crate) fn variable(&self, scalar: usize) -> &Variable {
+        &self.variables[self.scalars[scalar].variable]
+    }
+
+    /// The name of a scalar, with an index if it is an element of an array.
+    pub(crate) fn name(&self, scalar: usize) -> String {
+        let variable = self.variable(scalar);
+        variable.element_name(&variable.name, self.scalars[scalar].element)
+    }
+
+    /// The scalars of the array that a scalar is an element of.
+    pub(crate) fn array(&self, scalar: usize) -> Range<usize> {
+        let first = scalar - self.scalars[scalar].element;
+        first..first + self.variable(scalar).count()
+    }
+
+    /// The start value of a scalar in the model description.
+    pub(crate) fn start(&self, scalar: usize) -> Option<&Value> {
+        self.variable(scalar).start_of(self.scalars[scalar].element)
+    }
+
+    /// The type whose functions get and set a scalar.
+    pub(crate) fn access(&self, scalar: usize) -> Type {
+        self.variable(scalar).of_type.accessed_as(self.version)
+    }
+
+    /// Why the master cannot record a scalar, if so.
+    pub(crate) fn unrecordable(&self, scalar: usize) -> Option<&'static str> {
+        if self.variable(scalar).of_type == Type::Clock {
+            return Some("variables of this type are not supported");
+        }
+        let is_clocked = self.clocked.contains(&self.scalars[scalar].variable);
+        is_clocked.then_some("clocked variables are not supported")
+    }
+
+    /// Why the master can neither connect nor set a scalar, if so.
+    pub(crate) fn unusable(&self, scalar: usize) -> Option<&'static str> {
+        match self.variable(scalar).of_type {
+            Type::Binary => Some("a Binary can only be recorded"),
+            _ => self.unrecordable(scalar),
+        }
+    }
+
+    /// The index of a scalar.
+    ///
+    /// # Errors
+    /// There is no such variable; the error names similar ones.
+    pub(crate) fn find(&self, name: &str) -> Result<usize> {
+        if let Some(&index) = self.index.get(name) {
+            return Ok(index);
+        }
+        let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
+        let array = self.variables.iter().position(|v| v.name == name);
+        let array = array.and_then(|v| self.scalars.iter().position(|s| s.variable == v));
+        let similar = similar(name, names.iter().map(String::as_str));
+        let hint = match (array, similar.as_slice()) {
+            (Some(first), _) => {
+                let Range { start, end } = self.array(first);
+                let (first, last) = (&names[start], &names[end - 1]);
+                format!("; its elements are {first} to {last}")
+            }
+            (_, []) => String::new(),
+            (_, names) => format!("; did you mean {}?", names.join(" or ")),
+        };
+        bail!("{} has no variable {name}{hint}", self.file_name())
+    }
+
+    /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,
+    /// without default values.
+    pub fn unit(&self, name: &str) -> Option<&[(String, f64)]> {
+        self.units.get(name).map(Vec::as_slice)
+    }
+
+    /// Whether a unit of this FMU equals one of another FMU, by name or by definition in base
+    /// units.
+    pub(crate) fn same_unit(&self, unit: &str, other: &Self, of_other: &str) -> bool {
+        unit == of_other
+            || matches!(
+                (self.unit(unit), other.unit(of_other)),
+                (Some(a), Some(b)) if a == b
+            )
+    }
+
+    /// Creates an instance that logs to the messages of its simulation.
+    ///
+    /// # Errors
+    /// The binary cannot be loaded or the FMU returns an error; its message is included.
+    pub(crate) fn instantiate(
+        &self,
+        component: usize,
+        name: &str,
+        messages: &Messages,
+    ) -> Result<Instance> {
+        self.try_instantiate(component, name, messages)
+            .map_err(|reason| {
+                let path = self.path.display();
+                anyhow!("component {name}: {path} cannot be instantiated: {reason}")
+            })
+    }
+
+    fn try_instantiate(
+        &self,
+        component: usize,
+        name: &str,
+        messages: &Messages,
+    ) -> Result<Instance, String> {
+        let mut calls = messages.record().calls(component);
+        calls.begin(Some(Function::LOADING));
+        let library = self
+            .library
+            .get_or_init(|| Library::load(&self.folder.path().join(&self.binary), self.version))
+            .as_ref()
+            .map_err(ToString::to_string)?;
+        if library.is_lost() {
+            return Err("it is unusable after a fatal error".into());
+        }
+        let resources = self.folder.path().join("resources");
+        let arguments = Instantiation {
+            name,
+            guid: &self.token,
+            resources: &library.location(&resources),
+            logging_on: true,
+            ..Instantiation::default()
+        };
+        let (instance, log) = (name.to_owned(), messages.clone());
+        let sink = move |logged| log.log(&instance, &logged);
+        let function = match self.version {
+            FmiVersion::Fmi2 => "fmi2Instantiate",
+            FmiVersion::Fmi3 => "fmi3InstantiateCoSimulation",
+        };
+        calls.begin(Function::named(function));
+        library
+            .instantiate(&arguments, sink)
+            .map_err(|failure| failure.to_string())?
+            .ok_or_else(|| {
+                let reason = messages.reason(function);
+                reason.unwrap_or_else(|| "the FMU logged no reason".into())
+            })
+    }
+}
+
+/// Values of structural parameters by their names.
+pub(crate) type Sizes = BTreeMap<String, i128>;
+
+/// Replaces the start values of structural parameters.
+fn resize(root: &mut Element<'_>, sizes: &Sizes) {
+    let lists = root.children.iter_mut();
+    for variable in lists.flat_map(|list| &mut list.children) {
+        let size = variable.attribute("name").and_then(|name| sizes.get(name));
+        if let Some(size) = size.map(i128::to_string) {
+            let starts = variable.attributes.iter_mut();
+            for (_, start) in starts.filter(|(key, _)| *key == "start") {
+                *start = size.clone().into();
+            }
+        }
+    }
+}
+
+/// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
+const MAX_VARIABLES: usize = 1 << 20;
+
+/// The element of co-simulation, if the master can run the FMU.
+fn co_simulation<'a>(model: &ModelDescription<'a>) -> Result<&'a Element<'a>> {
+    let Some(interface) = model.co_simulation() else {
+        let other = match (model.model_exchange(), model.scheduled_execution()) {
+            (Some(_), _) => ", only model exchange",
+            (None, Some(_)) => ", only scheduled execution",
+            (None, None) => "",
+        };
+        bail!("it does not support co-simulation{other}");
+    };
+    let is_input_clock =
+        |v: &&Listed<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
+    if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
+        bail!(
+            "its clock {} must be ticked by the master, which is not supported",
+            clock.name
+        );
+    }
+    Ok(interface)
+}
+
+fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<String> {
+    let platform = Platform::of_this_machine(version)
+        .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
+    let binary = platform.binary(identifier);
+    // The names in an archive are safe, but the binary must also be in the folder of the platform.
+    ensure!(
+        archive.names.contains(&binary) && !identifier.contains(['/', '\\']),
+        "it has no binary for this machine ({})",
+        platform.folder
+    );
+    Ok(binary)
+}
+
+fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Arc<[usize]>>)> {
+    // Invalid variables are left out.
+    let mut first = 0;
+    let mut positions: HashMap<usize, Range<usize>> = HashMap::new();
+    for (index, variable) in model.variables() {
+        positions.insert(index, first..first + variable.count());
+        first += variable.count();
+    }
+    let positions = |index: Option<usize>| {
+        let found = index.and_then(|index| positions.get(&index));
+        found.cloned().unwrap_or_default()
+    };
+    let known = |all: &Vec<u32>| {
+        all.iter()
+            .flat_map(|n| positions(model.index(*n)))
+            .collect()
+    };
+    (model.outputs.iter())
+        .flat_map(|unknown| {
+            let inputs: Option<Arc<[usize]>> = unknown.dependencies.as_ref().map(known);
+            positions(unknown.index).map(move |output| (output, inputs.clone()))
+        })
+        .collect()
+}
+
+/// The definitions of units in base units: exponents, factor and offset that differ from the default.
+fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
+    root.list("UnitDefinitions", "Unit")
+        .filter_map(|unit| {
+            let base = unit.child("BaseUnit")?;
+            let mut parts: Vec<(String, f64)> = base
+                .attributes
+                .iter()
+                .filter_map(|(name, value)| Some(((*name).to_owned(), real(value)?)))
+                .filter(|(name, value)| *value != if name == "factor" { 1.0 } else { 0.0 })
+                .collect();
+            parts.sort_by(|a, b| a.0.cmp(&b.0));
+            Some((unit.attribute("name")?.to_owned(), parts))
+        })
+        .collect()
+}
+
+/// The known names most similar to an unknown one.
+pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    const MIN_SIMILARITY: f64 = 0.85;
+    let mut scored: Vec<(f64, &str)> = known
+        .map(|known| (strsim::jaro_winkler(name, known), known))
+        .filter(|(score, _)| *score >= MIN_SIMILARITY)
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.into_iter().take(3).map(|(_, known)| known).collect()
+}

@@ -1,0 +1,61 @@
+//! A native master for co-simulation FMUs of FMI 2.0 and 3.0 from any vendor, also in one system.
+//!
+//! A [`Description`], usually read from a TOML file, lists the FMUs of a system and their connections.
+//! A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one run of a plan.
+//!
+//! ```no_run
+//! use fmu_master::{Description, Messages, Plan};
+//!
+//! let file = std::path::Path::new("examples/closed-loop/pid.toml");
+//! let plan = Plan::new(&Description::read(file)?)?;
+//! let mut largest: f64 = 0.0;
+//! let angle = plan.place("plant.theta")?;
+//! plan.simulate(&[], &Messages::default())?.run(|row| {
+//!     largest = largest.max(row.number(angle).abs());
+//!     true
+//! })?;
+//! # anyhow::Ok(())
+//! ```
+//!
+//! # Orders of stepping
+//!
+//! At each communication point t the components step to t + h:
+//!
+//! - [`Order::Sequential`] (Gauss-Seidel): one after the other, in the order of the description; each
+//!   first fetches its inputs from the newest outputs.
+//! - [`Order::Parallel`] (Jacobi): all outputs are read, all inputs are set, then all components step.
+//!
+//! # Rows
+//!
+//! For a continuous component, the row of t(k) = start + k step contains the outputs at t(k), before
+//! the step. For a sampled component (all its outputs are discrete), it contains those of the sample
+//! taken at t(k), which are available after the step. The last row is that of the stop time.
+//!
+//! The outputs of a component are read once, after its step. If that fails, the run ends at the
+//! communication point from which the component has stepped.
+#![forbid(unsafe_code)]
+
+mod access;
+mod component;
+mod description;
+mod failure;
+mod fmu;
+mod messages;
+mod plan;
+pub mod run;
+mod simulation;
+pub mod ssp;
+pub mod sweep;
+pub mod table;
+mod value;
+mod wiring;
+
+pub use description::{Component, Connection, Description, Experiment, Order, Scale, locate};
+pub use failure::{Failure, slow};
+pub use fmu::Fmu;
+pub use messages::{Message, Messages};
+pub use plan::{Plan, Planned, Start};
+pub use simulation::{Row, Simulation};
+pub use table::Column;
+pub use value::Written;
+pub use wiring::Place;

@@ -1,0 +1,557 @@
+//! A loaded and checked system, ready to simulate.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
+
+use crate::fmu::{Sizes, similar};
+use crate::table::Column;
+use crate::wiring::{Wiring, places};
+use crate::{Component, Description, Experiment, Fmu, Order, Place, Scale, Written};
+
+/// A system with loaded FMUs and checked connections, start values and recorded variables.
+pub struct Plan {
+    pub(crate) components: Vec<Planned>,
+    pub(crate) order: Order,
+    pub(crate) experiment: Experiment,
+    pub(crate) wiring: Wiring,
+    columns: Vec<Column>,
+}
+
+/// A start value that fits its variable.
+#[derive(Debug, Clone)]
+pub struct Start {
+    port: Port,
+    value: Value,
+}
+
+impl Plan {
+    /// Loads the FMUs of a system, each file once, and checks that everything fits.
+    ///
+    /// # Errors
+    /// Something does not fit; the error names it: a file, a variable, a causality, a type, a unit, a
+    /// start value, the times, an algebraic loop.
+    pub fn new(description: &Description) -> Result<Self> {
+        let mut fmus = HashMap::new();
+        description.experiment().steps()?;
+        tolerance("tolerance", description.tolerance)?;
+        ensure!(
+            !description.components.is_empty(),
+            "the system has no component"
+        );
+        let mut components: Vec<Planned> = Vec::new();
+        for component in &description.components {
+            let name = &component.name;
+            ensure!(
+                !name.is_empty() && !name.contains(|c: char| c == '.' || c.is_control()),
+                "the component name {name:?} is invalid; expected a name without dots and control characters"
+            );
+            ensure!(
+                components.iter().all(|other| other.name != *name),
+                "two components have the name {name}"
+            );
+            tolerance(&format!("tolerance of {name}"), component.tolerance)?;
+            let new = planned(component, description.tolerance, &mut fmus)?;
+            if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
+                ensure!(
+                    !new.fmu.only_once,
+                    "{} allows only one instance; {} and {name} both use it",
+                    new.fmu.file_name(),
+                    other.name
+                );
+            }
+            components.push(new);
+        }
+        let links = description
+            .connections
+            .iter()
+            .map(|connection| {
+                Ok(Link {
+                    from: port(&components, &connection.from)?,
+                    to: port(&components, &connection.to)?,
+                    scale: connection.scale,
+                })
+            })
+            .collect::<Result<Vec<_>>>()?;
+        links_fit(&components, &links)?;
+        if description.order == Order::Sequential && !description.allow_algebraic_loops {
+            no_algebraic_loops(&components, &links)?;
+        }
+        let recorded = recorded(&components, &description.outputs)?;
+        Ok(Self {
+            order: description.order,
+            experiment: description.experiment(),
+            wiring: Wiring::new(&components, &links, &recorded),
+            columns: recorded
+                .iter()
+                .map(|port| column(&components, *port))
+                .collect(),
+            components,
+        })
+    }
+
+    /// The components, in their order.
+    pub fn components(&self) -> &[Planned] {
+        &self.components
+    }
+
+    /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).
+    pub fn names(&self) -> Vec<(String, String)> {
+        let components = self.components.iter();
+        components
+            .map(|c| (c.name.clone(), c.fmu.file_name()))
+            .collect()
+    }
+
+    /// The recorded variables, in the order of a row.
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    /// The place in a row of a recorded variable.
+    ///
+    /// # Errors
+    /// It is not recorded.
+    pub fn place(&self, name: &str) -> Result<Place> {
+        let places = places(self.columns.iter().map(|column| column.kind));
+        let mut named = self.columns.iter().zip(places);
+        named
+            .find_map(|(column, place)| (column.name == name).then_some(place))
+            .with_context(|| format!("{name} is not recorded"))
+    }
+
+    /// The times of a run.
+    pub fn experiment(&self) -> Experiment {
+        self.experiment
+    }
+
+    /// A start value for `component.variable` that replaces the one of the description.
+    ///
+    /// # Errors
+    /// There is no such variable, or the value has the wrong type.
+    pub fn start(&self, name: &str, value: &Written) -> Result<Start> {
+        let port = port(&self.components, name)?;
+        ensure!(
+            port.of(&self.components).causality != Causality::StructuralParameter,
+            "{name} = {value} cannot be set for single runs, as it is the size of arrays; expected it in the start values of the system"
+        );
+        let fmu = &self.components[port.component].fmu;
+        let value = start(fmu, port.scalar, name, value)?;
+        Ok(Start { port, value })
+    }
+
+    /// Whether a variable, `component.variable`, is a structural parameter.
+    pub fn is_structural(&self, name: &str) -> bool {
+        let port = port(&self.components, name);
+        let causality = port.map(|port| port.of(&self.components).causality);
+        causality.is_ok_and(|causality| causality == Causality::StructuralParameter)
+    }
+
+    /// The start values of a component by the indices of its variables: those of the description, unless
+    /// `others` replace them.
+    pub(crate) fn starts<'a>(
+        &'a self,
+        component: usize,
+        others: &'a [Start],
+    ) -> BTreeMap<usize, &'a Value> {
+        let planned = &self.components[component];
+        let mut starts: BTreeMap<usize, &Value> = planned
+            .starts
+            .iter()
+            .map(|(index, value)| (*index, value))
+            .collect();
+        let others = others
+            .iter()
+            .filter(|start| start.port.component == component);
+        starts.extend(others.map(|start| (start.port.scalar, &start.value)));
+        starts
+    }
+
+    /// Checks that arrays of which elements are set can be set as a whole.
+    ///
+    /// # Errors
+    /// An element is not set, and the FMU has no start value for it, as its description is that of a
+    /// smaller array.
+    pub(crate) fn check_arrays(
+        &self,
+        component: usize,
+        starts: &BTreeMap<usize, &Value>,
+    ) -> Result<()> {
+        let planned = &self.components[component];
+        let fmu = &planned.fmu;
+        for scalar in starts.keys() {
+            let mut array = fmu.array(*scalar);
+            let is_missing = |i: &usize| fmu.start(*i).is_none() && !starts.contains_key(i);
+            if array.len() > 1
+                && let Some(missing) = array.find(is_missing)
+            {
+                bail!(
+                    "{} cannot be set without {}, for which the FMU has no start value",
+                    planned.name_of(*scalar),
+                    planned.name_of(missing)
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// The end of the last step: the stop time, or one step later if there are sampled components,
+    /// whose last row is that of a step from the stop time.
+    pub fn end(&self) -> f64 {
+        let Experiment { stop, step, .. } = self.experiment;
+        match self.steps_from_stop() {
+            true => stop + step,
+            false => stop,
+        }
+    }
+
+    /// Whether a step from the stop time is needed, because a recorded component is sampled.
+    pub(crate) fn steps_from_stop(&self) -> bool {
+        let after = &self.wiring.after;
+        !(after.reals.is_empty() && after.others.is_empty())
+    }
+}
+
+/// A component whose FMU is loaded.
+pub struct Planned {
+    /// Its name in the system.
+    pub name: String,
+    /// Its FMU, shared by components with the same file.
+    pub fmu: Arc<Fmu>,
+    pub(crate) sampled: bool,
+    /// The relative tolerance of its solver.
+    pub(crate) tolerance: Option<f64>,
+    pub(crate) starts: Vec<(usize, Value)>,
+}
+
+/// A scalar of a component, by their indices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct Port {
+    pub(crate) component: usize,
+    pub(crate) scalar: usize,
+}
+
+/// A resolved connection.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Link {
+    pub(crate) from: Port,
+    pub(crate) to: Port,
+    pub(crate) scale: Option<Scale>,
+}
+
+impl Port {
+    pub(crate) fn of(self, components: &[Planned]) -> &Variable {
+        components[self.component].fmu.variable(self.scalar)
+    }
+
+    /// The type whose functions get and set it.
+    pub(crate) fn access(self, components: &[Planned]) -> Type {
+        components[self.component].fmu.access(self.scalar)
+    }
+}
+
+impl Planned {
+    /// The name of a scalar in the system.
+    pub(crate) fn name_of(&self, scalar: usize) -> String {
+        format!("{}.{}", self.name, self.fmu.name(scalar))
+    }
+
+    /// The start values of the description.
+    pub fn starts(&self) -> impl Iterator<Item = (&Variable, &Value)> {
+        let starts = self.starts.iter();
+        starts.map(|(scalar, value)| (self.fmu.variable(*scalar), value))
+    }
+}
+
+/// The opened FMUs by their files and sizes.
+pub(crate) type Fmus = HashMap<(PathBuf, Sizes), Arc<Fmu>>;
+
+pub(crate) fn planned(
+    component: &Component,
+    tolerance: Option<f64>,
+    fmus: &mut Fmus,
+) -> Result<Planned> {
+    let mut open = |sizes| {
+        open(&component.fmu, sizes, fmus).with_context(|| format!("component {}", component.name))
+    };
+    let mut fmu = open(Sizes::new())?;
+    let sizes = sizes(component, &fmu)?;
+    if !sizes.is_empty() {
+        fmu = open(sizes)?;
+    }
+    let starts = component
+        .start
+        .iter()
+        .map(|(name, value)| {
+            let full = format!("{}.{name}", component.name);
+            let index = fmu.find(name).with_context(|| full.clone())?;
+            Ok((index, start(&fmu, index, &full, value)?))
+        })
+        .collect::<Result<_>>()?;
+    Ok(Planned {
+        name: component.name.clone(),
+        sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+        tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
+        starts,
+        fmu,
+    })
+}
+
+/// The values of structural parameters that the description gives.
+fn sizes(component: &Component, fmu: &Fmu) -> Result<Sizes> {
+    let mut sizes = Sizes::new();
+    for (name, value) in &component.start {
+        // Names of other elements may exist only with these sizes.
+        let Ok(scalar) = fmu.find(name) else {
+            continue;
+        };
+        if fmu.variable(scalar).causality == Causality::StructuralParameter {
+            let value = start(fmu, scalar, &format!("{}.{name}", component.name), value)?;
+            sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
+        }
+    }
+    Ok(sizes)
+}
+
+fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
+    let key = (path.to_owned(), sizes);
+    if let Some(fmu) = fmus.get(&key) {
+        return Ok(fmu.clone());
+    }
+    let fmu = Arc::new(Fmu::open_sized(path, &key.1)?);
+    fmus.insert(key, fmu.clone());
+    Ok(fmu)
+}
+
+/// Whether all outputs are discrete, like those of a sampled controller.
+fn is_sampled(fmu: &Fmu) -> bool {
+    let mut outputs = fmu
+        .variables
+        .iter()
+        .filter(|v| v.causality == Causality::Output)
+        .peekable();
+    outputs.peek().is_some() && outputs.all(|v| v.variability == Variability::Discrete)
+}
+
+fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value> {
+    if let Some(reason) = fmu.unusable(scalar) {
+        bail!("{name} = {value} cannot be set: {reason}");
+    }
+    let variable = fmu.variable(scalar);
+    let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
+    let is_constant = variable.variability == Variability::Constant;
+    if variable.causality == Causality::Input
+        || variable.is_parameter()
+        || (has_start && !is_constant)
+    {
+        return value.typed(variable, name);
+    }
+    bail!(
+        "{name} = {value} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values"
+    )
+}
+
+/// Finds `component.variable`.
+fn port(components: &[Planned], name: &str) -> Result<Port> {
+    let (component, variable) = name
+        .split_once('.')
+        .with_context(|| format!("{name:?} is not of the form component.variable"))?;
+    let index = components
+        .iter()
+        .position(|c| c.name == component)
+        .with_context(|| {
+            let names: Vec<&str> = components.iter().map(|c| c.name.as_str()).collect();
+            let known = match similar(component, names.iter().copied()).first() {
+                Some(name) => format!("did you mean {name}?"),
+                None => format!("the components are {}", names.join(", ")),
+            };
+            format!("{name}: there is no component {component:?}; {known}")
+        })?;
+    let scalar = components[index].fmu.find(variable);
+    Ok(Port {
+        component: index,
+        scalar: scalar.with_context(|| name.to_owned())?,
+    })
+}
+
+/// Checks a tolerance, which `key` names.
+fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
+    match tolerance {
+        Some(value) if !(value > 0.0 && value.is_finite()) => {
+            bail!("{key} = {value} is invalid, expected a positive number")
+        }
+        _ => Ok(()),
+    }
+}
+
+fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
+    if names.is_empty() {
+        // Strings and Binaries only on request.
+        let is_recorded = |port: &Port| {
+            let of_type = port.of(components).of_type;
+            port.of(components).causality == Causality::Output
+                && !matches!(of_type, Type::String | Type::Binary)
+                && components[port.component]
+                    .fmu
+                    .unrecordable(port.scalar)
+                    .is_none()
+        };
+        let all = components.iter().enumerate().flat_map(|(component, c)| {
+            (0..c.fmu.scalars.len()).map(move |scalar| Port { component, scalar })
+        });
+        return Ok(all.filter(is_recorded).collect());
+    }
+    let mut ports = Vec::new();
+    for name in names {
+        let port = port(components, name)?;
+        if let Some(reason) = components[port.component].fmu.unrecordable(port.scalar) {
+            bail!("{name} cannot be recorded: {reason}");
+        }
+        ensure!(!ports.contains(&port), "{name} is recorded twice");
+        ports.push(port);
+    }
+    Ok(ports)
+}
+
+fn column(components: &[Planned], port: Port) -> Column {
+    let Variable { of_type, unit, .. } = port.of(components);
+    let none = if of_type.is_float() { "1" } else { "" };
+    let name = components[port.component].name_of(port.scalar);
+    Column::new(name, unit.as_deref().unwrap_or(none), *of_type)
+}
+
+/// Checks that every connection leads from an output to a matching input, and that no input is
+/// connected twice.
+fn links_fit(components: &[Planned], links: &[Link]) -> Result<()> {
+    let mut fed = HashSet::new();
+    for link in links {
+        let of = |port: Port| &components[port.component];
+        let name = |port: Port| of(port).name_of(port.scalar);
+        let (from, to) = (link.from.of(components), link.to.of(components));
+        for (port, expected) in [(link.from, Causality::Output), (link.to, Causality::Input)] {
+            if let Some(reason) = of(port).fmu.unusable(port.scalar) {
+                bail!("{} cannot be connected: {reason}", name(port));
+            }
+            let actual = port.of(components).causality;
+            ensure!(
+                actual == expected,
+                "{} is connected as {}, but is {}",
+                name(port),
+                text(expected),
+                text(actual)
+            );
+        }
+        ensure!(
+            class(from.of_type) == class(to.of_type),
+            "{} ({}) cannot feed {} ({}): the types differ",
+            name(link.from),
+            from.of_type.name(of(link.from).fmu.version),
+            name(link.to),
+            to.of_type.name(of(link.to).fmu.version)
+        );
+        ensure!(
+            from.of_type != Type::String,
+            "{} is a String; connections carry numbers and Booleans",
+            name(link.from)
+        );
+        ensure!(
+            link.scale.is_none() || from.of_type.is_float(),
+            "{} cannot feed {} with a factor: both must be real numbers",
+            name(link.from),
+            name(link.to)
+        );
+        if let (Some(a), Some(b), None) = (&from.unit, &to.unit, link.scale) {
+            let (fmu, other) = (&of(link.from).fmu, &of(link.to).fmu);
+            ensure!(
+                fmu.same_unit(a, other, b),
+                "{} [{a}] cannot feed {} [{b}]: the units differ; give the connection a factor to convert them",
+                name(link.from),
+                name(link.to)
+            );
+        }
+        ensure!(fed.insert(link.to), "{} is connected twice", name(link.to));
+    }
+    Ok(())
+}
+
+/// The type that stands for all that a variable may feed: numbers of different size are converted.
+fn class(kind: Type) -> Type {
+    match kind {
+        kind if kind.is_float() => Type::Float64,
+        kind if kind.is_integer() || kind == Type::Enumeration => Type::Int64,
+        other => other,
+    }
+}
+
+fn text(causality: Causality) -> &'static str {
+    match causality {
+        Causality::Input => "an input",
+        Causality::Output => "an output",
+        Causality::Parameter => "a parameter",
+        Causality::CalculatedParameter => "a calculated parameter",
+        Causality::Local => "a local variable",
+        Causality::Independent => "the time",
+        Causality::StructuralParameter => "a structural parameter",
+    }
+}
+
+/// Rejects loops of outputs that each depend directly on the next, which no order of stepping can
+/// solve. An output without declared dependencies counts as depending on no input, since most such
+/// outputs change only during a step.
+fn no_algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
+    let mut settled = HashSet::new();
+    for link in links {
+        let mut path = Vec::new();
+        if let Some(first) = find_loop(link.from, components, links, &mut path, &mut settled) {
+            let start = path.iter().position(|port| *port == first).unwrap_or(0);
+            let names: Vec<String> = path[start..]
+                .iter()
+                .chain([&first])
+                .rev()
+                .map(|port| components[port.component].name_of(port.scalar))
+                .collect();
+            bail!(
+                "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it all the same",
+                names.join(" -> ")
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Follows the outputs that `output` depends on directly; returns the first one met twice.
+fn find_loop(
+    output: Port,
+    components: &[Planned],
+    links: &[Link],
+    path: &mut Vec<Port>,
+    settled: &mut HashSet<Port>,
+) -> Option<Port> {
+    if path.contains(&output) {
+        return Some(output);
+    }
+    if settled.contains(&output) {
+        return None;
+    }
+    path.push(output);
+    let known = components[output.component].fmu.feedthrough.iter();
+    let inputs = known
+        .filter(|(index, _)| *index == output.scalar)
+        .filter_map(|(_, inputs)| inputs.as_deref())
+        .flatten();
+    for &scalar in inputs {
+        let input = Port { scalar, ..output };
+        for link in links.iter().filter(|link| link.to == input) {
+            let found = find_loop(link.from, components, links, path, settled);
+            if found.is_some() {
+                return found;
+            }
+        }
+    }
+    path.pop();
+    settled.insert(output);
+    None
+}

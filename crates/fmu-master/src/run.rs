@@ -1,0 +1,342 @@
+//! One run of a system in a worker process, whose rows this process writes to a file.
+
+use std::borrow::Cow;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use fmu_description::{Type, Value};
+use fmu_file::replace::{Replacement, part};
+use fmu_worker::{Ended, Event, Service, Worker};
+use serde::{Deserialize, Serialize};
+
+use crate::simulation::Finished;
+use crate::table::{self, Cell, Column, Format};
+use crate::{Experiment, Failure, Message, Messages, Plan, Row, Start, slow};
+
+/// What a worker reports about a run.
+#[derive(Serialize, Deserialize)]
+enum Report<'a> {
+    /// It is about to begin.
+    Ready(Ready),
+    /// A row.
+    Row(Cow<'a, Row>),
+    /// It has ended: what the FMUs have logged, the last row, and the time that the simulation took.
+    Done(Vec<Message>, Row, Duration),
+    /// It has failed, or cannot begin: what the FMUs have logged, why, and whether its rows are of use.
+    Failed(Vec<Message>, String, bool),
+}
+
+/// A run that is about to begin.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Ready {
+    /// The names of the components and of their files.
+    pub components: Vec<(String, String)>,
+    /// The times of the run.
+    pub experiment: Experiment,
+    /// The end of the last step (s).
+    pub end: f64,
+    /// The recorded variables.
+    pub columns: Vec<Column>,
+}
+
+/// Does the run that a supervisor has started this process for; see [`supervise`]. `plan` makes the plan and
+/// its start values; the rows are only sent if `records`.
+pub fn work(
+    service: &mut Service,
+    records: bool,
+    plan: impl FnOnce() -> Result<(Plan, Vec<Start>)>,
+) -> Result<()> {
+    let messages = Messages::recorded(service.record().clone());
+    let (plan, starts) = match plan() {
+        Ok(planned) => planned,
+        Err(error) => {
+            service.reply(&Report::Failed(Vec::new(), format!("{error:#}"), false));
+            return Ok(());
+        }
+    };
+    service.reply(&Report::Ready(Ready {
+        components: plan.names(),
+        experiment: plan.experiment(),
+        end: plan.end(),
+        columns: plan.columns().to_vec(),
+    }));
+    // The file for the rows can be written.
+    let Some(()) = service.task()? else {
+        return Ok(());
+    };
+    // Loading the binaries and initializing the FMUs do not count as simulating.
+    let mut begin = Instant::now();
+    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
+        begin = Instant::now();
+        simulation.run(|row| {
+            if records {
+                service.reply(&Report::Row(Cow::Borrowed(row)));
+            }
+            true
+        })
+    });
+    let elapsed = begin.elapsed();
+    service.reply(&match finished {
+        Ok(Finished { messages, last }) => Report::Done(messages, last, elapsed),
+        Err(error) => {
+            let keeps_rows = error.is::<Failure>();
+            Report::Failed(messages.take(), format!("{error:#}"), keeps_rows)
+        }
+    });
+    // The binaries are unloaded when the plan is dropped, which no longer matters to the run.
+    Ok(())
+}
+
+/// What a supervisor does while it waits for a worker.
+pub struct Watch<'a> {
+    /// Whether to stop, asked again and again.
+    pub is_cancelled: &'a dyn Fn() -> bool,
+    /// Receives a description of each call that does not return for long.
+    pub slow: &'a dyn Fn(&str),
+    /// Receives the time (s) that a run has reached.
+    pub progress: &'a dyn Fn(&Ready, f64),
+}
+
+/// How a run in a worker has ended. Texts tell where its rows are, if some are kept.
+#[derive(Debug)]
+pub enum Outcome {
+    /// It has reached its end.
+    Finished(Box<Summary>),
+    /// It was cancelled: when, if it was initialized, and its rows.
+    Cancelled(String),
+    /// A call of an FMU has failed or has ended the process, or the run cannot begin: what the FMUs have
+    /// logged, and what has failed.
+    Failed(Vec<Message>, String),
+}
+
+/// A run that has reached its end.
+#[derive(Debug)]
+pub struct Summary {
+    /// The run.
+    pub ready: Ready,
+    /// What the FMUs have logged.
+    pub messages: Vec<Message>,
+    /// The last row.
+    pub last: Row,
+    /// The time that the simulation took, without loading and initializing the FMUs.
+    pub duration: Duration,
+    /// The number of rows in the file, if one was written.
+    pub rows: Option<u64>,
+    /// How the process ended when it unloaded the binaries, unless it exited.
+    pub crash: Option<Ended>,
+}
+
+/// The time that a worker has to unload the binaries.
+const FAREWELL: Duration = Duration::from_secs(10);
+/// Interval between writes to the file.
+const FLUSH_PERIOD: Duration = Duration::from_secs(1);
+
+/// Waits for a worker that calls [`work`], and writes its rows to a file: Parquet if its name ends in
+/// `.parquet`, else CSV. Until the run is complete, they are in a CSV file with the suffix `.part`.
+///
+/// # Errors
+/// The file cannot be written, or the system does not tell the state of the worker.
+pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
+    let mut ready: Option<Ready> = None;
+    let mut rows: Option<Rows> = None;
+    // What an FMU that writes out of bounds may have damaged.
+    let check = |ready: &Option<Ready>, row: &Row| {
+        let fits = ready.as_ref().is_some_and(|ready| row.fits(&ready.columns));
+        ensure!(fits, "the worker process has sent a damaged row");
+        Ok(())
+    };
+    loop {
+        match worker.look()? {
+            Some(Event::Replied) => match worker.reply()? {
+                Report::Ready(new) => {
+                    let create = |file| Rows::create(file, &new.columns);
+                    rows = file.map(create).transpose()?;
+                    ready = Some(new);
+                    worker.send(&());
+                }
+                Report::Row(row) => {
+                    check(&ready, &row)?;
+                    if let Some(rows) = &mut rows {
+                        rows.push(&row)?;
+                    }
+                }
+                Report::Done(messages, last, duration) => {
+                    check(&ready, &last)?;
+                    let rows = rows.map(Rows::finish).transpose()?;
+                    let crash = match worker.end(FAREWELL)? {
+                        Ended::Exited(status) if status.code().is_some() => None,
+                        ended => Some(ended),
+                    };
+                    let ready = ready.context("the run has not begun")?;
+                    return Ok(Outcome::Finished(Box::new(Summary {
+                        ready,
+                        messages,
+                        last,
+                        duration,
+                        rows,
+                        crash,
+                    })));
+                }
+                Report::Failed(messages, mut text, keeps_rows) => {
+                    if keeps_rows {
+                        text += &keep(file, rows);
+                    }
+                    return Ok(Outcome::Failed(messages, text));
+                }
+            },
+            Some(Event::Ended(ended)) => {
+                let components = ready.map(|ready| ready.components).unwrap_or_default();
+                let failure = Failure::recorded(worker.record(), &components, &ended.to_string());
+                let text = match failure {
+                    Some(failure) => failure.to_string(),
+                    None => format!("the worker process {ended}, outside of the calls of an FMU"),
+                };
+                return Ok(Outcome::Failed(Vec::new(), text + &keep(file, rows)));
+            }
+            None if (watch.is_cancelled)() => {
+                let time = worker.record().time();
+                let time = time.map(|time| format!(" at t = {time:?} s"));
+                // Its last rows can still be received.
+                worker.kill()?;
+                while let Some(Event::Replied) = worker.look()? {
+                    if let (Report::Row(row), Some(rows)) = (worker.reply()?, &mut rows) {
+                        check(&ready, &row)?;
+                        rows.push(&row)?;
+                    }
+                }
+                let text = time.unwrap_or_default() + &keep(file, rows);
+                return Ok(Outcome::Cancelled(text));
+            }
+            None => {
+                if worker.is_newly_slow() {
+                    let components = ready.as_ref().map(|ready| ready.components.as_slice());
+                    let call = slow(worker.record(), components.unwrap_or_default());
+                    call.iter().for_each(|call| (watch.slow)(call));
+                }
+                if let (Some(ready), Some(time)) = (&ready, worker.record().time()) {
+                    (watch.progress)(ready, time);
+                }
+                if let Some(rows) = &mut rows {
+                    rows.flush_sometimes()?;
+                }
+                worker.pause();
+            }
+        }
+    }
+}
+
+/// Keeps the rows of a run that did not reach its end, if there are any, in the file with the suffix `.part`.
+/// Returns where they are, to follow a sentence.
+fn keep(file: Option<&Path>, rows: Option<Rows>) -> String {
+    match (file, rows.and_then(Rows::keep)) {
+        (None, _) => String::new(),
+        (_, None) => "; no file was written".into(),
+        (_, Some((file, last))) => {
+            let file = file.display();
+            format!("; the rows up to t = {last:?} s are in {file}")
+        }
+    }
+}
+
+/// The rows of a run and the file that they are written to.
+struct Rows {
+    path: PathBuf,
+    part: Replacement,
+    /// The time and the recorded variables.
+    columns: Vec<Column>,
+    /// The text that is not yet in the file.
+    text: String,
+    count: u64,
+    /// The time of the last row (s).
+    last: f64,
+    flushed: Instant,
+}
+
+/// The length of the text that is collected before it is written (bytes).
+const BUFFER: usize = 1 << 16;
+
+impl Rows {
+    /// Starts a file.
+    fn create(path: &Path, recorded: &[Column]) -> Result<Self> {
+        ensure!(!path.is_dir(), "{} is a folder", path.display());
+        let mut columns = vec![Column::new("time", "s", Type::Float64)];
+        columns.extend_from_slice(recorded);
+        let mut rows = Self {
+            path: path.to_owned(),
+            part: Replacement::part(path)?,
+            text: table::header(&columns),
+            columns,
+            count: 0,
+            last: f64::NAN,
+            flushed: Instant::now(),
+        };
+        rows.flush()?;
+        Ok(rows)
+    }
+
+    fn push(&mut self, row: &Row) -> Result<()> {
+        let values = [Value::Float64(row.time)].into_iter();
+        let values = values.chain(row.values(&self.columns[1..]));
+        table::push_line(&mut self.text, values.map(Some));
+        self.count += 1;
+        self.last = row.time;
+        match self.text.len() >= BUFFER {
+            true => self.flush(),
+            false => Ok(()),
+        }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.part.write_all(self.text.as_bytes());
+        written.with_context(|| format!("cannot write {}", self.path.display()))?;
+        self.text.clear();
+        self.flushed = Instant::now();
+        Ok(())
+    }
+
+    /// Writes to the file, unless that was done shortly before.
+    fn flush_sometimes(&mut self) -> Result<()> {
+        match self.flushed.elapsed() >= FLUSH_PERIOD {
+            true => self.flush(),
+            false => Ok(()),
+        }
+    }
+
+    /// Moves the file into place and returns the number of rows.
+    fn finish(mut self) -> Result<u64> {
+        self.flush()?;
+        let Self { path, columns, .. } = &self;
+        match part(path).filter(|_| Format::of(path) == Some(Format::Parquet)) {
+            None => self.part.finish()?,
+            Some(part) => {
+                let text = fs::read_to_string(&part)
+                    .with_context(|| format!("cannot read {}", part.display()))?;
+                let (_, mut rest) = text.split_at(table::header(columns).len());
+                let rows = std::iter::from_fn(|| {
+                    let row: Result<(Vec<Cell>, &str)> = match rest {
+                        "" => return None,
+                        _ => table::parse(columns, rest),
+                    };
+                    rest = row.as_ref().map_or("", |(_, rest)| rest);
+                    Some(row.map(|(cells, _)| cells))
+                });
+                table::write(path, Format::Parquet, columns, rows)?;
+            }
+        }
+        Ok(self.count)
+    }
+
+    /// Keeps the rows, if there are any; returns the file with them, which has the suffix `.part` unless it
+    /// is a device, and the time of the last one (s).
+    fn keep(mut self) -> Option<(PathBuf, f64)> {
+        if self.count == 0 {
+            return None;
+        }
+        self.flush().ok()?;
+        let file = self.part.keep().ok()?;
+        Some((file.unwrap_or(self.path), self.last))
+    }
+}

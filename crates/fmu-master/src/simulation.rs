@@ -1,0 +1,278 @@
+//! One run of a system.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use fmu_description::{Causality, Type, Value};
+use fmu_host::Instance;
+use serde::{Deserialize, Serialize};
+
+use crate::component::{Called, Component, Store, propagate};
+use crate::table::{Column, Values};
+use crate::wiring::{Records, places};
+use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
+
+/// An initialized run of a system.
+pub struct Simulation<'a> {
+    plan: &'a Plan,
+    components: Vec<Component<'a>>,
+    /// The outputs of all components that were read last.
+    outputs: Store,
+    row: Row,
+    messages: Messages,
+}
+
+/// A row of results: the values of the recorded variables at a communication point. Its columns are those
+/// of [`Plan::columns`].
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Row {
+    /// The communication point (s).
+    pub time: f64,
+    store: Store,
+}
+
+impl Row {
+    fn new(columns: &[Column]) -> Self {
+        Self {
+            time: f64::NAN,
+            store: Store::new(counts(columns)),
+        }
+    }
+
+    /// Whether it has the values of these columns.
+    pub(crate) fn fits(&self, columns: &[Column]) -> bool {
+        let Store { reals, others } = &self.store;
+        [reals.len(), others.len()] == counts(columns)
+    }
+
+    /// The number at a place, which [`Plan::place`] finds, or a Boolean as 0 or 1; NaN for other values.
+    #[inline]
+    pub fn number(&self, place: Place) -> f64 {
+        self.store.number(place)
+    }
+
+    /// The values of columns, which are those of [`Plan::columns`].
+    pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
+        places(columns.iter().map(|column| column.kind)).map(|place| self.store.value(place))
+    }
+
+    /// Copies recorded outputs.
+    #[inline(always)]
+    fn record(&mut self, records: &Records, outputs: &Store) {
+        for &(from, to) in &records.reals {
+            self.store.reals[to] = outputs.reals[from];
+        }
+        for &(from, to) in &records.others {
+            self.store.others[to].clone_from(&outputs.others[from]);
+        }
+    }
+}
+
+/// The number of columns of the type Float64, and of the others.
+fn counts(columns: &[Column]) -> [usize; 2] {
+    let reals = columns.iter().filter(|c| c.kind == Type::Float64).count();
+    [reals, columns.len() - reals]
+}
+
+/// What is left of a run that has reached its end.
+#[derive(Debug)]
+pub struct Finished {
+    /// The messages of the FMUs.
+    pub messages: Vec<Message>,
+    /// The last row.
+    pub last: Row,
+}
+
+impl Plan {
+    /// Creates and initializes the instances of a run, which log to `messages`; `starts` override the start
+    /// values of the description.
+    ///
+    /// # Errors
+    /// An FMU returns an error; its message is included.
+    pub fn simulate(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
+        messages.record().at(f64::NAN);
+        messages.record().step(self.experiment.step);
+        let transfers = self.components.iter().zip(&self.wiring.components);
+        let components = transfers.enumerate().map(|(index, (planned, transfers))| {
+            let starts = self.starts(index, starts);
+            self.check_arrays(index, &starts)?;
+            Component::new(index, planned, transfers, &starts, messages)
+        });
+        let mut simulation = Simulation {
+            plan: self,
+            components: components.collect::<Result<_>>()?,
+            outputs: Store::new(self.wiring.counts),
+            row: Row::new(self.columns()),
+            messages: messages.clone(),
+        };
+        simulation.initialize(starts).map_err(|failure| *failure)?;
+        Ok(simulation)
+    }
+}
+
+impl Simulation<'_> {
+    /// Initializes with the calls of FMPy, in its order.
+    fn initialize(&mut self, starts: &[Start]) -> Called {
+        let plan = self.plan;
+        let (start, end) = (plan.experiment.start, plan.end());
+        self.messages.record().at(start);
+        for (index, component) in self.components.iter_mut().enumerate() {
+            let tolerance = plan.components[index].tolerance;
+            component.call("setup_experiment", "set-up of the experiment", |instance| {
+                instance.setup_experiment(start, Some(end), tolerance)
+            })?;
+            let fmu = component.fmu().clone();
+            let (sizes, starts): (BTreeMap<_, _>, _) = (plan.starts(index, starts).into_iter())
+                .partition(|(index, _)| {
+                    fmu.variable(*index).causality == Causality::StructuralParameter
+                });
+            if !sizes.is_empty() {
+                component.call(
+                    "enter_configuration_mode",
+                    "start of the configuration",
+                    Instance::enter_configuration_mode,
+                )?;
+                component.start(&sizes)?;
+                component.call(
+                    "exit_configuration_mode",
+                    "end of the configuration",
+                    Instance::exit_configuration_mode,
+                )?;
+            }
+            component.start(&starts)?;
+        }
+        self.initialize_all().map_err(|failure| failure.at(start))
+    }
+
+    fn initialize_all(&mut self) -> Called {
+        self.call_all(
+            "enter_initialization_mode",
+            "start of the initialization",
+            Instance::enter_initialization_mode,
+        )?;
+        self.propagate()?;
+        self.call_all(
+            "exit_initialization_mode",
+            "end of the initialization",
+            Instance::exit_initialization_mode,
+        )
+    }
+
+    fn call_all(
+        &mut self,
+        operation: &str,
+        what: &str,
+        call: impl Fn(&mut Instance) -> fmu_host::Result,
+    ) -> Called {
+        let mut components = self.components.iter_mut();
+        components.try_for_each(|component| component.call(operation, what, &call))
+    }
+
+    /// Propagates initial outputs to inputs, once per component, since outputs may depend on inputs.
+    fn propagate(&mut self) -> Called {
+        for _ in 0..=self.components.len() {
+            let mut changed = false;
+            for fed in 0..self.components.len() {
+                changed |= propagate(&mut self.components, fed, &mut self.outputs)?;
+            }
+            if !changed {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Steps from the start to the stop time, or until `observe`, which receives the row of each
+    /// communication point, returns false.
+    ///
+    /// # Errors
+    /// A [`Failure`]: a call of an FMU failed, which ends the run.
+    pub fn run(mut self, observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
+        self.steps(observe).map_err(|failure| *failure)?;
+        Ok(Finished {
+            messages: self.messages.take(),
+            last: std::mem::take(&mut self.row),
+        })
+    }
+
+    /// Runs the simulation and returns the time and the recorded variables, each as a column of its type.
+    ///
+    /// # Errors
+    /// See [`Simulation::run`].
+    pub fn results(self) -> Result<(Vec<f64>, Vec<Values>)> {
+        let columns = self.plan.columns();
+        let mut times = Vec::new();
+        let mut results: Vec<Values> = columns.iter().map(|c| Values::of(c.kind)).collect();
+        self.run(|row| {
+            times.push(row.time);
+            for (column, value) in results.iter_mut().zip(row.values(columns)) {
+                column.push(value);
+            }
+            true
+        })?;
+        Ok((times, results))
+    }
+
+    fn steps(&mut self, mut observe: impl FnMut(&Row) -> bool) -> Called {
+        let Plan {
+            experiment, wiring, ..
+        } = self.plan;
+        // Checked when the plan was made.
+        let steps = experiment.steps().unwrap_or(0);
+        let last = match self.plan.steps_from_stop() {
+            true => steps,
+            false => steps.saturating_sub(1),
+        };
+        let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
+        self.read_all().map_err(failed_at(experiment.start))?;
+        for k in 0..steps {
+            let time = experiment.time(k);
+            self.messages.record().at(time);
+            self.row.time = time;
+            self.row.record(&wiring.before, &self.outputs);
+            if k < last {
+                self.step(time, experiment.step).map_err(failed_at(time))?;
+                self.row.record(&wiring.after, &self.outputs);
+            }
+            if !observe(&self.row) {
+                break;
+            }
+        }
+        self.call_all("terminate", "end", Instance::terminate)
+    }
+
+    /// Reads all outputs; later, those of a component are read after each of its steps.
+    fn read_all(&mut self) -> Called {
+        let mut components = self.components.iter_mut();
+        components.try_for_each(|component| component.read(&mut self.outputs))
+    }
+
+    /// Steps from one communication point to the next.
+    #[inline]
+    fn step(&mut self, time: f64, step: f64) -> Called {
+        let (components, outputs) = (&mut self.components, &mut self.outputs);
+        match self.plan.order {
+            Order::Sequential => components.iter_mut().try_for_each(|component| {
+                component.write(outputs)?;
+                component.step(time, step)?;
+                component.read(outputs)
+            }),
+            Order::Parallel => {
+                let mut all = components.iter_mut();
+                all.try_for_each(|component| component.write(outputs))?;
+                components.iter_mut().try_for_each(|component| {
+                    component.step(time, step)?;
+                    component.read(outputs)
+                })
+            }
+        }
+    }
+}
+
+impl Drop for Simulation<'_> {
+    /// Frees the instances, and records that no call is in progress.
+    fn drop(&mut self) {
+        self.components.clear();
+        self.messages.record().end_call();
+    }
+}

@@ -1,0 +1,444 @@
+//! The rows of finished runs, stored so that they survive a kill.
+//!
+//! # File format
+//!
+//! Until the table is written, the journal is stored next to it under the same name with the suffix
+//! `.part`. It is UTF-8 text with a line feed after each line:
+//!
+//! ```text
+//! # sweep 5f1d00c4
+//! index,plant.M,iae,settling_time,diverged
+//! 0,0.5,0.0123,1.25,false
+//! 2,1.5,0.5,,true
+//! ```
+//!
+//! - Line 1: `# sweep ` and the fingerprint, hexadecimal digits that differ between sweeps.
+//! - Then a table as CSV, see [`table`], with a line for each finished run, in any order.
+//!
+//! A last line without a line feed was torn by a kill; it is cut off when the journal is next opened.
+//! A run may appear twice if both lines have the same values.
+//!
+//! # Other programs
+//!
+//! Writers hold an exclusive lock on the file: `File::try_lock`, which is `flock` on Unix
+//! (`fcntl.flock(file, LOCK_EX | LOCK_NB)` in Python). A program that collects lines from workers takes
+//! the lock, writes the two header lines if the file is empty, cuts off a torn line if there is one,
+//! appends whole lines, and closes the file. [`Journal::open`] and [`Journal::finish`] then write the
+//! table.
+//!
+//! # Durability
+//!
+//! However the process ends, only the runs in progress are lost. Rows are synced to disk in the
+//! background when a row is appended, at most once a second, and by [`Journal::sync`]: a power failure
+//! loses the rows of about the last second, and these runs are repeated.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Error, Result, bail, ensure};
+
+use crate::table::{self, Column, Format};
+
+/// The journal of a sweep, opened and locked.
+#[derive(Debug)]
+pub struct Journal {
+    output: PathBuf,
+    format: Format,
+    path: PathBuf,
+    file: File,
+    header: String,
+    /// The index of the run, then its values and results.
+    columns: Vec<Column>,
+    runs: u64,
+    done: BTreeSet<u64>,
+    length: u64,
+    synced: Instant,
+    /// The last sync, on a thread of its own, as a disk may take long.
+    sync: Option<JoinHandle<io::Result<()>>>,
+}
+
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+/// The first two lines of a journal. The fingerprint is a hexadecimal digest of everything that the rows
+/// depend on.
+pub fn header(fingerprint: &str, columns: &[Column]) -> String {
+    format!("# sweep {fingerprint}\n{}", table::header(columns))
+}
+
+impl Journal {
+    /// Opens or creates the journal of the table `output`, whose first column is the index of the run;
+    /// `runs` is their number. See [`header`] about the fingerprint.
+    ///
+    /// # Errors
+    /// The output is not named `.csv` or `.parquet`; the journal cannot be read or written, is locked by
+    /// another process, belongs to another sweep, or has a line that is not a row, or two rows for a run.
+    pub fn open(output: &Path, fingerprint: &str, columns: Vec<Column>, runs: u64) -> Result<Self> {
+        let format = check(output)?;
+        let mut path = output.as_os_str().to_owned();
+        path.push(".part");
+        let path = PathBuf::from(path);
+        let shown = path.display();
+        let mut options = OpenOptions::new();
+        let file = options.read(true).append(true).create(true).open(&path);
+        let file = file.with_context(|| format!("cannot open {shown}"))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                bail!("{shown} is in use by another process: wait for it, or give another --out")
+            }
+            Err(TryLockError::Error(error)) => {
+                return Err(error).with_context(|| format!("cannot lock {shown}"));
+            }
+        }
+        let mut journal = Self {
+            output: output.to_owned(),
+            format,
+            header: header(fingerprint, &columns),
+            path,
+            file,
+            columns,
+            runs,
+            done: BTreeSet::new(),
+            length: 0,
+            synced: Instant::now(),
+            sync: None,
+        };
+        journal.cut_torn_line()?;
+        let text = journal.read()?;
+        journal.done = journal.rows(&text, true)?.into_keys().collect();
+        journal.length = text.len() as u64;
+        Ok(journal)
+    }
+
+    /// The runs that were finished when the journal was opened.
+    pub fn done(&self) -> &BTreeSet<u64> {
+        &self.done
+    }
+
+    /// Appends a row, a line of CSV, in one write.
+    ///
+    /// # Errors
+    /// The line does not match the columns or the number of runs, or cannot be written; nothing of it is
+    /// left in the file.
+    pub fn append(&mut self, line: &str) -> Result<()> {
+        table::parse(&self.columns, line)?;
+        self.index(line)?;
+        let written = match self.file.write_all(line.as_bytes()) {
+            Ok(()) => {
+                self.length += line.len() as u64;
+                self.sync_sometimes()
+            }
+            Err(error) => {
+                let _ = self.file.set_len(self.length); // the first error is more useful
+                Err(error)
+            }
+        };
+        written.with_context(|| self.cannot("write"))
+    }
+
+    /// Starts to sync the file if it is time, unless the last sync is still in progress; returns the error
+    /// of the last one.
+    fn sync_sometimes(&mut self) -> io::Result<()> {
+        let is_busy = self.sync.as_ref().is_some_and(|sync| !sync.is_finished());
+        if is_busy || self.synced.elapsed() < SYNC_EVERY {
+            return Ok(());
+        }
+        self.wait()?;
+        self.synced = Instant::now();
+        let file = self.file.try_clone()?;
+        self.sync = Some(thread::spawn(move || file.sync_data()));
+        Ok(())
+    }
+
+    /// Waits for the last sync.
+    fn wait(&mut self) -> io::Result<()> {
+        let panicked = |_| Err(io::Error::other("the sync panicked"));
+        let sync = self.sync.take();
+        sync.map_or(Ok(()), |sync| sync.join().unwrap_or_else(panicked))
+    }
+
+    /// Waits until all rows are on disk.
+    ///
+    /// # Errors
+    /// They cannot be written.
+    pub fn sync(&mut self) -> Result<()> {
+        let synced = self.wait().and_then(|()| self.file.sync_data());
+        synced.with_context(|| self.cannot("write"))
+    }
+
+    /// Writes the table with its rows sorted by run, and removes the journal.
+    ///
+    /// # Errors
+    /// Runs are missing or appear twice with different values, or a file cannot be read or written; the
+    /// journal is then kept.
+    pub fn finish(self) -> Result<()> {
+        let text = self.read()?;
+        let rows = self.rows(&text, false)?;
+        let missing = self.runs - rows.len() as u64;
+        let first = (0..self.runs).find(|index| !rows.contains_key(index));
+        ensure!(
+            missing == 0,
+            "{}: {missing} of {} runs are missing, the first is {}",
+            self.path.display(),
+            self.runs,
+            first.unwrap_or_default()
+        );
+        let rows = rows
+            .values()
+            .map(|line| Ok(table::parse(&self.columns, line)?.0));
+        table::write(&self.output, self.format, &self.columns, rows)?;
+        fs::remove_file(&self.path).with_context(|| self.cannot("remove"))
+    }
+
+    /// Cuts the file after its last whole line, and writes the header if it was torn or missing.
+    fn cut_torn_line(&mut self) -> Result<()> {
+        let mut bytes = Vec::new();
+        let read = self.file.read_to_end(&mut bytes);
+        read.with_context(|| self.cannot("read"))?;
+        let header = self.header.as_bytes();
+        let mut cut = Ok(());
+        if bytes.starts_with(header) {
+            let last = bytes.iter().rposition(|&byte| byte == b'\n');
+            let whole = last.map_or(0, |last| last + 1);
+            if whole < bytes.len() {
+                cut = self.file.set_len(whole as u64);
+            }
+        } else if header.starts_with(&bytes) {
+            cut = self
+                .file
+                .set_len(0)
+                .and_then(|()| self.file.write_all(header));
+        } else {
+            bail!(
+                "{} belongs to another sweep: delete it or give another --out",
+                self.path.display()
+            );
+        }
+        cut.with_context(|| self.cannot("write"))
+    }
+
+    fn read(&self) -> Result<String> {
+        let (mut text, mut file) = (String::new(), &self.file);
+        let read = file.rewind().and_then(|()| file.read_to_string(&mut text));
+        read.with_context(|| self.cannot("read"))?;
+        Ok(text)
+    }
+
+    /// The lines of the runs, without duplicates. They are parsed if they are checked; later, each is parsed
+    /// when it is written.
+    fn rows<'a>(&self, text: &'a str, are_checked: bool) -> Result<BTreeMap<u64, &'a str>> {
+        let mut rows = BTreeMap::new();
+        let headers = self.header.lines().count();
+        for (number, line) in text.lines().enumerate().skip(headers) {
+            let mut add = || {
+                if are_checked {
+                    table::parse(&self.columns, line)?;
+                }
+                let index = self.index(line)?;
+                if let Some(other) = rows.insert(index, line) {
+                    // Compared as text, since NaN differs from itself.
+                    let cells =
+                        |line| table::parse(&self.columns, line).map(|row| format!("{row:?}"));
+                    ensure!(
+                        cells(line)? == cells(other)?,
+                        "another row of run {index}, expected the same one"
+                    );
+                }
+                Ok(())
+            };
+            add().map_err(|error: Error| {
+                let advice = "delete the line to repeat the run";
+                let file = self.path.display();
+                Error::msg(format!("{file}:{}: {error}; {advice}", number + 1))
+            })?;
+        }
+        Ok(rows)
+    }
+
+    /// The index of the run of a line.
+    fn index(&self, line: &str) -> Result<u64> {
+        let (index, _) = line.split_once(',').unwrap_or((line, ""));
+        let (index, runs) = (index.parse().unwrap_or(u64::MAX), self.runs);
+        ensure!(index < runs, "{line:?}, expected one of the runs 0..{runs}");
+        Ok(index)
+    }
+
+    fn cannot(&self, what: &str) -> String {
+        format!("cannot {what} {}", self.path.display())
+    }
+}
+
+/// Checks that a table can be written to a file of this name; returns its format.
+fn check(file: &Path) -> Result<Format> {
+    let name = file.display();
+    let format = Format::of(file)
+        .with_context(|| format!("{name}: expected a file named .csv or .parquet"))?;
+    ensure!(!file.is_dir(), "{name} is a folder, expected a file");
+    if let Some(folder) = file
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+    {
+        let folder_name = folder.display();
+        ensure!(
+            folder.is_dir(),
+            "cannot write {name}: the folder {folder_name} does not exist"
+        );
+    }
+    Ok(format)
+}
+
+#[cfg(test)]
+mod tests {
+    use fmu_description::Type;
+
+    use super::*;
+
+    const RUNS: u64 = 4;
+
+    fn columns() -> Vec<Column> {
+        let column = |name, kind| Column::new(name, "", kind);
+        vec![
+            column("index", Type::Int64),
+            column("p", Type::Float64),
+            column("model", Type::String).optional(),
+        ]
+    }
+
+    const LINES: [&str; 4] = [
+        "0,0.0,\n",
+        "1,NaN,\"π,\"\"x\"\"\"\n",
+        "2,0.2,linear\n",
+        "3,0.3,#\n",
+    ];
+
+    /// A folder, and the paths of the table and the journal in it.
+    fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("a.csv");
+        let part = folder.path().join("a.csv.part");
+        (folder, output, part)
+    }
+
+    fn open(output: &Path) -> Result<Journal, String> {
+        let journal = Journal::open(output, "0abc", columns(), RUNS);
+        journal.map_err(|error| format!("{error:#}"))
+    }
+
+    fn table() -> String {
+        format!("index,p,model\n{}", LINES.concat())
+    }
+
+    #[test]
+    fn rows_are_stored_in_the_documented_format_and_sorted_at_the_end() {
+        let (folder, output, part) = files();
+        let mut journal = open(&output).unwrap();
+        for run in [2, 0] {
+            journal.append(LINES[run]).unwrap();
+        }
+        for wrong in ["0\n", "4,0.1,\n", "x,0.1,\n", "1,a,\n"] {
+            assert!(journal.append(wrong).is_err());
+        }
+        journal.sync().unwrap();
+        let expected = "# sweep 0abc\nindex,p,model\n2,0.2,linear\n0,0.0,\n";
+        assert_eq!(fs::read_to_string(&part).unwrap(), expected);
+        let used = format!(
+            "{} is in use by another process: wait for it",
+            part.display()
+        );
+        assert!(open(&output).unwrap_err().starts_with(&used));
+        drop(journal);
+
+        let journal = open(&output).unwrap();
+        assert_eq!(Vec::from_iter(journal.done()), [&0, &2]);
+        let missing = format!(
+            "{}: 2 of 4 runs are missing, the first is 1",
+            part.display()
+        );
+        assert_eq!(journal.finish().unwrap_err().to_string(), missing);
+        let mut journal = open(&output).unwrap();
+        for run in [3, 1, 3] {
+            journal.append(LINES[run]).unwrap();
+        }
+        journal.finish().unwrap();
+        assert_eq!(fs::read_to_string(&output).unwrap(), table());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_journal_torn_at_any_byte_is_resumed() {
+        let (_folder, output, part) = files();
+        let whole = [header("0abc", &columns()), LINES.concat()].concat();
+        for cut in 0..=whole.len() {
+            fs::write(&part, &whole.as_bytes()[..cut]).unwrap();
+            let mut journal = open(&output).unwrap();
+            let lines = whole.as_bytes()[..cut]
+                .iter()
+                .filter(|&&byte| byte == b'\n')
+                .count();
+            assert_eq!(
+                journal.done().len(),
+                lines.saturating_sub(2),
+                "cut at {cut}"
+            );
+            for line in &LINES[journal.done().len()..] {
+                journal.append(line).unwrap();
+            }
+            assert_eq!(fs::read_to_string(&part).unwrap(), whole, "cut at {cut}");
+            journal.finish().unwrap();
+            assert_eq!(
+                fs::read_to_string(&output).unwrap(),
+                table(),
+                "cut at {cut}"
+            );
+        }
+    }
+
+    #[test]
+    fn another_file_is_not_changed_and_a_damaged_one_is_rejected_with_the_line() {
+        let (folder, output, part) = files();
+        let (ours, other) = (header("0abc", &columns()), header("0abd", &columns()));
+        let end = " belongs to another sweep: delete it or give another --out";
+        let ours = |lines: &str| format!("{ours}{lines}");
+        for (text, reason) in [
+            (other, end),
+            ("an unrelated file".into(), end),
+            ("\n".into(), end),
+            (ours("0,0.1,\n\n1,0.1,\n"), ":4: \"\", expected 3 fields"),
+            (
+                ours("0,0.1,\n0,0.2,\n"),
+                ":4: another row of run 0, expected the same one",
+            ),
+            (ours("x,0.1,\n"), ":3: index is x, expected a whole number"),
+            (
+                ours("4,0.1,\n"),
+                ":3: \"4,0.1,\", expected one of the runs 0..4",
+            ),
+            (
+                ours("0,0.\u{0}1,\n"),
+                ":3: p is 0.\u{0}1, expected a number",
+            ),
+        ] {
+            fs::write(&part, &text).unwrap();
+            let advice = match reason.starts_with(':') {
+                true => "; delete the line to repeat the run",
+                false => "",
+            };
+            let expected = format!("{}{reason}{advice}", part.display());
+            assert_eq!(open(&output).unwrap_err(), expected);
+            assert_eq!(fs::read_to_string(&part).unwrap(), text);
+        }
+        fs::remove_file(part).unwrap();
+        for (name, end) in [
+            ("a.txt", "expected a file named .csv or .parquet"),
+            ("nowhere/a.csv", "nowhere does not exist"),
+        ] {
+            let error = open(&folder.path().join(name)).unwrap_err();
+            assert!(error.ends_with(end), "{error}");
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

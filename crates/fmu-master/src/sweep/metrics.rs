@@ -1,0 +1,440 @@
+//! Metrics of a run, computed sample by sample.
+
+use serde::{Deserialize, Deserializer};
+
+use anyhow::{Result, ensure};
+use fmu_description::{Type, Value};
+
+use super::checked;
+use crate::table::{Cell, Column};
+
+/// When a loop counts as settled, and when as diverged.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Options {
+    /// Maximum |e| of a settled loop, as a fraction of the absolute value of the reference; where the
+    /// reference is 0, a loop has settled if e is 0.
+    #[serde(deserialize_with = "band")]
+    pub band: f64,
+    /// Maximum |e| of a loop that has not diverged, in the unit of the error.
+    #[serde(deserialize_with = "limit")]
+    pub limit: f64,
+}
+
+fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let of = |band: &f64| Options {
+        band: *band,
+        ..Options::default()
+    };
+    checked(deserializer, |band| of(band).check())
+}
+
+fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let of = |limit: &f64| Options {
+        limit: *limit,
+        ..Options::default()
+    };
+    checked(deserializer, |limit| of(limit).check())
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            band: 0.003,
+            limit: 1e3,
+        }
+    }
+}
+
+impl Options {
+    /// Checks that the band is finite and not negative, and the limit positive.
+    ///
+    /// # Errors
+    /// If one of them is not.
+    pub fn check(&self) -> Result<()> {
+        let Self { band, limit } = self;
+        ensure!(
+            *band >= 0.0 && band.is_finite(),
+            "band = {band:?}, expected a finite number of at least 0"
+        );
+        ensure!(*limit > 0.0, "limit = {limit:?}, expected more than 0");
+        Ok(())
+    }
+}
+
+/// The signals of a control loop at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Time in seconds.
+    pub time: f64,
+    /// Reference (set-point).
+    pub r: f64,
+    /// Output of the plant, in the unit of the reference.
+    pub y: f64,
+    /// Error, in the unit of the reference. It is passed in rather than computed, since the
+    /// controller's error includes the disturbance of the measured output.
+    pub e: f64,
+    /// Control.
+    pub u: f64,
+}
+
+/// Accumulates the metrics of a run.
+///
+/// ```
+/// use fmu_master::sweep::{Metrics, Options, Sample};
+///
+/// let mut metrics = Metrics::new(&Options::default());
+/// for (time, y) in [(0.0, 0.0), (0.1, 1.2), (0.2, 1.0), (0.3, 1.0)] {
+///     metrics.push(Sample { time, r: 1.0, y, e: 1.0 - y, u: 0.0 });
+/// }
+/// let summary = metrics.finish();
+/// assert_eq!(summary.overshoot, Some(1.2 - 1.0));
+/// assert_eq!(summary.settling_time, Some(0.2));
+/// assert_eq!(summary.final_e, Some(0.0));
+/// ```
+#[derive(Debug, Clone)]
+pub struct Metrics {
+    options: Options,
+    /// The first and the last sample.
+    ends: Option<(Sample, Sample)>,
+    /// Changes of the reference.
+    changes: u64,
+    /// Whether the last sample changed the reference.
+    changed: bool,
+    /// The time from which on the loop has stayed within the band.
+    settled: Option<f64>,
+    lowest_y: f64,
+    highest_y: f64,
+    largest_r: f64,
+    summary: Summary,
+}
+
+impl Metrics {
+    /// The metrics of a run without samples.
+    pub fn new(options: &Options) -> Self {
+        Self {
+            options: *options,
+            ends: None,
+            changes: 0,
+            changed: false,
+            settled: None,
+            lowest_y: f64::INFINITY,
+            highest_y: f64::NEG_INFINITY,
+            largest_r: 0.0,
+            summary: Summary::default(),
+        }
+    }
+
+    /// Adds the next sample, whose time must not be before the previous one's.
+    ///
+    /// Returns false once the run has diverged, that is, if a number of the sample is not finite or
+    /// |e| exceeds the limit. Such a sample only sets the time of divergence; neither it nor later ones
+    /// enter the metrics.
+    #[inline]
+    pub fn push(&mut self, sample: Sample) -> bool {
+        if self.summary.diverged {
+            return false;
+        }
+        let Sample { time, r, y, e, u } = sample;
+        // One check for all numbers: 0 times a number that is not finite is NaN.
+        let zero: f64 = [time, r, y, e, u].iter().map(|x| 0.0 * x).sum();
+        if zero.is_nan() || e.abs() > self.options.limit {
+            self.diverge(time);
+            return false;
+        }
+        let (first, last) = self.ends.get_or_insert((sample, sample));
+        self.changed = r != last.r;
+        self.changes += u64::from(self.changed);
+
+        let step = time - last.time;
+        debug_assert!(step >= 0.0, "{time} comes after {}", last.time);
+        self.summary.iae += last.e.abs() * step;
+        self.summary.ise += last.e * last.e * step;
+        self.summary.itae += (last.time - first.time) * last.e.abs() * step;
+        *last = sample;
+
+        self.summary.largest_u = larger(self.summary.largest_u, u.abs());
+        self.lowest_y = if y < self.lowest_y { y } else { self.lowest_y };
+        self.highest_y = larger(self.highest_y, y);
+        self.largest_r = larger(self.largest_r, r.abs());
+
+        if e.abs() > self.options.band * r.abs() {
+            self.settled = None;
+        } else if self.changed || self.settled.is_none() {
+            self.settled = Some(time);
+        }
+        true
+    }
+
+    /// Records that the run diverged at a time in seconds, such as that of a failed step.
+    #[cold]
+    pub fn diverge(&mut self, time: f64) {
+        if !self.summary.diverged {
+            self.summary.diverged = true;
+            self.summary.diverged_at = Some(time);
+        }
+    }
+
+    /// Returns the metrics of all samples.
+    pub fn finish(self) -> Summary {
+        let resting = !self.summary.diverged && !self.changed;
+        Summary {
+            overshoot: self.overshoot(),
+            settling_time: self.settled.filter(|_| resting),
+            final_e: self.ends.map(|(_, last)| last.e),
+            ..self.summary
+        }
+    }
+
+    fn overshoot(&self) -> Option<f64> {
+        let (first, last) = self.ends?;
+        let (excess, height) = if self.changes > 1 {
+            let largest_y = self.highest_y.max(-self.lowest_y);
+            (largest_y - self.largest_r, self.largest_r)
+        } else {
+            let start = if self.changes == 0 { first.y } else { first.r };
+            let height = last.r - start;
+            if height > 0.0 {
+                (self.highest_y - last.r, height)
+            } else {
+                (last.r - self.lowest_y, -height)
+            }
+        };
+        (height > 0.0).then(|| excess.max(0.0) / height)
+    }
+}
+
+/// The larger of two numbers. Unlike [`f64::max`], it does not look for NaN, which makes it one
+/// instruction.
+#[inline]
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}
+
+/// The metrics of a run, up to its divergence if it diverged.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Summary {
+    /// Integral of |e|. This and the next two are computed from the first to the last sample by the
+    /// rectangle rule: a sample holds until the next one.
+    pub iae: f64,
+    /// Integral of e².
+    pub ise: f64,
+    /// Integral of |e|, weighted by the time since the first sample in seconds.
+    pub itae: f64,
+    /// The overshoot of y beyond the reference, at least 0:
+    ///
+    /// - If the reference is a step, that is, changes at most once, the maximum excess of y beyond its
+    ///   last value, in the direction of the step, as a fraction of the step's height. The step starts
+    ///   from the reference's first value if it changes, and from the first y if not.
+    /// - If the reference changes more than once, like a sine or square wave, the maximum excess of
+    ///   |y| beyond the reference's maximum absolute value, as a fraction of that value.
+    ///
+    /// `None` if there is no sample or the step has zero height.
+    pub overshoot: Option<f64>,
+    /// The time in seconds, not before the reference's last change, from which on |e| stays within
+    /// [`Options::band`] times the absolute value of the reference. `None` if there is no such time,
+    /// the reference still changes at the last sample, or the run diverged.
+    pub settling_time: Option<f64>,
+    /// Maximum |u|; 0 if there is no sample.
+    pub largest_u: f64,
+    /// The error at the last sample; `None` if there is no sample.
+    pub final_e: Option<f64>,
+    /// Whether the simulation failed, a number was not finite, or |e| exceeded [`Options::limit`].
+    pub diverged: bool,
+    /// The time of divergence in seconds.
+    pub diverged_at: Option<f64>,
+}
+
+impl Summary {
+    /// The metrics and their columns, which have the names of the fields.
+    pub fn cells(&self) -> [(Column, Cell); 9] {
+        let column = |name| Column::new(name, "", Type::Float64);
+        let number = |name, number| (column(name), Some(Value::Float64(number)));
+        let optional = |name, number: Option<f64>| {
+            let cell = number.map(Value::Float64);
+            (column(name).optional(), cell)
+        };
+        let diverged = Column::new("diverged", "", Type::Boolean);
+        [
+            number("iae", self.iae),
+            number("ise", self.ise),
+            number("itae", self.itae),
+            optional("overshoot", self.overshoot),
+            optional("settling_time", self.settling_time),
+            number("largest_u", self.largest_u),
+            optional("final_e", self.final_e),
+            (diverged, Some(Value::Boolean(self.diverged))),
+            optional("diverged_at", self.diverged_at),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(time: f64, r: f64, y: f64) -> Sample {
+        let (e, u) = (r - y, 0.0);
+        Sample { time, r, y, e, u }
+    }
+
+    fn summary(samples: impl IntoIterator<Item = Sample>) -> Summary {
+        let mut metrics = Metrics::new(&Options::default());
+        for sample in samples {
+            metrics.push(sample);
+        }
+        metrics.finish()
+    }
+
+    /// A reference and an output sampled every 1 ms.
+    fn sampled(count: u32, r: impl Fn(f64) -> f64, y: impl Fn(f64) -> f64) -> Vec<Sample> {
+        let times = (0..count).map(|k| 0.001 * f64::from(k));
+        times.map(|time| sample(time, r(time), y(time))).collect()
+    }
+
+    fn decay(constant: f64) -> Vec<Sample> {
+        sampled(20_000, |_| 1.0, |time| 1.0 - libm::exp(-time / constant))
+    }
+
+    #[test]
+    fn a_first_order_decay_matches_its_closed_form_integrals() {
+        for constant in [0.1, 0.5, 1.0] {
+            let found = summary(decay(constant));
+            // The error of the rectangle rule is half a step times the drop of the integrand from 1 to 0.
+            for (value, expected) in [
+                (found.iae, constant + 0.0005),
+                (found.ise, constant / 2.0 + 0.0005),
+                (found.itae, constant * constant),
+            ] {
+                assert!((value - expected).abs() < 2e-6, "{found:?}");
+            }
+            assert_eq!(found.overshoot, Some(0.0));
+            let late = found.settling_time.unwrap() + constant * libm::log(0.003);
+            assert!((0.0..=0.001).contains(&late), "{late}");
+        }
+    }
+
+    #[test]
+    fn a_second_order_step_response_overshoots_by_its_damping() {
+        for damping in [0.2f64, 0.5, 0.8] {
+            let root = (1.0 - damping * damping).sqrt();
+            let response = |time: f64| {
+                let (sine, cosine) = libm::sincos(10.0 * root * time);
+                1.0 - libm::exp(-10.0 * damping * time) * (cosine + damping / root * sine)
+            };
+            let expected = libm::exp(-std::f64::consts::PI * damping / root);
+            for (start, end) in [(0.0, 1.0), (0.0, -0.5), (3.0, 1.0), (-1.0, 2.0)] {
+                let height = end - start;
+                for step in [0.0, 0.1] {
+                    let r = |time| if time < step { start } else { end };
+                    let y = |time: f64| start + height * response((time - step).max(0.0));
+                    let overshoot = summary(sampled(5000, r, y)).overshoot.unwrap();
+                    assert!(
+                        (overshoot - expected).abs() < 5e-5,
+                        "{overshoot} {expected}"
+                    );
+                }
+            }
+        }
+        let undershoot =
+            [(0.0, 0.0), (0.1, -0.5), (0.2, 1.0)].map(|(time, y)| sample(time, 1.0, y));
+        assert_eq!(summary(undershoot).overshoot, Some(0.0));
+        let none = summary(sampled(9, |_| 1.0, |_| 1.0)).overshoot;
+        assert_eq!(none, None, "a step of zero height");
+    }
+
+    #[test]
+    fn a_wave_overshoots_its_amplitude() {
+        let sine = |time: f64| 2.0 * libm::sin(5.0 * time);
+        assert_eq!(summary(sampled(2000, sine, sine)).overshoot, Some(0.0));
+        let more = summary(sampled(2000, sine, |time| -1.25 * sine(time)));
+        assert!((more.overshoot.unwrap() - 0.25).abs() < 1e-15);
+        assert_eq!(more.settling_time, None);
+    }
+
+    #[test]
+    fn the_settling_time_restarts_when_the_reference_changes() {
+        for (samples, settled) in [
+            (&[(1.0, 1.0)][..], Some(0.0)),
+            (&[(1.0, 1.0), (1.0, 1.0)], Some(0.0)),
+            (&[(1.0, 1.0), (1.0, 1.1), (1.0, 1.0)], Some(0.2)),
+            (&[(1.0, 1.0), (1.001, 1.0), (1.001, 1.0)], Some(0.1)),
+            (&[(1.0, 1.0), (1.001, 1.0)], None),
+            (&[(1.0, 1.0), (1.0, 0.9)], None),
+        ] {
+            let times = [0.0, 0.1, 0.2].into_iter().zip(samples);
+            let found = summary(times.map(|(time, (r, y))| sample(time, *r, *y)));
+            assert_eq!(found.settling_time, settled);
+        }
+    }
+
+    #[test]
+    fn metrics_stop_at_divergence() {
+        let sound = decay(0.1);
+        let until = summary(sound[..50].iter().copied());
+        let (next, nan) = (sound[50], f64::NAN);
+        for wrong in [
+            Sample { time: nan, ..next },
+            Sample {
+                r: f64::INFINITY,
+                ..next
+            },
+            Sample { y: nan, ..next },
+            Sample { e: nan, ..next },
+            Sample { e: -1000.1, ..next },
+            Sample {
+                u: f64::NEG_INFINITY,
+                ..next
+            },
+        ] {
+            let mut metrics = Metrics::new(&Options::default());
+            assert!(sound[..50].iter().all(|&sample| metrics.push(sample)));
+            assert!(!metrics.push(wrong));
+            assert!(!metrics.push(sound[51]));
+            metrics.diverge(99.0);
+            let found = metrics.finish();
+            let at = found.diverged_at.unwrap();
+            assert!(at == wrong.time || wrong.time.is_nan());
+            let expected = Summary {
+                diverged: true,
+                diverged_at: None,
+                settling_time: None,
+                ..until
+            };
+            assert_eq!(
+                Summary {
+                    diverged_at: None,
+                    ..found
+                },
+                expected
+            );
+        }
+        let mut metrics = Metrics::new(&Options::default());
+        metrics.diverge(0.5);
+        let expected = Summary {
+            diverged: true,
+            diverged_at: Some(0.5),
+            ..Summary::default()
+        };
+        assert_eq!(metrics.finish(), expected, "without samples");
+    }
+
+    #[test]
+    fn options_are_checked() {
+        let nan = f64::NAN;
+        for (band, limit) in [
+            (-0.1, 1.0),
+            (nan, 1.0),
+            (f64::INFINITY, 1.0),
+            (0.1, 0.0),
+            (0.1, nan),
+        ] {
+            assert!(Options { band, limit }.check().is_err());
+        }
+        assert_eq!(
+            toml::from_str::<Options>("limit = inf").unwrap().band,
+            0.003
+        );
+        assert!(toml::from_str::<Options>("bnd = 0").is_err());
+    }
+}

@@ -1,0 +1,32 @@
+//! Parameter sweeps: many runs of one plan. [`Parameters`] has the values of every run, [`Metrics`] reduces
+//! each run to a row of numbers, and a [`Journal`] stores the rows so that they survive a kill and writes
+//! them as a table. A [`Study`] does this for a system of FMUs, in worker processes.
+//!
+//! The same sweep produces the same table, byte for byte, for any number of processes and machines, provided
+//! that a simulation is deterministic.
+
+use anyhow::Result;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+mod journal;
+mod metrics;
+mod parameters;
+mod pool;
+mod study;
+
+pub use journal::{Journal, header};
+pub use metrics::{Metrics, Options, Sample, Summary};
+pub use parameters::{Parameter, Parameters};
+pub use pool::Workers;
+pub use study::{Outline, Progress, Study};
+
+/// Reads a value and checks it, so that an error names its line.
+fn checked<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+    check: impl FnOnce(&T) -> Result<()>,
+) -> Result<T, D::Error> {
+    let value = T::deserialize(deserializer)?;
+    check(&value).map_err(|error| D::Error::custom(error.to_string()))?;
+    Ok(value)
+}

@@ -1,0 +1,696 @@
+//! The parameters of a sweep and their values.
+//!
+//! ```toml
+//! seed = 1                    # of the random numbers; 0 if left out
+//! draws = 200                 # of the random numbers at each point of the grid; 1 if left out
+//!
+//! [[parameter]]
+//! variable = "controller.pid.kp"
+//! values = [200, 300, 400]    # numbers, booleans or strings
+//!
+//! [[parameter]]
+//! variable = "plant.M"
+//! from = 0.5
+//! to = 2.0
+//! count = 16                  # evenly spaced, both ends included; scale = "log" for even ratios
+//!
+//! [[parameter]]
+//! variable = "plant.l"
+//! uniform = [0.2, 0.3]        # or log_uniform = [min, max], or normal = [mean, deviation]
+//!
+//! [[parameter]]
+//! variables = ["controller.rbf.eta", "supervisor.rbf.eta"]    # the same value for both
+//! values = [0.1, 0.2]
+//! ```
+//!
+//! The grid consists of all combinations of listed and spaced values. The runs iterate over the grid,
+//! the first parameter varying slowest, with all draws at each grid point.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+use anyhow::{Context, Error, Result, bail, ensure};
+use fmu_description::{Type, Value};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Deserializer};
+
+use super::checked;
+use crate::Written;
+use crate::table::{Column, expected};
+
+/// Maximum number of runs; more are assumed to be a mistake.
+const MAX_RUNS: u64 = 1_000_000_000;
+
+/// The parameters of every run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameters {
+    seed: u64,
+    draws: u64,
+    all: Vec<Parameter>,
+    runs: u64,
+}
+
+impl Parameters {
+    /// Combines parameters.
+    ///
+    /// # Errors
+    /// A variable appears twice, there is nothing to draw, or there are too many runs.
+    pub fn new(seed: u64, draws: u64, all: Vec<Parameter>) -> Result<Self> {
+        ensure!(
+            !all.is_empty(),
+            "no parameter, expected at least one [[parameter]]"
+        );
+        let mut names = HashSet::new();
+        for variable in all.iter().flat_map(|parameter| &parameter.variables) {
+            ensure!(
+                names.insert(variable),
+                "{variable} appears twice, expected it in one parameter"
+            );
+        }
+        ensure!(draws > 0, "draws = 0, expected at least 1");
+        ensure!(
+            draws == 1 || all.iter().any(Parameter::is_random),
+            "draws = {draws}, expected a random parameter: uniform, log_uniform or normal"
+        );
+        let mut counts = all.iter().map(Parameter::count);
+        let runs = counts.try_fold(draws, u64::checked_mul);
+        let Some(runs) = runs.filter(|&runs| runs <= MAX_RUNS) else {
+            bail!("the plan has too many runs, expected {MAX_RUNS} at most");
+        };
+        Ok(Self {
+            seed,
+            draws,
+            all,
+            runs,
+        })
+    }
+
+    /// The number of runs, from 1 to 10^9.
+    pub fn runs(&self) -> u64 {
+        self.runs
+    }
+
+    /// A column for every variable.
+    pub fn columns(&self) -> impl Iterator<Item = Column> {
+        self.all.iter().flat_map(|parameter| {
+            let kind = match &parameter.values {
+                Values::List(values) => values[0].of_type(),
+                _ => Type::Float64,
+            };
+            let variables = parameter.variables.iter();
+            variables.map(move |name| Column::new(name, "", kind))
+        })
+    }
+
+    /// The variables of the run with an index, from 0, and their values. They can be computed without the
+    /// runs before it.
+    ///
+    /// A random number depends on the seed, the index of the draw and the rank of its parameter among
+    /// the random ones. All grid points use the same draws, so that differences between two points are
+    /// not due to the draws.
+    ///
+    /// # Errors
+    /// There is no run with this index.
+    pub fn run(&self, index: u64) -> Result<Vec<(&str, Value)>> {
+        self.check(&(index..index.saturating_add(1)))?;
+        let draw = index % self.draws;
+        let mut point = index / self.draws;
+        let mut points_left = self.runs / self.draws;
+        let mut rank = 0;
+        let mut assignments = Vec::with_capacity(self.all.len());
+        for parameter in &self.all {
+            points_left /= parameter.count();
+            let place = point / points_left;
+            point %= points_left;
+            let value = parameter.value(place, || Draw {
+                seed: self.seed,
+                rank,
+                draw,
+            });
+            rank += u64::from(parameter.is_random());
+            for variable in &parameter.variables {
+                assignments.push((variable.as_str(), value.clone()));
+            }
+        }
+        Ok(assignments)
+    }
+
+    /// Runs that together cover every listed value and both ends of every range, to be tried before a
+    /// long sweep is started.
+    pub fn corners(&self) -> Vec<u64> {
+        let mut corners = vec![0];
+        let mut runs = self.runs;
+        for parameter in &self.all {
+            runs /= parameter.count();
+            corners.extend(parameter.corners().map(|place| place * runs));
+        }
+        corners
+    }
+
+    /// Checks that there is a range of runs, such as the share of a worker.
+    ///
+    /// # Errors
+    /// There is not, or it is empty.
+    pub fn check(&self, Range { start, end }: &Range<u64>) -> Result<()> {
+        let runs = self.runs;
+        ensure!(
+            start < end && *end <= runs,
+            "runs {start}..{end}, expected a range within 0..{runs}"
+        );
+        Ok(())
+    }
+}
+
+/// A parameter of a sweep: one or more variables that take the same values.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Keys")]
+pub struct Parameter {
+    variables: Vec<String>,
+    values: Values,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Values {
+    List(Vec<Value>),
+    Spaced {
+        from: f64,
+        to: f64,
+        count: u64,
+        scale: Scale,
+    },
+    Uniform([f64; 2]),
+    LogUniform([f64; 2]),
+    Normal([f64; 2]),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Scale {
+    Linear,
+    Log,
+}
+
+impl Parameter {
+    /// Whether the values are drawn rather than listed or spaced.
+    fn is_random(&self) -> bool {
+        !matches!(self.values, Values::List(_) | Values::Spaced { .. })
+    }
+
+    /// The number of grid positions of the parameter, at least 1.
+    fn count(&self) -> u64 {
+        match &self.values {
+            Values::List(values) => values.len() as u64,
+            Values::Spaced { count, .. } => *count,
+            _ => 1,
+        }
+    }
+
+    /// The positions, after the first, of all listed values or of the other end of a range.
+    fn corners(&self) -> Range<u64> {
+        match &self.values {
+            Values::Spaced { count, .. } => count - 1..*count,
+            _ => 1..self.count(),
+        }
+    }
+
+    /// The value at a grid position, or the random value of a draw.
+    fn value(&self, place: u64, draw: impl FnOnce() -> Draw) -> Value {
+        Value::Float64(match self.values {
+            Values::List(ref values) => return values[place as usize].clone(),
+            // The exact ends, without the rounding of logarithms and powers.
+            Values::Spaced { from, .. } if place == 0 => from,
+            Values::Spaced { to, count, .. } if place == count - 1 => to,
+            Values::Spaced {
+                from,
+                to,
+                count,
+                scale,
+            } => {
+                let (place, last) = (place as f64, (count - 1) as f64);
+                // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
+                scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
+            }
+            Values::Uniform(bounds) => Scale::Linear.drawn(bounds, draw().fraction()),
+            Values::LogUniform(bounds) => Scale::Log.drawn(bounds, draw().fraction()),
+            Values::Normal([mean, deviation]) => mean + deviation * draw().normal(),
+        })
+    }
+}
+
+impl Scale {
+    /// A weighted mean of the bounds, or of their logarithms, clamped to the bounds against rounding.
+    fn between(self, [min, max]: [f64; 2], mean: impl Fn(f64, f64) -> f64) -> f64 {
+        let between = match self {
+            Self::Linear => mean(min, max),
+            // Decimal logarithms keep powers of ten exact.
+            Self::Log => libm::pow(10.0, mean(libm::log10(min), libm::log10(max))),
+        };
+        between.clamp(min, max)
+    }
+
+    fn drawn(self, bounds: [f64; 2], fraction: f64) -> f64 {
+        self.between(bounds, |a, b| a * (1.0 - fraction) + b * fraction)
+    }
+}
+
+/// Identifies a random number by the seed of the plan, the rank of the parameter among the random ones,
+/// and the draw. It can be computed without the numbers before it.
+struct Draw {
+    seed: u64,
+    rank: u64,
+    draw: u64,
+}
+
+/// Number of 32-bit words that a draw takes from the cipher's stream, for two 64-bit numbers.
+const WORDS: u128 = 4;
+
+impl Draw {
+    /// Two independent numbers in [0, 1) with 53 random bits.
+    ///
+    /// They come from the stream cipher ChaCha8: the seed is the key, the rank the stream, and the
+    /// draw the position in the stream.
+    fn fractions(&self) -> [f64; 2] {
+        let mut key = [0; 32];
+        key[..8].copy_from_slice(&self.seed.to_le_bytes());
+        let mut cipher = ChaCha8Rng::from_seed(key);
+        cipher.set_stream(self.rank);
+        cipher.set_word_pos(WORDS * u128::from(self.draw));
+        [(); 2].map(|()| (cipher.next_u64() >> 11) as f64 * 2f64.powi(-53))
+    }
+
+    /// Uniformly distributed in [0, 1).
+    fn fraction(&self) -> f64 {
+        self.fractions()[0]
+    }
+
+    /// Normally distributed with mean 0 and deviation 1, by the Box-Muller transform. It uses the
+    /// functions of `libm`, which return the same bits on every machine; those of the standard library,
+    /// and hence most crates for distributions, do not.
+    fn normal(&self) -> f64 {
+        let [radius, angle] = self.fractions();
+        let radius = (-2.0 * libm::log(1.0 - radius)).sqrt(); // never the logarithm of 0
+        radius * libm::cos(std::f64::consts::TAU * angle)
+    }
+}
+
+/// A parameter as the user writes it. The values of keys are checked when they are read, so that an error
+/// names its line.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    variable: Option<String>,
+    variables: Option<Vec<String>>,
+    #[serde(default, deserialize_with = "list")]
+    values: Option<Vec<Value>>,
+    from: Option<f64>,
+    to: Option<f64>,
+    #[serde(default, deserialize_with = "count")]
+    count: Option<u64>,
+    scale: Option<Scale>,
+    #[serde(default, deserialize_with = "uniform")]
+    uniform: Option<[f64; 2]>,
+    #[serde(default, deserialize_with = "log_uniform")]
+    log_uniform: Option<[f64; 2]>,
+    #[serde(default, deserialize_with = "normal")]
+    normal: Option<[f64; 2]>,
+}
+
+impl TryFrom<Keys> for Parameter {
+    type Error = Error;
+
+    fn try_from(mut keys: Keys) -> Result<Self> {
+        let variables = match (keys.variable.take(), keys.variables.take()) {
+            (Some(variable), None) => vec![variable],
+            (None, Some(variables)) if !variables.is_empty() => variables,
+            (None, Some(_)) => bail!("variables = [], expected names of variables"),
+            (Some(variable), Some(_)) => {
+                bail!("{variable}: both variable and variables, expected one of them")
+            }
+            (None, None) => bail!("a parameter without variable or variables, expected a name"),
+        };
+        let values = keys.values();
+        let values = values.map_err(|e| Error::msg(format!("{}: {e}", variables.join(", "))))?;
+        Ok(Self { variables, values })
+    }
+}
+
+const ONE_OF: &str = "values, or from, to and count, or uniform, log_uniform or normal";
+
+impl Keys {
+    fn values(self) -> Result<Values> {
+        let spaced = match (self.from, self.to, self.count) {
+            (None, None, None) if self.scale.is_none() => None,
+            (Some(from), Some(to), Some(count)) => {
+                let scale = self.scale.unwrap_or(Scale::Linear);
+                for (name, end) in [("from", from), ("to", to)] {
+                    ensure!(
+                        in_range([end; 2]),
+                        "{name} = {end:?}, expected a number within ±1e290"
+                    );
+                }
+                ensure!(
+                    scale == Scale::Linear || from > 0.0,
+                    "from = {from:?}, expected more than 0 for logarithms"
+                );
+                ensure!(from < to, "to = {to:?}, expected more than from = {from:?}");
+                Some(Values::Spaced {
+                    from,
+                    to,
+                    count,
+                    scale,
+                })
+            }
+            _ => bail!("part of a range, expected from, to and count"),
+        };
+        let all = [
+            self.values.map(Values::List),
+            spaced,
+            self.uniform.map(Values::Uniform),
+            self.log_uniform.map(Values::LogUniform),
+            self.normal.map(Values::Normal),
+        ];
+        let mut given = all.into_iter().flatten();
+        match (given.next(), given.next()) {
+            (Some(values), None) => Ok(values),
+            (None, _) => bail!("no values, expected {ONE_OF}"),
+            _ => bail!("several ranges of values, expected one: {ONE_OF}"),
+        }
+    }
+}
+
+fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>, D::Error> {
+    let listed = checked(deserializer, |listed: &Vec<Written>| {
+        let values = values(listed);
+        let first = values
+            .first()
+            .context("values = [], expected at least one")?;
+        for value in &values {
+            let expected = expected(first.of_type());
+            ensure!(
+                value.of_type() == first.of_type(),
+                "the value {value}, expected {expected} like the first one"
+            );
+            match value {
+                Value::Float64(number) => {
+                    ensure!(
+                        number.is_finite(),
+                        "the value {number}, expected finite numbers"
+                    );
+                }
+                Value::String(text) => ensure!(
+                    !text.contains(char::is_control),
+                    "the value {text:?}, expected no control characters"
+                ),
+                _ => {}
+            }
+        }
+        Ok(())
+    });
+    listed.map(|listed| Some(values(&listed)))
+}
+
+/// Listed values. Whole numbers are real numbers, too, unless one is too large for that.
+fn values(listed: &[Written]) -> Vec<Value> {
+    let is_exact = |number: i64| (number as f64) as i128 == i128::from(number);
+    let is_real = |value: &Written| !matches!(value, Written::Integer(n) if !is_exact(*n));
+    let are_real = listed.iter().all(is_real);
+    let values = listed.iter().map(|value| match value {
+        Written::Boolean(value) => Value::Boolean(*value),
+        Written::Integer(number) if !are_real => Value::Int64(*number),
+        Written::Integer(number) => Value::Float64(*number as f64),
+        Written::Real(number) => Value::Float64(*number),
+        Written::Text(text) => Value::String(text.clone()),
+    });
+    values.collect()
+}
+
+fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
+    let check = |count: &u64| {
+        ensure!(*count >= 2, "count = {count}, expected at least 2");
+        Ok(())
+    };
+    checked(deserializer, check).map(Some)
+}
+
+/// What two numbers must be, and how that is called.
+type Check = (fn([f64; 2]) -> bool, &'static str);
+
+/// So that no sum of numbers overflows.
+const IN_RANGE: Check = (in_range, "numbers within ±1e290");
+const ASCENDING: Check = (|[min, max]| min < max, "the smaller one first");
+const POSITIVE: Check = (|[min, _]| min > 0.0, "numbers above 0");
+const DEVIATION: Check = (
+    |[_, deviation]| deviation > 0.0,
+    "a mean and a deviation above 0",
+);
+
+fn in_range(numbers: [f64; 2]) -> bool {
+    numbers.iter().all(|number| number.abs() < 1e290)
+}
+
+fn uniform<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    pair(deserializer, "uniform", &[IN_RANGE, ASCENDING])
+}
+
+fn log_uniform<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    pair(
+        deserializer,
+        "log_uniform",
+        &[IN_RANGE, POSITIVE, ASCENDING],
+    )
+}
+
+fn normal<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    pair(deserializer, "normal", &[IN_RANGE, DEVIATION])
+}
+
+fn pair<'de, D: Deserializer<'de>>(
+    deserializer: D,
+    key: &str,
+    checks: &[Check],
+) -> Result<Option<[f64; 2]>, D::Error> {
+    let check = |numbers: &[f64; 2]| {
+        for (is_met, expected) in checks {
+            ensure!(is_met(*numbers), "{key} = {numbers:?}, expected {expected}");
+        }
+        Ok(())
+    };
+    checked(deserializer, check).map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct File {
+        #[serde(default)]
+        seed: u64,
+        draws: Option<u64>,
+        #[serde(default)]
+        parameter: Vec<Parameter>,
+    }
+
+    /// Reads parameters from lines of TOML that are separated by semicolons; `[v]` begins a parameter of a
+    /// variable `v`, and `[]` one without.
+    fn read(text: &str) -> Result<Parameters> {
+        let line = |line: &str| match line.trim() {
+            "[]" => "[[parameter]]".to_owned(),
+            line => match line
+                .strip_prefix('[')
+                .and_then(|line| line.strip_suffix(']'))
+            {
+                Some(name) => format!("[[parameter]]\nvariable = '{name}'"),
+                None => line.to_owned(),
+            },
+        };
+        let file: File = toml::from_str(&Vec::from_iter(text.split(';').map(line)).join("\n"))?;
+        Parameters::new(file.seed, file.draws.unwrap_or(1), file.parameter)
+    }
+
+    fn number(value: &Value) -> f64 {
+        match value {
+            Value::Boolean(value) => f64::from(*value),
+            value => value.as_real().unwrap(),
+        }
+    }
+
+    fn values(parameters: &Parameters, place: usize) -> Vec<Value> {
+        let runs = (0..parameters.runs()).map(|k| parameters.run(k).unwrap());
+        runs.map(|run| run[place].1.clone()).collect()
+    }
+
+    fn numbers(text: &str) -> Vec<f64> {
+        let values = values(&read(text).unwrap(), 0);
+        values.iter().map(number).collect()
+    }
+
+    #[test]
+    fn the_first_parameter_varies_slowest_and_draws_fastest() {
+        let text = "draws = 2; [a]; values = [1, 2]; [b]; uniform = [0, 1]; \
+                    []; variables = ['c', 'd']; values = ['x', 'y', 'z']";
+        let parameters = read(text).unwrap();
+        assert_eq!(parameters.runs(), 12);
+        let all = |place| values(&parameters, place);
+        let real = |number| vec![Value::Float64(number); 6];
+        assert_eq!(all(0), [real(1.0), real(2.0)].concat());
+        let texts = ["x", "x", "y", "y", "z", "z"].map(|text| Value::String(text.into()));
+        assert_eq!(all(2), [texts.clone(), texts].concat());
+        assert_eq!(all(2), all(3));
+        // Every grid point has the same two draws.
+        let draws = all(1);
+        assert_ne!(draws[0], draws[1]);
+        assert!(draws.chunks(2).all(|pair| pair == &draws[..2]));
+        let columns = parameters.columns().map(|column| column.kind);
+        assert!(columns.eq([Type::Float64, Type::Float64, Type::String, Type::String]));
+        let error = parameters.run(12).unwrap_err().to_string();
+        assert_eq!(error, "runs 12..13, expected a range within 0..12");
+        assert!(parameters.check(&(1..1)).is_err());
+    }
+
+    #[test]
+    fn corners_cover_every_listed_value_and_the_ends_of_ranges() {
+        let text = "draws = 3; [a]; values = [1, 2, 4]; [b]; from = 0; to = 9; count = 10; \
+                    [c]; uniform = [0, 1]; [d]; values = [true, false]";
+        let parameters = read(text).unwrap();
+        let corner = |index| {
+            let run = parameters.run(index).unwrap();
+            [0, 1, 3].map(|place| number(&run[place].1) as i32)
+        };
+        let corners = Vec::from_iter(parameters.corners().into_iter().map(corner));
+        assert_eq!(
+            corners,
+            [[1, 0, 1], [2, 0, 1], [4, 0, 1], [1, 9, 1], [1, 0, 0]]
+        );
+    }
+
+    #[test]
+    fn whole_numbers_are_real_unless_one_is_too_large_for_that() {
+        assert_eq!(numbers("[p]; values = [1, 2.5]"), [1.0, 2.5]);
+        let large = read("[p]; values = [1, 9007199254740993]").unwrap();
+        let expected = [1, 9_007_199_254_740_993].map(Value::Int64);
+        assert_eq!(values(&large, 0), expected);
+        assert_eq!(large.columns().next().unwrap().kind, Type::Int64);
+    }
+
+    #[test]
+    fn ranges_are_evenly_spaced_with_exact_ends() {
+        let tenths = Vec::from_iter((5..=20).map(|k| f64::from(k) / 10.0));
+        assert_eq!(numbers("[p]; from = 0.5; to = 2; count = 16"), tenths);
+        let log = numbers("[p]; from = 1e-3; to = 100; count = 6; scale = 'log'");
+        assert_eq!(log, [1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0]);
+        let next = 1.0 + f64::EPSILON;
+        for (from, to) in [(0.1, 0.3), (1.0 / 3.0, 7.0), (1e-300, 1e289), (1.0, next)] {
+            for scale in ["linear", "log"] {
+                let range = format!("from = {from:?}; to = {to:?}; count = 7; scale = '{scale}'");
+                let all = numbers(&format!("[p]; {range}"));
+                assert_eq!((all[0], all[6]), (from, to));
+                assert!(all.is_sorted(), "{all:?}");
+            }
+        }
+    }
+
+    /// The expected values come from an independent Python implementation of ChaCha8, the Box-Muller
+    /// transform and the powers. Parameters that are not random change nothing.
+    #[test]
+    fn random_numbers_match_an_independent_implementation() {
+        let random =
+            "[a]; uniform = [0.2, 0.3]; [b]; log_uniform = [0.01, 100]; [c]; normal = [1, 0.5]";
+        let grid = "[kp]; values = [100, 200]";
+        for (text, first) in [
+            (format!("{grid}; {random}"), 1),
+            (format!("{random}; {grid}"), 0),
+        ] {
+            let parameters = read(&format!("seed = 42; draws = 1000; {text}")).unwrap();
+            for (draw, expected) in [
+                (
+                    0,
+                    [0.23482544685480763, 12.807234226403251, 0.6540068581916535],
+                ),
+                (
+                    1,
+                    [0.24934724642416647, 3.3772126495728494, 0.4501158615434441],
+                ),
+                (
+                    999,
+                    [0.21527188015863885, 0.01421233472429842, 0.4083328062714755],
+                ),
+            ] {
+                for run in [draw, 1000 + draw] {
+                    let run = parameters.run(run).unwrap();
+                    for ((name, value), expected) in run[first..].iter().zip(expected) {
+                        let deviation = (number(value) / expected - 1.0).abs();
+                        assert!(deviation < 1e-14, "{name} of {draw}: {value}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn random_numbers_are_within_their_bounds() {
+        for (keys, min, max) in [
+            ("uniform = [-1, 2]", -1.0, 2.0),
+            (
+                "uniform = [1.0, 1.0000000000000002]",
+                1.0,
+                1.0 + f64::EPSILON,
+            ),
+            ("uniform = [-9e289, 9e289]", -9e289, 9e289),
+            ("log_uniform = [0.1, 0.3]", 0.1, 0.3),
+            ("log_uniform = [1e-300, 1e289]", 1e-300, 1e289),
+        ] {
+            let drawn = numbers(&format!("draws = 1000; [p]; {keys}"));
+            assert!(drawn.iter().all(|x| (min..=max).contains(x)), "{keys}");
+            assert!(drawn.iter().any(|x| x != &drawn[0]), "{keys}");
+        }
+    }
+
+    #[test]
+    fn wrong_parameters_are_rejected_with_the_expectation() {
+        let one_of = "values, or from, to and count, or uniform, log_uniform or normal";
+        let cases = "
+            [p] => p: no values, expected ONE_OF
+            [p]; values = [1]; uniform = [0, 1] => p: several ranges of values, expected one: ONE_OF
+            [p]; values = [1]; from = 0 => p: part of a range, expected from, to and count
+            [p]; values = [1]; scale = 'log' => p: part of a range, expected from, to and count
+            [p]; values = [] => values = [], expected at least one
+            [p]; values = [1, nan] => the value NaN, expected finite numbers
+            [p]; values = [1, true] => the value true, expected a number like the first one
+            [p]; values = ['a', 1] => the value 1.0, expected a string like the first one
+            [p]; values = [\"a\\n\"] => the value \"a\\n\", expected no control characters
+            [p]; values = [[1]] => expected a number, true, false or a quoted string
+            [p]; from = 0; to = 1; count = 1 => count = 1, expected at least 2
+            [p]; from = 1; to = 1; count = 2 => p: to = 1.0, expected more than from = 1.0
+            [p]; from = -inf; to = 1; count = 2 => p: from = -inf, expected a number within ±1e290
+            [p]; from = 0; to = 1; count = 2; scale = 'log' => expected more than 0 for logarithms
+            [p]; from = 0; to = 1; count = 2; scale = 'cubic' => expected `linear` or `log`
+            [p]; uniform = [1, 1] => uniform = [1.0, 1.0], expected the smaller one first
+            [p]; uniform = [1] => invalid length 1, expected an array of length 2
+            [p]; log_uniform = [-1, 1] => log_uniform = [-1.0, 1.0], expected numbers above 0
+            [p]; normal = [0, 0] => normal = [0.0, 0.0], expected a mean and a deviation above 0
+            [p]; normal = [nan, 1] => normal = [NaN, 1.0], expected numbers within ±1e290
+            [p]; values = [1]; variables = ['q'] => p: both variable and variables, expected one
+            [p]; value = [1] => unknown field `value`, expected one of `variable`
+            []; variables = [] => variables = [], expected names of variables
+            []; values = [1] => a parameter without variable or variables, expected a name
+            seed = 1 => no parameter, expected at least one [[parameter]]
+            [p]; values = [1]; [p]; values = [1] => p appears twice, expected it in one parameter
+            draws = 0; [p]; uniform = [0, 1] => draws = 0, expected at least 1
+            draws = 2; [p]; values = [1] => draws = 2, expected a random parameter: uniform,
+            draws = 1000000001; [p]; uniform = [0, 1] => too many runs, expected 1000000000 at most
+            [p]; from = 0; to = 1; count = 1001; [q]; from = 0; to = 1; count = 1000000 => too many runs";
+        for case in cases.trim().lines() {
+            let (text, reason) = case.split_once(" => ").unwrap();
+            let error = format!("{:#}", read(text).unwrap_err());
+            assert!(
+                error.contains(&reason.replace("ONE_OF", one_of)),
+                "{text}: {error}"
+            );
+        }
+        let many = "[p]; from = 0; to = 1; count = 1000; [q]; from = 0; to = 1; count = 1000000";
+        assert_eq!(read(many).unwrap().runs(), MAX_RUNS);
+    }
+}

@@ -1,0 +1,238 @@
+//! The worker processes of a sweep. A process that an FMU ends is replaced by another one, and only the run
+//! in progress is lost.
+
+use std::collections::VecDeque;
+use std::io;
+use std::path::Path;
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use fmu_worker::{Ended, Event, Limits, Worker};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::{Failure, slow};
+
+/// How a sweep starts its worker processes.
+pub struct Workers<'a> {
+    /// Their number; 0 for one per core.
+    pub count: usize,
+    /// A temporary folder.
+    pub session: &'a Path,
+    /// The limits of each process.
+    pub limits: Limits,
+    /// A command that calls [`Study::work`](crate::sweep::Study::work).
+    pub command: &'a dyn Fn() -> io::Result<Command>,
+    /// Whether to stop, asked again and again.
+    pub is_cancelled: &'a dyn Fn() -> bool,
+    /// Receives a description of each call that does not return for long.
+    pub slow: &'a dyn Fn(&str),
+}
+
+impl Workers<'_> {
+    /// The number of processes.
+    pub fn count(&self) -> usize {
+        match self.count {
+            0 => thread::available_parallelism().map_or(1, Into::into),
+            count => count,
+        }
+    }
+}
+
+/// What came of a task.
+pub(crate) enum Outcome<R> {
+    /// The answer of the worker.
+    Reply(R),
+    /// The worker ended.
+    Crash(Crash),
+}
+
+/// The end of a worker.
+pub(crate) struct Crash {
+    /// What happened, in the same words in every sweep.
+    pub(crate) event: String,
+    /// What happened, with the words of the FMU.
+    pub(crate) text: String,
+    /// The communication point (s).
+    pub(crate) time: Option<f64>,
+}
+
+/// Longest interval between looks at the workers, and the first one after tasks were handed out.
+const PERIOD: Duration = Duration::from_millis(4);
+const FIRST_PERIOD: Duration = Duration::from_micros(250);
+/// The tasks of a worker are to take less than about this time, so that at the end, no other worker has
+/// to wait for long.
+const AHEAD: Duration = Duration::from_millis(32);
+/// Maximum number of tasks of a worker.
+const MAX_AHEAD: usize = 256;
+/// The time that workers have to free their FMUs at the end.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// The running workers of a sweep, which get tasks of type `T` and reply once to each.
+pub(crate) struct Pool<'a, T> {
+    setup: &'a Workers<'a>,
+    /// The components and their FMUs.
+    names: Vec<(String, String)>,
+    busy: Vec<Busy<T>>,
+}
+
+/// A worker with its tasks.
+struct Busy<T> {
+    worker: Worker,
+    /// What it has been asked to do and has not yet answered, in order.
+    tasks: VecDeque<T>,
+    /// The number of tasks that it gets ahead.
+    ahead: usize,
+    /// When it last got its first task, or answered.
+    since: Instant,
+}
+
+impl<'a, T: Copy + Serialize> Pool<'a, T> {
+    pub(crate) fn new(setup: &'a Workers<'a>, names: Vec<(String, String)>) -> Self {
+        Self {
+            setup,
+            names,
+            busy: Vec::new(),
+        }
+    }
+
+    /// Hands out tasks; `keep` receives what came of each, in any order. Returns false if cancelled.
+    ///
+    /// # Errors
+    /// A worker cannot be started or does nothing, or `keep` fails.
+    pub(crate) fn run<R: DeserializeOwned>(
+        &mut self,
+        mut tasks: impl Iterator<Item = T>,
+        mut keep: impl FnMut(T, Outcome<R>) -> Result<()>,
+    ) -> Result<bool> {
+        let mut waiting: VecDeque<T> = VecDeque::new();
+        let mut pause = FIRST_PERIOD;
+        loop {
+            if (self.setup.is_cancelled)() {
+                return Ok(false);
+            }
+            pause = (2 * pause).min(PERIOD);
+            for index in (0..self.setup.count()).rev() {
+                let mut next = || waiting.pop_front().or_else(|| tasks.next());
+                let Some(busy) = self.busy.get_mut(index) else {
+                    if let Some(task) = next() {
+                        waiting.push_front(task);
+                        self.start()?;
+                    }
+                    continue;
+                };
+                let ended = busy.collect(&mut keep)?;
+                if let Some(ended) = ended {
+                    // Another worker does its tasks, except for the one in progress.
+                    let mut busy = self.busy.swap_remove(index);
+                    let crash = crash(&busy.worker, &self.names, ended);
+                    let Some(task) = busy.tasks.pop_front() else {
+                        bail!("{}", crash.text);
+                    };
+                    waiting.extend(busy.tasks.drain(..));
+                    keep(task, Outcome::Crash(crash))?;
+                    continue;
+                }
+                while busy.tasks.len() < busy.ahead
+                    && let Some(task) = next()
+                {
+                    if busy.tasks.is_empty() {
+                        (busy.since, pause) = (Instant::now(), FIRST_PERIOD);
+                    }
+                    busy.worker.send(&task);
+                    busy.tasks.push_back(task);
+                }
+                if busy.worker.is_newly_slow() {
+                    slow(busy.worker.record(), &self.names)
+                        .iter()
+                        .for_each(|call| (self.setup.slow)(call));
+                }
+            }
+            if waiting.is_empty() && self.busy.iter().all(|busy| busy.tasks.is_empty()) {
+                match tasks.next() {
+                    Some(task) => waiting.push_back(task),
+                    None => return Ok(true),
+                }
+            }
+            thread::sleep(pause);
+        }
+    }
+
+    fn start(&mut self) -> Result<()> {
+        let Workers {
+            session, limits, ..
+        } = *self.setup;
+        let command = (self.setup.command)();
+        let worker = command.and_then(|mut command| Worker::start(&mut command, session, limits));
+        self.busy.push(Busy {
+            worker: worker.context("cannot start a worker process")?,
+            tasks: VecDeque::new(),
+            ahead: 1,
+            since: Instant::now(),
+        });
+        Ok(())
+    }
+}
+
+impl<T> Drop for Pool<'_, T> {
+    /// Lets idle workers free their FMUs; the others are killed.
+    fn drop(&mut self) {
+        let deadline = Instant::now() + FAREWELL;
+        self.busy.retain(|busy| busy.tasks.is_empty());
+        for busy in &mut self.busy {
+            busy.worker.dismiss();
+        }
+        for busy in self.busy.drain(..) {
+            let rest = deadline.saturating_duration_since(Instant::now());
+            // How it ends no longer matters.
+            let _ = busy.worker.end(rest);
+        }
+    }
+}
+
+impl<T: Copy> Busy<T> {
+    /// Passes on the answers; returns how the worker has ended, if so. A worker that has soon done more than
+    /// half of its tasks gets twice as many from now on; one whose tasks take long gets one at a time.
+    fn collect<R: DeserializeOwned>(
+        &mut self,
+        keep: &mut impl FnMut(T, Outcome<R>) -> Result<()>,
+    ) -> Result<Option<Ended>> {
+        let tasks = self.tasks.len();
+        while let Some(event) = self.worker.look()? {
+            if let Event::Ended(ended) = event {
+                return Ok(Some(ended));
+            }
+            let task = self.tasks.pop_front().context("a worker answers unasked")?;
+            keep(task, Outcome::Reply(self.worker.reply()?))?;
+        }
+        let is_soon = self.since.elapsed() < AHEAD;
+        if self.tasks.len() < tasks {
+            if is_soon && 2 * self.tasks.len() < self.ahead {
+                self.ahead = (2 * self.ahead).min(MAX_AHEAD);
+            }
+            self.since = Instant::now();
+        } else if !is_soon {
+            self.ahead = 1;
+        }
+        Ok(None)
+    }
+}
+
+fn crash(worker: &Worker, names: &[(String, String)], ended: Ended) -> Crash {
+    let how = match ended {
+        // The limit differs between machines.
+        Ended::OutOfMemory(_) => "used too much memory and was killed".to_owned(),
+        ended => ended.to_string(),
+    };
+    let failure = Failure::recorded(worker.record(), names, &how);
+    let or_outside = |text: Option<String>| {
+        text.unwrap_or_else(|| format!("the process {how}, outside of the calls of an FMU"))
+    };
+    Crash {
+        event: or_outside(failure.as_ref().map(Failure::event)),
+        text: or_outside(failure.map(|failure| failure.to_string())),
+        time: worker.record().time(),
+    }
+}

@@ -1,0 +1,437 @@
+//! A study: a sweep file applied to its system, run by run.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use fmu_description::hash::checksum;
+use fmu_description::{Type, Value};
+use fmu_worker::{Record, Service};
+use serde::{Deserialize, Serialize};
+
+use super::journal::{self, Journal};
+use super::metrics::{Metrics, Options, Sample, Summary};
+use super::parameters::{Parameter, Parameters};
+use super::pool::{Crash, Outcome, Pool, Workers};
+use crate::table::{self, Cell, Column};
+use crate::{
+    Description, Failure, Messages, Order, Place, Plan, Simulation, Start, Written, locate,
+};
+
+/// The contents of a sweep file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// The system file, relative to the folder of the sweep file.
+    system: PathBuf,
+    /// Times and order that override those of the system.
+    start: Option<f64>,
+    stop: Option<f64>,
+    step: Option<f64>,
+    order: Option<Order>,
+    /// Start values of all runs, which override those of the system.
+    #[serde(default)]
+    set: BTreeMap<String, Written>,
+    #[serde(default)]
+    seed: u64,
+    #[serde(default = "one")]
+    draws: u64,
+    #[serde(default)]
+    parameter: Vec<Parameter>,
+    signals: Signals,
+    #[serde(default)]
+    metrics: Options,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// The variables from which the metrics are computed.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Signals {
+    reference: String,
+    output: String,
+    error: String,
+    control: String,
+}
+
+/// A sweep that is ready to run.
+pub struct Study {
+    /// The sweep file.
+    sweep: PathBuf,
+    plan: Plan,
+    /// The files that it depends on: the system, then the FMUs.
+    files: Vec<PathBuf>,
+    parameters: Parameters,
+    /// The index of the run, its parameters and metrics, and why it failed.
+    columns: Vec<Column>,
+    fingerprint: String,
+    set: Vec<Start>,
+    /// The places of reference, output, error and control in a row of the system.
+    signals: [Place; 4],
+    metrics: Options,
+}
+
+/// The information that the coordinator of a distributed sweep needs.
+#[derive(Debug, Serialize)]
+pub struct Outline<'a> {
+    /// Number of runs.
+    pub runs: u64,
+    /// Header of the journal.
+    pub header: String,
+    /// The system file.
+    pub system: &'a Path,
+    /// Its FMUs.
+    pub fmus: &'a [PathBuf],
+}
+
+/// Progress of [`Study::write`].
+#[derive(Debug, Clone, Default)]
+pub struct Progress {
+    /// Total number of runs.
+    pub runs: u64,
+    /// Number of runs that were already in the journal.
+    pub before: u64,
+    /// Number of runs done since.
+    pub done: u64,
+    /// Number of these that failed.
+    pub failed: u64,
+    /// The first of these, and why.
+    pub first_failure: Option<(u64, String)>,
+}
+
+/// What a worker is asked to do.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+enum Task {
+    /// To set the values of a run without simulating it.
+    Try(u64),
+    /// To simulate a run.
+    Simulate(u64),
+}
+
+/// The answer of a worker: the outcome of a run unless it was only tried, or why it cannot be started.
+type Reply = Result<Option<Done>, String>;
+
+/// The line of a run, and why it failed with the words of the FMU.
+#[derive(Serialize, Deserialize)]
+struct Done {
+    line: String,
+    failure: Option<String>,
+}
+
+impl Study {
+    /// Reads a sweep file and loads the FMUs of its system. `system` and `fmus` override the system
+    /// file and the folder of its FMUs.
+    ///
+    /// # Errors
+    /// A file cannot be read, or its contents do not fit.
+    pub fn open(sweep: &Path, system: Option<&Path>, fmus: Option<&Path>) -> Result<Self> {
+        let text = fs::read_to_string(sweep)
+            .with_context(|| format!("cannot read {}", sweep.display()))?;
+        let file: File = toml::from_str(&text).with_context(|| sweep.display().to_string())?;
+        Self::load(sweep, &text, file, system, fmus).map_err(|error| locate(error, sweep, &text))
+    }
+
+    fn load(
+        sweep: &Path,
+        text: &str,
+        file: File,
+        system: Option<&Path>,
+        fmus: Option<&Path>,
+    ) -> Result<Self> {
+        let beside = || sweep.with_file_name("").join(&file.system);
+        let system = system.map_or_else(beside, Path::to_owned);
+        let mut description = Description::read(&system)?;
+        if let Some(folder) = fmus {
+            description.take_fmus_from(folder);
+        }
+        description.start = file.start.unwrap_or(description.start);
+        description.stop = file.stop.unwrap_or(description.stop);
+        description.step = file.step.unwrap_or(description.step);
+        description.order = file.order.unwrap_or(description.order);
+        let Signals {
+            reference,
+            output,
+            error,
+            control,
+        } = &file.signals;
+        let signals = [reference, output, error, control];
+        description.outputs.clear();
+        for name in signals {
+            if !description.outputs.contains(name) {
+                description.outputs.push(name.clone());
+            }
+        }
+        let fmus = description.components.iter().map(|c| c.fmu.clone());
+        let files = Vec::from_iter([system].into_iter().chain(fmus));
+        let fingerprint = fingerprint(text, &files)?;
+        file.metrics.check()?;
+        let plan = Plan::new(&description)?;
+        let parameters = Parameters::new(file.seed, file.draws, file.parameter)?;
+        for column in plan.columns() {
+            if let kind @ (Type::String | Type::Binary) = column.kind {
+                let (name, kind) = (&column.name, kind.as_str());
+                bail!("{name} cannot be a signal: it is a {kind}");
+            }
+        }
+        let mut places = [Place::Real(0); 4];
+        for (place, name) in places.iter_mut().zip(signals) {
+            *place = plan.place(name)?;
+        }
+        let set = file.set.iter().map(|(name, value)| plan.start(name, value));
+        let study = Self {
+            signals: places,
+            set: set.collect::<Result<_>>()?,
+            columns: [Column::new("index", "", Type::Int64)]
+                .into_iter()
+                .chain(parameters.columns())
+                .chain(Summary::default().cells().map(|(column, _)| column))
+                .chain([Column::new("failure", "", Type::String).optional()])
+                .collect(),
+            metrics: file.metrics,
+            sweep: sweep.to_owned(),
+            plan,
+            files,
+            parameters,
+            fingerprint,
+        };
+        for index in study.parameters.corners() {
+            study.starts(index)?;
+        }
+        Ok(study)
+    }
+
+    /// Sets every listed value and the ends of every range in the FMUs, so that a rejected value is
+    /// reported before the first run rather than hours later.
+    ///
+    /// # Errors
+    /// A value is rejected, or the FMUs crash at every value.
+    pub fn try_corners(&self, workers: &Workers<'_>) -> Result<()> {
+        self.try_corners_in(&mut self.pool(workers))
+    }
+
+    fn try_corners_in(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
+        let (mut fit, mut crash) = (false, None);
+        let corners = self.parameters.corners().into_iter().map(Task::Try);
+        pool.run(corners, |_, outcome: Outcome<Reply>| {
+            match outcome {
+                Outcome::Reply(Ok(_)) => fit = true,
+                Outcome::Reply(Err(text)) => bail!("{}: {text}", self.sweep.display()),
+                Outcome::Crash(crashed) => crash = Some(crashed.text),
+            }
+            Ok(())
+        })?;
+        // A crash at some values is recorded with their runs.
+        match crash {
+            Some(text) if !fit => bail!("{}: {text}", self.sweep.display()),
+            _ => Ok(()),
+        }
+    }
+
+    fn pool<'a>(&self, workers: &'a Workers<'a>) -> Pool<'a, Task> {
+        Pool::new(workers, self.plan.names())
+    }
+
+    /// Does the tasks of the process that has started this worker process.
+    ///
+    /// # Errors
+    /// A task is damaged.
+    pub fn work(&self, service: &mut Service) -> Result<()> {
+        while let Some(task) = service.task()? {
+            let record = service.record();
+            let reply = match task {
+                Task::Try(index) => self.initialize(index, record).map(|_| None),
+                Task::Simulate(index) => self.simulate(index, record).map(Some),
+            };
+            service.reply::<Reply>(&reply.map_err(|error| format!("{error:#}")));
+        }
+        Ok(())
+    }
+
+    /// The start values of a run.
+    fn starts(&self, index: u64) -> Result<Vec<Start>> {
+        let mut starts = self.set.clone();
+        for (name, value) in self.parameters.run(index)? {
+            starts.push(self.plan.start(name, &written(&value))?);
+        }
+        Ok(starts)
+    }
+
+    fn initialize(&self, index: u64, record: &Record) -> Result<Simulation<'_>> {
+        let messages = Messages::recorded(record.clone());
+        let starts = self.starts(index);
+        let simulation = starts.and_then(|starts| self.plan.simulate(&starts, &messages));
+        simulation.with_context(|| format!("run {index}"))
+    }
+
+    /// Simulates a run. One that an FMU ends early counts as diverged.
+    fn simulate(&self, index: u64, record: &Record) -> Result<Done> {
+        let simulation = self.initialize(index, record)?;
+        let mut metrics = Metrics::new(&self.metrics);
+        let [r, y, e, u] = self.signals;
+        let ended = simulation.run(|row| {
+            metrics.push(Sample {
+                time: row.time,
+                r: row.number(r),
+                y: row.number(y),
+                e: row.number(e),
+                u: row.number(u),
+            })
+        });
+        let mut failure = None;
+        if let Err(error) = ended {
+            let failed: Failure = error.downcast()?;
+            metrics.diverge(failed.time.unwrap_or(self.plan.experiment().start));
+            failure = Some(failed);
+        }
+        let event = failure.as_ref().map(Failure::event);
+        Ok(Done {
+            line: self.line(index, metrics.finish(), event)?,
+            failure: failure.map(|failure| failure.to_string()),
+        })
+    }
+
+    /// The row of a run whose process an FMU has ended, and with it the metrics until then.
+    fn crashed(&self, index: u64, crash: Crash) -> Result<Done> {
+        let time = crash.time.unwrap_or(self.plan.experiment().start);
+        let summary = Summary {
+            iae: f64::NAN,
+            ise: f64::NAN,
+            itae: f64::NAN,
+            largest_u: f64::NAN,
+            diverged: true,
+            diverged_at: Some(time),
+            ..Summary::default()
+        };
+        Ok(Done {
+            line: self.line(index, summary, Some(crash.event))?,
+            failure: Some(crash.text),
+        })
+    }
+
+    /// The row of a run as a line of CSV.
+    fn line(&self, index: u64, summary: Summary, failure: Option<String>) -> Result<String> {
+        let values = self.parameters.run(index)?.into_iter();
+        let failure = failure.map(|text| Value::String(text.replace(char::is_control, " ")));
+        let cells: Vec<Cell> = [Some(Value::UInt64(index))]
+            .into_iter()
+            .chain(values.map(|(_, value)| Some(value)))
+            .chain(summary.cells().map(|(_, cell)| cell))
+            .chain([failure])
+            .collect();
+        let mut line = String::new();
+        table::push_line(&mut line, cells.into_iter());
+        Ok(line)
+    }
+
+    /// Simulates runs; `keep` receives the line of each, and why it failed. Returns false if cancelled.
+    fn execute(
+        &self,
+        indices: impl Iterator<Item = u64>,
+        pool: &mut Pool<'_, Task>,
+        mut keep: impl FnMut(u64, Done) -> Result<()>,
+    ) -> Result<bool> {
+        let tasks = indices.map(Task::Simulate);
+        pool.run(tasks, |task, outcome: Outcome<Reply>| {
+            let (Task::Try(index) | Task::Simulate(index)) = task;
+            match outcome {
+                Outcome::Reply(Ok(Some(done))) => keep(index, done),
+                Outcome::Reply(Ok(None)) => Ok(()),
+                Outcome::Reply(Err(text)) => bail!("{text}"),
+                Outcome::Crash(crash) => keep(index, self.crashed(index, crash)?),
+            }
+        })
+    }
+
+    /// Simulates some runs; `keep` receives the line of each as soon as it is ready. Returns false if
+    /// cancelled.
+    ///
+    /// # Errors
+    /// There are no such runs, a run cannot be started, or `keep` fails.
+    pub fn rows(
+        &self,
+        runs: Range<u64>,
+        workers: &Workers<'_>,
+        mut keep: impl FnMut(&str) -> Result<()>,
+    ) -> Result<bool> {
+        self.parameters.check(&runs)?;
+        self.execute(runs, &mut self.pool(workers), |_, done| keep(&done.line))
+    }
+
+    /// Simulates the runs that are not yet in the journal of `file`, and writes all rows to `file`.
+    /// `report` is called before the first run and after every run. Returns false if cancelled.
+    ///
+    /// # Errors
+    /// The journal belongs to another sweep, a file cannot be written, or a run cannot be started.
+    pub fn write(
+        &self,
+        file: &Path,
+        workers: &Workers<'_>,
+        mut report: impl FnMut(&Progress),
+    ) -> Result<(bool, Progress)> {
+        let pool = &mut self.pool(workers);
+        self.try_corners_in(pool)?;
+        let runs = self.parameters.runs();
+        let mut journal = Journal::open(file, &self.fingerprint, self.columns.clone(), runs)?;
+        let is_pending = |run: &u64| !journal.done().contains(run);
+        let pending = Vec::from_iter((0..runs).filter(is_pending));
+        let mut progress = Progress {
+            runs,
+            before: runs - pending.len() as u64,
+            ..Progress::default()
+        };
+        report(&progress);
+        let is_complete = self.execute(pending.into_iter(), pool, |run, done| {
+            journal.append(&done.line)?;
+            progress.done += 1;
+            if let Some(failure) = done.failure {
+                progress.failed += 1;
+                let first = progress.first_failure.get_or_insert((run, String::new()));
+                if run <= first.0 {
+                    *first = (run, failure);
+                }
+            }
+            report(&progress);
+            Ok(())
+        })?;
+        match is_complete {
+            true => journal.finish()?,
+            false => journal.sync()?,
+        }
+        Ok((is_complete, progress))
+    }
+
+    /// The information that the coordinator of a distributed sweep needs.
+    pub fn outline(&self) -> Outline<'_> {
+        Outline {
+            runs: self.parameters.runs(),
+            header: journal::header(&self.fingerprint, &self.columns),
+            system: &self.files[0],
+            fmus: &self.files[1..],
+        }
+    }
+}
+
+/// A value of a run as the user would write it.
+fn written(value: &Value) -> Written {
+    match value {
+        // Integer parameters accept it too.
+        Value::Float64(n) if n.fract() == 0.0 && n.abs() < 1e15 => Written::Integer(*n as i64),
+        Value::Float64(n) => Written::Real(*n),
+        value => Written::Text(value.to_string()),
+    }
+}
+
+/// A digest of everything that the rows depend on: the sweep, the system and the FMUs.
+fn fingerprint(sweep: &str, files: &[PathBuf]) -> Result<String> {
+    let mut content = checksum(sweep.as_bytes()).to_le_bytes().to_vec();
+    for file in files {
+        let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+        content.extend_from_slice(&checksum(&bytes).to_le_bytes());
+    }
+    Ok(format!("{:032x}", checksum(&content)))
+}

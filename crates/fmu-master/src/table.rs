@@ -1,0 +1,330 @@
+//! Tables of typed columns, and their two formats. The same rows give the same bytes.
+//!
+//! - CSV: a header such as `time [s],plant.theta [rad]`, then a line for each row, with line feeds. Fields
+//!   are quoted as RFC 4180 requires; an empty field is a missing value, and `""` an empty string. Numbers
+//!   have the fewest digits that read back to the same bits, or are `inf`, `-inf` or `NaN`; Booleans are
+//!   `true` or `false`, Enumerations are numbers, and Binaries are hexadecimal.
+//! - Parquet: uncompressed, with the same names, and the types of the variables. Columns are required, or
+//!   optional if a value may be missing.
+
+#[cfg(feature = "parquet")]
+mod parquet;
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{Type, Value};
+use fmu_file::replace::Replacement;
+use serde::{Deserialize, Serialize};
+
+/// A column of a table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Column {
+    /// Its name, such as `component.variable`.
+    pub name: String,
+    /// Its unit; 1 for a real number without unit, empty for other variables.
+    pub unit: String,
+    /// The type of its values.
+    pub kind: Type,
+    /// Whether a value may be missing.
+    pub optional: bool,
+}
+
+/// A value of a row; `None` if it is missing.
+pub type Cell = Option<Value>;
+
+impl Column {
+    /// A column without missing values.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Type) -> Self {
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            kind,
+            optional: false,
+        }
+    }
+
+    /// The same column, in which values may be missing.
+    pub fn optional(self) -> Self {
+        let optional = true;
+        Self { optional, ..self }
+    }
+
+    /// Its name in a table.
+    pub fn title(&self) -> String {
+        match self.unit.as_str() {
+            "" => self.name.clone(),
+            unit => format!("{} [{unit}]", self.name),
+        }
+    }
+
+    /// Reads a field.
+    fn parse(&self, field: Option<&str>) -> Result<Cell> {
+        let value = field.and_then(|text| match self.kind {
+            kind if kind.is_float() => Value::real(kind, text.parse().ok()?),
+            kind => Value::parse(kind, text),
+        });
+        if value.is_none() && !(field.is_none() && self.optional) {
+            let (name, found) = (&self.name, field.unwrap_or("empty"));
+            bail!("{name} is {found}, expected {}", expected(self.kind));
+        }
+        Ok(value)
+    }
+}
+
+/// What the values of a type are, in words.
+pub(crate) fn expected(kind: Type) -> &'static str {
+    match kind {
+        Type::Boolean => "true or false",
+        Type::String => "a string",
+        Type::Binary => "hexadecimal digits",
+        kind if kind.is_float() => "a number",
+        _ => "a whole number",
+    }
+}
+
+/// The header of a CSV file, with its line feed.
+pub fn header(columns: &[Column]) -> String {
+    let titles = columns
+        .iter()
+        .map(|column| Some(Value::String(column.title())));
+    let mut line = String::new();
+    push_line(&mut line, titles);
+    line
+}
+
+/// Appends a row to the text of a CSV file.
+pub fn push_line(text: &mut String, row: impl Iterator<Item = Cell>) {
+    for cell in row {
+        match cell {
+            None => {}
+            // An empty string is quoted, as an empty field is a missing value.
+            Some(Value::String(value))
+                if value.is_empty() || value.contains([',', '"', '\n', '\r']) =>
+            {
+                text.push('"');
+                text.push_str(&value.replace('"', "\"\""));
+                text.push('"');
+            }
+            // Writing to a string does not fail.
+            Some(value) => _ = write!(text, "{value}"),
+        }
+        text.push(',');
+    }
+    text.pop();
+    text.push('\n');
+}
+
+/// Reads the first row of the text of a CSV file; returns it with the rest of the text.
+///
+/// # Errors
+/// The row is no CSV, or does not fit the columns.
+pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a str)> {
+    let line = || text.lines().next().unwrap_or_default();
+    let (fields, rest) =
+        fields(text).with_context(|| format!("{:?}, expected fields of CSV", line()))?;
+    ensure!(
+        fields.len() == columns.len(),
+        "{:?}, expected {} fields",
+        line(),
+        columns.len()
+    );
+    let cells = columns.iter().zip(&fields);
+    let cells = cells.map(|(column, field)| column.parse(field.as_deref()));
+    Ok((cells.collect::<Result<_>>()?, rest))
+}
+
+type Field<'a> = Option<Cow<'a, str>>;
+
+/// The fields of a line, `None` for an empty one without quotes, and the rest after the line.
+fn fields(mut text: &str) -> Option<(Vec<Field<'_>>, &str)> {
+    let mut fields = Vec::new();
+    loop {
+        let field;
+        (field, text) = match text.strip_prefix('"') {
+            Some(quoted) => {
+                let (text, rest) = unquote(quoted)?;
+                (Some(text.into()), rest)
+            }
+            None => {
+                let end = text.find([',', '\n']).unwrap_or(text.len());
+                let (plain, rest) = text.split_at(end);
+                ((end > 0).then_some(plain.into()), rest)
+            }
+        };
+        fields.push(field);
+        match text.as_bytes() {
+            [b',', ..] => text = &text[1..],
+            [b'\n', ..] => return Some((fields, &text[1..])),
+            [] => return Some((fields, text)),
+            _ => return None,
+        }
+    }
+}
+
+/// The text up to the closing quotation mark, and the rest after the mark.
+fn unquote(mut rest: &str) -> Option<(String, &str)> {
+    let mut text = String::new();
+    loop {
+        let (part, after) = rest.split_once('"')?;
+        text.push_str(part);
+        match after.strip_prefix('"') {
+            Some(after) => rest = after,
+            None => return Some((text, after)),
+        }
+        text.push('"');
+    }
+}
+
+/// The format of a table, by the name of its file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "see the module")]
+pub enum Format {
+    Csv,
+    Parquet,
+}
+
+impl Format {
+    /// The format of a file name, `.csv` or `.parquet`; `None` if it has another extension.
+    pub fn of(file: &Path) -> Option<Self> {
+        match file.extension()?.to_str()? {
+            "csv" => Some(Self::Csv),
+            "parquet" => Some(Self::Parquet),
+            _ => None,
+        }
+    }
+}
+
+/// Writes rows in order and atomically; an existing file is replaced.
+///
+/// # Errors
+/// The file cannot be written, or a row is an error.
+pub fn write(
+    file: &Path,
+    format: Format,
+    columns: &[Column],
+    rows: impl Iterator<Item = Result<Vec<Cell>>>,
+) -> Result<()> {
+    let mut output = Replacement::of(file)?;
+    let cannot = || format!("cannot write {}", file.display());
+    match format {
+        Format::Csv => {
+            let mut output = BufWriter::new(&mut output);
+            let mut text = header(columns);
+            for row in rows {
+                output.write_all(text.as_bytes()).with_context(cannot)?;
+                text.clear();
+                push_line(&mut text, row?.into_iter());
+            }
+            output.write_all(text.as_bytes()).with_context(cannot)?;
+            output.flush().with_context(cannot)?;
+        }
+        #[cfg(feature = "parquet")]
+        Format::Parquet => parquet::write(&mut output, columns, rows).with_context(cannot)?,
+        #[cfg(not(feature = "parquet"))]
+        Format::Parquet => bail!("{}: this program does not write Parquet", file.display()),
+    }
+    output.finish()
+}
+
+/// Defines the types of columns.
+macro_rules! columns {
+    ($($name:ident($type:ty),)*) => {
+        /// The values of a column.
+        #[derive(Debug, Clone, PartialEq)]
+        #[allow(missing_docs, reason = "the types of FMI 3.0")]
+        pub enum Values {
+            $($name(Vec<$type>),)*
+        }
+
+        impl Values {
+            /// No values of a type.
+            pub fn of(kind: Type) -> Self {
+                match kind {
+                    $(Type::$name => Self::$name(Vec::new()),)*
+                    Type::Enumeration => Self::Int64(Vec::new()),
+                    Type::Clock => Self::Boolean(Vec::new()),
+                }
+            }
+
+            /// Adds a value; one of another type counts as the default of the type.
+            pub fn push(&mut self, value: Value) {
+                match (self, value) {
+                    $((Self::$name(all), Value::$name(value)) => all.push(value),)*
+                    // Of an Enumeration of either version.
+                    (Self::Int64(all), Value::Int32(value)) => all.push(value.into()),
+                    (Self::Int64(all), Value::Enumeration(value)) => all.push(value),
+                    $((Self::$name(all), _) => all.push(Default::default()),)*
+                }
+            }
+        }
+    };
+}
+
+columns! {
+    Float32(f32),
+    Float64(f64),
+    Int8(i8),
+    UInt8(u8),
+    Int16(i16),
+    UInt16(u16),
+    Int32(i32),
+    UInt32(u32),
+    Int64(i64),
+    UInt64(u64),
+    Boolean(bool),
+    String(String),
+    Binary(Vec<u8>),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_value_reads_back_and_an_empty_string_is_not_missing() {
+        let text = |text: &str| Value::String(text.into());
+        for (value, field) in [
+            (Value::Float64(0.1 + 0.2), "0.30000000000000004"),
+            (Value::Float64(-0.0), "-0.0"),
+            (Value::Float64(5e-324), "5e-324"),
+            (Value::Float64(f64::NEG_INFINITY), "-inf"),
+            (Value::Float32(0.1), "0.1"),
+            (Value::Int64(9_007_199_254_740_993), "9007199254740993"),
+            (Value::UInt64(u64::MAX), "18446744073709551615"),
+            (Value::Boolean(false), "false"),
+            (Value::Binary(vec![0, 255]), "00ff"),
+            (text(""), "\"\""),
+            (text("3.0"), "3.0"),
+            (text("π, \"\"\r\n"), "\"π, \"\"\"\"\r\n\""),
+        ] {
+            let column = Column::new("a", "", value.of_type());
+            let columns = [column.clone(), column.optional()];
+            let mut line = String::new();
+            push_line(&mut line, [Some(value.clone()), None].into_iter());
+            assert_eq!(line, format!("{field},\n"));
+            assert_eq!(
+                parse(&columns, &line).unwrap(),
+                (vec![Some(value), None], "")
+            );
+        }
+        let columns = [
+            Column::new("w[1,2]", "rad", Type::Float64),
+            Column::new("b", "", Type::Boolean),
+        ];
+        assert_eq!(header(&columns), "\"w[1,2] [rad]\",b\n");
+        for (line, reason) in [
+            ("1", "\"1\", expected 2 fields"),
+            ("1,true,", "\"1,true,\", expected 2 fields"),
+            ("x,true", "w[1,2] is x, expected a number"),
+            ("1,", "b is empty, expected true or false"),
+            ("1,\"a", "\"1,\\\"a\", expected fields of CSV"),
+            ("1,\"a\"b", "\"1,\\\"a\\\"b\", expected fields of CSV"),
+        ] {
+            assert_eq!(parse(&columns, line).unwrap_err().to_string(), reason);
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! The native master gives the same bits as the mathematics called in process, at every sample of the
+//! 18 loops of Table 1. (`tests/test_native.py` compares it with FMPy.)
+
+#[path = "../../../tests/fmus.rs"]
+mod fmus;
+
+use fmu_master::{Description, Messages, Order, Plan, Written};
+use pendulum_control::Target;
+use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
+use pendulum_control::pid::Integral;
+
+const STEPS: usize = 20_000;
+
+fn plan(example: &str, order: Order, outputs: &[&str]) -> Plan {
+    let file = fmus::root().join("examples/closed-loop").join(example);
+    let mut description = Description::read(&file).unwrap();
+    description.order = order;
+    description.outputs = outputs.iter().map(ToString::to_string).collect();
+    Plan::new(&description).unwrap()
+}
+
+/// The bits of errors and forces of a loop in process.
+fn in_process(
+    signal: SetPoint,
+    disturbance: f64,
+    controller: impl FnMut(f64, f64, f64) -> f64,
+) -> Vec<[u64; 2]> {
+    let mut closed_loop = ClosedLoop::new(closed_loop::Order::Sequential);
+    let samples = closed_loop.run(signal, disturbance, controller);
+    let samples = samples.map(|sample| [sample.e, sample.u].map(f64::to_bits));
+    samples.take(STEPS).collect()
+}
+
+/// Those of a loop in the native master.
+fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> Vec<[u64; 2]> {
+    let (name, frequency) = match signal {
+        SetPoint::Step => ("step", 0.2),
+        SetPoint::Sine => ("sine", 0.2),
+        SetPoint::Square => ("square", 0.1),
+    };
+    let starts = [
+        ("source.signal", Written::Text(name.into())),
+        ("source.frequency", Written::Real(frequency)),
+        ("source.disturbance.amplitude", Written::Real(disturbance)),
+    ]
+    .map(|(variable, value)| plan.start(variable, &value).unwrap());
+    let signals = ["controller.e", "controller.u"].map(|name| plan.place(name).unwrap());
+    let mut samples = Vec::new();
+    let simulation = plan.simulate(&starts, &Messages::default()).unwrap();
+    let finished = simulation.run(|row| {
+        samples.push(signals.map(|signal| row.number(signal).to_bits()));
+        true
+    });
+    assert!(finished.unwrap().messages.iter().all(|m| !m.warning));
+    samples
+}
+
+#[test]
+fn every_loop_of_table_1_has_the_bits_of_the_mathematics() {
+    let [only_pid, rbf, supervised] =
+        ["pid.toml", "pid-rbf.toml", "supervised.toml"].map(|example| {
+            plan(
+                example,
+                Order::Sequential,
+                &["controller.e", "controller.u"],
+            )
+        });
+    for signal in [SetPoint::Step, SetPoint::Sine, SetPoint::Square] {
+        for disturbance in [0.0, 1.0] {
+            let check = |plan: &Plan, controller: &mut dyn FnMut(f64, f64, f64) -> f64| {
+                let expected = in_process(signal, disturbance, controller);
+                assert_eq!(expected.len(), STEPS);
+                let found = natively(plan, signal, disturbance);
+                assert!(found == expected, "{signal:?}, d = {disturbance}");
+            };
+            let mut c = pid(Integral::Sum, true);
+            check(&only_pid, &mut |r, y, d| c.sample(r, y, d));
+            let mut c = pid_rbf(true, [0.0; 4]);
+            check(&rbf, &mut |r, y, d| c.sample(r, y, d));
+
+            let mut supervisor = pid_rbf(true, [0.0; 4]);
+            let forces = in_process(signal, disturbance, |r, y, d| supervisor.sample(r, y, d));
+            let mut forces = forces.into_iter().map(|[_, u]| f64::from_bits(u));
+            let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);
+            check(&supervised, &mut |r, y, d| {
+                c.sample(r, y, d, forces.next().unwrap())
+            });
+        }
+    }
+}
+
+/// In parallel order the plant receives u one sample later, as in sequential order with the PID terms
+/// of the previous sample.
+#[test]
+fn parallel_order_delays_by_one_sample() {
+    let angles = |order, previous_sample_terms| {
+        let plan = plan("pid.toml", order, &["plant.theta"]);
+        let value = Written::Boolean(previous_sample_terms);
+        let start = plan.start("controller.previous_sample_terms", &value);
+        let simulation = plan.simulate(&[start.unwrap()], &Messages::default());
+        simulation.unwrap().results().unwrap()
+    };
+    let parallel = angles(Order::Parallel, false);
+    assert_eq!(parallel, angles(Order::Sequential, true));
+    assert_ne!(parallel, angles(Order::Sequential, false));
+}
+
+#[test]
+fn simulations_of_one_plan_run_on_several_threads() {
+    let plan = plan("pid.toml", Order::Sequential, &[]);
+    let simulate = || plan.simulate(&[], &Messages::default()).unwrap();
+    let expected = simulate().results().unwrap();
+    assert_eq!(expected.0.len(), STEPS);
+    std::thread::scope(|scope| {
+        let simulations = [(); 4].map(|()| simulate());
+        for run in simulations.map(|simulation| scope.spawn(|| simulation.results())) {
+            assert!(run.join().unwrap().unwrap() == expected);
+        }
+    });
+}

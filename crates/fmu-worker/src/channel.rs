@@ -1,0 +1,175 @@
+//! Messages from one process to another, in memory that they share. What a foreign function prints cannot
+//! get in between, and what was sent before a crash arrives.
+
+use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering::Acquire, Ordering::Relaxed, Ordering::Release};
+
+use fmu_host::SharedMemory;
+
+use crate::record::packed;
+
+/// The counters of the words that were sent and that were received since the beginning, each in a cache line
+/// of its own, so that the two processes do not wait for each other; then a ring of words. A message is its
+/// length in bytes, followed by the bytes.
+const SENT: usize = 0;
+const RECEIVED: usize = 8;
+const RING: usize = 16;
+const CAPACITY: u64 = 1 << 15;
+const WORDS: usize = RING + CAPACITY as usize;
+/// A longer message is damaged.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// Creates the file of a channel.
+pub(crate) fn create(file: &Path) -> io::Result<SharedMemory> {
+    SharedMemory::create(file, WORDS)
+}
+
+/// Opens a file of this many words that another process has created.
+pub(crate) fn open(file: &Path) -> io::Result<SharedMemory> {
+    open_sized(file, WORDS)
+}
+
+pub(crate) fn open_sized(file: &Path, words: usize) -> io::Result<SharedMemory> {
+    let memory = SharedMemory::open(file)?;
+    match memory.words().len() == words {
+        true => Ok(memory),
+        false => Err(io::Error::other("it is not the folder of a worker")),
+    }
+}
+
+fn place(memory: &SharedMemory, number: u64) -> &AtomicU64 {
+    &memory.words()[RING + (number % CAPACITY) as usize]
+}
+
+/// The end of a channel that sends.
+#[derive(Debug)]
+pub(crate) struct Sender {
+    memory: SharedMemory,
+    /// The number of words up to which there was room when it was last looked up.
+    room: u64,
+}
+
+impl Sender {
+    pub(crate) fn new(memory: SharedMemory) -> Self {
+        Self { memory, room: 0 }
+    }
+
+    /// Sends a message. While there is no room for the rest of it, `wait` is called, which returns false
+    /// if nobody will receive it; then this returns false.
+    pub(crate) fn send(&mut self, message: &[u8], mut wait: impl FnMut() -> bool) -> bool {
+        let counters = self.memory.words();
+        let mut sent = counters[SENT].load(Relaxed);
+        let length = std::iter::once(message.len() as u64);
+        for word in length.chain(message.chunks(8).map(packed)) {
+            while sent >= self.room {
+                self.room = counters[RECEIVED].load(Acquire) + CAPACITY;
+                if sent >= self.room {
+                    counters[SENT].store(sent, Release);
+                    if !wait() {
+                        return false;
+                    }
+                }
+            }
+            place(&self.memory, sent).store(word, Relaxed);
+            sent += 1;
+        }
+        counters[SENT].store(sent, Release);
+        true
+    }
+}
+
+/// The end of a channel that receives.
+#[derive(Debug)]
+pub(crate) struct Receiver {
+    memory: SharedMemory,
+    /// The length of the message that is being received, once it is known.
+    length: Option<usize>,
+    message: Vec<u8>,
+}
+
+impl Receiver {
+    pub(crate) fn new(memory: SharedMemory) -> Self {
+        Self {
+            memory,
+            length: None,
+            message: Vec::new(),
+        }
+    }
+
+    /// Receives the next message, if all of it has been sent; [`Receiver::message`] then returns it.
+    pub(crate) fn receive(&mut self) -> bool {
+        let counters = self.memory.words();
+        let received = counters[RECEIVED].load(Relaxed);
+        let sent = counters[SENT].load(Acquire);
+        // A process that writes out of bounds may have written here.
+        let mut words = received..sent.min(received + CAPACITY);
+        if self.length.is_none()
+            && let Some(first) = words.next()
+        {
+            let length = place(&self.memory, first).load(Relaxed);
+            self.length = Some(length.min(MAX_BYTES) as usize);
+            self.message.clear();
+        }
+        let Some(length) = self.length else {
+            return false;
+        };
+        while self.message.len() < length
+            && let Some(number) = words.next()
+        {
+            let bytes = place(&self.memory, number).load(Relaxed).to_le_bytes();
+            let missing = (length - self.message.len()).min(8);
+            self.message.extend_from_slice(&bytes[..missing]);
+        }
+        counters[RECEIVED].store(words.start, Release);
+        if self.message.len() == length {
+            self.length = None;
+            return true;
+        }
+        false
+    }
+
+    /// The message that was received last.
+    pub(crate) fn message(&self) -> &[u8] {
+        &self.message
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Some of these messages are longer than the channel.
+    #[test]
+    fn messages_arrive_in_order_and_wait_for_room() {
+        let memory = SharedMemory::private(WORDS);
+        let (mut sender, mut receiver) = (Sender::new(memory.clone()), Receiver::new(memory));
+        let message = |k: usize| vec![k as u8; 2 * k * k];
+        let wait = || {
+            std::thread::yield_now();
+            true
+        };
+        std::thread::scope(|scope| {
+            scope.spawn(|| (0..400).for_each(|k| assert!(sender.send(&message(k), wait))));
+            for k in 0..400 {
+                while !receiver.receive() {
+                    wait();
+                }
+                assert!(receiver.message() == message(k), "message {k}");
+            }
+        });
+        assert!(!receiver.receive());
+        assert!(!sender.send(&[1; 1 << 19], || false), "nobody receives it");
+    }
+
+    #[test]
+    fn damaged_memory_does_no_harm() {
+        let memory = SharedMemory::private(WORDS);
+        for word in memory.words() {
+            word.store(u64::MAX / 2, Relaxed);
+        }
+        let mut receiver = Receiver::new(memory);
+        assert!(!receiver.receive());
+        assert!(!receiver.receive());
+    }
+}

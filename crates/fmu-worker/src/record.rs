@@ -1,0 +1,313 @@
+//! What a process is doing, in memory that its supervisor can read even after a crash.
+
+use std::io;
+use std::num::NonZeroU16;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use fmi_abi::Version;
+use fmu_host::SharedMemory;
+
+use crate::channel::open_sized;
+
+/// The call in progress, the simulation time, the stage of the work and the newest log message. Clones
+/// share the record. By default, it is ordinary memory of this process.
+#[derive(Debug, Clone)]
+pub struct Record(SharedMemory);
+
+/// What a record says at one moment.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Moment {
+    /// The index of the component that is being called.
+    pub component: usize,
+    /// The function that is being called.
+    pub function: Option<Function>,
+    /// The communication point (s); `None` before the initialization.
+    pub time: Option<f64>,
+    /// The communication step (s).
+    pub step: f64,
+    /// What the work has come to, such as `after fmi2Reset`; empty if that was not recorded.
+    pub stage: String,
+    /// The newest log message; empty if there is none.
+    pub message: String,
+    /// Whether the message was logged during the call in progress.
+    pub is_message_of_call: bool,
+}
+
+/// The words of the record.
+mod word {
+    /// Number of the call, index of the component, function.
+    pub(super) const CALL: usize = 0;
+    /// The communication point (s) as bits; NaN before the initialization.
+    pub(super) const TIME: usize = 1;
+    /// The communication step (s) as bits.
+    pub(super) const STEP: usize = 2;
+    /// The word `CALL` when the newest message was logged.
+    pub(super) const LOGGED_IN: usize = 3;
+    /// The newest message: its length in bytes, then its bytes.
+    pub(super) const MESSAGE: usize = 4;
+    /// The stage, in the same form.
+    pub(super) const STAGE: usize = MESSAGE + 1 + super::MAX_TEXT / 8;
+    /// Number of words.
+    pub(super) const COUNT: usize = STAGE + 1 + super::MAX_TEXT / 8;
+}
+
+/// Longer texts are cut.
+const MAX_TEXT: usize = 1024;
+
+/// Bits of the word `CALL` for the function, and for the component.
+const FUNCTION_BITS: u32 = 12;
+const COMPONENT_BITS: u32 = 20;
+/// The bits of the word `CALL` that are not the number of the call.
+const NOT_NUMBER: u64 = (1 << (FUNCTION_BITS + COMPONENT_BITS)) - 1;
+
+impl Default for Record {
+    fn default() -> Self {
+        Self::of(SharedMemory::private(word::COUNT))
+    }
+}
+
+impl Record {
+    pub(crate) fn create(file: &Path) -> io::Result<Self> {
+        SharedMemory::create(file, word::COUNT).map(Self::of)
+    }
+
+    pub(crate) fn open(file: &Path) -> io::Result<Self> {
+        open_sized(file, word::COUNT).map(Self)
+    }
+
+    fn of(memory: SharedMemory) -> Self {
+        let record = Self(memory);
+        record.at(f64::NAN);
+        record
+    }
+
+    #[inline]
+    fn words(&self) -> &[AtomicU64] {
+        self.0.words()
+    }
+
+    /// Records the calls of a component.
+    pub fn calls(&self, component: usize) -> Calls {
+        let component = (component as u64) << FUNCTION_BITS & NOT_NUMBER;
+        Calls {
+            record: self.clone(),
+            word: self.call() & !NOT_NUMBER | component,
+        }
+    }
+
+    /// Records that no call is in progress.
+    pub fn end_call(&self) {
+        self.calls(0).begin(None);
+    }
+
+    /// Records the communication point (s); NaN before the initialization.
+    #[inline]
+    pub fn at(&self, time: f64) {
+        self.words()[word::TIME].store(time.to_bits(), Relaxed);
+    }
+
+    /// Records the communication step (s).
+    pub fn step(&self, step: f64) {
+        self.words()[word::STEP].store(step.to_bits(), Relaxed);
+    }
+
+    /// Records what the work has come to.
+    pub fn stage(&self, text: &str) {
+        self.write(word::STAGE, text);
+    }
+
+    /// Records a log message.
+    pub fn log(&self, text: &str) {
+        self.write(word::MESSAGE, text);
+        self.words()[word::LOGGED_IN].store(self.call(), Relaxed);
+    }
+
+    /// A number that differs for every call.
+    #[inline]
+    pub fn call(&self) -> u64 {
+        self.words()[word::CALL].load(Relaxed)
+    }
+
+    /// Whether a call is in progress.
+    pub fn is_in_call(&self) -> bool {
+        function(self.call()).is_some()
+    }
+
+    /// The communication point (s); `None` before the initialization.
+    pub fn time(&self) -> Option<f64> {
+        let time = f64::from_bits(self.words()[word::TIME].load(Relaxed));
+        (!time.is_nan()).then_some(time)
+    }
+
+    /// What the process is doing, or was doing when it ended.
+    pub fn now(&self) -> Moment {
+        let (call, words) = (self.call(), self.words());
+        Moment {
+            component: (call >> FUNCTION_BITS) as usize & ((1 << COMPONENT_BITS) - 1),
+            function: function(call),
+            time: self.time(),
+            step: f64::from_bits(words[word::STEP].load(Relaxed)),
+            stage: self.read(word::STAGE),
+            message: self.read(word::MESSAGE),
+            is_message_of_call: words[word::LOGGED_IN].load(Relaxed) == call,
+        }
+    }
+
+    fn write(&self, place: usize, text: &str) {
+        let words = &self.words()[place..];
+        let bytes = &text.as_bytes()[..text.len().min(MAX_TEXT)];
+        for (word, chunk) in words[1..].iter().zip(bytes.chunks(8)) {
+            word.store(packed(chunk), Relaxed);
+        }
+        words[0].store(bytes.len() as u64, Relaxed);
+    }
+
+    fn read(&self, place: usize) -> String {
+        let words = &self.words()[place..];
+        // A process that writes out of bounds may have written here.
+        let length = (words[0].load(Relaxed) as usize).min(MAX_TEXT);
+        let bytes = words[1..]
+            .iter()
+            .flat_map(|word| word.load(Relaxed).to_le_bytes());
+        let bytes: Vec<u8> = bytes.take(length).collect();
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+}
+
+/// Up to 8 bytes as a word.
+pub(crate) fn packed(chunk: &[u8]) -> u64 {
+    let mut eight = [0; 8];
+    eight[..chunk.len()].copy_from_slice(chunk);
+    u64::from_le_bytes(eight)
+}
+
+/// The function of a word `CALL`.
+fn function(call: u64) -> Option<Function> {
+    NonZeroU16::new((call & ((1 << FUNCTION_BITS) - 1)) as u16).map(Function)
+}
+
+/// A function of FMI 2.0 or 3.0 in a record, or the loading of a binary. It is a number that supervisor and
+/// worker agree on, since they are the same program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Function(NonZeroU16);
+
+impl Function {
+    /// The loading of a binary, which runs foreign code.
+    pub const LOADING: Self = Self(NonZeroU16::MIN);
+
+    /// The function of a version that performs an operation, such as `get_float64`.
+    pub fn of(version: Version, operation: &str) -> Option<Self> {
+        Self::named(version.function(operation)?)
+    }
+
+    /// The function of a name, such as `fmi3GetFloat64`.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().find_map(|(function, known)| (known == name).then_some(function))
+    }
+
+    /// All functions with their names.
+    pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
+        let functions = (1..).zip(functions());
+        functions.filter_map(|(number, (name, _))| Some((Self(NonZeroU16::new(number)?), name)))
+    }
+
+    /// Its name; `None` if its number is that of no function, because the record is damaged.
+    pub fn name(self) -> Option<&'static str> {
+        Some(self.row()?.0)
+    }
+
+    /// The operation that it performs, such as `get_float64`.
+    pub fn operation(self) -> Option<&'static str> {
+        Some(self.row()?.1)
+    }
+
+    fn row(self) -> Option<(&'static str, &'static str)> {
+        functions().nth(usize::from(self.0.get()) - 1)
+    }
+}
+
+/// The names of all functions, and the operations that they perform.
+fn functions() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let versions = [Version::Fmi2, Version::Fmi3].into_iter();
+    let rows = versions.flat_map(|version| version.functions());
+    let rows = rows.map(|(call, operation)| (call.name, *operation));
+    [("loading the binary", "load")].into_iter().chain(rows)
+}
+
+/// Records calls of a component. They are numbered without reading the record, so that no call waits for
+/// the one before it; the numbers of different components differ, since the words contain the component.
+#[derive(Debug)]
+pub struct Calls {
+    record: Record,
+    /// The word `CALL` of the newest call, without its function.
+    word: u64,
+}
+
+impl Calls {
+    /// Records that a function is about to be called, or that none is.
+    #[inline]
+    pub fn begin(&mut self, function: Option<Function>) {
+        self.word = self.word.wrapping_add(NOT_NUMBER + 1);
+        let word = self.word | function.map_or(0, |function| function.0.get().into());
+        self.record.words()[word::CALL].store(word, Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_process_reads_the_call_the_time_the_stage_and_the_message() {
+        let worker = Record::default();
+        let supervisor = worker.clone();
+        assert_eq!((supervisor.now().function, supervisor.time()), (None, None));
+        worker.step(0.25);
+        worker.stage("first");
+        worker.calls(0).begin(Some(Function::LOADING));
+        worker.log("too fast: 9 > 8");
+        let first = Moment {
+            component: 0,
+            function: Some(Function::LOADING),
+            time: None,
+            step: 0.25,
+            stage: "first".into(),
+            message: "too fast: 9 > 8".into(),
+            is_message_of_call: true,
+        };
+        assert_eq!(supervisor.now(), first);
+
+        let (call, step) = (supervisor.call(), Function::named("fmi3DoStep"));
+        worker.at(1.5);
+        worker.calls(1_000_000).begin(step);
+        assert_ne!(supervisor.call(), call);
+        let second = Moment {
+            component: 1_000_000,
+            function: step,
+            time: Some(1.5),
+            is_message_of_call: false,
+            ..first
+        };
+        assert_eq!(supervisor.now(), second);
+        worker.log(&"x".repeat(2000));
+        assert_eq!(supervisor.now().message.len(), MAX_TEXT);
+        worker.end_call();
+        assert!(!supervisor.is_in_call());
+    }
+
+    #[test]
+    fn every_function_has_its_name_and_its_operation() {
+        for (version, operation, name) in [
+            (Version::Fmi2, "get_float64", "fmi2GetReal"),
+            (Version::Fmi3, "get_float64", "fmi3GetFloat64"),
+            (Version::Fmi3, "do_step", "fmi3DoStep"),
+        ] {
+            let row = Function::of(version, operation).and_then(Function::row);
+            assert_eq!(row, Some((name, operation)));
+        }
+        assert_eq!(Function::LOADING.name(), Some("loading the binary"));
+        assert_eq!(Function::of(Version::Fmi3, "setup_experiment"), None);
+        assert_eq!(Function(NonZeroU16::MAX).name(), None);
+    }
+}

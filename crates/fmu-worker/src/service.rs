@@ -1,0 +1,98 @@
+//! The worker's side: receives tasks and replies.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::Record;
+use crate::channel::{self, Receiver, Sender};
+use crate::worker::{FOLDER, RECORD, REPLIES, SUPERVISOR, TASKS, decode};
+
+/// The tasks of this process, which a supervisor has started, and its replies.
+#[derive(Debug)]
+pub struct Service {
+    record: Record,
+    tasks: Receiver,
+    replies: Sender,
+    /// The bytes of the last reply, so that a reply allocates nothing if it is not longer.
+    buffer: Vec<u8>,
+}
+
+/// Interval between looks at the tasks, and at the room for replies.
+const PERIOD: Duration = Duration::from_micros(200);
+/// Interval between looks at the supervisor.
+const SUPERVISOR_PERIOD: Duration = Duration::from_millis(200);
+
+impl Service {
+    /// The service of this process; `None` if it was not started as a worker. The process ends when its
+    /// supervisor is gone.
+    ///
+    /// # Errors
+    /// The folder that it shares with the supervisor is not that of a worker.
+    pub fn of_this_process() -> io::Result<Option<Self>> {
+        let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else {
+            return Ok(None);
+        };
+        end_with_supervisor(&folder);
+        Ok(Some(Self {
+            record: Record::open(&folder.join(RECORD))?,
+            tasks: Receiver::new(channel::open(&folder.join(TASKS))?),
+            replies: Sender::new(channel::open(&folder.join(REPLIES))?),
+            buffer: Vec::new(),
+        }))
+    }
+
+    /// The record of calls.
+    pub fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Waits for the next task; `None` if there are no more.
+    ///
+    /// # Errors
+    /// The task is of another type.
+    pub fn task<T: DeserializeOwned>(&mut self) -> io::Result<Option<T>> {
+        while !self.tasks.receive() {
+            thread::sleep(PERIOD);
+        }
+        decode(self.tasks.message())
+    }
+
+    /// Replies to the task; several replies are received in their order. Waits until the supervisor has
+    /// received earlier ones.
+    ///
+    /// # Panics
+    /// The reply cannot be serialized.
+    pub fn reply<T: Serialize>(&mut self, reply: &T) {
+        self.buffer.clear();
+        let buffer = std::mem::take(&mut self.buffer);
+        self.buffer = postcard::to_extend(reply, buffer).expect("a reply has a known length");
+        self.replies.send(&self.buffer, || {
+            thread::sleep(PERIOD);
+            true
+        });
+    }
+}
+
+/// Ends this process when the process that started it is gone, and removes the session.
+fn end_with_supervisor(folder: &Path) {
+    #[cfg(unix)]
+    {
+        let supervisor = std::env::var(SUPERVISOR).unwrap_or_default();
+        let folder = folder.to_owned();
+        thread::spawn(move || {
+            while std::os::unix::process::parent_id().to_string() == supervisor {
+                thread::sleep(SUPERVISOR_PERIOD);
+            }
+            let _ = folder.parent().map(fs::remove_dir_all);
+            std::process::exit(1);
+        });
+    }
+    #[cfg(not(unix))]
+    let _ = (folder, SUPERVISOR);
+}

@@ -1,0 +1,281 @@
+//! The supervisor's side: a child process with its limits, tasks and replies.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{self, Child, Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use crate::channel::{self, Receiver, Sender};
+use crate::{Ended, Record, memory};
+
+/// What a process may use before it is killed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// Time of each call of a foreign function.
+    pub call: Option<Duration>,
+    /// Time after a task was sent.
+    pub task: Option<Duration>,
+    /// Resident memory in bytes; only Linux tells how much a process uses.
+    pub memory: Option<u64>,
+}
+
+/// What a worker has done.
+#[derive(Debug, Clone, Copy)]
+pub enum Event {
+    /// It has replied; [`Worker::reply`] returns the reply.
+    Replied,
+    /// It has ended, and all its replies were received.
+    Ended(Ended),
+}
+
+/// A process that runs foreign code. It and all processes that it has started are killed when this value
+/// is dropped.
+#[derive(Debug)]
+pub struct Worker {
+    child: Child,
+    folder: PathBuf,
+    record: Record,
+    tasks: Sender,
+    replies: Receiver,
+    limits: Limits,
+    ended: Option<Ended>,
+    /// When the last task was sent.
+    sent: Instant,
+    /// The call in progress, when it was first seen, and whether it was reported as slow.
+    call: u64,
+    since: Instant,
+    is_reported: bool,
+    /// When something last happened, and when the memory was last looked up.
+    active: Instant,
+    memory_checked: Instant,
+}
+
+/// The environment variables with the folder of a worker, and with the process that has started it.
+pub(crate) const FOLDER: &str = "FMU_WORKER";
+pub(crate) const SUPERVISOR: &str = "FMU_WORKER_SUPERVISOR";
+/// The files in this folder.
+pub(crate) const RECORD: &str = "record";
+pub(crate) const TASKS: &str = "tasks";
+pub(crate) const REPLIES: &str = "replies";
+
+/// The time after which a call counts as slow.
+pub const SLOW: Duration = Duration::from_secs(10);
+/// Interval between checks of the memory.
+const MEMORY_PERIOD: Duration = Duration::from_millis(20);
+/// Shortest and longest pause before a worker is looked at again.
+const PAUSES: [Duration; 2] = [Duration::from_micros(50), Duration::from_millis(4)];
+
+impl Worker {
+    /// Starts a worker. The command is one that calls
+    /// [`Service::of_this_process`](crate::Service::of_this_process), usually this program with the same
+    /// arguments. Ctrl-C does not reach the worker, since this process decides what to do. `session` is a
+    /// temporary folder of this process, in which the worker gets a folder for its temporary files. If this
+    /// process is killed, the worker removes the session and ends.
+    ///
+    /// # Errors
+    /// The session cannot be written, or the command cannot be started.
+    pub fn start(command: &mut Command, session: &Path, limits: Limits) -> io::Result<Self> {
+        static STARTED: AtomicUsize = AtomicUsize::new(0);
+        let folder = session.join(format!("worker-{}", STARTED.fetch_add(1, Relaxed)));
+        fs::create_dir(&folder)?;
+        let record = Record::create(&folder.join(RECORD))?;
+        let tasks = channel::create(&folder.join(TASKS))?;
+        let replies = channel::create(&folder.join(REPLIES))?;
+        for variable in [FOLDER, "TMPDIR", "TMP", "TEMP"] {
+            command.env(variable, &folder);
+        }
+        command.env(SUPERVISOR, process::id().to_string());
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
+        #[cfg(windows)]
+        std::os::windows::process::CommandExt::creation_flags(command, 0x200);
+        let child = command.stdin(Stdio::null()).spawn()?;
+        let now = Instant::now();
+        Ok(Self {
+            child,
+            folder,
+            call: record.call(),
+            record,
+            tasks: Sender::new(tasks),
+            replies: Receiver::new(replies),
+            limits,
+            ended: None,
+            sent: now,
+            since: now,
+            is_reported: false,
+            active: now,
+            memory_checked: now,
+        })
+    }
+
+    /// The record of its calls.
+    pub fn record(&self) -> &Record {
+        &self.record
+    }
+
+    /// Sends a task. A worker that does not take it, because it has ended, is found by
+    /// [`Worker::look`].
+    ///
+    /// # Panics
+    /// The task cannot be serialized.
+    pub fn send<T: Serialize>(&mut self, task: &T) {
+        self.send_or_dismiss(Some(task));
+    }
+
+    fn send_or_dismiss<T: Serialize>(&mut self, task: Option<&T>) {
+        let task = postcard::to_allocvec(&task).expect("a task has a known length");
+        let child = &mut self.child;
+        self.tasks.send(&task, || {
+            thread::sleep(PAUSES[0]);
+            matches!(child.try_wait(), Ok(None))
+        });
+        (self.sent, self.active) = (Instant::now(), Instant::now());
+    }
+
+    /// What the worker has done since it was last looked at, if anything; it is killed if it exceeds a
+    /// limit.
+    ///
+    /// # Errors
+    /// The system does not tell the state of the process.
+    pub fn look(&mut self) -> io::Result<Option<Event>> {
+        if !self.replies.receive() {
+            if self.ended.is_none() {
+                self.ended = self.poll()?;
+            }
+            // It may have replied just before it ended.
+            if self.ended.is_none() || !self.replies.receive() {
+                return Ok(self.ended.map(Event::Ended));
+            }
+        }
+        self.active = Instant::now();
+        Ok(Some(Event::Replied))
+    }
+
+    /// Waits until the worker replies or ends.
+    ///
+    /// # Errors
+    /// The system does not tell the state of the process.
+    pub fn wait(&mut self) -> io::Result<Event> {
+        loop {
+            match self.look()? {
+                Some(event) => return Ok(event),
+                None => self.pause(),
+            }
+        }
+    }
+
+    /// Waits a moment before the worker is looked at again, longer if it has not done anything for a while.
+    pub fn pause(&self) {
+        let [shortest, longest] = PAUSES;
+        thread::sleep((self.active.elapsed() / 8).clamp(shortest, longest));
+    }
+
+    /// The reply that was received last.
+    ///
+    /// # Errors
+    /// The reply is of another type, or damaged by a function that writes out of bounds.
+    pub fn reply<'a, R: Deserialize<'a>>(&'a self) -> io::Result<R> {
+        decode(self.replies.message())
+    }
+
+    /// Whether the call in progress takes long, which is told once.
+    pub fn is_newly_slow(&mut self) -> bool {
+        self.see_call();
+        let is_new = !self.is_reported && self.record.is_in_call() && self.since.elapsed() >= SLOW;
+        self.is_reported |= is_new;
+        is_new
+    }
+
+    /// Tells the worker that there are no more tasks.
+    pub fn dismiss(&mut self) {
+        self.send_or_dismiss(None::<&()>);
+    }
+
+    /// Dismisses the worker and waits until it ends. It is killed after this time.
+    ///
+    /// # Errors
+    /// The system does not tell the state of the process.
+    pub fn end(mut self, grace: Duration) -> io::Result<Ended> {
+        self.dismiss();
+        self.limits.task = Some(grace);
+        loop {
+            if let Event::Ended(ended) = self.wait()? {
+                return Ok(ended);
+            }
+        }
+    }
+
+    fn see_call(&mut self) {
+        let call = self.record.call();
+        if call != self.call {
+            (self.call, self.since, self.is_reported) = (call, Instant::now(), false);
+        }
+    }
+
+    /// Whether the process has ended; kills it if it exceeds a limit.
+    fn poll(&mut self) -> io::Result<Option<Ended>> {
+        if let Some(status) = self.child.try_wait()? {
+            return Ok(Some(Ended::Exited(status)));
+        }
+        self.see_call();
+        let Limits { call, task, .. } = self.limits;
+        let call = call.filter(|limit| self.record.is_in_call() && self.since.elapsed() >= *limit);
+        if let Some(limit) = call.or(task.filter(|limit| self.sent.elapsed() >= *limit)) {
+            return self.kill_for(Ended::TimedOut(limit)).map(Some);
+        }
+        if let Some(limit) = self.limits.memory
+            && self.memory_checked.elapsed() >= MEMORY_PERIOD
+        {
+            self.memory_checked = Instant::now();
+            if let Some(used) = memory::used(self.child.id()).filter(|used| *used > limit) {
+                return self.kill_for(Ended::OutOfMemory(used)).map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Kills the process, whose replies until then can still be received.
+    ///
+    /// # Errors
+    /// The system does not tell the state of the process.
+    pub fn kill(&mut self) -> io::Result<()> {
+        self.child.kill()?;
+        self.ended = Some(Ended::Exited(self.child.wait()?));
+        Ok(())
+    }
+
+    /// Kills the process for a reason, unless it has ended by itself.
+    fn kill_for(&mut self, reason: Ended) -> io::Result<Ended> {
+        if let Some(status) = self.child.try_wait()? {
+            return Ok(Ended::Exited(status));
+        }
+        self.kill()?;
+        Ok(reason)
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        // It may have ended already; then there is usually nothing left to kill in its group.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        #[cfg(unix)]
+        {
+            use rustix::process::{Pid, Signal, kill_process_group};
+            let group = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+            let _ = group.map(|group| kill_process_group(group, Signal::KILL));
+        }
+        // What cannot be removed now is removed with the session.
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+pub(crate) fn decode<'a, T: Deserialize<'a>>(message: &'a [u8]) -> io::Result<T> {
+    postcard::from_bytes(message)
+        .map_err(|error| io::Error::other(format!("a damaged message: {error}")))
+}

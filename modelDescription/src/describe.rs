@@ -1,0 +1,390 @@
+//! Writes the model description of an exported model: what is the same in all versions of FMI.
+
+use anyhow::{Result, anyhow, ensure};
+
+use crate::unit::{self, Unit};
+use crate::variable::{DeclaredType, Item, Variable};
+use crate::xml::Element;
+use crate::{Dynamics, FmiVersion, Initial, LOG_CATEGORIES, Value, Variability, fmi2, fmi3};
+
+/// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces).
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Description {
+    /// Name of the model and its `modelIdentifier`: a C identifier.
+    pub name: String,
+    /// Description of the model.
+    pub description: String,
+    /// GUID of the interface.
+    pub guid: String,
+    /// Whether it has a sample time.
+    pub is_sampled: bool,
+    /// Whether it is described by differential or algebraic equations, which a host can solve.
+    pub is_continuous: bool,
+    /// Stop time and step size of the default experiment (s), which starts at 0.
+    pub default_experiment: (f64, f64),
+    /// Relative tolerance of its integrator; 0 if it has none.
+    pub tolerance: f64,
+    /// The variables, in the order of their value references.
+    pub variables: Vec<Variable>,
+}
+
+/// Where a model comes from.
+#[derive(Debug, Clone, Default)]
+pub struct Origin {
+    /// Version of the model.
+    pub version: String,
+    /// Authors, separated by commas.
+    pub author: Option<String>,
+    /// Copyright notice.
+    pub copyright: Option<String>,
+    /// SPDX expression.
+    pub license: Option<String>,
+    /// The tool that generated the FMU.
+    pub generation_tool: String,
+}
+
+/// What a model description lists as a variable: a scalar or an element of an array in FMI 2.0, a variable
+/// in FMI 3.0, which is its element 0.
+#[derive(Clone, Copy)]
+pub(crate) struct Entry<'a> {
+    pub(crate) v: &'a Variable,
+    pub(crate) element: usize,
+}
+
+impl Entry<'_> {
+    pub(crate) fn reference(&self) -> usize {
+        self.v.reference as usize + self.element
+    }
+}
+
+/// An unknown of the model structure: a value reference, and those that it depends on; `None` if it may
+/// depend on all.
+pub(crate) type Unknown = (usize, Option<Vec<usize>>);
+
+/// The lists of unknowns of the model structure.
+pub(crate) struct Unknowns {
+    pub(crate) outputs: Vec<Unknown>,
+    pub(crate) derivatives: Vec<Unknown>,
+    pub(crate) initial: Vec<Unknown>,
+    pub(crate) event_indicators: Vec<Unknown>,
+}
+
+impl Description {
+    /// Generates the model description of a version of FMI, in the order of the standard's schema. FMI 2.0
+    /// has each element of an array that is in use, and leaves out the variables that it cannot express.
+    ///
+    /// # Errors
+    /// A unit is unknown, two enumerations with different items have the same name, or a variable has the
+    /// name of the independent variable of FMI 3.0.
+    pub fn to_xml(&self, version: FmiVersion, origin: &Origin) -> Result<Element<'static>> {
+        let (entries, token) = match version {
+            FmiVersion::Fmi2 => (fmi2::entries(self), "guid"),
+            FmiVersion::Fmi3 => (fmi3::entries(self)?, "instantiationToken"),
+        };
+        let root = Element::new("fmiModelDescription")
+            .with("fmiVersion", version.as_str())
+            .with("modelName", &self.name)
+            .with(token, &self.guid)
+            .with("description", &self.description)
+            .with_some("author", origin.author.as_ref())
+            .with("version", &origin.version)
+            .with_some("copyright", origin.copyright.as_ref())
+            .with_some("license", origin.license.as_ref())
+            .with("generationTool", &origin.generation_tool)
+            .with("variableNamingConvention", "structured");
+        let (stop, step) = self.default_experiment;
+        let tolerance = (self.tolerance > 0.0).then(|| format!("{:?}", self.tolerance));
+        let experiment = Element::new("DefaultExperiment")
+            .with("startTime", 0)
+            .with("stopTime", stop)
+            .with_some("tolerance", tolerance)
+            .with("stepSize", step);
+        let categories = LOG_CATEGORIES.map(|(name, description)| {
+            Element::new("Category")
+                .with("name", name.to_string_lossy())
+                .with("description", description)
+        });
+        let definitions = |root: Element<'static>, units, types| {
+            root.listing("UnitDefinitions", units)
+                .listing("TypeDefinitions", types)
+                .holding(Element::new("LogCategories").holding_all(categories))
+                .holding(experiment)
+        };
+        let unknowns = self.unknowns(&entries);
+        Ok(match version {
+            FmiVersion::Fmi2 => {
+                let root = fmi2::interfaces(self, &entries, root);
+                let types = self.types(fmi2::enumeration)?;
+                definitions(root, self.units(&[])?, types)
+                    .holding(fmi2::variables(&entries))
+                    .holding(fmi2::structure(&unknowns, &entries))
+            }
+            FmiVersion::Fmi3 => {
+                let root = fmi3::interfaces(self, root);
+                let types = self.types(fmi3::enumeration)?;
+                definitions(root, self.units(&[fmi3::TIME.1])?, types)
+                    .holding(fmi3::variables(self, &entries))
+                    .holding(fmi3::structure(self, &unknowns, &entries))
+            }
+        })
+    }
+
+    /// The scalar variables: their value references, their variables, and their elements.
+    pub fn scalars(&self) -> impl Iterator<Item = (usize, &Variable, usize)> {
+        (self.variables.iter())
+            .flat_map(|v| (0..v.count()).map(move |element| (v, element)))
+            .map(|(v, element)| (v.reference as usize + element, v, element))
+    }
+
+    /// The number of elements of a variable that are in use by default: the start value of its
+    /// structural parameter.
+    pub fn elements(&self, v: &Variable) -> usize {
+        let is_size = |other: &&Variable| Some(other.reference as usize) == v.exported.size;
+        let start = (self.variables.iter().find(is_size)).and_then(|size| size.start.first());
+        let size = start.and_then(|size| usize::try_from(size.as_whole()?).ok());
+        size.map_or(v.count(), |size| size.min(v.count()))
+    }
+
+    /// The variable of a value reference, and the index of the element.
+    pub(crate) fn variable_mut(&mut self, reference: usize) -> Option<(&mut Variable, usize)> {
+        let mut variables = self.variables.iter_mut();
+        variables.find_map(|v| {
+            let element = reference.checked_sub(v.reference as usize)?;
+            (element < v.count()).then_some((v, element))
+        })
+    }
+
+    fn units(&self, others: &[&str]) -> Result<Vec<Element<'static>>> {
+        let units = self.variables.iter().filter_map(|v| v.unit.as_deref());
+        let mut definitions = Vec::new();
+        for unit in units.chain(others.iter().copied()) {
+            let definition = unit_definition(unit)?;
+            if !definitions.contains(&definition) {
+                definitions.push(definition);
+            }
+        }
+        Ok(definitions)
+    }
+
+    /// The definitions of enumerations, each made from the type and its items.
+    fn types(
+        &self,
+        definition: fn(&DeclaredType, Vec<Element<'static>>) -> Element<'static>,
+    ) -> Result<Vec<Element<'static>>> {
+        let mut definitions: Vec<Element<'static>> = Vec::new();
+        for of_type in self
+            .variables
+            .iter()
+            .filter_map(|v| v.declared_type.as_ref())
+        {
+            let name = &of_type.name;
+            let definition = definition(of_type, of_type.items.iter().map(item).collect());
+            let mut others = definitions.iter();
+            let other = others.find(|other| other.attribute("name") == Some(name));
+            ensure!(
+                other.is_none_or(|other| *other == definition),
+                "two enumerations of {} have the name {name}; expected different names",
+                self.name
+            );
+            if other.is_none() {
+                definitions.push(definition);
+            }
+        }
+        Ok(definitions)
+    }
+
+    /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.
+    pub(crate) fn is_for_model_exchange(&self) -> bool {
+        self.is_continuous || self.is_sampled
+    }
+
+    /// Whether the derivatives of all that a host integrates are known: those of the state derivatives and
+    /// the continuous outputs.
+    pub(crate) fn has_all_derivatives(&self) -> bool {
+        let is_unknown =
+            |v: &&Variable| v.is_derivative() || v.is_continuous_output() && !v.is_state();
+        let mut unknowns = self.variables.iter().filter(is_unknown).peekable();
+        self.is_continuous
+            && unknowns.peek().is_some()
+            && unknowns.all(|v| !v.exported.depends_on.is_empty())
+    }
+
+    /// Whether derivatives of an output are known.
+    pub(crate) fn has_output_derivatives(&self) -> bool {
+        (self.variables.iter()).any(|v| v.is_output() && !v.exported.depends_on.is_empty())
+    }
+
+    /// Order of the time derivatives of outputs that the FMU provides: the derivatives of states are
+    /// known.
+    pub(crate) fn max_output_derivative_order(&self) -> u32 {
+        let outputs = self.variables.iter().filter(|v| v.is_continuous_output());
+        let mut outputs = outputs.peekable();
+        let is_known = outputs.peek().is_some() && outputs.all(Variable::is_state);
+        u32::from(self.is_continuous && is_known)
+    }
+
+    fn unknowns(&self, entries: &[Entry<'_>]) -> Unknowns {
+        let list = |is: fn(&Variable) -> bool| {
+            let entries = entries.iter().filter(move |entry| is(entry.v));
+            let unknown = |entry: &Entry<'_>| (entry.reference(), self.dependencies(entry));
+            entries.map(unknown).collect()
+        };
+        let initial = entries.iter().filter(|entry| entry.v.is_initial_unknown());
+        Unknowns {
+            outputs: list(Variable::is_output),
+            derivatives: list(Variable::is_derivative),
+            event_indicators: list(Variable::is_event_indicator),
+            initial: initial
+                .map(|entry| (entry.reference(), self.initially_from(entry, entries)))
+                .collect(),
+        }
+    }
+
+    /// Value references of the inputs and states that an entry depends on at a communication point or an
+    /// event, in ascending order. Of an array, that of the first element.
+    ///
+    /// Outputs of a model without equations change in steps and at sample instants only, and never
+    /// depend on an input at the same instant, so that importers see no false algebraic loops.
+    fn dependencies(&self, entry: &Entry<'_>) -> Option<Vec<usize>> {
+        let v = entry.v;
+        let is_held = !self.is_continuous || v.variability != Variability::Continuous;
+        match v.exported.dynamics {
+            Dynamics::State { .. } => Some(vec![entry.reference()]),
+            _ if v.is_output() && is_held => Some(Vec::new()),
+            _ if v.exported.depends_on.is_empty() => None,
+            _ => Some(sorted(&v.exported.depends_on)),
+        }
+    }
+
+    /// Value references of the entries that determine the value of an entry after the initialization: those
+    /// of an array of the same dimensions element by element.
+    fn initially_from(&self, entry: &Entry<'_>, entries: &[Entry<'_>]) -> Option<Vec<usize>> {
+        let v = entry.v;
+        let is_used = |other: &&Entry<'_>| {
+            let is_whole = v.dimensions.is_empty() || v.dimensions != other.v.dimensions;
+            v.exported
+                .initially_from
+                .contains(&(other.v.reference as usize))
+                && (is_whole || entry.element == other.element)
+        };
+        let is_unknown = self.is_continuous && v.exported.initially_from.is_empty();
+        let known = entries.iter().filter(is_used).map(Entry::reference);
+        (!is_unknown).then(|| known.collect())
+    }
+}
+
+/// The attributes that each version has in the element of a variable.
+pub(crate) fn attributes(
+    element: Element<'static>,
+    entry: &Entry<'_>,
+    name: &str,
+) -> Element<'static> {
+    let v = entry.v;
+    element
+        .with("name", name)
+        .with("valueReference", entry.reference())
+        .with("description", &v.description)
+        .with("causality", v.causality.as_str())
+        .with("variability", v.variability.as_str())
+        .with_some("initial", v.initial.map(Initial::as_str))
+}
+
+/// The attributes that each version has in the element of a type, bounds and start value; `range` has the
+/// bounds that need no attributes, and `derivative` refers to the state of a derivative.
+pub(crate) fn typed(
+    element: Element<'static>,
+    v: &Variable,
+    range: (i128, i128),
+    start: Option<String>,
+    derivative: Option<usize>,
+) -> Element<'static> {
+    let unit = v.unit.as_deref();
+    let whole = |bound: &Option<Value>, of_type| {
+        let bound = bound.as_ref().and_then(Value::as_whole);
+        bound.unwrap_or(of_type)
+    };
+    let (min, max) = match v.of_type.is_integer() {
+        true => {
+            let (low, high) = v.of_type.range();
+            let (min, max) = (whole(&v.min, low), whole(&v.max, high));
+            let (is_min, is_max) = (min > range.0, max < range.1);
+            (
+                is_min.then(|| min.to_string()),
+                is_max.then(|| max.to_string()),
+            )
+        }
+        false => (v.min.as_ref().map(text), v.max.as_ref().map(text)),
+    };
+    let nominal = match v.exported.dynamics {
+        Dynamics::State { nominal } if nominal != 1.0 => Some(nominal),
+        _ => None,
+    };
+    element
+        .with_some("mimeType", v.mime_type.as_ref())
+        .with_some(
+            "declaredType",
+            v.declared_type.as_ref().map(|of_type| &of_type.name),
+        )
+        .with_some("unit", unit)
+        .with_some(
+            "displayUnit",
+            unit.and_then(Unit::display).map(|(name, _)| name),
+        )
+        .with_some("min", min)
+        .with_some("max", max)
+        .with_some("nominal", nominal)
+        .with_some("start", start)
+        .with_some("derivative", derivative)
+        .with_some("reinit", v.is_state().then_some(true))
+}
+
+/// A value as the text of an attribute: numbers without an exponent.
+pub(crate) fn text(value: &Value) -> String {
+    match value {
+        Value::Float32(value) => value.to_string(),
+        Value::Float64(value) => value.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// A list as the value of an attribute.
+pub(crate) fn list(items: impl IntoIterator<Item = impl ToString>) -> String {
+    let items: Vec<_> = items.into_iter().map(|item| item.to_string()).collect();
+    items.join(" ")
+}
+
+fn sorted(references: &[usize]) -> Vec<usize> {
+    let mut sorted = references.to_vec();
+    sorted.sort_unstable();
+    sorted.dedup();
+    sorted
+}
+
+fn unit_definition(name: &str) -> Result<Element<'static>> {
+    let unit = Unit::parse(name).map_err(|error| anyhow!("the unit {name:?}: {error}"))?;
+    let base = unit::BASE
+        .into_iter()
+        .zip(unit.exponents)
+        .filter(|(_, exponent)| *exponent != 0)
+        .fold(Element::new("BaseUnit"), |base, (name, exponent)| {
+            base.with(name, exponent)
+        })
+        .with_some("factor", (unit.factor != 1.0).then_some(unit.factor))
+        .with_some("offset", (unit.offset != 0.0).then_some(unit.offset));
+    let display = Unit::display(name).map(|(name, factor)| {
+        Element::new("DisplayUnit")
+            .with("name", name)
+            .with("factor", factor)
+    });
+    Ok(Element::new("Unit")
+        .with("name", name)
+        .holding(base)
+        .holding_all(display))
+}
+
+fn item(item: &Item) -> Element<'static> {
+    Element::new("Item")
+        .with("name", &item.name)
+        .with("value", item.value)
+        .with("description", &item.description)
+}

@@ -1,0 +1,46 @@
+//! FNV-1a, a hash of 128 bits that constant evaluation can compute.
+
+/// The hash of bytes, to detect damage.
+pub const fn checksum(bytes: &[u8]) -> u128 {
+    Hash::new().bytes(bytes).0
+}
+
+/// FNV-1a, 128 bits.
+#[derive(Clone, Copy)]
+pub(crate) struct Hash(pub(crate) u128);
+
+impl Hash {
+    pub(crate) const fn new() -> Self {
+        Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
+    }
+
+    pub(crate) const fn bytes(mut self, bytes: &[u8]) -> Self {
+        let mut i = 0;
+        while i < bytes.len() {
+            let mixed = self.0 ^ bytes[i] as u128;
+            self = Self(mixed.wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b));
+            i += 1;
+        }
+        self
+    }
+
+    /// A prefix of a name, unless it is empty.
+    pub(crate) const fn prefix(self, prefix: &str) -> Self {
+        match prefix.is_empty() {
+            true => self,
+            false => self.bytes(prefix.as_bytes()).bytes(b"."),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Published test vectors of 128-bit FNV-1a: "" and "a".
+    #[test]
+    fn the_hash_is_fnv_1a() {
+        assert_eq!(checksum(b""), 0x6c62272e07bb014262b821756295c58d);
+        assert_eq!(checksum(b"a"), 0xd228cb696f1a8caf78912b704e4a8964);
+    }
+}

@@ -1,0 +1,238 @@
+//! A variable of a model, whatever its version of FMI, in the vocabulary of FMI 3.0.
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use crate::table::element_name;
+use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value, words};
+
+/// A variable: a scalar, or an array.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// Its value reference.
+    pub reference: u32,
+    /// A short description.
+    pub description: String,
+    /// Its type.
+    pub of_type: Type,
+    /// What determines its value.
+    pub causality: Causality,
+    /// When it may change.
+    pub variability: Variability,
+    /// How it is initialized: as given, or the default of the standard; `None` for clocks, and for inputs and
+    /// the independent variable of FMI 2.0.
+    pub initial: Option<Initial>,
+    /// Numbers of elements of an array, with structural parameters at their start values; empty for a
+    /// scalar.
+    pub dimensions: Vec<usize>,
+    /// The start values: of an array one for each element in row-major order, or one for all; none if the
+    /// model calculates them.
+    pub start: Vec<Value>,
+    /// The smallest value, if there is one.
+    pub min: Option<Value>,
+    /// The largest value, if there is one.
+    pub max: Option<Value>,
+    /// Its unit, if it has one.
+    pub unit: Option<String>,
+    /// MIME type of a Binary, if it is given.
+    pub mime_type: Option<String>,
+    /// Its declared type, if it has one; an Enumeration does.
+    pub declared_type: Option<Arc<DeclaredType>>,
+    /// What is known if it is exported; empty for a variable of a model description.
+    pub exported: Exported,
+}
+
+/// What an exporter knows of a variable, and a model description has elsewhere. Of an array, value references
+/// are those of the first element.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Exported {
+    /// Whether the host may set its time derivative.
+    pub has_input_derivative: bool,
+    /// Its part in the differential equations; a derivative has the value reference of its state.
+    pub dynamics: Dynamics<usize>,
+    /// Value reference of the structural parameter that is the number of elements in use, the first ones
+    /// of an array; `None` if all are. The dimensions and start values are those of all elements.
+    pub size: Option<usize>,
+    /// Value references of the variables that its value after initialization depends on.
+    pub initially_from: Vec<usize>,
+    /// Value references of the inputs and states with respect to which its derivatives are known, and on
+    /// no others of which it depends.
+    pub depends_on: Vec<usize>,
+    /// Its terminal, and its name there, as `terminal.member`; empty if it is in none.
+    pub terminal: String,
+}
+
+/// A type that a model description defines.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DeclaredType {
+    /// Its name.
+    pub name: String,
+    /// A short description.
+    pub description: String,
+    /// The items of an enumeration; none for other types.
+    pub items: Vec<Item>,
+}
+
+/// An item of an enumeration.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Item {
+    /// Its name.
+    pub name: String,
+    /// Its number.
+    pub value: i64,
+    /// A short description.
+    pub description: String,
+}
+
+/// A continuous local variable of type Float64 without a name.
+impl Default for Variable {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            reference: 0,
+            description: String::new(),
+            of_type: Type::Float64,
+            causality: Causality::Local,
+            variability: Variability::Continuous,
+            initial: None,
+            dimensions: Vec::new(),
+            start: Vec::new(),
+            min: None,
+            max: None,
+            unit: None,
+            mime_type: None,
+            declared_type: None,
+            exported: Exported::default(),
+        }
+    }
+}
+
+impl Variable {
+    /// Number of elements; 1 for a scalar.
+    pub fn count(&self) -> usize {
+        let sizes = self.dimensions.iter().copied();
+        sizes.fold(1, usize::saturating_mul)
+    }
+
+    /// The name of an element of an array, such as `w[1,2]`, from its name or an alias.
+    pub fn element_name(&self, name: &str, element: usize) -> String {
+        element_name(name, &self.dimensions, element)
+    }
+
+    /// The start value of an element.
+    pub fn start_of(&self, element: usize) -> Option<&Value> {
+        match self.start.as_slice() {
+            [all] => Some(all),
+            each => each.get(element),
+        }
+    }
+
+    /// Whether it is a parameter that the host sets, structural ones included.
+    pub fn is_parameter(&self) -> bool {
+        matches!(
+            self.causality,
+            Causality::Parameter | Causality::StructuralParameter
+        )
+    }
+
+    /// The items of an Enumeration.
+    pub fn items(&self) -> &[Item] {
+        let declared = self.declared_type.as_ref();
+        declared.map(|of_type| &*of_type.items).unwrap_or_default()
+    }
+
+    /// Whether a value of its type is within its bounds; real numbers are finite.
+    pub fn allows(&self, value: &Value) -> bool {
+        value.as_real().is_none_or(f64::is_finite)
+            && self.min.as_ref().is_none_or(|min| min <= value)
+            && self.max.as_ref().is_none_or(|max| value <= max)
+    }
+
+    /// The values that it may have, for error messages.
+    pub fn expected(&self) -> String {
+        let real = |bound: &Option<Value>| bound.as_ref().and_then(Value::as_real);
+        let whole = |bound: &Option<Value>, of_type: i128| {
+            let bound = bound.as_ref().and_then(Value::as_whole);
+            bound.unwrap_or(of_type)
+        };
+        match self.of_type {
+            Type::Float32 | Type::Float64 => {
+                let min = real(&self.min).unwrap_or(f64::NEG_INFINITY);
+                let max = real(&self.max).unwrap_or(f64::INFINITY);
+                let unit = words::in_unit(self.unit.as_deref().unwrap_or_default());
+                format!("a number{}{unit}", words::bounds(min, max))
+            }
+            Type::Boolean => "true or false".into(),
+            Type::String => "a text".into(),
+            Type::Binary => "two hexadecimal digits for each byte".into(),
+            Type::Enumeration => {
+                let names: Vec<_> = self.items().iter().map(|item| &*item.name).collect();
+                format!("one of {}", names.join(", "))
+            }
+            of_type => {
+                let (low, high) = of_type.range();
+                let (min, max) = (whole(&self.min, low), whole(&self.max, high));
+                format!("a whole number from {min} to {max}")
+            }
+        }
+    }
+
+    /// The value that a text stands for: as [`Value::parse`], and an item also by its name.
+    pub fn value(&self, text: &str) -> Option<Value> {
+        if self.of_type != Type::Enumeration {
+            return Value::parse(self.of_type, text);
+        }
+        let number: Option<i64> = value::whole(text);
+        let mut items = self.items().iter();
+        let item = items.find(|item| item.name == text || Some(item.value) == number)?;
+        Some(Value::Enumeration(item.value))
+    }
+}
+
+/// What is known of the variables of exported models.
+impl Variable {
+    /// Whether it is an output.
+    pub(crate) fn is_output(&self) -> bool {
+        self.causality == Causality::Output
+    }
+
+    /// Whether it is a continuous state. Events may change any, which the attribute `reinit` tells.
+    pub(crate) fn is_state(&self) -> bool {
+        matches!(self.exported.dynamics, Dynamics::State { .. })
+    }
+
+    /// Whether it is the derivative of a state.
+    pub(crate) fn is_derivative(&self) -> bool {
+        matches!(self.exported.dynamics, Dynamics::Derivative { .. })
+    }
+
+    /// Whether it is an event indicator.
+    pub(crate) fn is_event_indicator(&self) -> bool {
+        self.exported.dynamics == Dynamics::EventIndicator
+    }
+
+    /// Whether it is an output that may change at any time.
+    pub(crate) fn is_continuous_output(&self) -> bool {
+        self.is_output() && self.variability == Variability::Continuous
+    }
+
+    /// Whether what is computed at any time may depend on it.
+    pub(crate) fn is_known(&self) -> bool {
+        self.causality == Causality::Input || self.is_state()
+    }
+
+    /// Whether what is computed during initialization may depend on it.
+    pub(crate) fn is_initially_known(&self) -> bool {
+        matches!(self.causality, Causality::Input | Causality::Parameter)
+            || self.is_state() && self.initial == Some(Initial::Exact)
+    }
+
+    /// Whether it is computed during initialization and listed as an initial unknown.
+    pub(crate) fn is_initial_unknown(&self) -> bool {
+        self.initial == Some(Initial::Calculated)
+            && (self.is_output() || self.is_state() || self.is_derivative())
+    }
+}

@@ -1,0 +1,425 @@
+//! From the struct of a model to its copy in the binary, its XML, and back: what one layer writes, the next
+//! reads.
+
+mod models;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use fmu_description::hash::checksum;
+use fmu_description::interface::{guid, size, variant, write};
+use fmu_description::table::Start;
+use fmu_description::xml::parse;
+use fmu_description::{
+    DeclaredType, Description, Exported, FmiVersion, Initial, Interface, Item, ModelDescription,
+    Origin, Row, Type, Value, Variable, read_interfaces,
+};
+use fmu_export::prelude::*;
+use models::{Lists, Reservoir, Sizes, Spring};
+use proptest::prelude::*;
+
+/// Defines the interface and the copy of a model or a variant of it.
+macro_rules! interfaces {
+    ($($name:ident $copy:ident: $model:ty, $variant:expr;)*) => {
+        $(
+            const $name: Interface =
+                fmu_export::interface::<$model, { <$model as Variables>::COUNT }>($variant);
+            static $copy: [u8; size(&$name)] = write(&$name);
+        )*
+    };
+}
+
+interfaces! {
+    TANK TANK_COPY: Reservoir, None;
+    SMALL SMALL_COPY: Reservoir, Some(SMALL_VARIANT);
+    SPRING SPRING_COPY: Spring, None;
+    SIZES SIZES_COPY: Sizes, None;
+    OTHER OTHER_COPY: Sizes, Some(OTHER_VARIANT);
+    LISTS LISTS_COPY: Lists, None;
+    LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:i1:3");
+}
+
+/// Start values of one variable of each type.
+const SMALL_VARIANT: &str =
+    "Tank=SmallTank;1:r16:3fe00000000000002:r16:40240000000000007:i1:38:s6:r\u{e9}:1;9:b1:0";
+const OTHER_VARIANT: &str = "Sizes=Other;5:i20:184467440737095516157:x4:01230:r16:3fd3333340000000";
+
+fn description(copy: &[u8]) -> Description {
+    let mut models = read_interfaces(copy).unwrap();
+    assert_eq!(models.len(), 1);
+    models.remove(0)
+}
+
+fn xml(model: &Description, version: FmiVersion) -> String {
+    let origin = Origin {
+        version: "1.2.3".into(),
+        author: Some("A. & B.".into()),
+        license: Some("MIT".into()),
+        generation_tool: "fmu-export".into(),
+        copyright: None,
+    };
+    let root = model.to_xml(version, &origin).unwrap();
+    root.document().unwrap()
+}
+
+/// Compares with a file, which `SNAPSHOTS=overwrite` writes anew.
+#[track_caller]
+fn assert_is_file(name: &str, xml: &str) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/xml");
+    let file = file.join(name);
+    if std::env::var_os("SNAPSHOTS").is_some_and(|value| value == "overwrite") {
+        std::fs::write(&file, xml).unwrap();
+    }
+    assert_eq!(std::fs::read_to_string(file).unwrap(), xml, "{name}");
+}
+
+#[test]
+fn the_xml_of_each_version_has_all_that_the_struct_says() {
+    use FmiVersion::{Fmi2, Fmi3};
+    for (copy, versions) in [
+        (&TANK_COPY[..], &[Fmi2, Fmi3][..]),
+        (&SPRING_COPY, &[Fmi2, Fmi3]),
+        (&SIZES_COPY, &[Fmi2, Fmi3]),
+        (&LISTS_COPY, &[Fmi2, Fmi3]),
+        // Variants with other start values, and thereby with another GUID.
+        (&SMALL_COPY, &[Fmi2]),
+        (&OTHER_COPY, &[Fmi3]),
+        (&LONGER_COPY, &[Fmi2]),
+    ] {
+        let model = description(copy);
+        for &version in versions {
+            let file = format!("{}_fmi{}.xml", model.name, &version.as_str()[..1]);
+            assert_is_file(&file, &xml(&model, version));
+        }
+    }
+    let terminals = description(&TANK_COPY).terminals(true).unwrap().unwrap();
+    assert_is_file("Tank_terminals.xml", &terminals.document().unwrap());
+    assert_eq!(description(&LISTS_COPY).terminals(false).unwrap(), None);
+}
+
+/// The valid variables of a document, without their elements.
+fn read(document: &str) -> Vec<Variable> {
+    let root = parse(document).unwrap();
+    let model = ModelDescription::read(&root).unwrap();
+    let variables = model.variables().map(|(_, v)| Variable::clone(v));
+    variables.collect()
+}
+
+#[test]
+fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
+    for copy in [&TANK_COPY[..], &SPRING_COPY, &OTHER_COPY, &LISTS_COPY] {
+        let model = description(copy);
+        let variables = model.variables.iter().map(|v| {
+            let mut expected = v.clone();
+            expected.exported = Exported::default();
+            if v.exported.size.is_some() {
+                expected.dimensions = vec![model.elements(v)];
+                expected.start.truncate(model.elements(v));
+            }
+            if v.causality == fmu_description::Causality::Input {
+                expected.initial = Some(Initial::Exact);
+            }
+            expected
+        });
+        let mut found = read(&xml(&model, FmiVersion::Fmi3));
+        assert_eq!(found.pop().unwrap().name, "time");
+        assert_eq!(found, variables.collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn the_xml_of_fmi_2_reads_back_as_the_scalars_that_it_can_express() {
+    let listed = |copy| -> Vec<_> {
+        let variables = read(&xml(&description(copy), FmiVersion::Fmi2)).into_iter();
+        variables
+            .map(|v| (v.name, v.reference, v.of_type, v.start))
+            .collect()
+    };
+    let float = |value| vec![Value::Float64(value)];
+    let integer = |value| vec![Value::Int32(value)];
+    // Without largest and smallest, which need 64 bits, and the binaries.
+    let sizes = [
+        ("single".into(), 0, Type::Float64, float(0.1)),
+        ("signed[1,1]".into(), 1, Type::Int32, integer(-128)),
+        ("signed[1,2]".into(), 2, Type::Int32, integer(127)),
+        ("unsigned[1]".into(), 3, Type::Int32, integer(0)),
+        ("unsigned[2]".into(), 4, Type::Int32, integer(0)),
+        ("sum".into(), 10, Type::Float64, vec![]),
+    ];
+    assert_eq!(listed(&SIZES_COPY), sizes);
+    // Without the structural parameter, and the elements that are not in use.
+    let lists: Vec<_> = listed(&LISTS_COPY)
+        .into_iter()
+        .map(|v| (v.0, v.1))
+        .collect();
+    let expected = [
+        ("offset", 0),
+        ("net.w[1]", 2),
+        ("net.w[2]", 3),
+        ("net.names[1]", 5),
+        ("net.names[2]", 6),
+        ("net.levels[1]", 8),
+        ("net.levels[2]", 9),
+        ("sum", 11),
+    ];
+    assert_eq!(lists, expected.map(|(name, r)| (name.to_owned(), r)));
+}
+
+#[test]
+fn what_only_the_exporter_knows_is_read_from_the_copy() {
+    let tank = description(&TANK_COPY);
+    let with_derivatives = tank
+        .variables
+        .iter()
+        .filter(|v| v.exported.has_input_derivative);
+    let names: Vec<_> = with_derivatives.map(|v| &*v.name).collect();
+    assert_eq!(names, ["inflow"]);
+    let flow = &tank.variables[2];
+    assert_eq!(flow.exported.terminal, "pipe.flow");
+    // The references of opening, pump.head and inflow.
+    assert_eq!(
+        (&*flow.exported.initially_from, &*flow.exported.depends_on),
+        (&[1, 6][..], &[0][..])
+    );
+    let lists = description(&LONGER_COPY);
+    let sizes: Vec<_> = (lists.variables.iter())
+        .map(|v| (&*v.name, v.exported.size, v.count(), lists.elements(v)))
+        .collect();
+    let expected = [
+        ("offset", None, 1, 1),
+        ("net.nodes", None, 1, 1),
+        ("net.w", Some(1), 3, 3),
+        ("net.names", Some(1), 3, 3),
+        ("net.levels", Some(1), 3, 3),
+        ("sum", None, 1, 1),
+    ];
+    assert_eq!(sizes, expected);
+}
+
+#[test]
+fn descriptions_that_no_importer_could_read_are_errors() {
+    let error = |change: fn(&mut Description), version| {
+        let mut tank = description(&TANK_COPY);
+        change(&mut tank);
+        let xml = tank.to_xml(version, &Origin::default());
+        xml.map(|_| ()).unwrap_err().to_string()
+    };
+    let other_items = |tank: &mut Description| {
+        let mode = tank
+            .variables
+            .iter_mut()
+            .find(|v| v.of_type == Type::Enumeration);
+        mode.unwrap().declared_type = Some(Arc::new(DeclaredType {
+            name: "PumpMode".into(),
+            items: vec![Item {
+                name: "by_hand".into(),
+                value: 1,
+                description: String::new(),
+            }],
+            ..DeclaredType::default()
+        }));
+    };
+    let unknown_unit: fn(&mut Description) = |tank| tank.variables[0].unit = Some("Nm".into());
+    let named_time: fn(&mut Description) = |tank| tank.variables[0].name = "time".into();
+    for version in FmiVersion::ALL {
+        let text = error(other_items, version);
+        assert!(
+            text.contains("two enumerations of Tank have the name PumpMode"),
+            "{text}"
+        );
+        let text = error(unknown_unit, version);
+        assert!(text.contains("\"Nm\" is not a unit"), "{text}");
+    }
+    let text = error(named_time, FmiVersion::Fmi3);
+    assert!(
+        text.contains("the independent variable of FMI 3.0"),
+        "{text}"
+    );
+    let mut tank = description(&TANK_COPY);
+    tank.variables[0].exported.terminal = "pipe.flow".into();
+    let text = tank.terminals(true).unwrap_err().to_string();
+    assert!(text.contains("member flow of the terminal pipe"), "{text}");
+}
+
+#[test]
+fn start_values_survive_the_way_through_the_compiler() {
+    let text = "r\u{e9}:1;".to_owned();
+    let tank = [
+        (1, Value::Float64(0.5)),
+        (2, Value::Float64(10.0)),
+        (7, Value::Int32(3)),
+        (8, Value::String(text)),
+        (9, Value::Boolean(false)),
+    ];
+    assert_eq!(variant("Tank", "SmallTank", &tank), SMALL_VARIANT);
+    let sizes = [
+        (5, Value::UInt64(u64::MAX)),
+        (7, Value::Binary(vec![0x01, 0x23])),
+        (0, Value::Float32(0.3)),
+    ];
+    assert_eq!(variant("Sizes", "Other", &sizes), OTHER_VARIANT);
+    for (interface, expected) in [(SMALL, &tank[..]), (OTHER, &sizes)] {
+        let mut rest = interface.overrides;
+        for (reference, value) in expected {
+            let (first, others) = rest.next().unwrap();
+            assert_eq!(first.reference, *reference);
+            assert_eq!(first.value(value.of_type()), Some(value.clone()));
+            rest = others;
+        }
+        assert_eq!(rest.next(), None);
+    }
+    let model = description(&OTHER_COPY);
+    for (reference, value) in sizes {
+        let mut scalars = model.scalars();
+        let (_, v, element) = scalars.find(|(r, ..)| *r == reference).unwrap();
+        assert_eq!(v.start[element], value);
+    }
+    // A variant of another model does not concern this one.
+    let plain = fmu_export::interface::<Sizes, { Sizes::COUNT }>(Some("Size=Other;5:i1:1"));
+    assert_eq!((plain.name, guid(&plain)), ("Sizes", guid(&SIZES)));
+}
+
+/// Models that differ in one thing only.
+macro_rules! identities {
+    ($($name:ident: $ty:ty, ($($option:tt)*), $description:literal;)*) => {
+        $(
+            #[derive(Model)]
+            #[model(name = "Same")]
+            #[allow(dead_code, reason = "only the table is under test")]
+            #[doc = "a model"]
+            struct $name {
+                #[doc = $description]
+                #[parameter($($option)*)]
+                value: $ty,
+            }
+
+            impl Simulate for $name {
+                fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
+                    Ok(())
+                }
+            }
+        )*
+
+        #[test]
+        fn the_guid_changes_with_the_interface_only() {
+            let interfaces = [$(fmu_export::interface::<$name, 1>(None)),*];
+            let [described, different @ ..] = interfaces;
+            assert_eq!(guid(&described), guid(&different[0]));
+            let sampled = Interface { is_sampled: true, ..described };
+            let renamed = Interface { name: "Other", ..described };
+            let empty = Interface { scalars: &[], ..described };
+            let mut guids = different.map(|interface| guid(&interface)).to_vec();
+            guids.extend([sampled, renamed, empty].map(|interface| guid(&interface)));
+            for (i, guid) in guids.iter().enumerate() {
+                assert!(!guids[..i].contains(guid), "{i}");
+            }
+        }
+    };
+}
+identities! {
+    Described: f64, (start = 1), "another description";
+    Double: f64, (start = 1), "a value";
+    Larger: f64, (start = 2), "a value";
+    Bounded: f64, (start = 1, min = 0), "a value";
+    InMetres: f64, (start = 1, unit = "m"), "a value";
+    Tunable: f64, (start = 1, tunable), "a value";
+    Single: f32, (start = 1), "a value";
+    Byte: u8, (start = 1, max = 100), "a value";
+    SignedByte: i8, (start = 1, min = 0, max = 100), "a value";
+    Binary: Vec<u8>, (start = b"a"), "a value";
+    OtherBinary: Vec<u8>, (start = b"b"), "a value";
+    Picture: Vec<u8>, (start = b"a", mime_type = "image/png"), "a value";
+}
+
+#[test]
+fn the_guid_is_a_version_8_uuid() {
+    let guid = String::from_utf8(guid(&TANK).to_vec()).unwrap();
+    assert_eq!(&guid[15..16], "8");
+    assert!("89ab".contains(&guid[20..21]), "{guid}");
+    let shape = guid.replace(|c: char| c.is_ascii_hexdigit(), "0");
+    assert_eq!(shape, "{00000000-0000-0000-0000-000000000000}");
+}
+
+macro_rules! table {
+    ($name:ident, $of:ty, $start:expr) => {
+        #[derive(Variables)]
+        struct $name {
+            /// entries
+            #[parameter(start = $start)]
+            #[allow(dead_code, reason = "only the table is under test")]
+            entries: $of,
+        }
+    };
+}
+table!(Table, [[f64; 2]; 1], [[1, 2]]);
+
+#[test]
+fn structs_can_be_written_by_macros() {
+    let [Row::Field(entries)] = Table::ROWS else {
+        panic!("{:?}", Table::ROWS);
+    };
+    assert_eq!(entries.dimensions, [1, 2]);
+    assert!(matches!(entries.start, Start::Float64([1.0, 2.0])));
+}
+
+#[test]
+fn copies_are_found_anywhere_in_a_binary_and_without_duplicates() {
+    let binary = [
+        b"\x7fELF\x7fFMU",
+        &TANK_COPY[..],
+        b"\x7f",
+        &SMALL_COPY,
+        &TANK_COPY,
+        b"end",
+    ];
+    let models = read_interfaces(&binary.concat()).unwrap();
+    let names: Vec<_> = models.iter().map(|model| &*model.name).collect();
+    assert_eq!(names, ["Tank", "SmallTank"]);
+    assert_eq!(read_interfaces(b"no model").unwrap(), []);
+}
+
+/// Checks that bytes are an error.
+fn assert_damaged(bytes: &[u8]) {
+    let error = read_interfaces(bytes).unwrap_err().to_string();
+    assert!(
+        error.contains("is damaged") || error.contains("another version"),
+        "{error}"
+    );
+}
+
+#[test]
+fn truncated_copies_are_errors() {
+    // Without its first bytes, it is no copy.
+    for length in 16 + 8..TANK_COPY.len() {
+        assert_damaged(&TANK_COPY[..length]);
+    }
+}
+
+#[test]
+fn a_single_flipped_bit_is_an_error() {
+    for bit in 8 * 16..8 * TANK_COPY.len() {
+        let mut damaged = TANK_COPY;
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert_damaged(&damaged);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Even with a valid checksum, no bytes cause a panic.
+    #[test]
+    fn forged_copies_do_not_crash(
+        edits in prop::collection::vec((24..TANK_COPY.len() - 16, any::<u32>()), 1..4),
+    ) {
+        let mut forged = TANK_COPY;
+        let end = forged.len() - 16;
+        for (place, number) in edits {
+            let stop = (place + 4).min(end);
+            forged[place..stop].copy_from_slice(&number.to_le_bytes()[..stop - place]);
+        }
+        let sum = checksum(&forged[..end]);
+        forged[end..].copy_from_slice(&sum.to_le_bytes());
+        let _ = read_interfaces(&forged);
+    }
+}
