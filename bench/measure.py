@@ -166,7 +166,7 @@ def rust() -> dict[str, dict[str, float]]:
     brief = ["--noplot", "--warm-up-time", "0.5", "--measurement-time", "1"]
     bench = ["cargo", "bench", "--locked", "--quiet", "--profile", "native"]
     begin = time.time()
-    run([*bench, "--package", "fmu-cosim", "--bench", "speed", "--", *brief])
+    run([*bench, "--package", "fmu-master", "--bench", "speed", "--", *brief])
     results = {}
     for file in CRITERION.glob("*/*/new/sample.json"):
         if file.stat().st_mtime < begin:

@@ -1,6 +1,8 @@
 """Fixtures: the exported FMUs, instances of them, and the runs of Table 1."""
 
+import fcntl
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -82,21 +84,46 @@ def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
 
 
 @pytest.fixture(scope="session")
-def table_results(fmus: Path) -> dict[Loop, Columns]:
-    """Return the results of all runs that Table 1 needs."""
-    return table1.compute(fmus)
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[..., Path]:
+    """Return a function that makes a folder once for all processes that run tests."""
+    base = tmp_path_factory.getbasetemp()
+    base = base if worker_id == "master" else base.parent
+
+    def make(name: str, write: Callable[[Path], object]) -> Path:
+        folder, finished = base / name, base / f"{name}.finished"
+        with (base / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not finished.exists():
+                folder.mkdir(exist_ok=True)
+                write(folder)
+                finished.touch()
+        return folder
+
+    return make
 
 
 @pytest.fixture(scope="session")
-def report_folder(program: Path, sensor: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def table_results(fmus: Path, once: Callable[..., Path]) -> dict[Loop, Columns]:
+    """Return the results of all runs that Table 1 needs."""
+
+    def write(folder: Path) -> None:
+        (folder / "results").write_bytes(pickle.dumps(table1.compute(fmus)))
+
+    return pickle.loads((once("table1", write) / "results").read_bytes())
+
+
+@pytest.fixture(scope="session")
+def report_folder(program: Path, sensor: Path, once: Callable[..., Path]) -> Path:
     """Return the folder of a report generated for the tests."""
-    folder = tmp_path_factory.mktemp("report")
-    command = [sys.executable, "-m", "pendulum_fmus.report", "--out", str(folder)]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    assert run.stderr == ""
-    assert "MISSED" not in run.stdout
-    return folder
+
+    def write(folder: Path) -> None:
+        command = [sys.executable, "-m", "pendulum_fmus.report", "--out", str(folder)]
+        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert run.returncode == 0, run.stderr
+        assert run.stderr == ""
+        assert "MISSED" not in run.stdout
+
+    return once("report", write)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from pendulum_fmus.project import PROGRAM, ROOT
 
 SYSTEMS = ROOT / "examples" / "closed-loop"
 
-TIMEOUT = 30
+TIMEOUT = 300
 """Time limit for something that takes a second on an idle machine [s]."""
 
 SHORT = """
@@ -44,10 +44,9 @@ stop = 180.0
 variable = "controller.pid.kp"
 from = 200
 to = 400
-count = 200
+count = 100
 """
-"""200 runs of some milliseconds each: enough time to kill the process."""
-
+"""100 runs of some milliseconds each: enough time to kill the process."""
 
 SIGNALS = """
 [signals]
@@ -97,15 +96,12 @@ def journal_of(out: Path) -> Path:
     return out.with_name(f"{out.name}.part")
 
 
-def runs_in(journal: str) -> list[int]:
-    """Return the indices of the runs in the whole lines of a journal."""
-    return [int(line.split(",", 1)[0]) for line in journal.split("\n")[2:-1]]
-
-
 def done(out: Path) -> list[int]:
     """Return the runs that are in the journal of a table so far."""
-    journal = journal_of(out)
-    return runs_in(journal.read_text(encoding="utf-8")) if journal.exists() else []
+    if not journal_of(out).exists():
+        return []
+    lines = journal_of(out).read_text(encoding="utf-8").split("\n")
+    return [int(line.split(",", 1)[0]) for line in lines[2:-1]]  # whole ones
 
 
 def wait_until(condition: Callable[[], Any], process: subprocess.Popen | None = None) -> Any:

@@ -5,6 +5,7 @@ No binary of another system is run here. The macOS binaries have never been run.
 
 import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -17,10 +18,9 @@ import lief
 import pytest
 
 from machines import CROSS
-from pages import ROOT, project
-from test_exporter import MODELS, cargo_fmu, refusal
-from test_package import FMI2_FUNCTIONS
-from test_package_3 import FMI3_FUNCTIONS
+from pendulum_fmus.project import ROOT
+from test_exporter import cargo_fmu, refusal
+from test_package import FMI2_FUNCTIONS, FMI3_FUNCTIONS, MODELS
 
 BINARIES = {
     "linux64": "so",
@@ -159,7 +159,11 @@ def test_no_binary_contains_a_path_of_the_machine(model):
     ids=["cross", "aarch64"],
 )
 def test_a_build_in_another_folder_gives_the_same_bytes(folder, binaries, targets):
-    copy = project("reproduced")
+    copy = ROOT / "target" / "reproduced" / "project"
+    shutil.rmtree(copy, ignore_errors=True)
+    ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")
+    shutil.copytree(ROOT, copy, ignore=ignored)
+    (copy / "target").symlink_to(copy.parent)
     program = ROOT / "target" / "debug" / "cargo-fmu"
     options = [f"--target={target}" for target in targets.split()]
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])

@@ -5,41 +5,32 @@ import math
 import re
 import struct
 import zipfile
-from collections.abc import Iterator
 from itertools import groupby, pairwise
 from pathlib import Path, PurePosixPath
 
-import fmpy
 import numpy as np
 import pytest
 from lxml import etree, html
 from PIL import Image
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser
 
-MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
+from test_package import MODELS, Fmu, each_fmu, each_model, of
+
 PAGE = "documentation/index.html"
 SIZE_OF_DOCUMENTATION = 9_000
 """Maximum compressed size of page and icon, without the licences."""
 
-each_model = pytest.mark.parametrize("model", MODELS)
 
-
-def content(fmus: Path, model: str, name: str) -> bytes:
-    """Return a file of an FMU."""
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
-        return archive.read(name)
-
-
-def names(fmus: Path, model: str) -> list[str]:
-    """Return the paths of an FMU's files."""
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
-        return archive.namelist()
+@pytest.fixture
+def fmu(fmus: Path, model: str, version: str) -> Fmu:
+    """Return the FMU of a model."""
+    return of(fmus, model, version)
 
 
 @pytest.fixture
-def page(fmus: Path, model: str) -> etree._Element:
+def page(fmu: Fmu) -> etree._Element:
     """Return the page of a model, which is also well-formed XML with MathML and SVG."""
-    return etree.fromstring(content(fmus, model, PAGE))
+    return fmu.xml(PAGE)
 
 
 def plain_name(element: etree._Element) -> str:
@@ -52,24 +43,8 @@ def texts(element: etree._Element, path: str) -> list[str]:
     return ["".join(found.itertext()).strip() for found in element.iterfind(path)]
 
 
-@each_model
-def test_page_licences_and_icon_exist_and_are_small(fmus, model):
-    files = names(fmus, model)
-    assert PAGE in files
-    assert {"documentation/licenses/LICENSE-MIT", "documentation/licenses/LICENSE-APACHE"} <= {
-        *files
-    }
-    assert "model.png" in files
-    # All other files in the folder of the model are part of the page.
-    beside = [f for f in files if f.startswith("documentation/") and "/licenses/" not in f]
-    assert beside == [PAGE]
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as archive:
-        sizes = [archive.getinfo(name).compress_size for name in (PAGE, "model.png")]
-    assert sum(sizes) <= SIZE_OF_DOCUMENTATION
-
-
-def test_every_model_has_its_own_icon(fmus):
-    icons = [content(fmus, model, "model.png") for model in MODELS]
+def test_every_model_has_its_own_small_icon(fmus):
+    icons = [of(fmus, model).read("model.png") for model in MODELS]
     assert len(set(icons)) == len(MODELS)
     for icon in icons:
         assert icon.startswith(b"\x89PNG\r\n\x1a\n")
@@ -78,68 +53,60 @@ def test_every_model_has_its_own_icon(fmus):
         assert len(icon) < 4_000
 
 
-@each_model
-def test_the_page_parses_the_same_as_html_and_xml(fmus, model, page):
+@each_fmu
+def test_the_page_parses_the_same_as_html_and_xml_and_is_small(fmu, page):
     # Elements that are self-closing in XML but not in HTML would swallow the following content.
-    as_html = html.document_fromstring(content(fmus, model, PAGE).decode())
-    assert [e.tag for e in as_html.iter("h1", "h2", "h3", "p", "li", "td", "th")] == [
-        e.tag for e in page.iter("h1", "h2", "h3", "p", "li", "td", "th")
-    ]
+    text = fmu.read(PAGE).decode()
+    as_html = html.document_fromstring(text)
+    names = ("h1", "h2", "h3", "p", "li", "td", "th")
+    assert [e.tag for e in as_html.iter(*names)] == [e.tag for e in page.iter(*names)]
     assert texts(as_html, ".//td") == texts(page, ".//td")
-    text = content(fmus, model, PAGE).decode()
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffd\ufffe\uffff]", text)
     assert "<!-- include" not in text
+    icon = "terminalsAndIcons/icon.png" if fmu.is_fmi_3 else "model.png"
+    with zipfile.ZipFile(fmu.path) as archive:
+        sizes = [archive.getinfo(name).compress_size for name in (PAGE, icon)]
+    assert sum(sizes) <= SIZE_OF_DOCUMENTATION
 
 
-@each_model
-def test_page_needs_no_network_and_no_script(page, fmus, model):
+@each_fmu
+def test_the_page_needs_nothing_but_files_of_the_fmu(fmu, page):
+    identifiers = [e.get("id") for e in page.iter(etree.Element) if e.get("id")]
+    assert len(identifiers) == len(set(identifiers))
+    links = []
     for element in page.iter(etree.Element):
         assert plain_name(element) not in {"script", "iframe", "object", "embed", "link", "base"}
         for attribute, value in element.attrib.items():
             assert not attribute.startswith("on"), f"{attribute}={value}"
             if attribute in {"src", "href", "data", "srcset"}:
-                assert "://" not in value, value
-    assert b"@import" not in content(fmus, model, PAGE)
-
-
-@each_model
-def test_links_point_to_files_of_the_fmu(page, fmus, model):
-    files = names(fmus, model)
-    identifiers = [e.get("id") for e in page.iter(etree.Element) if e.get("id")]
-    assert len(identifiers) == len(set(identifiers))
-    links = [e.get("href") or e.get("src") for e in page.iter("a", "img")]
+                links.append(value)
     assert "licenses/LICENSE-MIT" in links
+    files = fmu.names()
     for link in links:
         if link.startswith("#"):
             assert link[1:] in identifiers
         else:
             path = PurePosixPath("documentation") / link
             assert str(path).replace("documentation/../", "") in files, link
-    used = re.findall(r"url\(#([^)]+)\)", etree.tostring(page, encoding="unicode"))
-    assert {*used} <= {*identifiers}
+    text = etree.tostring(page, encoding="unicode")
+    assert {*re.findall(r"url\(#([^)]+)\)", text)} <= {*identifiers}
+    assert "@import" not in text
 
 
-def rows(page: etree._Element) -> dict[str, list[str]]:
-    """Return the cells of the table of variables, by name."""
+@each_fmu
+def test_the_table_matches_the_variables_of_the_xml(fmu, page):
     body = page.find(".//table[@id='variables']/tbody")
-    assert body is not None
-    return {row[0].text: ["".join(cell.itertext()) for cell in row[1:]] for row in body}
-
-
-@each_model
-def test_the_table_matches_the_variables_of_the_xml(page, fmus, model):
-    table = rows(page)
-    variables = fmpy.read_model_description(fmus / f"{model}.fmu").modelVariables
+    table = {row[0].text: ["".join(cell.itertext()) for cell in row[1:]] for row in body}
+    variables = fmu.description.modelVariables
     assert list(table) == [v.name for v in variables]
     for variable in variables:
         causality, variability, kind, unit, start, bounds, about = table[variable.name]
-        assert causality == variable.causality
-        assert variability == variable.variability
-        assert kind == variable.type
-        assert unit == (variable.unit or "")
-        assert about == variable.description
+        assert (causality, variability) == (variable.causality, variable.variability)
+        assert re.sub(r"\[.*\]", "", kind) == variable.type
+        assert (unit, about) == (variable.unit or "", variable.description or "")
         if kind == "Enumeration":
-            (item,) = [i for i in variable.declaredType.items if i.value == variable.start]
+            value = str(variable.start)
+            (item,) = [i for i in variable.declaredType.items if i.value == value]
             assert start == item.name
         else:
             assert start == (variable.start or "")
@@ -148,12 +115,13 @@ def test_the_table_matches_the_variables_of_the_xml(page, fmus, model):
             assert [float(bound) for bound in bounds.split(" to ")] == expected
 
 
-@each_model
-def test_page_has_the_identity_of_the_fmu_and_all_sections(page, fmus, model):
-    description = fmpy.read_model_description(fmus / f"{model}.fmu")
+@each_fmu
+def test_the_page_has_the_identity_of_the_fmu_and_all_sections(fmu, page):
+    description = fmu.description
     text = "".join(page.itertext())
-    assert texts(page, ".//h1") == [model]
-    for expected in (description.description, description.guid, description.version):
+    assert texts(page, ".//h1") == [fmu.model]
+    version = f"FMI {'3.0' if fmu.is_fmi_3 else '2.0'}"
+    for expected in (description.description, description.guid, fmu.path.name, version):
         assert expected in text
     headings = texts(page, ".//h2")
     for heading in ("What it is", "Equations", "Result", "Coupling", "Limits", "Variables"):
@@ -162,63 +130,51 @@ def test_page_has_the_identity_of_the_fmu_and_all_sections(page, fmus, model):
     assert len(page.findall(".//figure")) == 2
 
 
-@each_model
-def test_page_is_accessible(page, model):
+@each_fmu
+def test_the_page_is_accessible(page):
     assert page.get("lang") == "en"
     assert page.find("head/title").text
     levels = [int(e.tag[1]) for e in page.iter("h1", "h2", "h3", "h4")]
     assert levels[0] == 1
     assert all(after - before <= 1 for before, after in pairwise(levels))
     pictures = [e for e in page.iter(etree.Element) if plain_name(e) == "svg"]
-    assert len(pictures) == 2
-    for picture in pictures:
-        assert picture.get("role") == "img"
-        assert len(picture.get("aria-label")) > 40
+    assert [picture.get("role") for picture in pictures] == ["img", "img"]
+    assert all(len(picture.get("aria-label")) > 40 for picture in pictures)
     assert all("alt" in image.attrib for image in page.iter("img"))
     assert all(cell.get("scope") in {"col", "row"} for cell in page.iter("th"))
 
 
 @each_model
-def test_names_in_the_text_are_variables_or_models(page, fmus, model):
-    known = {v.name for name in MODELS
-             for v in fmpy.read_model_description(fmus / f"{name}.fmu").modelVariables}  # fmt: skip
+def test_names_in_the_text_are_variables_or_models(fmus, model):
+    known = {v.name for name in MODELS for v in of(fmus, name).description.modelVariables}
     known |= {name.split("[")[0] for name in known}
-    known |= {*MODELS, f"{model}.fmu", "own", "supervisor", "step", "sine", "square",
-              "linear", "nonlinear", "transfer_function"}  # fmt: skip
-    assert {*texts(page, ".//code")} <= known
+    known |= {*MODELS, f"{model}.fmu", "own", "supervisor", "step", "sine", "square"}
+    known |= {"linear", "nonlinear", "transfer_function"}
+    assert {*texts(of(fmus, model).xml(PAGE), ".//code")} <= known
 
 
-@pytest.fixture(params=["light", "dark"])
-def phone(request, browser: Browser) -> Iterator[Page]:
-    """Return a page of a browser, in the narrowest usual width and at the lowest resolution."""
-    context = browser.new_context(viewport={"width": 390, "height": 900},
-                                  color_scheme=request.param)  # fmt: skip
-    yield context.new_page()
-    context.close()
-
-
-@each_model
-def test_a_phone_scrolls_tables_and_pictures_but_not_the_page(phone, fmus, model):
-    phone.set_content(content(fmus, model, PAGE).decode())
-    assert phone.evaluate("document.documentElement.scrollWidth") == 390
-
-
-def test_the_dots_of_derivatives_can_be_counted(phone, fmus):
-    phone.set_content(content(fmus, "Pendulum", PAGE).decode())
-    accents = phone.evaluate(
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_scrolls_tables_but_not_the_page_and_shows_all_dots(fmus, browser: Browser, scheme):
+    phone = browser.new_context(viewport={"width": 390, "height": 900}, color_scheme=scheme)
+    page = phone.new_page()
+    for model in reversed(MODELS):
+        page.set_content(of(fmus, model).read(PAGE).decode())
+        assert page.evaluate("document.documentElement.scrollWidth") == 390, model
+    # The last page, of the plant, has derivatives.
+    accents = page.evaluate(
         """[...document.querySelectorAll("mover")].map((mover) => {
         const [letter, dots] = [...mover.children].map((part) => part.getBoundingClientRect());
         return [dots.left, dots.top, dots.right, dots.bottom, letter.top, mover.textContent];
     })"""
     )
-    picture = Image.open(io.BytesIO(phone.screenshot(full_page=True))).convert("L")
+    picture = Image.open(io.BytesIO(page.screenshot(full_page=True))).convert("L")
     pixels = np.asarray(picture, dtype=float)
     contrast = np.abs(pixels - pixels[0, 0]) / np.ptp(pixels)
     assert {text for *_, text in accents} == {"x˙", "x¨", "θ˙", "θ¨"}
     for left, top, right, bottom, letter, text in accents:
         assert bottom + 1 < letter, f"{text} touch"
-        drawn = contrast[
-            math.floor(top) : math.ceil(bottom), math.floor(left) : math.ceil(right)
-        ].max(axis=0)
+        box = slice(math.floor(top), math.ceil(bottom)), slice(math.floor(left), math.ceil(right))
+        drawn = contrast[box].max(axis=0)
         dots = [dark for dark, _ in groupby(drawn > 0.6) if dark]
         assert len(dots) == {"˙": 1, "¨": 2}[text[-1]], f"{text}: {drawn.round(2)}"
+    phone.close()

@@ -163,11 +163,12 @@ def words(system: System, component: Component) -> list[str]:
         for v in component.variables.values() if v.causality == "parameter"
         for value in getters[_letter(v)]([v.valueReference])
     ]  # fmt: skip
-    links = [
-        f"r{fed}<{names.index(outputs.component.name)}.{output}"
-        for outputs, inputs in system.links[component.name]
-        for output, fed in zip(outputs.references, inputs.references, strict=True)
-    ]
+    links = []
+    for pair in system.connections:
+        (source, output), (fed, input_) = map(system.locate, pair)
+        if fed is component:
+            of, to = source.variable(output), fed.variable(input_)
+            links.append(f"r{to.valueReference}<{names.index(source.name)}.{of.valueReference}")
     outputs = [f"r{component.variable(name).valueReference}" for name in component.outputs()]
     kind = "sampled" if component.sampled else "continuous"
     return [kind, *parameters, *links, *outputs]

@@ -1,99 +1,92 @@
-"""The FMPy master: its script, errors, communication steps, and comparison with other masters."""
+"""The FMPy master: its script, errors, systems of FMUs of both versions, and other masters."""
 
 import csv
 import itertools
 import math
-import shutil
 import subprocess
 import sys
 import tempfile
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
+from fmpy.validation import validate_fmu
 
-from pendulum_fmus import loop, master
+from pendulum_fmus import loop, master, run
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import Component, MasterError, System, simulate, steps_until
 from pendulum_fmus.project import ROOT
 from side_by_side import assert_close, both
 
-SCRIPT = ROOT / "tests" / "master.py"
+MODELS = ["Pid", "PidRbf", "IpidRbf", "Pendulum", "Source"]
 
-
-def script(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
-    """Run master.py from a directory outside the project."""
-    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+each_version = pytest.mark.parametrize("ending", ["", "_fmi3"], ids=["2.0", "3.0"])
 
 
 # --- the script ---------------------------------------------------------------------------------
 
 
 def test_help_lists_every_option_and_gives_examples(tmp_path):
-    run = script("--help", cwd=tmp_path)
-    assert run.returncode == 0
+    command = [sys.executable, str(ROOT / "tests" / "master.py"), "--help"]
+    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     for option in (
         "--controller", "--target", "--signal", "--disturbance", "--order", "--step", "--start",
-        "--stop", "--plant-model", "--fmus", "--csv", "--set", "-w0", "examples:",
+        "--stop", "--plant-model", "--fmus", "--csv", "--set", "-w0", "--fmi3", "examples:",
     ):  # fmt: skip
-        assert option in run.stdout
+        assert option in shown
 
 
-def read_csv(path: Path) -> tuple[list[str], np.ndarray]:
-    """Return header and values of a CSV file."""
-    with path.open(encoding="utf-8", newline="") as file:
+@pytest.fixture
+def script(fmus, tmp_path, monkeypatch, capsys):
+    """Return a function that runs the script in an empty folder: (exit status, output, errors)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        given = [] if "--fmus" in arguments else ["--fmus", str(fmus)]
+        try:
+            status = run.main([*given, *map(str, arguments)])
+        except SystemExit as exit_:  # of argparse
+            status = exit_.code
+        return status, *capsys.readouterr()
+
+    return call
+
+
+def test_csv_contains_every_sample_to_the_last_bit(script, fmus, tmp_path):
+    weights = (-0.1, 0.2, 0.3, 0.4)
+    options = ["--controller", "PidRbf", "--signal", "sine", "--disturbance", 0.5, "--stop", 1]
+    status, said, _ = script(*options, "-w0", *weights, "--csv", "out.csv")
+    assert status == 0
+    assert "1000 rows" in said
+    with (tmp_path / "out.csv").open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
-    return header, np.array(rows, float)
-
-
-def test_csv_contains_every_sample_to_the_last_bit(fmus, tmp_path):
-    run = script(
-        "--controller", "PidRbf", "--signal", "sine", "--disturbance", 0.5, "--stop", 1,
-        "--csv", "out.csv", "-w0", -0.1, 0.2, 0.3, 0.4, cwd=tmp_path,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    header, values = read_csv(tmp_path / "out.csv")
-    with Loop("PidRbf", "sine", 0.5, w0=(-0.1, 0.2, 0.3, 0.4)).system(fmus) as system:
+    with Loop("PidRbf", "sine", 0.5, w0=weights).system(fmus) as system:
         results = simulate(system, TS, TS, 1000)
     assert [name.split(" [")[0] for name in header] == list(results)
-    for name in ("time [s]", "source.r [rad]", "plant.theta [rad]", "plant.v [m/s]",
-                 "controller.u [N]", "controller.rbf.w[1] [N]"):  # fmt: skip
-        assert name in header
-    np.testing.assert_array_equal(values, np.column_stack(list(results.values())))
-    np.testing.assert_array_equal(values[:, 0], TS + TS * np.arange(1000))
+    units = ("time [s]", "source.r [rad]", "plant.v [m/s]", "controller.rbf.w[1] [N]")
+    assert set(units) < set(header)
+    np.testing.assert_array_equal(np.array(rows, float), np.column_stack(list(results.values())))
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_the_last_sample_of_the_script_matches_table_1(fmus, tmp_path, table_results):
-    run = script("--controller", "Pid", "--csv", "pid.csv", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    header, values = read_csv(tmp_path / "pid.csv")
-    error = values[:, header.index("controller.e [rad]")]
-    np.testing.assert_array_equal(error, table_results[Loop("Pid", "step", 0.0)]["controller.e"])
-    assert "-1.96384" in run.stdout
-    assert "maximum |u|     100 N" in run.stdout
-    assert "20000 rows" in run.stdout
+def test_the_summary_shows_the_last_error_the_settling_time_and_the_force(script):
+    _, said, _ = script("--target", "supervisor", "--stop", 5)
+    assert "settling time   2.483 s (band of ±0.3%)" in said
+    options = ["--set", "controller.u_max=7", "--set", "plant.model=nonlinear"]
+    _, said, _ = script("--controller", "Pid", "--stop", 0.1, *options)
+    assert "settling time   never" in said
+    assert "maximum |u|     7 N" in said
+    assert "rad at t = 0.1 s" in said
 
 
-def test_summary_shows_the_settling_time(fmus, tmp_path):
-    run = script("--target", "supervisor", "--stop", 5, cwd=tmp_path)
-    assert "settling time   2.483 s (band of ±0.3%)" in run.stdout
-    never = script("--target", "supervisor", "--stop", 1, cwd=tmp_path)
-    assert "settling time   never" in never.stdout
-
-
-def test_set_reaches_any_parameter(fmus, tmp_path):
-    run = script(
-        "--controller", "Pid", "--stop", 0.1, "--set", "controller.u_max=7",
-        "--set", "plant.model=nonlinear", "--set", "controller.previous_sample_terms=false",
-        cwd=tmp_path,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert "maximum |u|     7 N" in run.stdout
+def test_the_script_takes_fmus_of_both_versions(script):
+    expected = script("--stop", 0.2)
+    assert expected[0] == 0
+    for arguments in (["--fmi3"], ["--fmi3", "plant"], ["--fmi3", "controller", "source"]):
+        assert script("--stop", 0.2, *arguments) == expected
 
 
 BAD_INPUT = [
@@ -106,7 +99,9 @@ BAD_INPUT = [
     (["--step", "1e-12"], "are too many"),
     (["--stop", "0"], "before the start time"),
     (["--stop", "inf"], "before the start time"),
-    (["--fmus", "nowhere"], "run `cargo fmu export`"),
+    (["--fmus", "nowhere"], "run `cargo fmu export` first"),
+    (["--fmus", "nowhere", "--fmi3"], "run `cargo fmu export --fmi 3.0` first"),
+    (["--fmi3", "robot"], "no component 'robot'"),
     (["--set", "pid.kp"], "component.variable=value"),
     (["--set", "robot.kp=1"], "no component 'robot'"),
     (["--set", "controller.pid.kpp=1"], "did you mean pid.kp"),
@@ -129,40 +124,37 @@ BAD_INPUT = [
 
 
 @pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=lambda v: " ".join(v)[:40])
-def test_errors_on_bad_input_say_what_to_do(fmus, tmp_path, arguments, message):
-    run = script(*arguments, cwd=tmp_path)
-    assert run.returncode in (1, 2)
-    assert message in run.stderr
-    assert "Traceback" not in run.stderr
+def test_errors_on_bad_input_say_what_to_do(script, tmp_path, arguments, message):
+    status, _, said = script(*arguments)
+    assert status in (1, 2)
+    assert message in said
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"no zip at all", b"PK\x05\x06" + bytes(18)])
-def test_a_damaged_fmu_is_named(tmp_path, content):
+def test_a_damaged_fmu_is_named(script, tmp_path, content):
     (tmp_path / "IpidRbf.fmu").write_bytes(content)
-    run = script("--fmus", tmp_path, cwd=tmp_path)
-    assert run.returncode == 1
-    assert "IpidRbf.fmu" in run.stderr
-    assert "Traceback" not in run.stderr
+    status, _, said = script("--fmus", tmp_path)
+    assert status == 1
+    assert "IpidRbf.fmu" in said
 
 
-def test_a_failed_run_keeps_the_old_csv(fmus, tmp_path):
+def test_a_failed_run_keeps_the_old_csv(script, tmp_path):
     (tmp_path / "out.csv").write_text("precious")
-    run = script("--csv", "out.csv", "--set", "controller.ts=0", cwd=tmp_path)
-    assert run.returncode == 1
+    assert script("--csv", "out.csv", "--set", "controller.ts=0")[0] == 1
     assert (tmp_path / "out.csv").read_text() == "precious"
 
 
-def test_csv_can_be_written_to_a_device(fmus, tmp_path):
-    run = script("--stop", 0.01, "--csv", "/dev/stdout", cwd=tmp_path)
-    assert run.stdout.startswith("time [s],")
+def test_csv_can_be_written_to_a_device(script):
+    assert script("--stop", 0.01, "--csv", "/dev/null")[0] == 0
+    assert Path("/dev/null").is_char_device()
 
 
 def test_the_example_in_the_docstring_balances_the_pendulum(fmus, monkeypatch):
     monkeypatch.chdir(ROOT)
     example = master.__doc__.split("communication step.\n\n")[1].split("\n\nThere are two")[0]
     namespace = dict(vars(master))
-    exec(textwrap.dedent(example), namespace)
+    exec(textwrap.dedent(example).replace("target/fmu", str(fmus)), namespace)
     theta = namespace["results"]["plant.theta"]
     assert theta[0] == 0.1
     assert abs(theta[-1]) < 1e-3
@@ -176,11 +168,6 @@ def test_closing_removes_the_unzipped_files(fmus, tmp_path, monkeypatch):
     with Loop("IpidRbf", target="supervisor").system(fmus) as system:
         assert len(list(tmp_path.iterdir())) == 5
         simulate(system, TS, TS, 10)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_failed_instantiation_frees_the_earlier_components(fmus, tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(MasterError, match=r"no variable M2"):
         Loop("Pid", overrides=(("plant.M2", 1.0),)).system(fmus)
     assert list(tmp_path.iterdir()) == []
@@ -210,14 +197,15 @@ def test_only_reals_can_be_recorded(fmus):
         simulate(system, TS, TS, 1, record=["plant.model"])
 
 
-def test_a_failed_step_names_the_fmu_the_time_and_the_reason(fmus):
+@pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])
+def test_a_failed_step_names_the_fmu_the_time_and_the_reason(fmus, fmi3):
+    message = (
+        r"plant \(Pendulum(_fmi3)?\.fmu\), step of 0\.0015 s at t = 0\.001 s:"
+        r" fmi[23]DoStep returned status \d: .*ts"
+    )
     with (
-        Loop("Pid", plant_model="transfer_function").system(fmus) as system,
-        pytest.raises(
-            MasterError,
-            match=r"plant \(Pendulum\.fmu\), step of 0\.0015 s at t = 0\.001 s: "
-            r"fmi2DoStep returned status 3: .*ts",
-        ),
+        Loop("Pid", plant_model="transfer_function", fmi3=fmi3).system(fmus) as system,
+        pytest.raises(MasterError, match=message),
     ):
         simulate(system, TS, 0.0015, 10)
 
@@ -238,22 +226,91 @@ def test_the_last_communication_point_is_not_after_the_stop_time(stop, start, st
     assert steps_until(stop, start, step) == steps
 
 
-# --- any step, both orders ----------------------------------------------------------------------
+# --- arrays and structural parameters of FMI 3.0 ------------------------------------------------
 
-LOOPS = [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "supervisor")]
+
+def test_start_values_reach_single_elements(fmus):
+    given = {"rbf.w0[2]": 7.0, "rbf.w0[4]": -1.0, "rbf.c[1]": "-3"}
+    with Component("controller", fmus / "PidRbf_fmi3.fmu", given) as controller:
+        controller.initialize(0.0)
+        assert [controller.get(f"rbf.w[{j}]") for j in range(1, 5)] == [0.0, 7.0, 0.0, -1.0]
+        assert [controller.get(f"rbf.c[{j}]") for j in range(1, 5)] == [-3.0, -1.0, 1.0, 2.0]
 
 
 @pytest.mark.parametrize(
-    ("order", "step", "steps"), [("sequential", 1 / 1024, 6000), ("parallel", 0.01, 200)]
+    ("model", "given", "message"),
+    [
+        ("PidRbf", {"rbf.nodes": 6, "rbf.w0[5]": 1.0}, r"rbf\.w0\[6\] needs a value, too"),
+        *(("PidRbf", {"rbf.nodes": n}, r"rbf\.nodes") for n in (0, 17, -1, 2**64, 4.5, "many")),
+        ("PidRbf", {"rbf.w0[5]": 1.0}, r"no variable rbf\.w0\[5\]; did you mean rbf\.w0\[\d\]"),
+        ("PidRbf", {"rbf.w0": 1.0}, r"no variable rbf\.w0; did you mean rbf\.w0\[\d\]"),
+        ("PidRbf", {"rbf.w0[1]": "big"}, "a number is expected"),
+        ("PidRbf", {"anti_windup": "maybe"}, "true or false is expected"),
+        ("PidRbf", {"rbf.w[1]": 1.0}, "only inputs and parameters can be set"),
+        ("PidRbf", {"rbf.b[2]": -1.0}, r"fmi3SetFloat64 returned status \d: .*rbf\.b"),
+        ("Pendulum", {"model": "cubic"}, "one of transfer_function, linear, nonlinear"),
+    ],
 )
-@pytest.mark.parametrize(("controller", "target"), LOOPS)
-def test_loop_agrees_with_the_reference_at_any_step(fmus, controller, target, step, steps, order):
-    """At 10 ms the loops are unstable, as the derivative acts on one sample in ten."""
-    computed, expected = both(
-        fmus, controller, "square", 1.0, target=target, order=order,
-        step=step, steps=steps, previous_sample_terms=False,
-    )  # fmt: skip
-    assert_close(computed, expected, 1e-10)
+def test_wrong_start_values_are_refused_by_name(fmus, model, given, message):
+    with (
+        pytest.raises(MasterError, match=message),
+        Component("part", fmus / f"{model}_fmi3.fmu", given) as instance,
+    ):
+        instance.initialize(0.0)
+
+
+# --- the same bits ------------------------------------------------------------------------------
+
+
+def bits(loop: Loop, fmus: Path, **options) -> dict[str, np.ndarray]:
+    """Return the outputs of a loop."""
+    with loop.system(fmus) as system:
+        return simulate(system, TS, TS, 500, order=loop.order, **options)
+
+
+def assert_same_bits(columns: dict, expected: dict) -> None:
+    """Compare names and bits of columns."""
+    assert list(columns) == list(expected)
+    for name, column in expected.items():
+        np.testing.assert_array_equal(column.view(np.uint64), columns[name].view(np.uint64), name)
+
+
+@pytest.mark.parametrize(
+    ("loop", "fmi3"),
+    [
+        (Loop("Pid", "sine"), ("all",)),
+        (Loop("PidRbf", "square"), ("controller", "source")),
+        (Loop("PidRbf", "sine", order="parallel"), ("controller",)),
+        (Loop("IpidRbf", "step", overrides=(("plant.theta0", 0.1),)), ("plant",)),
+        (
+            Loop("IpidRbf", target="supervisor", w0=(0.1, 0.2, 0.3, 0.4), plant_model="nonlinear"),
+            ("supervisor", "plant"),
+        ),
+    ],
+)
+def test_any_pairing_of_versions_gives_the_same_bits(fmus, loop, fmi3):
+    assert_same_bits(bits(replace(loop, fmi3=fmi3), fmus), bits(loop, fmus))
+
+
+def test_elements_of_arrays_can_be_recorded_in_any_order(fmus):
+    names = ["controller.rbf.w[3]", "controller.u", "controller.rbf.h[1]", "controller.rbf.w[1]"]
+    loop = Loop("PidRbf", "sine", w0=(1.0, 2.0, 3.0, 4.0))
+    columns = bits(replace(loop, fmi3=("all",)), fmus, record=names)
+    assert_same_bits(columns, bits(loop, fmus, record=names))
+    assert columns["controller.rbf.w[3]"][0] != columns["controller.rbf.w[1]"][0]
+
+
+def test_an_element_of_an_array_can_be_connected(fmus):
+    def run(ending: str) -> dict[str, np.ndarray]:
+        controller = Component("controller", fmus / f"PidRbf{ending}.fmu", {"rbf.w0[3]": 5.0})
+        plant = Component("plant", fmus / f"Pendulum{ending}.fmu", {"theta0": 0.1})
+        connections = [("controller.rbf.w[3]", "plant.u"), ("plant.theta", "controller.y")]
+        with System([controller, plant], connections) as system:
+            return simulate(system, TS, TS, 100)
+
+    columns = run("_fmi3")
+    assert_same_bits(columns, run(""))
+    assert columns["plant.v"][1] > 0
 
 
 def test_parallel_stepping_does_not_depend_on_the_order_of_the_components(fmus):
@@ -261,17 +318,16 @@ def test_parallel_stepping_does_not_depend_on_the_order_of_the_components(fmus):
         with Loop("IpidRbf", "sine", target="supervisor").system(fmus) as system:
             components = [system.components[name] for name in order]
             reordered = System(components, system.connections)
-            return simulate(reordered, TS, TS, 500, order="parallel", record=system.outputs())
+            return simulate(reordered, TS, TS, 300, order="parallel", record=system.outputs())
 
     names = ["supervisor", "supervisor_plant", "controller", "plant", "source"]
     first = run(names)
-    for order in itertools.islice(itertools.permutations(names), 7, None, 23):
-        for name, column in run(list(order)).items():
-            np.testing.assert_array_equal(column, first[name])
+    for order in itertools.islice(itertools.permutations(names), 7, None, 37):
+        assert_same_bits(run(list(order)), first)
 
 
 def test_two_sources_equal_one_at_any_position_after_the_controller(fmus):
-    def run(order: list[str], reference: str, disturbance: str) -> np.ndarray:
+    def run(order: list[str], disturbance: str) -> dict[str, np.ndarray]:
         start = {"signal": "sine", "disturbance.amplitude": 1.0, "disturbance.start": 0.1}
         parts = {
             "controller": Component("controller", fmus / "Pid.fmu", sampled=True),
@@ -280,89 +336,110 @@ def test_two_sources_equal_one_at_any_position_after_the_controller(fmus):
             "other": Component("other", fmus / "Source.fmu", start),
         }
         connections = [
-            (f"{reference}.r", "controller.r"),
+            ("source.r", "controller.r"),
             (f"{disturbance}.d", "controller.d"),
             ("plant.theta", "controller.y"),
             ("controller.u", "plant.u"),
         ]
         with System([parts[name] for name in order], connections) as system:
-            return simulate(system, TS, TS, 500, record=["plant.theta"])["plant.theta"]
+            return simulate(system, TS, TS, 300, record=["plant.theta"])
 
-    expected = run(["controller", "plant", "source", "other"], "source", "source")
-    assert np.any(expected != 0)
+    expected = run(["controller", "plant", "source", "other"], "source")
+    assert np.any(expected["plant.theta"] != 0)
     for order in (
-        ["controller", "plant", "source", "other"],
         ["controller", "source", "plant", "other"],
         ["controller", "other", "source", "plant"],
     ):
-        np.testing.assert_array_equal(run(order, "source", "other"), expected)
-
-
-# --- other masters ------------------------------------------------------------------------------
-
-
-class Plain:
-    """An FMU accessed through FMPy's convenience methods, without master.py."""
-
-    def __init__(self, path: Path, start: float, **values: float | bool):
-        description = fmpy.read_model_description(path)
-        self.references = {v.name: v.valueReference for v in description.modelVariables}
-        folder = fmpy.extract(path)
-        self.fmu: FMU2Slave = fmpy.instantiate_fmu(folder, description, "CoSimulation")
-        self.folder = folder
-        for name, value in values.items():
-            setter = self.fmu.setBoolean if isinstance(value, bool) else self.fmu.setReal
-            setter([self.references[name.replace("__", ".")]], [value])
-        self.fmu.setupExperiment(startTime=start)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-
-    def set(self, **values: float) -> None:
-        """Set inputs."""
-        self.fmu.setReal([self.references[name] for name in values], list(values.values()))
-
-    def get(self, *names: str) -> list[float]:
-        """Return outputs."""
-        return self.fmu.getReal([self.references[name] for name in names])
-
-    def step(self, time: float, h: float) -> None:
-        """Step from `time` to `time + h`."""
-        self.fmu.doStep(time, h)
-
-    def close(self) -> None:
-        """Terminate, free and remove."""
-        self.fmu.terminate()
-        self.fmu.freeInstance()
-        shutil.rmtree(self.folder)
+        assert_same_bits(run(order, "other"), expected)
 
 
 @pytest.mark.parametrize("order", ["sequential", "parallel"])
 def test_a_plain_fmpy_loop_gives_the_same_bits(fmus, order):
-    steps = 1500
-    source = Plain(fmus / "Source.fmu", TS, disturbance__amplitude=1.0, disturbance__start=0.5)
-    controller = Plain(fmus / "PidRbf.fmu", TS, previous_sample_terms=order == "sequential")
-    plant = Plain(fmus / "Pendulum.fmu", TS)
-    angles = []
-    for k in range(steps):
-        t = TS + k * TS
-        (r, d), (theta,), (u,) = source.get("r", "d"), plant.get("theta"), controller.get("u")
-        angles.append(theta)
-        controller.set(r=r, d=d, y=theta)
-        controller.step(t, TS)
-        if order == "sequential":
-            (u,) = controller.get("u")
-        plant.set(u=u)
-        plant.step(t, TS)
-        source.step(t, TS)
-    for fmu in (source, controller, plant):
-        fmu.close()
+    late = order == "sequential"
+    given = {
+        "controller": {"previous_sample_terms": late},
+        "source": {"disturbance.amplitude": 1.0},
+    }
+    fmu, references = {}, {}
+    for name, model in Loop("PidRbf").models().items():
+        description = fmpy.read_model_description(fmus / f"{model}.fmu")
+        references[name] = {v.name: v.valueReference for v in description.modelVariables}
+        unzipped = fmpy.extract(fmus / f"{model}.fmu")
+        fmu[name] = fmpy.instantiate_fmu(unzipped, description, "CoSimulation")
+        for variable, value in given.get(name, {}).items():
+            setter = fmu[name].setBoolean if isinstance(value, bool) else fmu[name].setReal
+            setter([references[name][variable]], [value])
+        fmu[name].setupExperiment(startTime=TS)
+        fmu[name].enterInitializationMode()
+        fmu[name].exitInitializationMode()
 
-    loop = Loop(
-        "PidRbf",
-        disturbance=1.0,
-        previous_sample_terms=order == "sequential",
-        overrides=(("source.disturbance.start", 0.5),),
-    )
-    with loop.system(fmus) as system:
-        results = simulate(system, TS, TS, steps, order=order, record=["plant.theta"])
+    def get(name: str, *variables: str) -> list[float]:
+        return fmu[name].getReal([references[name][variable] for variable in variables])
+
+    def put(name: str, **values: float) -> None:
+        fmu[name].setReal([references[name][v] for v in values], list(values.values()))
+
+    angles = []
+    for k in range(1500):
+        t = TS + k * TS
+        (r, d), (theta,), (u,) = (
+            get("source", "r", "d"),
+            get("plant", "theta"),
+            get("controller", "u"),
+        )
+        angles.append(theta)
+        put("controller", r=r, d=d, y=theta)
+        fmu["controller"].doStep(t, TS)
+        put("plant", u=get("controller", "u")[0] if order == "sequential" else u)
+        fmu["plant"].doStep(t, TS)
+        fmu["source"].doStep(t, TS)
+    for one in fmu.values():
+        one.terminate()
+        one.freeInstance()
+
+    with Loop("PidRbf", disturbance=1.0, previous_sample_terms=late).system(fmus) as system:
+        results = simulate(system, TS, TS, 1500, order=order, record=["plant.theta"])
     np.testing.assert_array_equal(angles, results["plant.theta"])
+
+
+@pytest.mark.parametrize(
+    ("order", "step", "steps"), [("sequential", 1 / 1024, 6000), ("parallel", 0.01, 200)]
+)
+def test_loop_agrees_with_the_reference_at_any_step(fmus, step, steps, order):
+    """At 10 ms the loops are unstable, as the derivative acts on one sample in ten."""
+    computed, expected = both(
+        fmus, "IpidRbf", "square", 1.0, target="supervisor", order=order,
+        step=step, steps=steps, previous_sample_terms=False,
+    )  # fmt: skip
+    assert_close(computed, expected, 1e-10)
+
+
+# --- descriptions -------------------------------------------------------------------------------
+
+
+@each_version
+@pytest.mark.parametrize("model", MODELS)
+def test_fmpy_finds_no_problems(fmus, model, ending):
+    assert validate_fmu(str(fmus / f"{model}{ending}.fmu")) == []
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_both_versions_describe_the_same_variables(fmus, model):
+    def variables(ending: str) -> tuple[dict, dict]:
+        with Component("component", fmus / f"{model}{ending}.fmu") as component:
+            derivatives = [d.variable for d in component.description.derivatives]
+            return {
+                name: (v.causality, v.variability, v.description, component.unit(name))
+                for name, v in component.variables.items()
+                if v.causality not in ("independent", "structuralParameter")
+            }, {variable.name: variable.derivative.name for variable in derivatives}
+
+    assert variables("_fmi3") == variables("")
+
+
+def test_states_are_those_of_the_equations(fmus):
+    derivatives = [
+        d.variable for d in fmpy.read_model_description(fmus / "Pendulum.fmu").derivatives
+    ]
+    names = ("theta", "omega", "x", "v")
+    assert {v.name: v.derivative.name for v in derivatives} == {f"der({n})": n for n in names}

@@ -1,267 +1,22 @@
-"""The five .fmu files as packages: names, units, schema, symbols, sizes, capabilities."""
+"""The FMUs of both versions of FMI: interface, XML, files, symbols, sizes, capabilities."""
 
 import math
-import os
+import re
 import subprocess
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 import fmpy
 import numpy as np
 import pytest
+from fmpy.model_description import ModelDescription
 from fmpy.validation import validate_fmu
 from lxml import etree
 
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
-
-SIZE_OF_LIBRARY = 520_000
-SIZE_OF_PACKAGE = 255_000
-
-each_model = pytest.mark.parametrize("model", MODELS)
-
-# --- the documented interface -------------------------------------------------------------------
-
-# Exponents of the SI base units and of rad, by the unit names of the tables below
-DIMENSIONS = {
-    "1": {},
-    "s": {"s": 1},
-    "Hz": {"s": -1},
-    "kg": {"kg": 1},
-    "m": {"m": 1},
-    "m/s": {"m": 1, "s": -1},
-    "m/s2": {"m": 1, "s": -2},
-    "kg.m2": {"kg": 1, "m": 2},
-    "N": {"kg": 1, "m": 1, "s": -2},
-    "N.s/m": {"kg": 1, "s": -1},
-    "rad": {"rad": 1},
-    "rad/s": {"rad": 1, "s": -1},
-    "rad/s2": {"rad": 1, "s": -2},
-    "N/rad": {"kg": 1, "m": 1, "s": -2, "rad": -1},
-    "N/(rad.s)": {"kg": 1, "m": 1, "s": -3, "rad": -1},
-    "N.s/rad": {"kg": 1, "m": 1, "s": -1, "rad": -1},
-}
-
-
-def numbered(name: str, row: tuple, starts: list[float] | None = None) -> dict[str, tuple]:
-    """Return four rows, for name[1] to name[4]; `starts` override the start value."""
-    return {
-        f"{name}[{j}]": row if starts is None else (*row[:-1], starts[j - 1]) for j in range(1, 5)
-    }
-
-
-# name: (causality, variability, unit, start); start None: an output
-PENDULUM = {
-    "u": ("input", "continuous", "N", 0),
-    "theta": ("output", "continuous", "rad", None),
-    "omega": ("output", "continuous", "rad/s", None),
-    "x": ("output", "continuous", "m", None),
-    "v": ("output", "continuous", "m/s", None),
-    "M": ("parameter", "fixed", "kg", 1.096),
-    "m": ("parameter", "fixed", "kg", 0.109),
-    "l": ("parameter", "fixed", "m", 0.25),
-    "g": ("parameter", "fixed", "m/s2", 9.8),
-    "I": ("parameter", "fixed", "kg.m2", 0.0034),
-    "b": ("parameter", "fixed", "N.s/m", 0.1),
-    "theta0": ("parameter", "fixed", "rad", 0),
-    "omega0": ("parameter", "fixed", "rad/s", 0),
-    "x0": ("parameter", "fixed", "m", 0),
-    "v0": ("parameter", "fixed", "m/s", 0),
-    "ts": ("parameter", "fixed", "s", 0.001),
-    "model": ("parameter", "fixed", ("transfer_function", "linear", "nonlinear"), "linear"),
-    "der(theta)": ("local", "continuous", "rad/s", None),
-    "der(omega)": ("local", "continuous", "rad/s2", None),
-    "der(x)": ("local", "continuous", "m/s", None),
-    "der(v)": ("local", "continuous", "m/s2", None),
-}
-PID = {
-    "r": ("input", "continuous", "rad", 0),
-    "y": ("input", "continuous", "rad", 0),
-    "d": ("input", "continuous", "rad", 0),
-    "u": ("output", "discrete", "N", None),
-    "u_p": ("output", "discrete", "N", None),
-    "e": ("output", "discrete", "rad", None),
-    "pid.kp": ("parameter", "tunable", "N/rad", 300),
-    "pid.ki": ("parameter", "tunable", "N/(rad.s)", 500),
-    "pid.kd": ("parameter", "tunable", "N.s/rad", 100),
-    "u_max": ("parameter", "tunable", "N", 100),
-    "ts": ("parameter", "fixed", "s", 0.001),
-    "previous_sample_terms": ("parameter", "fixed", bool, "false"),
-    "anti_windup": ("parameter", "fixed", bool, "false"),
-}
-PID_RBF = {
-    **PID,
-    "u_n": ("output", "discrete", "N", None),
-    **numbered("rbf.w", ("output", "discrete", "N", None)),
-    **numbered("rbf.h", ("output", "discrete", "1", None)),
-    "rbf.eta": ("parameter", "tunable", "1", 0.3),
-    "rbf.alpha": ("parameter", "tunable", "1", 0.05),
-    **numbered("rbf.c", ("parameter", "fixed", "rad", 0), [-2, -1, 1, 2]),
-    **numbered("rbf.b", ("parameter", "fixed", "rad", 0.5)),
-    **numbered("rbf.w0", ("parameter", "fixed", "N", 0)),
-}
-IPID_RBF = {
-    **PID_RBF,
-    "u_supervisor": ("input", "continuous", "N", 0),
-    "rbf.target": ("parameter", "fixed", ("own", "supervisor"), "own"),
-}
-SOURCE = {
-    "r": ("output", "continuous", "rad", None),
-    "d": ("output", "continuous", "rad", None),
-    "signal": ("parameter", "fixed", ("step", "sine", "square"), "step"),
-    "amplitude": ("parameter", "fixed", "rad", 1),
-    "frequency": ("parameter", "fixed", "Hz", 0.2),
-    "disturbance.amplitude": ("parameter", "fixed", "rad", 0),
-    "disturbance.start": ("parameter", "fixed", "s", 5),
-    "disturbance.duration": ("parameter", "fixed", "s", 0.5),
-}
-INTERFACES = {
-    "Pendulum": PENDULUM, "Pid": PID, "PidRbf": PID_RBF, "IpidRbf": IPID_RBF, "Source": SOURCE,
-}  # fmt: skip
-
-
-def describe(fmus: Path, model: str) -> fmpy.model_description.ModelDescription:
-    """Return FMPy's model description of an FMU."""
-    return fmpy.read_model_description(fmus / f"{model}.fmu")
-
-
-def exponents(description, unit: str) -> dict[str, int]:
-    """Return the nonzero exponents of a unit's base units."""
-    base = next(u for u in description.unitDefinitions if u.name == unit).baseUnit
-    assert base.factor in (None, 1, "1")
-    assert base.offset in (None, 0, "0")
-    names = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-    return {name: int(getattr(base, name)) for name in names if int(getattr(base, name) or 0)}
-
-
-@each_model
-def test_variables_match_the_documented_interface(fmus, model):
-    description = describe(fmus, model)
-    variables = {v.name: v for v in description.modelVariables}
-    assert sorted(variables) == sorted(INTERFACES[model])
-    assert max(map(len, variables)) <= 63
-    for name, (causality, variability, unit, start) in INTERFACES[model].items():
-        variable = variables[name]
-        assert variable.causality == causality, name
-        assert variable.description, name
-        if isinstance(unit, tuple):
-            items = {item.name: item.value for item in variable.declaredType.items}
-            assert (variable.type, tuple(items)) == ("Enumeration", unit), name
-            assert variable.start == items[start], name
-        elif unit is bool:
-            assert (variable.type, variable.start) == ("Boolean", start), name
-        else:
-            assert variable.type == "Real", name
-            declared = variable.unit or variable.declaredType.unit
-            assert exponents(description, declared) == DIMENSIONS[unit], name
-            assert (variable.start is None) == (start is None), name
-            assert start is None or float(variable.start) == start, name
-        if causality == "parameter":
-            assert variable.variability == variability, name
-
-
-def test_angles_are_shown_in_degrees(fmus):
-    (rad,) = [u for u in describe(fmus, "Pendulum").unitDefinitions if u.name == "rad"]
-    (degrees,) = [u for u in rad.displayUnits if u.name == "deg"]
-    assert float(degrees.factor) == pytest.approx(180 / math.pi, rel=1e-15)
-
-
-@each_model
-def test_default_experiment_is_the_paper_s(fmus, model):
-    experiment = describe(fmus, model).defaultExperiment
-    assert (float(experiment.stepSize), float(experiment.stopTime)) == (0.001, 20)
-
-
-# --- the model description ----------------------------------------------------------------------
-
-
-@each_model
-def test_fmpy_validates_it_without_problems(fmus, model):
-    assert validate_fmu(str(fmus / f"{model}.fmu")) == []
-
-
-@each_model
-def test_xml_is_valid_by_the_schema_of_the_standard(fmus, model):
-    folder = Path(fmpy.__file__).parent / "schema" / "fmi2"
-    schema = etree.XMLSchema(file=str(folder / "fmi2ModelDescription.xsd"))
-    schema.assertValid(read_xml(fmus, model))
-
-
-def read_xml(fmus: Path, model: str) -> etree._ElementTree:
-    """Return the model description as XML."""
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
-        return etree.ElementTree(etree.fromstring(package.read("modelDescription.xml")))
-
-
-@each_model
-def test_no_output_has_direct_feedthrough(fmus, model):
-    xml = read_xml(fmus, model)
-    variables = xml.findall(".//ModelVariables/ScalarVariable")
-    outputs = {
-        str(index) for index, v in enumerate(variables, start=1) if v.get("causality") == "output"
-    }
-    # The plant's outputs are its states.
-    states = {v[0].get("derivative") for v in variables} - {None}
-    listed = xml.findall(".//ModelStructure/Outputs/Unknown")
-    assert {unknown.get("index") for unknown in listed} == outputs
-    for unknown in listed:
-        own = unknown.get("index")
-        assert unknown.get("dependencies") == (own if own in states else "")
-    assert states == (outputs if model == "Pendulum" else set())
-
-
-def test_every_model_has_its_own_guid(fmus):
-    guids = [describe(fmus, model).guid for model in MODELS]
-    assert all(guids)
-    assert len(set(guids)) == len(MODELS)
-
-
-@each_model
-def test_fmpy_simulates_it_with_defaults(fmus, model):
-    results = fmpy.simulate_fmu(fmus / f"{model}.fmu", stop_time=0.5)
-    assert results["time"][-1] == pytest.approx(0.5)
-    for name in results.dtype.names:
-        assert np.all(np.isfinite(results[name]))
-
-
-# --- the package --------------------------------------------------------------------------------
-
-
-@each_model
-def test_zip_contains_the_files_of_the_standard(fmus, model):
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
-        entries = package.infolist()
-        assert package.testzip() is None
-    names = [entry.filename for entry in entries]
-    assert names[0] == "modelDescription.xml"
-    assert f"binaries/linux64/{model}.so" in names
-    assert any(name.startswith("documentation/licenses/") for name in names)
-    assert len(names) == len(set(names))
-    for entry in entries:
-        assert "\\" not in entry.orig_filename
-        assert entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        assert not entry.flag_bits & 0x08, "a data descriptor"
-        assert entry.date_time == entries[0].date_time
-
-
-@each_model
-def test_package_is_small(fmus, model):
-    package = fmus / f"{model}.fmu"
-    assert package.stat().st_size <= SIZE_OF_PACKAGE
-    with zipfile.ZipFile(package) as content:
-        assert content.getinfo(f"binaries/linux64/{model}.so").file_size <= SIZE_OF_LIBRARY
-
-
-@each_model
-def test_model_identifier_names_the_library(fmus, model):
-    description = describe(fmus, model)
-    assert description.modelName == model
-    assert description.coSimulation.modelIdentifier == model
-    if model == "Source":  # neither sampled nor described by equations
-        assert description.modelExchange is None
-    else:
-        assert description.modelExchange.modelIdentifier == model
-    assert description.fmiVersion == "2.0"
-
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
+STANDARD = Path(fmpy.__file__).parent
 
 FMI2_FUNCTIONS = {
     f"fmi2{name}"
@@ -281,72 +36,398 @@ FMI2_FUNCTIONS = {
 }
 
 
-@pytest.fixture(params=["Pendulum", "PidRbf", "Source"])
-def library(fmus, request, tmp_path) -> Path:
-    """Return the unzipped library of a model; the three controllers share one."""
-    model = request.param
-    with zipfile.ZipFile(fmus / f"{model}.fmu") as package:
-        return Path(package.extract(f"binaries/linux64/{model}.so", tmp_path))
+FMI3_FUNCTIONS = set(
+    re.findall(r"fmi3FullName\((fmi3\w+)\)", (STANDARD / "c-code" / "fmi3Functions.h").read_text())
+)
 
 
-def test_library_exports_the_functions_of_the_standard_and_nothing_else(library):
-    nm = subprocess.run(
-        ["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True
-    )
-    assert len(FMI2_FUNCTIONS) == 44
-    assert {line.split()[-1] for line in nm.stdout.splitlines()} == FMI2_FUNCTIONS
+class Fmu(NamedTuple):
+    """An FMU of one of the versions of FMI."""
+
+    path: Path
+    model: str
+
+    @property
+    def is_fmi_3(self) -> bool:
+        """Whether it is for FMI 3.0."""
+        return self.path.stem.endswith("_fmi3")
+
+    @property
+    def library(self) -> str:
+        """The name of its library."""
+        return f"binaries/{'x86_64-linux' if self.is_fmi_3 else 'linux64'}/{self.model}.so"
+
+    @property
+    def description(self) -> ModelDescription:
+        """FMPy's model description."""
+        return fmpy.read_model_description(self.path)
+
+    def names(self) -> list[str]:
+        """Return the paths of its files."""
+        with zipfile.ZipFile(self.path) as archive:
+            return archive.namelist()
+
+    def read(self, name: str) -> bytes:
+        """Return a file."""
+        with zipfile.ZipFile(self.path) as archive:
+            return archive.read(name)
+
+    def xml(self, name: str = "modelDescription.xml") -> etree._Element:
+        """Return the root of an XML file, by default of the model description."""
+        return etree.fromstring(self.read(name))
 
 
-def test_library_needs_only_the_c_library(library):
+def of(fmus: Path, model: str, version: str = "2.0") -> Fmu:
+    """Return the FMU of a model."""
+    return Fmu(fmus / f"{model}{'_fmi3' * (version == '3.0')}.fmu", model)
+
+
+@pytest.fixture
+def fmu(fmus: Path, model: str, version: str) -> Fmu:
+    """Return the FMU of a model."""
+    return of(fmus, model, version)
+
+
+each_model = pytest.mark.parametrize("model", MODELS)
+each_fmu = pytest.mark.parametrize(
+    ("version", "model"), [(version, model) for version in ("2.0", "3.0") for model in MODELS]
+)
+# The three controllers share a library.
+each_library = pytest.mark.parametrize(
+    ("version", "model"),
+    [(version, model) for version in ("2.0", "3.0") for model in ("Pendulum", "PidRbf", "Source")],
+)
+
+# --- the documented interface -------------------------------------------------------------------
+
+# Causality and variability; then name, unit (of an enumeration, its items) and start of each
+# variable. An array of FMI 3.0 has four elements in FMI 2.0.
+PID = """
+input continuous: r rad 0, y rad 0, d rad 0
+output discrete: u N, u_p N, e rad
+parameter tunable: pid.kp N/rad 300, pid.ki N/(rad.s) 500, pid.kd N.s/rad 100, u_max N 100
+parameter fixed: ts s 0.001, previous_sample_terms bool false, anti_windup bool false
+"""
+PID_RBF = f"""{PID}
+output discrete: u_n N, rbf.w[4] N, rbf.h[4] 1
+parameter tunable: rbf.eta 1 0.3, rbf.alpha 1 0.05
+parameter fixed: rbf.c[4] rad -2|-1|1|2, rbf.b[4] rad 0.5|0.5|0.5|0.5, rbf.w0[4] N 0|0|0|0
+"""
+INTERFACES = {
+    "Pendulum": """
+input continuous: u N 0
+output continuous: theta rad, omega rad/s, x m, v m/s
+parameter fixed: M kg 1.096, m kg 0.109, l m 0.25, g m/s2 9.8, I kg.m2 0.0034, b N.s/m 0.1
+parameter fixed: theta0 rad 0, omega0 rad/s 0, x0 m 0, v0 m/s 0, ts s 0.001
+parameter fixed: model transfer_function|linear|nonlinear linear
+local continuous: der(theta) rad/s, der(omega) rad/s2, der(x) m/s, der(v) m/s2
+""",
+    "Pid": PID,
+    "PidRbf": PID_RBF,
+    "IpidRbf": f"""{PID_RBF}
+input continuous: u_supervisor N 0
+parameter fixed: rbf.target own|supervisor own
+""",
+    "Source": """
+output continuous: r rad, d rad
+parameter fixed: signal step|sine|square step, amplitude rad 1, frequency Hz 0.2
+parameter fixed: disturbance.amplitude rad 0, disturbance.start s 5, disturbance.duration s 0.5
+""",
+}
+
+BASES = {"N": {"kg": 1, "m": 1, "s": -2}, "Hz": {"s": -1}, "1": {}}
+"""Exponents of units that are no base units."""
+
+
+def interface(model: str) -> dict[str, tuple[str, str, str, str]]:
+    """Return causality, variability, unit and start of the variables, by name."""
+    variables = {}
+    for line in INTERFACES[model].split("\n"):
+        kind, _, rest = line.partition(":")
+        for name, unit, *start in (item.split() for item in rest.split(",") if item):
+            name, array, _ = name.partition("[4]")
+            starts = start[0].split("|") if start else [""] * 4
+            for j in range(4 if array else 1):
+                variables[name + f"[{j + 1}]" * bool(array)] = (*kind.split(), unit, starts[j])
+    return variables
+
+
+def dimension(unit: str) -> dict[str, int]:
+    """Return the exponents of the base units of a unit such as "N/(rad.s)"."""
+    exponents: dict[str, int] = {}
+    above, _, below = unit.partition("/")
+    for sign, factors in ((1, above), (-1, below)):
+        for factor in filter(None, factors.strip("()").split(".")):
+            name, power = re.fullmatch(r"(\D+|1)(\d?)", factor).groups()
+            for base, exponent in BASES.get(name, {name: 1}).items():
+                total = exponents.get(base, 0) + sign * exponent * int(power or 1)
+                exponents[base] = total
+    return {base: exponent for base, exponent in exponents.items() if exponent}
+
+
+def exponents(description: ModelDescription, unit: str) -> dict[str, int]:
+    """Return the nonzero exponents of a unit's base units."""
+    base = next(u for u in description.unitDefinitions if u.name == unit).baseUnit
+    assert base.factor in (None, 1, "1")
+    assert base.offset in (None, 0, "0")
+    names = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+    return {name: int(getattr(base, name)) for name in names if int(getattr(base, name) or 0)}
+
+
+@each_model
+def test_variables_match_the_documented_interface(fmus, model):
+    description = of(fmus, model).description
+    variables = {v.name: v for v in description.modelVariables}
+    assert sorted(variables) == sorted(interface(model))
+    for name, (causality, variability, unit, start) in interface(model).items():
+        variable = variables[name]
+        assert variable.causality == causality, name
+        assert variable.description, name
+        if "|" in unit:
+            items = {item.name: item.value for item in variable.declaredType.items}
+            assert (variable.type, "|".join(items)) == ("Enumeration", unit), name
+            assert variable.start == items[start], name
+        elif unit == "bool":
+            assert (variable.type, variable.start) == ("Boolean", start), name
+        else:
+            assert variable.type == "Real", name
+            declared = variable.unit or variable.declaredType.unit
+            assert exponents(description, declared) == dimension(unit), name
+            assert (variable.start or "") == start, name
+        if causality == "parameter":
+            assert variable.variability == variability, name
+
+
+@each_model
+def test_fmi_3_has_the_variables_of_fmi_2(fmus, model):
+    scalars = of(fmus, model).xml().findall("ModelVariables/ScalarVariable")
+    *variables, time = of(fmus, model, "3.0").xml().find("ModelVariables")
+    # FMI 2.0 has no structural parameters, and arrays of the size that these have at the start.
+    structural = {
+        variable.get("valueReference"): int(variable.get("start"))
+        for variable in variables
+        if variable.get("causality") == "structuralParameter"
+    }
+    position = 0
+    for variable in variables:
+        if variable.get("valueReference") in structural:
+            continue
+        sizes = [
+            structural[dimension.get("valueReference")]
+            if dimension.get("valueReference")
+            else int(dimension.get("start"))
+            for dimension in variable.findall("Dimension")
+        ]
+        elements = scalars[position : position + (sizes or [1])[0]]
+        first, (of_type,) = elements[0], elements[0]
+        types = {"Real": "Float64", "Integer": "Int32"}
+        assert variable.tag == types.get(of_type.tag, of_type.tag)
+        assert first.get("name") == variable.get("name") + "[1]" * bool(sizes)
+        for name in ("description", "causality", "variability", "initial", "valueReference"):
+            assert variable.get(name) == first.get(name), name
+        for name in ("unit", "displayUnit", "min", "max", "nominal", "declaredType"):
+            assert variable.get(name) == of_type.get(name), name
+        starts = [element[0].get("start") for element in elements]
+        assert (variable.get("start") or "").split() == [start for start in starts if start]
+        position += len(elements)
+    assert position == len(scalars)
+    assert (time.get("causality"), time.get("unit")) == ("independent", "s")
+    last = max(int(scalar.get("valueReference")) for scalar in scalars)
+    assert int(time.get("valueReference")) > last
+
+
+def test_angles_are_shown_in_degrees(fmus):
+    (rad,) = [u for u in of(fmus, "Pendulum").description.unitDefinitions if u.name == "rad"]
+    (degrees,) = [u for u in rad.displayUnits if u.name == "deg"]
+    assert float(degrees.factor) == pytest.approx(180 / math.pi, rel=1e-15)
+
+
+# --- the model description ----------------------------------------------------------------------
+
+
+@each_fmu
+def test_fmpy_validates_and_simulates_it(fmu):
+    assert validate_fmu(str(fmu.path)) == []  # with the schema of the standard
+    results = fmpy.simulate_fmu(fmu.path, stop_time=0.5)
+    assert results["time"][-1] == pytest.approx(0.5)
+    for name in results.dtype.names:
+        assert np.all(np.isfinite(results[name]))
+
+
+@each_fmu
+def test_identity_and_experiment_are_those_of_the_model(fmus, fmu):
+    description = fmu.description
+    assert (description.modelName, description.fmiVersion[:1]) == (fmu.model, "23"[fmu.is_fmi_3])
+    assert description.coSimulation.modelIdentifier == fmu.model
+    exchange = description.modelExchange
+    if fmu.model == "Source":  # neither sampled nor described by equations
+        assert exchange is None
+    else:
+        assert exchange.modelIdentifier == fmu.model
+    guids = {name: of(fmus, name).description.guid for name in MODELS}
+    assert len(set(guids.values())) == len(MODELS)
+    assert description.guid == guids[fmu.model]
+    experiment = description.defaultExperiment
+    assert (float(experiment.stepSize), float(experiment.stopTime)) == (0.001, 20)
+
+
+@each_model
+def test_no_output_has_direct_feedthrough(fmus, model):
+    xml = of(fmus, model).xml()
+    variables = xml.findall(".//ModelVariables/ScalarVariable")
+    outputs = {
+        str(index) for index, v in enumerate(variables, start=1) if v.get("causality") == "output"
+    }
+    # The plant's outputs are its states.
+    states = {v[0].get("derivative") for v in variables} - {None}
+    listed = xml.findall(".//ModelStructure/Outputs/Unknown")
+    assert {unknown.get("index") for unknown in listed} == outputs
+    for unknown in listed:
+        own = unknown.get("index")
+        assert unknown.get("dependencies") == (own if own in states else "")
+    assert states == (outputs if model == "Pendulum" else set())
+
+
+@each_model
+def test_fmi_3_has_the_unknowns_of_fmi_2(fmus, model):
+    description, other = of(fmus, model, "3.0").xml(), of(fmus, model).xml()
+    references = [v.get("valueReference") for v in other.findall("ModelVariables/ScalarVariable")]
+    arrays = {v.get("valueReference") for v in description.find("ModelVariables")}
+    time = description.find("ModelVariables")[-1].get("valueReference")
+
+    def unknowns(element: etree._Element, attribute: str) -> dict[str, list[str]]:
+        return {u.get(attribute): u.get("dependencies").split() for u in element}
+
+    for old, new in (
+        ("Outputs", "Output"),
+        ("Derivatives", "ContinuousStateDerivative"),
+        ("InitialUnknowns", "InitialUnknown"),
+    ):
+        listed = other.find(f"ModelStructure/{old}")
+        in_fmi2 = {
+            references[int(index) - 1]: [references[int(i) - 1] for i in dependencies]
+            for index, dependencies in unknowns(() if listed is None else listed, "index").items()
+        }
+        expected = {key: value for key, value in in_fmi2.items() if key in arrays}
+        found = unknowns(description.findall(f"ModelStructure/{new}"), "valueReference")
+        # FMI 2.0 does not list the time, which has no variable there.
+        without_time = {key: [v for v in known if v != time] for key, known in found.items()}
+        assert without_time == expected, new
+
+
+CAPABILITIES = {
+    "2.0": "canHandleVariableCommunicationStepSize canNotUseMemoryManagementFunctions"
+    " canGetAndSetFMUstate canSerializeFMUstate",
+    "2.0 Pendulum": "canInterpolateInputs providesDirectionalDerivative",
+    "3.0": "canHandleVariableCommunicationStepSize canGetAndSetFMUState canSerializeFMUState",
+    "3.0 Pendulum": "providesDirectionalDerivatives providesAdjointDerivatives hasEventMode"
+    " providesIntermediateUpdate canReturnEarlyAfterIntermediateUpdate",
+    "3.0 sampled": "mightReturnEarlyFromDoStep hasEventMode",
+}
+
+
+@each_fmu
+def test_capabilities_and_log_categories_are_those_of_the_implementation(fmu, version):
+    kind = fmu.model if fmu.model in ("Pendulum", "Source") else "sampled"
+    expected = CAPABILITIES[version] + " " + CAPABILITIES.get(f"{version} {kind}", "")
+    flags = fmu.xml().find("CoSimulation").attrib
+    assert {name for name, value in flags.items() if value == "true"} == set(expected.split())
+    assert int(flags["maxOutputDerivativeOrder"]) == (fmu.model == "Pendulum")
+    categories = "logStatusError logStatusWarning logStatusDiscard logStatusFatal logEvents logAll"
+    found = [category.name for category in fmu.description.logCategories]
+    assert found == categories.split()
+
+
+# --- the package --------------------------------------------------------------------------------
+
+
+@each_fmu
+def test_it_has_the_files_of_the_standard_and_no_others(fmu):
+    with zipfile.ZipFile(fmu.path) as package:
+        entries = package.infolist()
+        assert package.testzip() is None
+    for entry in entries:
+        assert "\\" not in entry.orig_filename
+        assert entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        assert not entry.flag_bits & 0x08, "a data descriptor"
+        assert entry.date_time == (1980, 1, 1, 0, 0, 0), "so that bytes can be reproduced"
+    documentation = ["index.html", "licenses/LICENSE-APACHE", "licenses/LICENSE-MIT"]
+    rest = ["model.png"]
+    if fmu.is_fmi_3:
+        documentation.append("licenses/license.txt")
+        rest = ["terminalsAndIcons/icon.png", TERMINALS]
+    names = [fmu.library, *(f"documentation/{name}" for name in documentation), *rest]
+    first, *others = [entry.filename for entry in entries]
+    assert first == "modelDescription.xml"
+    assert sorted(others) == names
+
+
+@each_fmu
+def test_it_is_small(fmu):
+    limits = (270_000, 580_000) if fmu.is_fmi_3 else (255_000, 520_000)
+    assert fmu.path.stat().st_size <= limits[0]
+    assert len(fmu.read(fmu.library)) <= limits[1]
+
+
+@each_library
+def test_library_exports_the_functions_of_the_standard_and_needs_only_the_c_library(fmu, tmp_path):
+    library = tmp_path / "library.so"
+    library.write_bytes(fmu.read(fmu.library))
+    command = ["nm", "-D", "--defined-only", library]
+    nm = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    functions, number = (FMI3_FUNCTIONS, 75) if fmu.is_fmi_3 else (FMI2_FUNCTIONS, 44)
+    assert {line.split()[-1] for line in nm.splitlines()} == functions
+    assert len(functions) == number
     dump = subprocess.run(["objdump", "-p", library], capture_output=True, text=True, check=True)
     needed = {line.split()[1] for line in dump.stdout.splitlines() if "NEEDED" in line}
     assert needed <= {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "ld-linux-x86-64.so.2"}
 
 
-def test_library_contains_no_path_of_the_build_machine(library):
-    content = library.read_bytes()
-    for path in (Path.home() / ".cargo", Path(__file__).resolve().parent.parent):
-        assert os.fsencode(path) not in content
-
-
-# --- capabilities -------------------------------------------------------------------------------
-
-
-@each_model
-def test_capability_flags_and_log_categories_match_the_implementation(fmus, model):
-    description = describe(fmus, model)
-    flags = description.coSimulation
-    assert flags.canGetAndSetFMUstate
-    assert flags.canSerializeFMUstate
-    assert flags.canHandleVariableCommunicationStepSize
-    assert flags.canNotUseMemoryManagementFunctions
-    assert not flags.needsExecutionTool
-    assert not flags.canRunAsynchronuously
-    assert int(flags.maxOutputDerivativeOrder) == (model == "Pendulum")
-    assert not flags.canBeInstantiatedOnlyOncePerProcess
-    # Only of the plant, which supports input derivatives and directional derivatives.
-    assert flags.canInterpolateInputs == (model == "Pendulum")
-    assert flags.providesDirectionalDerivative == (model == "Pendulum")
-    categories = "Error Warning Discard Fatal".split()
-    categories = [*(f"logStatus{name}" for name in categories), "logEvents", "logAll"]
-    assert [category.name for category in description.logCategories] == categories
-
-
 def test_one_library_serves_several_instances(fmus, tmp_path):
     folder = fmpy.extract(fmus / "Pendulum.fmu", tmp_path)
     description = fmpy.read_model_description(folder)
-    slaves = [fmpy.instantiate_fmu(folder, description, "CoSimulation") for _ in range(3)]
+    instances = [fmpy.instantiate_fmu(folder, description, "CoSimulation") for _ in range(3)]
     references = {v.name: v.valueReference for v in description.modelVariables}
-    for index, slave in enumerate(slaves):
-        slave.setReal([references["theta0"]], [0.1 * index])
-        slave.setupExperiment()
-        slave.enterInitializationMode()
-        slave.exitInitializationMode()
-    for slave in slaves:
-        slave.doStep(0.0, 0.1)
-    angles = [slave.getReal([references["theta"]])[0] for slave in slaves]
+    for index, instance in enumerate(instances):
+        instance.setReal([references["theta0"]], [0.1 * index])
+        instance.setupExperiment()
+        instance.enterInitializationMode()
+        instance.exitInitializationMode()
+    for instance in instances:
+        instance.doStep(0.0, 0.1)
+    angles = [instance.getReal([references["theta"]])[0] for instance in instances]
     assert angles[0] == 0
     assert angles[2] == pytest.approx(2 * angles[1], rel=1e-12)
-    for slave in slaves:
-        slave.terminate()
-        slave.freeInstance()
+    for instance in instances:
+        instance.terminate()
+        instance.freeInstance()
+
+
+# --- terminals ----------------------------------------------------------------------------------
+
+
+def terminals(fmu: Fmu) -> dict[str, dict[str, str]]:
+    """Return the causalities of the members of each terminal."""
+    causality = {v.get("name"): v.get("causality") for v in fmu.xml().find("ModelVariables")}
+    return {
+        terminal.get("name"): {
+            member.get("memberName"): causality[member.get("variableName")] for member in terminal
+        }
+        for terminal in fmu.xml(TERMINALS).find("Terminals")
+    }
+
+
+@each_model
+def test_terminals_follow_the_schema(fmus, model):
+    schema = STANDARD / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
+    etree.XMLSchema(file=str(schema)).assertValid(of(fmus, model, "3.0").xml(TERMINALS))
+
+
+@pytest.mark.parametrize("controller", ["Pid", "PidRbf", "IpidRbf"])
+def test_terminals_connect_the_loop(fmus, controller):
+    of_controller = terminals(of(fmus, controller, "3.0"))
+    others = terminals(of(fmus, "Pendulum", "3.0")) | terminals(of(fmus, "Source", "3.0"))
+    assert set(of_controller) == set(others) == {"loop", "reference"}
+    for name, members in of_controller.items():
+        for member, causality in members.items():
+            assert {causality, others[name][member]} == {"input", "output"}

@@ -19,17 +19,14 @@ def signals(source: Component) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("signal", "frequency", "h"),
-    [("step", 0.2, TS), ("sine", 0.2, TS), ("square", 0.1, TS), ("square", 0.1, 1 / 1024)],
+    [("step", 0.2, TS), ("sine", 0.2, 0.01), ("square", 0.1, TS), ("square", 0.1, 1 / 1024)],
 )
 def test_signals_follow_their_formulas(instance, signal, frequency, h):
     start = {"signal": signal, "frequency": frequency, "disturbance.amplitude": 1.0}
     source = instance("Source", start)
     for k in range(round(10.5 / h)):
-        expected = (
-            reference.reference(signal, k * h, frequency),
-            reference.disturbance(k * h, 1.0),
-        )
-        assert signals(source) == pytest.approx(expected, rel=1e-12, abs=1e-14), k * h
+        r, d = reference.reference(signal, k * h, frequency), reference.disturbance(k * h, 1.0)
+        assert signals(source) == pytest.approx((r, d), rel=1e-12, abs=1e-14), k * h
         source.step(k * h, h)
 
 
@@ -58,10 +55,6 @@ def test_amplitude_frequency_and_pulse_are_parameters(instance):
     assert seen == [(3, 0), (3, -0.5), (3, -0.5), (-3, 0), (-3, 0), (3, 0)]
 
 
-def test_the_square_wave_starts_at_the_sign_of_zero(instance):
-    assert signals(instance("Source", {"signal": "square"})) == (0, 0)
-
-
 @pytest.mark.parametrize("jitter", [1e-13, -1e-13])
 def test_a_jump_does_not_depend_on_the_rounding_of_time(instance, jitter):
     start = {"signal": "square", "frequency": 0.1, "disturbance.amplitude": 1.0}
@@ -75,6 +68,6 @@ def test_a_jump_does_not_depend_on_the_rounding_of_time(instance, jitter):
 def test_one_large_step_equals_many_small_ones(instance):
     one, many = instance("Source", {"signal": "sine"}), instance("Source", {"signal": "sine"})
     one.step(0.0, 3.0)
-    for k in range(3000):
-        many.step(k * TS, TS)
+    for k in range(300):
+        many.step(k * 0.01, 0.01)
     np.testing.assert_allclose(signals(one), signals(many), rtol=0, atol=1e-12)

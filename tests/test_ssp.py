@@ -2,10 +2,7 @@
 
 import itertools
 import re
-import subprocess
-import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import fmpy
@@ -14,7 +11,17 @@ import pytest
 from lxml import etree
 
 from importers import by_ecos, by_fmpy, by_libcosim
-from native import LOOPS, ROOT, compiled, description, pack, run, simulate, write_system
+from native import (
+    LOOPS,
+    ROOT,
+    compiled,
+    description,
+    pack,
+    replaced,
+    run,
+    simulate,
+    write_system,
+)
 
 SYSTEMS = ROOT / "examples" / "ssp"
 NAMES = ["pid", "pid-rbf", "ipid-rbf", "supervised"]
@@ -107,11 +114,11 @@ def test_a_package_is_valid_by_the_schemas_of_the_standard(package):
 def test_a_package_contains_each_fmu_once_and_unchanged(package, packages, fmus, variant):
     with zipfile.ZipFile(package) as archive:
         assert archive.testzip() is None
-        names = archive.namelist()
-        assert names[0] == "SystemStructure.ssd"
-        sources = {c.get("source") for c in elements(structure(package), ".//ssd:Component")}
-        assert sorted(names[1:]) == sorted(sources)
-        for name in names[1:]:
+        first, *names = archive.namelist()
+        assert first == "SystemStructure.ssd"
+        components = elements(structure(package), ".//ssd:Component")
+        assert sorted(names) == sorted({c.get("source") for c in components})
+        for name in names:
             folder = fmus if package.parent == packages else package.parent
             file = variant if variant.name in name else folder / Path(name).name
             assert archive.read(name) == file.read_bytes()
@@ -156,35 +163,9 @@ def test_connectors_are_the_inputs_outputs_and_set_parameters_of_the_fmus(packag
                 assert enumerations[attributes["name"]] == items
 
 
-def test_connections_match_the_system(packages):
-    root = structure(packages / "supervised.ssp")
-    kinds = {
-        (component.get("name"), connector.get("name")): connector.get("kind")
-        for component in elements(root, ".//ssd:Component")
-        for connector in elements(component, ".//ssd:Connector")
-    }
-    connections = set()
-    for c in elements(root, ".//ssd:Connection"):
-        start = (c.get("startElement"), c.get("startConnector"))
-        end = (c.get("endElement"), c.get("endConnector"))
-        assert (kinds[start], kinds[end]) == ("output", "input")
-        connections.add(f"{'.'.join(start)} -> {'.'.join(end)}")
-    assert connections == {
-        "source.r -> supervisor.r",
-        "source.d -> supervisor.d",
-        "supervisor_plant.theta -> supervisor.y",
-        "supervisor.u -> supervisor_plant.u",
-        "source.r -> controller.r",
-        "source.d -> controller.d",
-        "plant.theta -> controller.y",
-        "supervisor.u -> controller.u_supervisor",
-        "controller.u -> plant.u",
-    }
-    names = [c.get("name") for c in elements(root, ".//ssd:Component")]
-    assert names == ["supervisor", "supervisor_plant", "controller", "plant", "source"]
-
-
-def test_start_values_of_every_type_are_exact(relay):
+def test_times_and_start_values_of_every_type_are_exact(relay):
+    times = dict(structure(relay).find("ssd:DefaultExperiment", NS).attrib)
+    assert times == {"startTime": "-0.5", "stopTime": "1.0"}
     first, second = elements(structure(relay), ".//ssd:Component")
     assert first.get("name") == "a___b"
     assert {p.get("name"): kind_of(p) for p in elements(first, ".//ssv:Parameter")} == {
@@ -196,14 +177,6 @@ def test_start_values_of_every_type_are_exact(relay):
         "u": ("Real", {"value": "0.1", "unit": "deg"}),
     }
     assert elements(second, ".//ssv:Parameter") == []
-
-
-def test_times_match_the_system(relay, packages):
-    def times(package: Path) -> dict[str, str]:
-        return dict(structure(package).find("ssd:DefaultExperiment", NS).attrib)
-
-    assert times(packages / "pid.ssp") == {"startTime": "0.0", "stopTime": "20.0"}
-    assert times(relay) == {"startTime": "-0.5", "stopTime": "1.0"}
 
 
 def test_a_package_has_what_omsimulator_requires(package):
@@ -275,25 +248,6 @@ def test_the_diagram_shows_everything_and_no_line_crosses_a_component(package):
 
 # --- other importers ------------------------------------------------------------------------------
 
-Importer = Callable[[Path, float, int], dict[str, np.ndarray]]
-
-IMPORTERS = [by_fmpy, by_ecos, by_libcosim]
-
-
-def assert_same_bits(by: Importer, package: Path, ours: dict[str, np.ndarray]) -> None:
-    """Compare the results of an importer with those of the native master."""
-    theirs = by(package, STEP, STEPS)
-    for column in ("plant.theta", "controller.u"):
-        np.testing.assert_array_equal(theirs[column], ours[column][:STEPS])
-
-
-@pytest.mark.parametrize("importer", IMPORTERS)
-@pytest.mark.parametrize("name", NAMES)
-def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, packages, tmp_path):
-    ours = simulate(SYSTEMS / f"{name}.toml", tmp_path)
-    assert_same_bits(importer, packages / f"{name}.ssp", ours)
-
-
 OTHER_VALUES = {
     "controller": {
         "pid.kp": 250, "rbf.eta": 0.2, "rbf.alpha": 0.1, "u_max": 80.5,
@@ -308,53 +262,35 @@ OTHER_VALUES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("importer", IMPORTERS)
-def test_an_importer_applies_the_start_values(importer, packages, fmus, tmp_path):
+@pytest.fixture(scope="session")
+def results(packages: Path, fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """Simulate the largest loop, and one with other start values; return packages and results."""
+    folder = tmp_path_factory.mktemp("other")
     text = (SYSTEMS / "pid-rbf.toml").read_text().replace("start = {", "# ")
     for name, values in OTHER_VALUES.items():
         start = ", ".join(f'"{key}" = {str(value).lower()}' for key, value in values.items())
         head = f'name = "{name}"\n'
-        assert head in text
-        text = text.replace(head, f"{head}start = {{ {start} }}\n")
-    system = tmp_path / "other.toml"
+        text = replaced(text, {head: f"{head}start = {{ {start} }}\n"})
+    system = folder / "other.toml"
     system.write_text(text)
-    written = run("ssp", system, "--fmus", fmus, "--out", tmp_path)
+    written = run("ssp", system, "--fmus", fmus, "--out", folder)
     assert written.returncode == 0, written.stderr
-    ours = simulate(system, tmp_path, "--fmus", fmus)
-    assert ours["controller.u"].max() == 80.5
-    assert_same_bits(importer, tmp_path / "other.ssp", ours)
+    other = simulate(system, folder, "--fmus", fmus)
+    assert other["controller.u"].max() == 80.5
+    supervised = simulate(SYSTEMS / "supervised.toml", folder)
+    return {
+        "supervised": (packages / "supervised.ssp", supervised),
+        "other values": (folder / "other.ssp", other),
+    }
 
 
-@pytest.fixture(scope="session")
-def enumeration(packages: Path) -> Path:
-    """Write the supervised loop with the enumeration as a start value; return the system file."""
-    text = (SYSTEMS / "supervised.toml").read_text()
-    text = text.replace("variants/SupervisedIpidRbf", "fmu/IpidRbf").replace("../..", str(ROOT))
-    head, tail = text.rsplit("previous_sample_terms = false", 1)
-    file = packages / "enumeration.toml"
-    file.write_text(f'{head}previous_sample_terms = false, "rbf.target" = "supervisor"{tail}')
-    return file
-
-
-def test_a_variant_equals_the_base_with_the_enumeration_set(enumeration, tmp_path):
-    expected = simulate(enumeration, tmp_path)
-    computed = simulate(SYSTEMS / "supervised.toml", tmp_path)
-    for name, column in expected.items():
-        np.testing.assert_array_equal(computed[name], column)
-
-
-@pytest.mark.parametrize("importer", ["by_ecos", "by_libcosim"])
-def test_importers_without_enumerations_reject_the_value(importer, enumeration, tmp_path):
-    """One raises an exception, the other ends the process; neither continues with the default."""
-    written = run("ssp", enumeration, "--out", tmp_path)
-    assert "sets controller.rbf.target, an enumeration, which Ecos and libcosim" in written.stderr
-    code = f"from pathlib import Path; from importers import {importer}; {importer}"
-    call = f"(Path({str(tmp_path / 'enumeration.ssp')!r}), {STEP}, 1); print('ran')"
-    python = [sys.executable, "-c", code + call]
-    done = subprocess.run(python, cwd=ROOT / "tests", capture_output=True, text=True, check=False)
-    assert done.returncode != 0
-    assert "ran" not in done.stdout
-    assert "Enumeration" in done.stderr or "Unknown XML node in ssv:Parameter" in done.stderr
+@pytest.mark.parametrize("importer", [by_fmpy, by_ecos, by_libcosim])
+@pytest.mark.parametrize("name", ["supervised", "other values"])
+def test_an_importer_equals_the_native_master_bit_for_bit(importer, name, results):
+    package, ours = results[name]
+    theirs = importer(package, STEP, STEPS)
+    for column in ("plant.theta", "controller.u"):
+        np.testing.assert_array_equal(theirs[column], ours[column][:STEPS])
 
 
 # --- the loops of examples/ssp --------------------------------------------------------------------
@@ -362,26 +298,31 @@ def test_importers_without_enumerations_reject_the_value(importer, enumeration, 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_pendulum_stands_and_the_force_does_not_ring(name, variant, tmp_path):
+    half = slice(STEPS // 2, None)
     results = simulate(SYSTEMS / f"{name}.toml", tmp_path)
-    half = STEPS // 2
-    assert np.all(np.abs(results["controller.e"][half:]) < 3e-3)
-    assert np.all(np.abs(np.diff(results["controller.u"][half:])) < 0.01)
+    assert np.all(np.abs(results["controller.e"][half]) < 3e-3)
+    assert np.all(np.abs(np.diff(results["controller.u"][half])) < 0.01)
+    if name in ("pid", "pid-rbf"):
+        # Parallel order delays like the terms of the previous sample.
+        parallel = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--start", STEP)
+        sequential = simulate(LOOPS / f"{name}.toml", tmp_path)
+        np.testing.assert_array_equal(parallel["plant.theta"], sequential["plant.theta"])
+    if name == "pid-rbf":
+        setting = "controller.previous_sample_terms=true"
+        ringing = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--set", setting)
+        assert np.max(np.abs(np.diff(ringing["controller.u"][half]))) > 1
 
 
-def test_with_the_terms_of_the_previous_sample_a_network_would_ring(fmus, tmp_path):
-    setting = "controller.previous_sample_terms=true"
-    results = simulate(SYSTEMS / "pid-rbf.toml", tmp_path, "--set", setting)
-    assert np.max(np.abs(np.diff(results["controller.u"][STEPS // 2 :]))) > 1
-
-
-@pytest.mark.parametrize("name", ["pid", "pid-rbf"])
-def test_parallel_order_delays_like_the_terms_of_the_previous_sample(name, fmus, tmp_path):
-    parallel = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--start", STEP)
-    sequential = simulate(LOOPS / f"{name}.toml", tmp_path)
-    np.testing.assert_array_equal(parallel["plant.theta"], sequential["plant.theta"])
-
-
-# --- the command ----------------------------------------------------------------------------------
+def test_a_variant_equals_the_base_with_the_enumeration_set(results, tmp_path):
+    text = (SYSTEMS / "supervised.toml").read_text()
+    text = text.replace("variants/SupervisedIpidRbf", "fmu/IpidRbf").replace("../..", str(ROOT))
+    head, tail = text.rsplit("previous_sample_terms = false", 1)
+    system = tmp_path / "enumeration.toml"
+    system.write_text(f'{head}previous_sample_terms = false, "rbf.target" = "supervisor"{tail}')
+    expected = simulate(system, tmp_path)
+    _, computed = results["supervised"]
+    for name, column in expected.items():
+        np.testing.assert_array_equal(computed[name], column)
 
 
 def test_the_same_system_gives_the_same_bytes(packages, tmp_path):

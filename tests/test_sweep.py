@@ -1,4 +1,4 @@
-"""`cargo fmu sweep`: metrics compared with FMPy, order of runs, kills, and bad input."""
+"""`cargo fmu sweep`: metrics compared with FMPy, kills, tables, and bad input."""
 
 import csv
 import io
@@ -22,8 +22,8 @@ from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local
 TOLERANCE = 1e-12
 """Relative tolerance for sums of up to 20000 numbers in a different order."""
 
-BAND, LIMIT = 0.003, 1e3
-"""Default band of a settled loop, relative to the set-point, and limit of divergence [rad]."""
+BAND = 0.003
+"""Default band of a settled loop, relative to the set-point."""
 
 
 def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
@@ -34,11 +34,6 @@ def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
     return table(out)
 
 
-def number(cell: str) -> float:
-    """Parse a number; NaN if the cell is empty."""
-    return float(cell) if cell else math.nan
-
-
 # --- metrics --------------------------------------------------------------------------------------
 
 
@@ -46,11 +41,10 @@ def trajectory(
     fmus: Path, controller: str, stop: float, overrides: Mapping[str, Any], **loop: Any
 ) -> dict[str, np.ndarray]:
     """Co-simulate a loop with FMPy; return the columns under the names used by the metrics."""
-    steps = steps_until(stop, TS, TS)
     names = ["source.r", "plant.theta", "controller.e", "controller.u"]
     run = Loop(controller, overrides=tuple(overrides.items()), **loop)
     with run.system(fmus) as system:
-        results = simulate(system, TS, TS, steps, record=names)
+        results = simulate(system, TS, TS, steps_until(stop, TS, TS), record=names)
     return dict(zip("tryeu", results.values(), strict=True))
 
 
@@ -82,11 +76,12 @@ def metrics(
     }
 
 
-def assert_metrics(row: Mapping[str, str], expected: Mapping[str, float]) -> None:
-    """Check the metrics of a row that has not diverged."""
+def assert_metrics(row: Mapping[str, str], columns: Mapping[str, np.ndarray]) -> None:
+    """Compare the metrics of a row that has not diverged with those of a trajectory."""
     assert (row["diverged"], row["diverged_at"]) == ("false", "")
-    computed = {name: number(row[name]) for name in expected}
-    assert computed == pytest.approx(expected, rel=TOLERANCE, abs=0, nan_ok=True)
+    right = metrics(**columns)
+    computed = {name: float(row[name]) if row[name] else math.nan for name in right}
+    assert computed == pytest.approx(right, rel=TOLERANCE, abs=0, nan_ok=True)
 
 
 def test_metrics_of_steps_match_fmpys_trajectories(program, fmus, tmp_path):
@@ -104,14 +99,14 @@ def test_metrics_of_steps_match_fmpys_trajectories(program, fmus, tmp_path):
         variable = "controller.pid.kp"
         from = 200
         to = 450
-        count = 3
+        count = 2
     """
     rows = swept(sweeps.written(tmp_path, text))
     grid = [
         {"source.amplitude": a, "controller.previous_sample_terms": late, "controller.pid.kp": kp}
         for a in (-0.5, 1.0)
         for late in (True, False)
-        for kp in (200.0, 325.0, 450.0)
+        for kp in (200.0, 450.0)
     ]
     assert [int(row["index"]) for row in rows] == list(range(len(grid)))
     for row, values in zip(rows, grid, strict=True):
@@ -119,81 +114,34 @@ def test_metrics_of_steps_match_fmpys_trajectories(program, fmus, tmp_path):
             name: str(value).lower() for name, value in values.items()
         }
         fixed = {"plant.theta0": 0.05, "plant.model": "nonlinear"}
-        loop = trajectory(fmus, "PidRbf", 3.5, {**fixed, **values})
-        assert_metrics(row, metrics(**loop))
-    settled = [row["settling_time"] != "" for row in rows]
-    assert any(settled)
-    assert not all(settled)
+        assert_metrics(row, trajectory(fmus, "PidRbf", 3.5, {**fixed, **values}))
+    assert {row["settling_time"] != "" for row in rows} == {True, False}
     assert any(float(row["overshoot"]) > 0 for row in rows)
 
 
 def test_metrics_of_sine_and_square_wave_match_fmpys_trajectories(program, fmus, tmp_path):
+    """Items of an enumeration can be numbers, and variables can share values."""
     text = """
         stop = 12.0
         set = { "source.frequency" = 0.2, "source.disturbance.amplitude" = 1 }
         [[parameter]]
         variable = "source.signal"
         values = ["sine", "square"]
-    """
-    rows = swept(sweeps.written(tmp_path, text, "pid"))
-    assert len(rows) == 2
-    for row in rows:
-        overrides = {"source.frequency": 0.2}
-        loop = trajectory(
-            fmus, "Pid", 12.0, overrides, signal=row["source.signal"], disturbance=1.0
-        )
-        assert_metrics(row, metrics(**loop))
-    assert rows[0]["settling_time"] == "", "a sine never settles"
-
-
-def test_enumeration_items_can_be_numbers_and_variables_can_share_values(program, fmus, tmp_path):
-    text = """
-        stop = 0.3
         [[parameter]]
         variable = "plant.model"
-        values = [2, 3]
+        values = [3]
         [[parameter]]
         variables = ["controller.rbf.w0[1]", "controller.rbf.w0[4]"]
-        values = [0, 1.5]
+        values = [1.5]
     """
     rows = swept(sweeps.written(tmp_path, text, "ipid-rbf"))
-    grid = [(model, w) for model in ("linear", "nonlinear") for w in (0.0, 1.5)]
-    for row, (model, w) in zip(rows, grid, strict=True):
-        overrides = {"controller.rbf.w0[1]": w, "controller.rbf.w0[4]": w}
-        loop = trajectory(fmus, "IpidRbf", 0.3, overrides, plant_model=model)
-        assert_metrics(row, metrics(**loop))
-
-
-# --- divergence -----------------------------------------------------------------------------------
-
-
-def test_a_falling_pendulum_is_reported_with_its_time_and_does_not_stop_the_sweep(
-    program, fmus, tmp_path
-):
-    text = """
-        stop = 4.0
-        set = { "plant.theta0" = 0.1, "source.amplitude" = 0, "controller.pid.ki" = 0 }
-        [[parameter]]
-        variable = "controller.pid.kp"
-        values = [0, 300]
-        [[parameter]]
-        variable = "controller.pid.kd"
-        values = [0, 100]
-    """
-    rows = swept(sweeps.written(tmp_path, text, "pid"))
-    assert [row["diverged"] for row in rows] == ["true", "false", "false", "false"]
-    assert [row["diverged_at"] for row in rows[1:]] == ["", "", ""]
-    fixed = {"plant.theta0": 0.1, "source.amplitude": 0, "controller.pid.ki": 0}
-    overrides = {**fixed, "controller.pid.kp": 0, "controller.pid.kd": 0}
-    loop = trajectory(fmus, "Pid", 4.0, overrides)
-    beyond = np.flatnonzero(np.abs(loop["e"]) > LIMIT)[0]
-    assert 1 < loop["t"][beyond] < 4
-    assert float(rows[0]["diverged_at"]) == loop["t"][beyond]
-    sound = {name: column[:beyond] for name, column in loop.items()}
-    for name, value in metrics(**sound).items():
-        if name not in ("overshoot", "settling_time"):
-            assert float(rows[0][name]) == pytest.approx(value, rel=TOLERANCE), name
-    assert rows[0]["settling_time"] == ""
+    assert len(rows) == 2
+    for row in rows:
+        loop = {"signal": row["source.signal"], "disturbance": 1.0, "plant_model": "nonlinear"}
+        names = ("controller.rbf.w0[1]", "controller.rbf.w0[4]")
+        overrides = {"source.frequency": 0.2} | dict.fromkeys(names, 1.5)
+        assert_metrics(row, trajectory(fmus, "IpidRbf", 12.0, overrides, **loop))
+    assert rows[0]["settling_time"] == "", "a sine never settles"
 
 
 def test_a_failed_step_is_reported_with_its_reason_and_time(program, fmus, tmp_path):
@@ -220,107 +168,69 @@ def test_a_failed_step_is_reported_with_its_reason_and_time(program, fmus, tmp_p
         times.append(float(re.search(r"at t = ([0-9.]+) s", str(refused.value))[1]))
         assert float(row["diverged_at"]) == pytest.approx(times[-1], abs=1e-9)
     assert f"run 0: controller (Pid.fmu), step of 0.001 s at t = {times[0]}" in result.stdout
+    assert result.stdout.count("fmi2DoStep") == 1, "though the FMU logs the name, too"
 
 
-def test_learning_far_above_the_limit_does_not_stop_the_sweep(program, tmp_path):
-    text = """
-        stop = 20.0
-        set = { "plant.model" = "nonlinear" }
-        [[parameter]]
-        variable = "controller.rbf.eta"
-        values = [0.3, 10]
-    """
-    sound, ringing = swept(sweeps.written(tmp_path, text))
-    assert abs(float(sound["final_e"])) < 1e-5
-    assert ringing["diverged"] == "true" or abs(float(ringing["final_e"])) > 1e-3
-
-
-# --- order and random numbers ---------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
 def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     first = expected(sweep)
-    for threads in (1, 2, 5):
+    for threads in (1, 5):
         swept(sweep, "--threads", threads)
         assert sweep.with_suffix(".csv").read_bytes() == first
-
-
-def test_draws_follow_from_the_seed_and_are_the_same_at_every_grid_point(program, tmp_path):
-    def masses(seed: int) -> np.ndarray:
-        text = SHORT.replace("seed = 3", f"seed = {seed}").replace("draws = 4", "draws = 200")
-        rows = swept(sweeps.written(tmp_path, text.replace("stop = 0.05", "stop = 0.002")))
-        return np.array([float(row["plant.M"]) for row in rows]).reshape(8, 200)
-
-    one, other = masses(1), masses(2)
-    for points in (one, other):
-        assert np.all(points == points[0])
-        # Mean and deviation of 200 draws within four standard errors
-        assert np.mean(points[0]) == pytest.approx(1.096, abs=4 * 0.1 / math.sqrt(200))
-        assert np.std(points[0]) == pytest.approx(0.1, abs=4 * 0.1 / math.sqrt(400))
-    assert np.all(one[0] != other[0])
-
-
-def test_rows_of_ranges_match_the_table(program, tmp_path):
-    sweep = sweeps.written(tmp_path, SHORT)
-    lines = expected(sweep).decode().splitlines(keepends=True)[1:]
+    lines = first.decode().splitlines(keepends=True)[1:]
     ranges = [sweeps.printed(sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
     found = "".join(ranges).splitlines(keepends=True)
     assert sorted(found, key=lines.index) == lines
-
-
-# --- files ----------------------------------------------------------------------------------------
-
-
-def typed(name: str, cell: str) -> float | bool | str | None:
-    """Parse a CSV cell with the type of its column in SHORT."""
-    if name in ("controller.previous_sample_terms", "diverged"):
-        return cell == "true"
-    if name == "plant.model":
-        return cell
-    return float(cell) if cell else None
 
 
 def test_parquet_equals_csv(program, tmp_path):
     sweep = sweeps.written(tmp_path, SHORT)
     expected(sweep, ".parquet")
     found = pyarrow.parquet.read_table(tmp_path / "uninterrupted.parquet")
-    rows = csv.DictReader(io.StringIO(expected(sweep).decode()))
-    assert found.to_pylist() == [{name: typed(name, row[name]) for name in row} for row in rows]
     types = {field.name: str(field.type) for field in found.schema}
+    read = {
+        "bool": lambda cell: cell == "true",
+        "double": lambda cell: float(cell) if cell else None,
+        "int64": int,
+        "string": lambda cell: cell or None,
+    }
+    rows = csv.DictReader(io.StringIO(expected(sweep).decode()))
+    assert found.to_pylist() == [{n: read[types[n]](row[n]) for n in row} for row in rows]
     assert (types["index"], types["plant.M"], types["diverged"]) == ("int64", "double", "bool")
 
 
 def test_a_killed_sweep_resumes(program, tmp_path):
     sweep = sweeps.written(tmp_path, LONG)
     out = tmp_path / "out.csv"
-    for _ in range(4):
+    for _ in range(2):
         before = done(out)
         with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out]) as process:
             wait_until(lambda before=before: len(done(out)) > len(before) + 20, process)
             process.kill()
         after = done(out)
         assert after[: len(before)] == before, "nothing is lost"
-        assert len(set(after)) == len(after) < 200, "nothing is done twice"
-    result = local(sweep, out)
+        assert len(set(after)) == len(after) < 100, "nothing is done twice"
+    journal = journal_of(out).read_bytes()
+    for change in (
+        lambda text: text.replace("stop = 180.0", "stop = 179.0"),
+        lambda text: text.replace("to = 400", "to = 401"),
+        lambda text: f"{text}\n[metrics]\nband = 0.004",
+        lambda text: f"set = {{ 'plant.M' = 2 }}\n{text}",
+    ):
+        other = local(sweeps.written(tmp_path, change(LONG)), out)
+        advice = "belongs to another sweep: delete it or give another --out"
+        said = f"error: {journal_of(out)} {advice}\n"
+        assert (other.returncode, other.stdout, other.stderr) == (1, "", said)
+        assert journal_of(out).read_bytes() == journal
+    result = local(sweeps.written(tmp_path, LONG), out)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.startswith(f"{200 - len(after)} runs in ")
+    assert result.stdout.startswith(f"{100 - len(after)} runs in ")
     assert f"\n{len(after)} runs were already done\n" in result.stdout
     assert not journal_of(out).exists()
     assert out.read_bytes() == expected(sweep)
-
-
-def complaint(sweep: Path, out: Path, *options: object) -> str:
-    """Return the message of an invalid sweep, which must leave no files behind."""
-    before = sorted(sweep.parent.rglob("*"))
-    result = local(sweep, out, *options)
-    assert result.returncode == 1
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("error: ") == 1, result.stderr
-    assert not result.stderr.endswith("\n\n")
-    assert result.stdout == ""
-    assert sorted(sweep.parent.rglob("*")) == before, "nothing is half-written"
-    return result.stderr
 
 
 def test_a_rejected_draw_ends_the_sweep_with_run_and_reason(program, tmp_path):
@@ -337,31 +247,7 @@ def test_a_rejected_draw_ends_the_sweep_with_run_and_reason(program, tmp_path):
     assert not out.exists()
 
 
-def test_a_journal_of_another_sweep_is_not_changed(program, tmp_path):
-    out = tmp_path / "out.csv"
-    sweep = sweeps.written(tmp_path, LONG)
-    with subprocess.Popen([PROGRAM, "sweep", sweep, "--out", out]) as process:
-        wait_until(lambda: len(done(out)) > 3, process)
-        process.kill()
-    journal = journal_of(out).read_bytes()
-    for change in (
-        lambda text: text.replace("stop = 180.0", "stop = 179.0"),
-        lambda text: text.replace("to = 400", "to = 401"),
-        lambda text: f"{text}\n[metrics]\nband = 0.004",
-        lambda text: f"set = {{ 'plant.M' = 2 }}\n{text}",
-    ):
-        said = complaint(sweeps.written(tmp_path, change(LONG)), out)
-        assert f"{journal_of(out)} belongs to another sweep: delete it or give another" in said
-        assert journal_of(out).read_bytes() == journal
-
-
 # --- the examples ---------------------------------------------------------------------------------
-
-
-def smaller(text: str) -> str:
-    """Reduce the numbers of values and draws in an example."""
-    text = re.sub(r"^count = .*", "count = 2", text, flags=re.MULTILINE)
-    return re.sub(r"^draws = .*", "draws = 5", text, flags=re.MULTILINE)
 
 
 def gains(rows: list[dict[str, str]]) -> None:
@@ -384,12 +270,11 @@ def robustness(rows: list[dict[str, str]]) -> None:
 
 @pytest.mark.parametrize("check", [gains, robustness])
 def test_the_examples_run(program, fmus, tmp_path, check: Callable[[list[dict[str, str]]], None]):
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    sweep = tmp_path / "examples" / "sweep" / f"{check.__name__}.toml"
-    sweep.write_text(smaller(sweep.read_text(encoding="utf-8")), encoding="utf-8")
-    check(swept(sweep, "--fmus", fmus))
-
-
-def test_every_example_is_tested():
+    """With fewer values and draws."""
     names = {path.stem for path in (ROOT / "examples" / "sweep").iterdir()}
     assert names == {gains.__name__, robustness.__name__}
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    sweep = tmp_path / "examples" / "sweep" / f"{check.__name__}.toml"
+    text = re.sub(r"(?m)^count = .*", "count = 2", sweep.read_text(encoding="utf-8"))
+    sweep.write_text(re.sub(r"(?m)^draws = .*", "draws = 5", text), encoding="utf-8")
+    check(swept(sweep, "--fmus", fmus))

@@ -73,8 +73,37 @@ int fmi3SetString(void *instance, References r, size_t n, const char *const *val
 
 int fmi3GetInt64(void *instance, References r, size_t n, int64_t *values, size_t count) {
     const Sums *sums = instance;
-    if (n != 1 || r[0] != 2 || count != 1) return 3;
-    values[0] = sums->u[0] + 10 * sums->u[1] + 100 * sums->u[2];
+    if (n != count) return 3;
+    for (size_t i = 0; i < n; i++) {
+        switch (r[i]) {
+        case 2: values[i] = sums->u[0] + 10 * sums->u[1] + 100 * sums->u[2]; break;
+        case 11: values[i] = 9007199254740993; break;
+        case 13: values[i] = sums->b ? 2 : -5000000000; break;
+        default: return 3;
+        }
+    }
+    return 0;
+}
+
+int fmi3GetUInt64(void *instance, References r, size_t n, uint64_t *values, size_t count) {
+    if (!instance || n != 1 || r[0] != 12 || count != 1) return 3;
+    values[0] = UINT64_MAX;
+    return 0;
+}
+
+int fmi3GetString(void *instance, References r, size_t n, const char **values, size_t count) {
+    if (!instance || n != 1 || r[0] != 14 || count != 3) return 3;
+    values[0] = "";
+    values[1] = "a \"b\", c";
+    values[2] = "\xcf\x80\nline 2";
+    return 0;
+}
+
+int fmi3GetBinary(void *instance, References r, size_t n, size_t *sizes, const uint8_t **values, size_t count) {
+    static const uint8_t bytes[] = {0x00, 0x1f, 0xff};
+    if (n != 1 || r[0] != 9 || count != 1) return 3;
+    sizes[0] = ((Sums *)instance)->b ? 0 : 3;
+    values[0] = bytes;
     return 0;
 }
 

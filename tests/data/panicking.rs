@@ -34,3 +34,5 @@ impl Simulate for Panicking {
         Ok(())
     }
 }
+
+export!(Panicking);
