@@ -252,7 +252,7 @@ def test_the_documents_have_the_numbers_of_the_page(report_folder, name):
 
 
 def test_learning_rate_limits_match_the_crate_control_and_the_fmus(page, cells):
-    """crates/control/tests/learning_rate.rs gets the same result from its own matrix."""
+    """crates/control/tests/learning_rate.rs simulates both sides of these limits."""
     found = cells("beyond-learning", "largest stable η [1]")
     for name, limit in (("0 samples", 0.582), ("1 sample", 0.324), ("2 samples", 0.205)):
         assert found[name] == pytest.approx(limit, abs=1e-3)

@@ -76,10 +76,4 @@ mod tests {
         }
         assert_eq!(pulse(5.0, 0.0, 5.0), 0.0);
     }
-
-    #[test]
-    fn sine_takes_its_frequency_in_hertz() {
-        assert!((sine(0.2, 1.25) - 1.0).abs() < 1e-15);
-        assert!(sine(0.2, 5.0).abs() < 1e-15);
-    }
 }

@@ -1,4 +1,4 @@
-//! `exp` against multiple-precision arithmetic, on millions of points.
+//! `exp` against multiple-precision arithmetic, on a million points.
 
 use astro_float_num::{BigFloat, Consts, RoundingMode};
 use pendulum_control::exp::exp;
@@ -73,10 +73,8 @@ fn errors_are_below_one_unit_in_the_last_place() {
     // Negative numbers to where the result is 0, and positive ones to where it is almost infinite.
     for (sign, exponents) in [(-1.0, -54..=9), (1.0, -54..=8)] {
         for exponent in exponents {
-            for _ in 0..3 {
-                let first = sign * 2f64.powi(exponent);
-                largest = largest.max(largest_error(first, &mut random, &mut constants));
-            }
+            let first = sign * 2f64.powi(exponent);
+            largest = largest.max(largest_error(first, &mut random, &mut constants));
         }
     }
     // An error of less than half a unit is not possible in general.
