@@ -1,21 +1,21 @@
 //! Writes the model description of an exported model: what is the same in all versions of FMI.
 
 use anyhow::{Result, anyhow, ensure};
+use serde::Deserialize;
 
 use crate::unit::{self, Unit};
-use crate::variable::{DeclaredType, Item, Variable};
+use crate::variable::{Item, Variable};
 use crate::xml::Element;
 use crate::{Dynamics, FmiVersion, Initial, LOG_CATEGORIES, Value, Variability, fmi2, fmi3};
 
-/// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces).
-#[derive(Debug, Clone, Default, PartialEq)]
+/// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
+/// a binary has its fields in this order.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 pub struct Description {
     /// Name of the model and its `modelIdentifier`: a C identifier.
     pub name: String,
     /// Description of the model.
     pub description: String,
-    /// GUID of the interface.
-    pub guid: String,
     /// Whether it has a sample time.
     pub is_sampled: bool,
     /// Whether it is described by differential or algebraic equations, which a host can solve.
@@ -26,6 +26,8 @@ pub struct Description {
     pub tolerance: f64,
     /// The variables, in the order of their value references.
     pub variables: Vec<Variable>,
+    /// GUID of the interface.
+    pub guid: String,
 }
 
 /// Where a model comes from.
@@ -57,17 +59,23 @@ impl Entry<'_> {
     }
 }
 
-/// An unknown of the model structure: a value reference, and those that it depends on; `None` if it may
-/// depend on all.
-pub(crate) type Unknown = (usize, Option<Vec<usize>>);
-
-/// The lists of unknowns of the model structure.
-pub(crate) struct Unknowns {
-    pub(crate) outputs: Vec<Unknown>,
-    pub(crate) derivatives: Vec<Unknown>,
-    pub(crate) initial: Vec<Unknown>,
-    pub(crate) event_indicators: Vec<Unknown>,
-}
+/// The lists of the model structure: their names in FMI 2.0, which has three, the elements of FMI 3.0, and what
+/// they list.
+type List = (&'static str, &'static str, fn(&Variable) -> bool);
+const LISTS: [List; 4] = [
+    ("Outputs", "Output", Variable::is_output),
+    (
+        "Derivatives",
+        "ContinuousStateDerivative",
+        Variable::is_derivative,
+    ),
+    (
+        "InitialUnknowns",
+        "InitialUnknown",
+        Variable::is_initial_unknown,
+    ),
+    ("", "EventIndicator", Variable::is_event_indicator),
+];
 
 impl Description {
     /// Generates the model description of a version of FMI, in the order of the standard's schema. FMI 2.0
@@ -110,23 +118,19 @@ impl Description {
                 .holding(Element::new("LogCategories").holding_all(categories))
                 .holding(experiment)
         };
-        let unknowns = self.unknowns(&entries);
-        Ok(match version {
+        let types = self.types(version)?;
+        let root = match version {
             FmiVersion::Fmi2 => {
                 let root = fmi2::interfaces(self, &entries, root);
-                let types = self.types(fmi2::enumeration)?;
-                definitions(root, self.units(&[])?, types)
-                    .holding(fmi2::variables(&entries))
-                    .holding(fmi2::structure(&unknowns, &entries))
+                definitions(root, self.units(&[])?, types).holding(fmi2::variables(&entries))
             }
             FmiVersion::Fmi3 => {
                 let root = fmi3::interfaces(self, root);
-                let types = self.types(fmi3::enumeration)?;
                 definitions(root, self.units(&[fmi3::TIME.1])?, types)
                     .holding(fmi3::variables(self, &entries))
-                    .holding(fmi3::structure(self, &unknowns, &entries))
             }
-        })
+        };
+        Ok(root.holding(self.structure(version, &entries)))
     }
 
     /// The scalar variables: their value references, their variables, and their elements.
@@ -166,25 +170,27 @@ impl Description {
         Ok(definitions)
     }
 
-    /// The definitions of enumerations, each made from the type and its items.
-    fn types(
-        &self,
-        definition: fn(&DeclaredType, Vec<Element<'static>>) -> Element<'static>,
-    ) -> Result<Vec<Element<'static>>> {
+    /// The definitions of enumerations.
+    fn types(&self, version: FmiVersion) -> Result<Vec<Element<'static>>> {
         let mut definitions: Vec<Element<'static>> = Vec::new();
-        for of_type in self
-            .variables
-            .iter()
-            .filter_map(|v| v.declared_type.as_ref())
-        {
-            let name = &of_type.name;
-            let definition = definition(of_type, of_type.items.iter().map(item).collect());
+        for of_type in (self.variables.iter()).filter_map(|v| v.declared_type.as_ref()) {
+            let named = |element: Element<'static>| {
+                (element.with("name", &of_type.name)).with("description", &of_type.description)
+            };
+            let items = of_type.items.iter().map(item);
+            let definition = match version {
+                FmiVersion::Fmi2 => named(Element::new("SimpleType"))
+                    .holding(Element::new("Enumeration").holding_all(items)),
+                FmiVersion::Fmi3 => named(Element::new("EnumerationType")).holding_all(items),
+            };
+            let name = Some(&*of_type.name);
             let mut others = definitions.iter();
-            let other = others.find(|other| other.attribute("name") == Some(name));
+            let other = others.find(|other| other.attribute("name") == name);
             ensure!(
                 other.is_none_or(|other| *other == definition),
-                "two enumerations of {} have the name {name}; expected different names",
-                self.name
+                "two enumerations of {} have the name {}; expected different names",
+                self.name,
+                of_type.name
             );
             if other.is_none() {
                 definitions.push(definition);
@@ -223,21 +229,49 @@ impl Description {
         u32::from(self.is_continuous && is_known)
     }
 
-    fn unknowns(&self, entries: &[Entry<'_>]) -> Unknowns {
-        let list = |is: fn(&Variable) -> bool| {
-            let entries = entries.iter().filter(move |entry| is(entry.v));
-            let unknown = |entry: &Entry<'_>| (entry.reference(), self.dependencies(entry));
-            entries.map(unknown).collect()
+    /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions
+    /// of variables, and FMI 3.0 their value references.
+    ///
+    /// Where all dependencies are the default, they are listed all the same, of FMI 2.0 those of initial
+    /// unknowns: CasADi demands it. All of FMI 3.0 include the independent variable.
+    fn structure(&self, version: FmiVersion, entries: &[Entry<'_>]) -> Element<'static> {
+        let is_2 = version == FmiVersion::Fmi2;
+        let number = |reference| match version {
+            FmiVersion::Fmi2 => fmi2::index(reference, entries),
+            FmiVersion::Fmi3 => Some(reference),
         };
-        let initial = entries.iter().filter(|entry| entry.v.is_initial_unknown());
-        Unknowns {
-            outputs: list(Variable::is_output),
-            derivatives: list(Variable::is_derivative),
-            event_indicators: list(Variable::is_event_indicator),
-            initial: initial
-                .map(|entry| (entry.reference(), self.initially_from(entry, entries)))
-                .collect(),
-        }
+        let time = (!is_2).then(|| fmi3::time_reference(self));
+        let all = |is: fn(&Variable) -> bool| {
+            let known = entries.iter().filter(|entry| is(entry.v));
+            known.map(Entry::reference).chain(time).collect()
+        };
+        let structure = Element::new("ModelStructure");
+        LISTS.iter().fold(structure, |structure, (of_2, of_3, is)| {
+            let is_initial = *of_2 == "InitialUnknowns";
+            let unknown = |entry: &Entry<'_>| {
+                let dependencies = match is_initial {
+                    true => {
+                        let given = self.initially_from(entry, entries);
+                        Some(given.unwrap_or_else(|| all(Variable::is_initially_known)))
+                    }
+                    false => {
+                        let default = || (!is_2).then(|| all(Variable::is_known));
+                        self.dependencies(entry).or_else(default)
+                    }
+                };
+                let name = if is_2 { "index" } else { "valueReference" };
+                let dependencies = dependencies.map(|all| list(all.into_iter().filter_map(number)));
+                Element::new(if is_2 { "Unknown" } else { of_3 })
+                    .with_some(name, number(entry.reference()))
+                    .with_some("dependencies", dependencies)
+            };
+            let unknowns = entries.iter().filter(|entry| is(entry.v)).map(unknown);
+            match (is_2, of_2.is_empty()) {
+                (true, true) => structure,
+                (true, false) => structure.listing(of_2, unknowns.collect()),
+                (false, _) => structure.holding_all(unknowns),
+            }
+        })
     }
 
     /// Value references of the inputs and states that an entry depends on at a communication point or an

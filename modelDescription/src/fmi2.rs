@@ -1,7 +1,7 @@
 //! The model description of FMI 2.0.
 
-use crate::describe::{Description, Entry, Unknown, Unknowns, attributes, list, text, typed};
-use crate::variable::{DeclaredType, Variable};
+use crate::describe::{Description, Entry, attributes, text, typed};
+use crate::variable::Variable;
 use crate::xml::Element;
 use crate::{Causality, Dynamics, FmiVersion, Type, Value};
 
@@ -75,7 +75,7 @@ pub(crate) fn interfaces(
 }
 
 /// The position of a scalar among the entries, from 1.
-fn index(reference: usize, entries: &[Entry<'_>]) -> Option<usize> {
+pub(crate) fn index(reference: usize, entries: &[Entry<'_>]) -> Option<usize> {
     let found = entries.binary_search_by_key(&reference, Entry::reference);
     found.ok().map(|position| position + 1)
 }
@@ -100,41 +100,4 @@ pub(crate) fn variables(entries: &[Entry<'_>]) -> Element<'static> {
         ))
     };
     Element::new("ModelVariables").holding_all(entries.iter().map(variable))
-}
-
-/// `ModelStructure`. The dependencies of initial unknowns are always listed, since CasADi requires a list.
-pub(crate) fn structure(unknowns: &Unknowns, entries: &[Entry<'_>]) -> Element<'static> {
-    let indices = |references: &[usize]| list(references.iter().filter_map(|r| index(*r, entries)));
-    let unknown = |(reference, dependencies): &Unknown| {
-        Element::new("Unknown")
-            .with_some("index", index(*reference, entries))
-            .with_some("dependencies", dependencies.as_deref().map(indices))
-    };
-    let known = entries.iter().filter(|entry| entry.v.is_initially_known());
-    let known: Vec<_> = known.map(Entry::reference).collect();
-    let initial = |(reference, dependencies): &Unknown| {
-        let dependencies = dependencies.as_ref().unwrap_or(&known);
-        unknown(&(*reference, Some(dependencies.clone())))
-    };
-    Element::new("ModelStructure")
-        .listing("Outputs", unknowns.outputs.iter().map(unknown).collect())
-        .listing(
-            "Derivatives",
-            unknowns.derivatives.iter().map(unknown).collect(),
-        )
-        .listing(
-            "InitialUnknowns",
-            unknowns.initial.iter().map(initial).collect(),
-        )
-}
-
-/// The definition of an enumeration.
-pub(crate) fn enumeration(
-    of_type: &DeclaredType,
-    items: Vec<Element<'static>>,
-) -> Element<'static> {
-    Element::new("SimpleType")
-        .with("name", &of_type.name)
-        .with("description", &of_type.description)
-        .holding(Element::new("Enumeration").holding_all(items))
 }

@@ -2,8 +2,7 @@
 
 use anyhow::{Result, ensure};
 
-use crate::describe::{Description, Entry, Unknown, Unknowns, attributes, list, text, typed};
-use crate::variable::{DeclaredType, Variable};
+use crate::describe::{Description, Entry, attributes, list, text, typed};
 use crate::xml::Element;
 use crate::{Causality, Dynamics, FmiVersion, Type, Variability};
 
@@ -97,53 +96,8 @@ fn variable(model: &Description, entry: &Entry<'_>) -> Element<'static> {
 }
 
 /// The value reference of the independent variable follows those of all scalars.
-fn time_reference(model: &Description) -> usize {
+pub(crate) fn time_reference(model: &Description) -> usize {
     model.scalars().count()
-}
-
-/// `ModelStructure` (FMI 3.0.2, section 2.4.8).
-///
-/// Dependencies are always listed, although all are the default: CasADi demands it. All include the
-/// independent variable.
-pub(crate) fn structure(
-    model: &Description,
-    unknowns: &Unknowns,
-    entries: &[Entry<'_>],
-) -> Element<'static> {
-    let all = |is: fn(&Variable) -> bool| -> Vec<usize> {
-        let known = entries.iter().filter(|entry| is(entry.v));
-        let references = known.map(Entry::reference);
-        references.chain([time_reference(model)]).collect()
-    };
-    let (known, initially_known) = (all(Variable::is_known), all(Variable::is_initially_known));
-    let each = |name, unknowns: &[Unknown], all: &[usize]| -> Vec<_> {
-        let unknown = |(reference, dependencies): &Unknown| {
-            Element::new(name)
-                .with("valueReference", reference)
-                .with("dependencies", list(dependencies.as_deref().unwrap_or(all)))
-        };
-        unknowns.iter().map(unknown).collect()
-    };
-    Element::new("ModelStructure")
-        .holding_all(each("Output", &unknowns.outputs, &known))
-        .holding_all(each(
-            "ContinuousStateDerivative",
-            &unknowns.derivatives,
-            &known,
-        ))
-        .holding_all(each("InitialUnknown", &unknowns.initial, &initially_known))
-        .holding_all(each("EventIndicator", &unknowns.event_indicators, &known))
-}
-
-/// The definition of an enumeration.
-pub(crate) fn enumeration(
-    of_type: &DeclaredType,
-    items: Vec<Element<'static>>,
-) -> Element<'static> {
-    Element::new("EnumerationType")
-        .with("name", &of_type.name)
-        .with("description", &of_type.description)
-        .holding_all(items)
 }
 
 /// Corners of the icon and of the coordinate system that it fills.

@@ -24,6 +24,15 @@ impl Hash {
         self
     }
 
+    pub(crate) const fn number(self, number: u64) -> Self {
+        self.bytes(&number.to_le_bytes())
+    }
+
+    /// A text, and a byte that UTF-8 does not have: "a", "bc" differs from "ab", "c".
+    pub(crate) const fn text(self, text: &str) -> Self {
+        self.bytes(text.as_bytes()).bytes(&[0xff])
+    }
+
     /// A prefix of a name, unless it is empty.
     pub(crate) const fn prefix(self, prefix: &str) -> Self {
         match prefix.is_empty() {

@@ -5,8 +5,8 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::table::{Bounds, Dynamics, Field, Item, Scalar, Start};
-use crate::{Type, Value, value};
+use crate::table::{Bounds, Dynamics, Field, Scalar, Start};
+use crate::{Causality, Initial, Type, Value, Variability, value};
 
 /// All that an FMU binary knows of a model's interface.
 #[derive(Debug, Clone, Copy)]
@@ -134,7 +134,7 @@ pub const GUID_LENGTH: usize = 38;
 /// The first bytes of a copy.
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
-pub(crate) const VERSION: u32 = 5;
+pub(crate) const VERSION: u32 = 6;
 /// Size of the checksum at the end of a copy.
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
@@ -142,7 +142,84 @@ pub(crate) const CHECKSUM: usize = size_of::<u128>();
 /// causality, variability, types, starts, bounds, units), formatted as a version 8 UUID. It is the
 /// same in every build and changes with the interface.
 pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
-    format(written::<0>(interface).identity.0)
+    let mut hash = Hash::new()
+        .text(interface.name)
+        .bytes(&[interface.is_sampled as u8, interface.is_continuous as u8]);
+    let mut i = 0;
+    while i < interface.scalars.len() {
+        hash = identify(&interface.scalars[i], hash);
+        i += interface.scalars[i].variable.count();
+    }
+    let mut overrides = interface.overrides;
+    while let Some((start, rest)) = overrides.next() {
+        hash = hash.number(start.reference as u64);
+        hash = match start.kind {
+            b'r' => hash.number(number(start.text, 16) as u64),
+            b'i' => hash.number(number(start.text, 10) as u64),
+            b'b' => hash.bytes(&[number(start.text, 10) as u8]),
+            _ => hash.text(start.text),
+        };
+        overrides = rest;
+    }
+    format(hash.0)
+}
+
+/// Adds the identity of a variable to a hash.
+const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
+    let field = scalar.variable;
+    let mut i = 0;
+    while i < scalar.prefixes.len() {
+        hash = hash.text(scalar.prefixes[i]);
+        i += 1;
+    }
+    hash = (hash.text(field.name))
+        .bytes(&[field.causality as u8, field.variability as u8])
+        .number(field.dimensions.len() as u64);
+    let mut i = 0;
+    while i < field.dimensions.len() {
+        hash = hash.number(field.dimensions[i] as u64);
+        i += 1;
+    }
+    hash = hash.text(field.size);
+    hash = match field.dynamics {
+        Dynamics::Algebraic => hash.bytes(&[0]),
+        Dynamics::State { .. } => hash.bytes(&[1]),
+        Dynamics::Derivative { of } => hash.bytes(&[2]).text(of),
+        Dynamics::EventIndicator => hash.bytes(&[3]),
+    };
+    let of_type = field.start.of_type();
+    hash = match field.start {
+        Start::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
+        Start::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
+        Start::Boolean(_) => hash.bytes(&[2]),
+        Start::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
+        Start::String(_) => hash.bytes(&[4]),
+        Start::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
+        _ => hash.bytes(&[1, of_type as u8 - Type::Int8 as u8]),
+    };
+    hash = match field.bounds {
+        Bounds::Real(min, max) => hash.number(min.to_bits()).number(max.to_bits()),
+        Bounds::Whole(min, max) => hash.number(min as u64).number(max as u64),
+        Bounds::None => hash,
+    };
+    let mut i = 0;
+    while i < field.start.len() {
+        hash = match field.start {
+            Start::Float32(_) | Start::Float64(_) => hash.number(field.start.real(i).to_bits()),
+            Start::Boolean(values) => hash.bytes(&[values[i] as u8]),
+            Start::String(values) => hash.text(values[i]),
+            Start::Binary(values) => hash.number(values[i].len() as u64).bytes(values[i]),
+            _ => hash.number(field.start.whole(i) as u64),
+        };
+        i += 1;
+    }
+    let items = field.start.items();
+    let mut i = 0;
+    while i < items.len() {
+        hash = hash.text(items[i].name).number(items[i].value as u64);
+        i += 1;
+    }
+    hash
 }
 
 /// Size of the copy of an interface in bytes.
@@ -161,30 +238,28 @@ const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
     let mut writer = Writer {
         bytes: [0; N],
         length: 0,
-        identity: Hash::new(),
     };
-    writer.note(&MAGIC);
-    writer.note(&VERSION.to_le_bytes());
+    writer.raw(&MAGIC);
+    writer.raw(&VERSION.to_le_bytes());
     // The first pass, which computes the length, does not know it.
-    writer.note(&(N as u32).to_le_bytes());
-    writer.interface(interface);
-    writer.note_bytes(&format(writer.identity.0));
+    writer.raw(&(N as u32).to_le_bytes());
+    writer.description(interface);
+    writer.overrides(interface.overrides);
     let (content, _) = writer.bytes.split_at(N.saturating_sub(CHECKSUM));
     let sum = checksum(content);
-    writer.note(&sum.to_le_bytes());
+    writer.raw(&sum.to_le_bytes());
     writer
 }
 
-/// Writes the first `N` bytes of a copy, counts the others, and hashes what makes up the identity.
+/// Writes the first `N` bytes of a copy, and counts the others: a `Description` and the overrides, as
+/// postcard reads them.
 struct Writer<const N: usize> {
     bytes: [u8; N],
     length: usize,
-    identity: Hash,
 }
 
 impl<const N: usize> Writer<N> {
-    /// Adds bytes to the copy.
-    const fn note(&mut self, bytes: &[u8]) {
+    const fn raw(&mut self, bytes: &[u8]) {
         let mut i = 0;
         while i < bytes.len() {
             if self.length < N {
@@ -195,247 +270,232 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    /// Adds a whole number to the copy, seven bits a byte.
-    const fn note_number(&mut self, mut number: u128) {
+    /// Adds a whole number, seven bits a byte.
+    const fn number(&mut self, mut number: u128) {
         while number > 0x7f {
-            self.note(&[number as u8 | 0x80]);
+            self.raw(&[number as u8 | 0x80]);
             number >>= 7;
         }
-        self.note(&[number as u8]);
+        self.raw(&[number as u8]);
     }
 
-    /// Adds a whole number that may be negative to the copy.
-    const fn note_whole(&mut self, number: i128) {
-        self.note_number((number << 1 ^ number >> 127) as u128);
+    /// Adds a whole number that may be negative.
+    const fn signed(&mut self, number: i128) {
+        self.number((number << 1 ^ number >> 127) as u128);
     }
 
-    const fn note_real(&mut self, number: f64) {
-        self.note(&number.to_bits().to_le_bytes());
+    /// Adds bytes and their number.
+    const fn text(&mut self, bytes: &[u8]) {
+        self.number(bytes.len() as u128);
+        self.raw(bytes);
     }
 
-    /// Adds bytes and their number to the copy.
-    const fn note_bytes(&mut self, bytes: &[u8]) {
-        self.note_number(bytes.len() as u128);
-        self.note(bytes);
-    }
-
-    const fn note_texts(&mut self, texts: &[&str]) {
-        self.note_number(texts.len() as u128);
-        let mut i = 0;
-        while i < texts.len() {
-            self.note_bytes(texts[i].as_bytes());
-            i += 1;
+    /// Adds a text, or that there is none if it is empty.
+    const fn some_text(&mut self, text: &str) {
+        self.raw(&[!text.is_empty() as u8]);
+        if !text.is_empty() {
+            self.text(text.as_bytes());
         }
     }
 
-    /// Adds bytes to the identity.
-    const fn identify(&mut self, bytes: &[u8]) {
-        self.identity = self.identity.bytes(bytes);
+    /// Adds a real number as a `Value` of a type.
+    const fn real(&mut self, of_type: Type, number: f64) {
+        self.raw(&[of_type as u8]);
+        match of_type {
+            Type::Float32 => self.raw(&(number as f32).to_le_bytes()),
+            _ => self.raw(&number.to_le_bytes()),
+        }
     }
 
-    const fn identify_number(&mut self, number: u64) {
-        self.identify(&number.to_le_bytes());
+    /// Adds a whole number as a `Value` of a type.
+    const fn whole(&mut self, of_type: Type, number: i128) {
+        self.raw(&[of_type as u8]);
+        match of_type {
+            Type::Int8 | Type::UInt8 => self.raw(&[number as u8]),
+            Type::UInt16 | Type::UInt32 | Type::UInt64 => self.number(number as u128),
+            _ => self.signed(number),
+        }
     }
 
-    /// Adds a text to the identity, and a byte that UTF-8 does not have: "a", "bc" differs from "ab", "c".
-    const fn identify_text(&mut self, text: &str) {
-        self.identify(text.as_bytes());
-        self.identify(&[0xff]);
-    }
-
-    /// Adds a flag or the index of a keyword to both.
-    const fn byte(&mut self, byte: u8) {
-        self.note(&[byte]);
-        self.identify(&[byte]);
-    }
-
-    /// Adds a text to both.
-    const fn text(&mut self, text: &str) {
-        self.note_bytes(text.as_bytes());
-        self.identify_text(text);
-    }
-
-    const fn interface(&mut self, interface: &Interface) {
+    const fn description(&mut self, interface: &Interface) {
         let Interface { scalars, .. } = *interface;
-        self.text(interface.name);
-        self.note_bytes(interface.description.as_bytes());
-        self.byte(interface.is_sampled as u8);
-        self.byte(interface.is_continuous as u8);
-        self.note_real(interface.default_experiment.0);
-        self.note_real(interface.default_experiment.1);
-        self.note_real(interface.tolerance);
+        self.text(interface.name.as_bytes());
+        self.text(interface.description.as_bytes());
+        self.raw(&[interface.is_sampled as u8, interface.is_continuous as u8]);
+        let (stop_time, step_size) = interface.default_experiment;
+        self.raw(&stop_time.to_le_bytes());
+        self.raw(&step_size.to_le_bytes());
+        self.raw(&interface.tolerance.to_le_bytes());
         let (mut fields, mut i) = (0, 0);
         while i < scalars.len() {
             fields += 1;
             i += scalars[i].variable.count();
         }
-        self.note_number(fields);
+        self.number(fields);
         let mut i = 0;
         while i < scalars.len() {
-            self.scalar(&scalars[i]);
+            self.variable(i, interface);
             i += scalars[i].variable.count();
         }
-        let (mut overrides, mut count) = (interface.overrides, 0);
-        while let Some((_, rest)) = overrides.next() {
-            overrides = rest;
+        self.text(&guid(interface));
+    }
+
+    const fn overrides(&mut self, all: Overrides) {
+        let (mut rest, mut count) = (all, 0);
+        while let Some((_, others)) = rest.next() {
+            rest = others;
             count += 1;
         }
-        self.note_number(count);
-        let mut overrides = interface.overrides;
-        while let Some((first, rest)) = overrides.next() {
-            self.value_of_variant(first);
-            overrides = rest;
+        self.number(count);
+        rest = all;
+        while let Some((start, others)) = rest.next() {
+            self.number(start.reference as u128);
+            self.raw(&[start.kind]);
+            self.text(start.text.as_bytes());
+            rest = others;
         }
     }
 
-    const fn value_of_variant(
-        &mut self,
-        Override {
-            reference,
-            kind,
-            text,
-        }: Override<'_>,
-    ) {
-        self.note_number(reference as u128);
-        self.note(&[kind]);
-        self.note_bytes(text.as_bytes());
-        self.identify_number(reference as u64);
-        match kind {
-            b'r' => self.identify_number(number(text, 16) as u64),
-            b'i' => self.identify_number(number(text, 10) as u64),
-            b'b' => self.identify(&[number(text, 10) as u8]),
-            _ => self.identify_text(text),
-        }
-    }
-
-    const fn scalar(&mut self, scalar: &Scalar) {
+    /// Adds a `Variable`.
+    const fn variable(&mut self, reference: usize, interface: &Interface) {
+        let (scalar, scalars) = (&interface.scalars[reference], interface.scalars);
         let field = scalar.variable;
+        let parts = scalar.name_parts();
+        self.number(scalar.name_length() as u128);
         let mut i = 0;
-        while i < scalar.prefixes.len() {
-            self.text(scalar.prefixes[i]);
+        while i < parts.len() {
+            self.raw(parts[i].as_bytes());
             i += 1;
         }
-        self.text(field.name);
-        self.note_bytes(field.description.as_bytes());
-        self.byte(field.causality as u8);
-        self.byte(field.variability as u8);
-        self.note_number(field.dimensions.len() as u128);
-        self.identify_number(field.dimensions.len() as u64);
+        self.number(reference as u128);
+        self.text(field.description.as_bytes());
+        // Outputs of a model with a sample time change at its sample instants only.
+        let is_held =
+            interface.is_sampled && matches!(field.causality, Causality::Output | Causality::Local);
+        let variability = match field.variability {
+            Variability::Continuous if is_held => Variability::Discrete,
+            variability => variability,
+        };
+        self.raw(&[field.causality as u8, variability as u8]);
+        match Initial::default_for(field.causality, variability) {
+            Some(Initial::Calculated) if !field.start.is_empty() => {
+                self.raw(&[1, Initial::Exact as u8]);
+            }
+            Some(initial) => self.raw(&[1, initial as u8]),
+            None => self.raw(&[0]),
+        }
+        self.number(field.dimensions.len() as u128);
         let mut i = 0;
         while i < field.dimensions.len() {
-            self.note_number(field.dimensions[i] as u128);
-            self.identify_number(field.dimensions[i] as u64);
+            self.number(field.dimensions[i] as u128);
             i += 1;
         }
-        self.text(field.size);
+        self.exported(scalar, scalars);
+        self.raw(&[field.start.of_type() as u8]);
+        self.some_text(field.unit);
+        self.some_text(field.mime_type);
+        self.bounds(field);
+        self.start(&field.start);
+        self.declared_type(&field.start);
+    }
+
+    const fn exported(&mut self, scalar: &Scalar, scalars: &[Scalar]) {
+        let field = scalar.variable;
+        self.raw(&[field.has_input_derivative as u8]);
         match field.dynamics {
-            Dynamics::Algebraic => self.byte(0),
+            Dynamics::Algebraic => self.raw(&[0]),
             Dynamics::State { nominal } => {
-                self.byte(1);
-                self.note_real(nominal);
+                self.raw(&[1]);
+                self.raw(&nominal.to_le_bytes());
             }
             Dynamics::Derivative { of } => {
-                self.byte(2);
-                self.text(of);
+                self.raw(&[2]);
+                self.number(scalar.position(of, scalars) as u128);
             }
-            Dynamics::EventIndicator => self.byte(3),
+            Dynamics::EventIndicator => self.raw(&[3]),
         }
-        self.note(&[field.has_input_derivative as u8]);
-        self.note_texts(field.initially_from);
-        self.note_texts(field.depends_on);
-        self.note_bytes(field.terminal.as_bytes());
-        self.type_of(field);
-        self.bounds(field.bounds);
-        self.start(&field.start);
+        match scalar.size(scalars) {
+            None => self.raw(&[0]),
+            Some(size) => {
+                self.raw(&[1]);
+                self.number(size as u128);
+            }
+        }
+        self.references(field.initially_from, scalar, scalars);
+        self.references(field.depends_on, scalar, scalars);
+        self.text(field.terminal.as_bytes());
     }
 
-    const fn type_of(&mut self, field: &Field) {
+    const fn references(&mut self, names: &[&str], scalar: &Scalar, scalars: &[Scalar]) {
+        self.number(names.len() as u128);
+        let mut i = 0;
+        while i < names.len() {
+            self.number(scalar.position(names[i], scalars) as u128);
+            i += 1;
+        }
+    }
+
+    /// Adds the smallest and the largest value, or none if it is that of the type.
+    const fn bounds(&mut self, field: &Field) {
         let of_type = field.start.of_type();
-        self.note(&[of_type as u8]);
-        self.note_bytes(field.unit.as_bytes());
-        self.note_bytes(field.mime_type.as_bytes());
-        match field.start {
-            Start::Float32(_) | Start::Float64(_) => {
-                self.identify(&[0, matches!(of_type, Type::Float32) as u8]);
-                self.identify_text(field.unit);
+        let both = match (field.bounds, field.start) {
+            (Bounds::None, Start::Enumeration(_, of)) => of.bounds(),
+            (bounds, _) => bounds,
+        };
+        let mut i = 0;
+        while i < 2 {
+            match both {
+                Bounds::Real(min, max) if [min, max][i].is_finite() => {
+                    self.raw(&[1]);
+                    self.real(of_type, [min, max][i]);
+                }
+                Bounds::Whole(min, max)
+                    if [min, max][i] != [of_type.range().0, of_type.range().1][i] =>
+                {
+                    self.raw(&[1]);
+                    self.whole(of_type, [min, max][i]);
+                }
+                _ => self.raw(&[0]),
             }
-            Start::Boolean(_) => self.identify(&[2]),
-            Start::Enumeration(_, of) => {
-                self.identify(&[3]);
-                self.identify_text(of.name);
-            }
-            Start::String(_) => self.identify(&[4]),
-            Start::Binary(_) => {
-                self.identify(&[5]);
-                self.identify_text(field.mime_type);
-            }
-            _ => self.identify(&[1, of_type as u8 - Type::Int8 as u8]),
-        }
-    }
-
-    const fn bounds(&mut self, bounds: Bounds) {
-        match bounds {
-            Bounds::Real(min, max) => {
-                self.note(&[0]);
-                self.note_real(min);
-                self.note_real(max);
-                self.identify_number(min.to_bits());
-                self.identify_number(max.to_bits());
-            }
-            Bounds::Whole(min, max) => {
-                self.note(&[1]);
-                self.note_whole(min);
-                self.note_whole(max);
-                self.identify_number(min as u64);
-                self.identify_number(max as u64);
-            }
-            Bounds::None => self.note(&[2]),
+            i += 1;
         }
     }
 
     const fn start(&mut self, start: &Start) {
-        self.note(&[match start {
-            Start::Float32(_) | Start::Float64(_) => 0,
-            Start::Boolean(_) => 2,
-            Start::String(_) => 3,
-            Start::Binary(_) => 4,
-            _ => 1,
-        }]);
-        self.note_number(start.len() as u128);
+        let of_type = start.of_type();
+        self.number(start.len() as u128);
         let mut i = 0;
         while i < start.len() {
             match start {
-                Start::Float32(_) | Start::Float64(_) => {
-                    self.note_real(start.real(i));
-                    self.identify_number(start.real(i).to_bits());
+                Start::Float32(_) | Start::Float64(_) => self.real(of_type, start.real(i)),
+                Start::Boolean(values) => self.raw(&[of_type as u8, values[i] as u8]),
+                Start::String(values) => {
+                    self.raw(&[of_type as u8]);
+                    self.text(values[i].as_bytes());
                 }
-                Start::Boolean(values) => self.byte(values[i] as u8),
-                Start::String(values) => self.text(values[i]),
                 Start::Binary(values) => {
-                    self.note_bytes(values[i]);
-                    self.identify_number(values[i].len() as u64);
-                    self.identify(values[i]);
+                    self.raw(&[of_type as u8]);
+                    self.text(values[i]);
                 }
-                _ => {
-                    self.note_whole(start.whole(i));
-                    self.identify_number(start.whole(i) as u64);
-                }
+                _ => self.whole(of_type, start.whole(i)),
             }
             i += 1;
         }
-        let (name, description, items) = match start {
-            Start::Enumeration(_, of) => (of.name, of.description, of.items),
-            _ => ("", "", &[] as &[Item]),
+    }
+
+    const fn declared_type(&mut self, start: &Start) {
+        let Start::Enumeration(_, of) = start else {
+            return self.raw(&[0]);
         };
-        self.note_bytes(name.as_bytes());
-        self.note_bytes(description.as_bytes());
-        self.note_number(items.len() as u128);
+        self.raw(&[1]);
+        self.text(of.name.as_bytes());
+        self.text(of.description.as_bytes());
+        self.number(of.items.len() as u128);
         let mut i = 0;
-        while i < items.len() {
-            self.text(items[i].name);
-            self.note_whole(items[i].value as i128);
-            self.identify_number(items[i].value as u64);
-            self.note_bytes(items[i].description.as_bytes());
+        while i < of.items.len() {
+            self.text(of.items[i].name.as_bytes());
+            self.signed(of.items[i].value as i128);
+            self.text(of.items[i].description.as_bytes());
             i += 1;
         }
     }

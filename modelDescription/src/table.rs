@@ -111,7 +111,7 @@ pub enum Start {
 }
 
 /// The smallest and the largest value of a variable.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy)]
 pub enum Bounds {
     /// Of a real number; infinite if it is unbounded.
     Real(f64, f64),
@@ -243,6 +243,20 @@ impl Start {
     }
 }
 
+impl Enumeration {
+    /// The smallest and the largest number of an item.
+    pub(crate) const fn bounds(&self) -> Bounds {
+        let (mut min, mut max, mut i) = (i128::MAX, i128::MIN, 0);
+        while i < self.items.len() {
+            let value = self.items[i].value as i128;
+            min = if value < min { value } else { min };
+            max = if value > max { value } else { max };
+            i += 1;
+        }
+        Bounds::Whole(min, max)
+    }
+}
+
 impl Bounds {
     /// Whether a value of the type is allowed; real numbers are finite.
     pub fn contain(&self, value: &Value) -> bool {
@@ -294,7 +308,7 @@ impl Scalar {
 
     /// The full name, such as `rbf.w[2]`.
     pub fn name(&self) -> String {
-        let name = full_name(&self.prefixes, self.variable.name);
+        let name = self.name_parts().concat();
         element_name(&name, self.variable.dimensions, self.element)
     }
 
@@ -311,7 +325,7 @@ impl Scalar {
 
     /// Index of the first scalar of the variable with another name in the same group; the number of
     /// scalars if there is none.
-    const fn position(&self, name: &str, scalars: &[Self]) -> usize {
+    pub(crate) const fn position(&self, name: &str, scalars: &[Self]) -> usize {
         let hash = self.hash(name);
         let mut i = 0;
         while i < scalars.len() && scalars[i].hash(scalars[i].variable.name) != hash {
@@ -349,33 +363,43 @@ impl Scalar {
         count
     }
 
-    /// Length of the name of the last element.
-    const fn name_length(&self) -> usize {
-        let mut length = self.variable.name.len();
+    /// The parts of the name of the variable with the prefixes of its groups: `pid.kp`, `der(pid.x)`.
+    pub(crate) const fn name_parts(&self) -> [&'static str; 2 * MAX_DEPTH + 2] {
+        let mut parts = [""; 2 * MAX_DEPTH + 2];
+        let (start, name) = match self.variable.name.as_bytes() {
+            [b'd', b'e', b'r', b'(', ..] => self.variable.name.split_at(4),
+            _ => ("", self.variable.name),
+        };
+        (parts[0], parts[2 * MAX_DEPTH + 1]) = (start, name);
         let mut i = 0;
         while i < MAX_DEPTH {
             if !self.prefixes[i].is_empty() {
-                length += self.prefixes[i].len() + 1;
+                (parts[2 * i + 1], parts[2 * i + 2]) = (self.prefixes[i], ".");
             }
             i += 1;
         }
+        parts
+    }
+
+    /// Length of the name of the variable in bytes.
+    pub(crate) const fn name_length(&self) -> usize {
+        let (parts, mut length, mut i) = (self.name_parts(), 0, 0);
+        while i < parts.len() {
+            length += parts[i].len();
+            i += 1;
+        }
+        length
+    }
+
+    /// Length of the name of the last element.
+    const fn last_name_length(&self) -> usize {
+        let mut length = self.name_length();
         let mut i = 0;
         while i < self.variable.dimensions.len() {
             length += 2 + self.variable.dimensions[i].ilog10() as usize;
             i += 1;
         }
         length + !self.variable.dimensions.is_empty() as usize
-    }
-}
-
-/// The name of a variable with the prefixes of its groups, such as `pid.kp` or `der(pid.x)`.
-pub(crate) fn full_name(prefixes: &[impl AsRef<str>], name: &str) -> String {
-    let prefixes = prefixes.iter().map(AsRef::as_ref);
-    let prefixes = prefixes.filter(|prefix| !prefix.is_empty());
-    let prefixes: String = prefixes.map(|prefix| format!("{prefix}.")).collect();
-    match state_of(name) {
-        Some(state) => format!("der({prefixes}{state})"),
-        None => prefixes + name,
     }
 }
 
@@ -530,7 +554,7 @@ pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
         let scalar = &scalars[i];
         let variable = scalar.variable;
         assert!(
-            scalar.name_length() <= MAX_NAME,
+            scalar.last_name_length() <= MAX_NAME,
             "a variable's name has more than 63 characters"
         );
         assert!(

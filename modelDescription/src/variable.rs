@@ -7,8 +7,8 @@ use serde::Deserialize;
 use crate::table::element_name;
 use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value, words};
 
-/// A variable: a scalar, or an array.
-#[derive(Debug, Clone, PartialEq)]
+/// A variable: a scalar, or an array. The copy in a binary has its fields in this order.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Variable {
     /// Its name.
     pub name: String,
@@ -16,8 +16,6 @@ pub struct Variable {
     pub reference: u32,
     /// A short description.
     pub description: String,
-    /// Its type.
-    pub of_type: Type,
     /// What determines its value.
     pub causality: Causality,
     /// When it may change.
@@ -28,26 +26,28 @@ pub struct Variable {
     /// Numbers of elements of an array, with structural parameters at their start values; empty for a
     /// scalar.
     pub dimensions: Vec<usize>,
-    /// The start values: of an array one for each element in row-major order, or one for all; none if the
-    /// model calculates them.
-    pub start: Vec<Value>,
-    /// The smallest value, if there is one.
-    pub min: Option<Value>,
-    /// The largest value, if there is one.
-    pub max: Option<Value>,
+    /// What is known if it is exported; empty for a variable of a model description.
+    pub exported: Exported,
+    /// Its type.
+    pub of_type: Type,
     /// Its unit, if it has one.
     pub unit: Option<String>,
     /// MIME type of a Binary, if it is given.
     pub mime_type: Option<String>,
+    /// The smallest value, if there is one.
+    pub min: Option<Value>,
+    /// The largest value, if there is one.
+    pub max: Option<Value>,
+    /// The start values: of an array one for each element in row-major order, or one for all; none if the
+    /// model calculates them.
+    pub start: Vec<Value>,
     /// Its declared type, if it has one; an Enumeration does.
     pub declared_type: Option<Arc<DeclaredType>>,
-    /// What is known if it is exported; empty for a variable of a model description.
-    pub exported: Exported,
 }
 
 /// What an exporter knows of a variable, and a model description has elsewhere. Of an array, value references
 /// are those of the first element.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 pub struct Exported {
     /// Whether the host may set its time derivative.
     pub has_input_derivative: bool,
@@ -66,7 +66,7 @@ pub struct Exported {
 }
 
 /// A type that a model description defines.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 pub struct DeclaredType {
     /// Its name.
     pub name: String,
