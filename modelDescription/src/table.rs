@@ -188,6 +188,14 @@ macro_rules! starts {
                 }
             }
 
+            /// The start value of an element, less than [`len`](Self::len).
+            pub fn value(&self, element: usize) -> Value {
+                match self {
+                    $(Self::$name(values) => Value::$name(values[element].into()),)*
+                    Self::Enumeration(values, _) => Value::Enumeration(values[element].into()),
+                }
+            }
+
             /// A start value that is a real number, less than [`len`](Self::len); 0 for other types.
             pub const fn real(&self, element: usize) -> f64 {
                 match self {

@@ -1,9 +1,9 @@
-//! Access to the variables of a struct, implemented by the derive macros.
+//! What the derive macros implement for a struct, besides its table.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::table::{Enumeration, Field, Row, Start, count};
+use crate::table::{Enumeration, Row, count};
 use crate::{Type, Value};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
@@ -31,12 +31,6 @@ pub unsafe trait Variables: Sized {
 
     /// The struct with default values in all fields; start values are not set.
     fn unset() -> Self;
-
-    /// Sets all variables that have start values to them.
-    fn set_start_values(&mut self);
-
-    /// Copies the variables that the host may set: inputs, parameters and structural parameters.
-    fn copy_settable(&mut self, from: &Self);
 
     /// Adds all Real outputs to a sum, which is finite only if each of them is.
     fn add_outputs(&self, sum: f64) -> f64;
@@ -174,28 +168,9 @@ impl<C: Choice> AnyChoice for C {
     }
 }
 
-/// A type of variables, except enumerations.
-#[doc(hidden)]
-pub trait Element: Sized {
-    /// Sets the elements of a variable to its start values, if it has any.
-    fn set_start_values(elements: &mut [Self], row: &'static Row);
-}
-
 /// Defines what is the same for all types but enumerations.
 macro_rules! types {
     ($($name:ident $ty:ty;)*) => {
-        $(
-            impl Element for $ty {
-                fn set_start_values(elements: &mut [Self], row: &'static Row) {
-                    if let Row::Field(Field { start: Start::$name(start), .. }) = row {
-                        for (element, start) in elements.iter_mut().zip(*start) {
-                            *element = Self::from(*start);
-                        }
-                    }
-                }
-            }
-        )*
-
         /// Mutable access to a scalar variable.
         #[allow(missing_docs, reason = "the types of FMI 3.0")]
         pub enum ValueMut<'a> {
@@ -309,7 +284,7 @@ impl<'a> Loader<'a> {
 #[doc(hidden)]
 pub mod derive {
     use super::AnyChoice;
-    pub use super::{Choice, Damaged, Element, Internal, Loader, Saver, Variables};
+    pub use super::{Choice, Damaged, Internal, Loader, Saver, Variables};
     pub use crate::Interface;
     use crate::hash::Hash;
     pub use crate::table::{Bounds, Dynamics, Enumeration, Field, Item, Row, Start};
@@ -370,21 +345,6 @@ pub mod derive {
             i += 1;
         }
         start
-    }
-
-    /// Sets enumerations to their start values.
-    pub fn set_choices<C>(values: &mut [C], row: &'static Row, item: fn(i32) -> Option<C>) {
-        if let Row::Field(Field {
-            start: Start::Enumeration(start, _),
-            ..
-        }) = row
-        {
-            for (value, start) in values.iter_mut().zip(*start) {
-                if let Some(item) = item(*start) {
-                    *value = item;
-                }
-            }
-        }
     }
 
     /// Checks that the variables of a group have other names than those of all other rows.

@@ -2,11 +2,12 @@
 
 use fmu_description::Type as FmiType;
 use proc_macro2::{Group, Span, TokenStream, TokenTree};
-use quote::quote;
-use syn::LitStr;
+use quote::{ToTokens, quote};
 use syn::spanned::Spanned;
+use syn::{Ident, LitStr};
 
 use crate::attributes::Role;
+use crate::expression::{Expression, Form};
 use crate::field::Field;
 
 /// The tokens at a place in the author's code, where the compiler shows errors. All of them must be there, since
@@ -32,7 +33,7 @@ impl Field {
     }
 
     /// An item of `Choice` for an enumeration.
-    pub fn choice(&self, item: &TokenStream) -> TokenStream {
+    fn choice(&self, item: &TokenStream) -> TokenStream {
         self.of_trait(&quote!(Choice), item)
     }
 
@@ -196,43 +197,6 @@ impl Field {
         Some(quote!(let sum = sum + #sum;))
     }
 
-    /// The statement that sets the field to its start values.
-    pub fn set_start_values(&self) -> Option<TokenStream> {
-        let Self {
-            ident, krate, row, ..
-        } = self;
-        if let Some(set) = self.nested(&quote!(set_start_values)) {
-            return Some(quote!(#set(&mut self.#ident);));
-        }
-        let scalars = match self.dimensions().len() {
-            0 => quote!(::core::slice::from_mut(&mut self.#ident)),
-            dimensions => {
-                let flatten = (1..dimensions).map(|_| quote!(.as_flattened_mut()));
-                quote!(&mut self.#ident #(#flatten)* [..])
-            }
-        };
-        let row = quote!(const { &Self::ROWS[#row] });
-        match (self.is_variable(), self.of_type) {
-            (false, _) => None,
-            (_, FmiType::Enumeration) => {
-                let item = self.choice(&quote!(from_number));
-                Some(quote!(#krate::set_choices(#scalars, #row, #item);))
-            }
-            _ => Some(quote!(#krate::Element::set_start_values(#scalars, #row);)),
-        }
-    }
-
-    /// The statement that copies the field if the host may set it.
-    pub fn copy_settable(&self) -> Option<TokenStream> {
-        let ident = &self.ident;
-        let copy = match self.nested(&quote!(copy_settable)) {
-            None if !self.is_settable() => return None,
-            None => quote!(::core::clone::Clone::clone_from),
-            Some(copy) => copy,
-        };
-        Some(quote!(#copy(&mut self.#ident, &from.#ident);))
-    }
-
     /// The default value. `Default` and `Deserialize` end at 32 elements.
     pub fn unset(&self) -> TokenStream {
         let (ident, value) = (&self.ident, self.element(&quote!(unset())));
@@ -274,5 +238,124 @@ impl Field {
         dimensions
             .iter()
             .fold(of_element, |inner, _| of_elements(inner))
+    }
+}
+
+/// Start values and bounds.
+impl Field {
+    /// An expression as a value of the type, in which whole numbers may stand for real ones, and items for their
+    /// numbers.
+    fn value(&self, expression: &Expression) -> TokenStream {
+        match (&expression.form, self.of_type) {
+            (_, of_type) if of_type.is_float() => expression.real(),
+            (Form::Array(elements), FmiType::Enumeration) => {
+                let elements = elements.iter().map(|element| self.value(element));
+                quote!([#(#elements),*])
+            }
+            (Form::Repeat(element, length), FmiType::Enumeration) => {
+                let element = self.value(element);
+                quote!([#element; #length])
+            }
+            (_, FmiType::Enumeration) => {
+                let (ty, base) = (self.element_type(), self.choice(&quote!(BASE)));
+                quote!({ let item: #ty = #expression; item as i32 + #base })
+            }
+            _ => expression.to_token_stream(),
+        }
+    }
+
+    /// The bounds, each written in the type of the field.
+    fn bounds(&self) -> TokenStream {
+        let ty = self.element_type();
+        let common = match self.of_type {
+            of_type if of_type.is_float() => quote!(f64),
+            of_type if of_type.is_integer() => quote!(i128),
+            _ => return quote!(None),
+        };
+        let bound = |option, real, whole| match self.options.expression(option) {
+            Some(bound) => {
+                let bound = self.value(bound);
+                quote!({ let bound: #ty = #bound; bound as #common })
+            }
+            None if self.of_type.is_float() => real,
+            None => quote!(#ty::#whole as i128),
+        };
+        let min = bound("min", quote!(f64::NEG_INFINITY), quote!(MIN));
+        let max = bound("max", quote!(f64::INFINITY), quote!(MAX));
+        match self.of_type.is_float() {
+            true => quote!(Real(#min, #max)),
+            false => quote!(Whole(#min, #max)),
+        }
+    }
+
+    /// The type with the start values, which the compiler checks against the bounds.
+    fn start(&self, bounds: &TokenStream) -> TokenStream {
+        let (krate, values) = (&self.krate, self.values());
+        if self.of_type == FmiType::Enumeration {
+            let items = self.choice(&quote!(ENUMERATION));
+            return quote!(#krate::Start::Enumeration(#values, &#items));
+        }
+        let place = self.options.expression("start").map(Spanned::span);
+        let place = place.unwrap_or(self.span());
+        let name = self.name.value();
+        let message = format!("the start value of `{name}` is outside its bounds");
+        let of_type = Ident::new(self.of_type.as_str(), place);
+        let start = quote!(#krate::Start::#of_type(#values));
+        at(
+            place,
+            quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)),
+        )
+    }
+
+    /// The start values as a constant slice; empty if the model calculates them.
+    fn values(&self) -> TokenStream {
+        let Some(start) = self.options.expression("start") else {
+            let zero = match self.of_type {
+                _ if !self.is_settable() => return quote!(&[]),
+                FmiType::Float32 | FmiType::Float64 => quote!(0.0),
+                FmiType::Boolean => quote!(false),
+                FmiType::String => quote!(""),
+                FmiType::Binary => quote!(b""),
+                FmiType::Enumeration => {
+                    let enumeration = self.choice(&quote!(ENUMERATION));
+                    quote!(#enumeration.items[0].value)
+                }
+                _ => quote!(0),
+            };
+            return self.slice(&zero, true);
+        };
+        // An item cannot be distinguished from a constant array, and a constant array of items is unusual.
+        let is_item = self.of_type == FmiType::Enumeration && matches!(start.form, Form::Other);
+        self.slice(&self.value(start), start.is_literal() || is_item)
+    }
+
+    /// A value as a constant slice of all scalars; `is_scalar` if an array has it in all elements.
+    fn slice(&self, value: &TokenStream, is_scalar: bool) -> TokenStream {
+        let dimensions = self.dimensions();
+        if dimensions.is_empty() {
+            return quote!(&[#value]);
+        }
+        let repeated = |value| {
+            let lengths = dimensions.iter().rev();
+            lengths.fold(value, |inner, length| quote!([#inner; #length]))
+        };
+        let array = match is_scalar {
+            true => repeated(value.clone()),
+            false => value.clone(),
+        };
+        let array = match self.options.expression("start") {
+            // An error of its type is shown there.
+            Some(start) => at(start.span(), quote!(&#array)),
+            None => quote!(&#array),
+        };
+        // In a start value, numbers stand for items, and string slices for strings.
+        let ty = repeated(match self.of_type {
+            FmiType::Enumeration => quote!(i32),
+            FmiType::String => quote!(&'static str),
+            FmiType::Binary => quote!(&'static [u8]),
+            _ => self.element_type().to_token_stream(),
+        });
+        let flatten = (1..dimensions.len()).map(|_| quote!(.as_flattened()));
+        quote!({ let start: &'static #ty = const { #array }; start #(#flatten)* })
     }
 }

@@ -7,7 +7,6 @@ mod expression;
 mod field;
 mod generate;
 mod model;
-mod start;
 
 use proc_macro::TokenStream;
 use syn::{DeriveInput, Error, parse_macro_input};

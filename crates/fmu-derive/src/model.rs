@@ -8,9 +8,8 @@ use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
 
 use crate::attributes::{MODEL, Options, Role, VARIABLES, error};
 use crate::expression::Expression;
-use crate::field::{Field, described, identifier, literal};
+use crate::field::{Field, check_positive, described, identifier, length, literal};
 use crate::generate::at;
-use crate::start;
 
 /// Implements `Model` and `Variables`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
@@ -21,8 +20,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let name = identifier(name.unwrap_or_else(|| literal(&input.ident)))?;
     let description = described(&input.attrs, &input.ident)?;
     for option in ["sample_time", "stop_time", "step_size", "tolerance"] {
-        let positive = options.expression(option);
-        positive.map_or(Ok(()), start::check_positive)?;
+        check_positive(options.expression(option))?;
     }
     if let (Some(place), true) = (options.place("continuous"), options.has("sample_time")) {
         let what = "a model with a sample time is not continuous";
@@ -147,10 +145,6 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let is_stub = fields.is_none();
     let fields = fields.unwrap_or_default();
     let all = |of: fn(&Field) -> TokenStream| fields.iter().map(of).collect::<TokenStream>();
-    let some = |of: fn(&Field) -> Option<TokenStream>| {
-        let statements = fields.iter().filter_map(of);
-        statements.collect::<TokenStream>()
-    };
     let unset = match options.has("default") {
         _ if is_stub => quote!(::core::unreachable!()),
         true => quote!(::core::default::Default::default()),
@@ -160,9 +154,8 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         }
     };
     let rows = fields.iter().filter_map(Field::row);
-    let (starts, settable) = (some(Field::set_start_values), some(Field::copy_settable));
     let sums = fields.iter().filter_map(|field| field.add_outputs(fields));
-    let input_derivatives = some(Field::input_derivative);
+    let input_derivatives = fields.iter().filter_map(Field::input_derivative);
     let derivatives = fields
         .iter()
         .map(|field| field.directional_derivatives(fields));
@@ -180,12 +173,10 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
             const ROWS: &'static [#krate::Row] = &[#(#rows),*];
 
             fn unset() -> Self { #unset }
-            fn set_start_values(&mut self) { #starts }
-            fn copy_settable(&mut self, from: &Self) { #settable }
             #[inline(always)]
             fn add_outputs(&self, sum: f64) -> f64 { #(#sums)* sum }
             fn input_derivative(&mut self, index: usize) -> ::core::option::Option<&mut f64> {
-                match index { #input_derivatives _ => ::core::option::Option::None }
+                match index { #(#input_derivatives)* _ => ::core::option::Option::None }
             }
             fn directional_derivative(&self, unknown: usize, known: usize) -> f64 {
                 match (unknown, known) { #(#derivatives)* _ => 0.0 }
@@ -283,10 +274,7 @@ fn check_size(field: &Field, fields: &[Field]) -> Result<()> {
             "a structural parameter needs a maximum; expected `max` of at most the length of";
         return error(&parameter.ident, format!("{what} `{}`", field.ident));
     };
-    let capacity = field
-        .dimensions()
-        .first()
-        .and_then(|length| start::length(length));
+    let capacity = (field.dimensions().first()).and_then(|capacity| length(capacity));
     match (max.number(), capacity) {
         (Some(max), Some(capacity)) if max > capacity => {
             let what = format!("{name:?} may be {max}, and the array has only {capacity} elements");

@@ -3,7 +3,7 @@
 use std::any::Any;
 
 use fmu_description::table::{self, Field, Scalar as Row, Start as Values};
-use fmu_description::{Causality, Loader, Overrides, Saver, ValueMut};
+use fmu_description::{Causality, Loader, Overrides, Saver, ValueMut, Variables};
 
 use crate::ModelError;
 use crate::clock::SampleClock;
@@ -321,17 +321,12 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     fn renew(&mut self) {
-        let mut fresh = M::new();
-        fresh.copy_settable(&self.model);
-        if Self::HAS_INPUT_DERIVATIVES {
-            for reference in 0..N {
-                if let Some(derivative) = fresh.input_derivative(reference) {
-                    let set = self.model.input_derivative(reference);
-                    *derivative = set.map_or(0.0, |value| *value);
-                }
-            }
-        }
-        self.model = fresh;
+        let mut fresh = Self {
+            model: M::new(),
+            is_smaller: self.is_smaller,
+        };
+        (&mut fresh as &mut dyn AnyModel).copy_settable(self);
+        self.model = fresh.model;
     }
 
     fn input_derivative(&mut self, reference: u32) -> Option<&mut f64> {
@@ -451,6 +446,22 @@ impl dyn AnyModel {
         in_use.any(|(reference, array)| self.elements(reference) < Some(array.default as usize))
     }
 
+    /// Copies what the host sets: inputs, their derivatives, and parameters.
+    fn copy_settable(&mut self, from: &mut (dyn AnyModel + 'static)) {
+        use Causality::{Input, Parameter, StructuralParameter};
+        for reference in 0..self.facts().count as u32 {
+            if let (Some(to), Some(from)) = (self.find(reference), from.find(reference))
+                && let Input | Parameter | StructuralParameter = to.variable().causality
+            {
+                to.value.set(from.value.get());
+            }
+            if let Some(derivative) = self.input_derivative(reference) {
+                let set = from.input_derivative(reference);
+                *derivative = set.map_or(0.0, |value| *value);
+            }
+        }
+    }
+
     fn row(&self, reference: u32) -> Option<Row> {
         table::find_scalar(self.facts().rows, reference as usize)
     }
@@ -460,7 +471,7 @@ impl dyn AnyModel {
         let row = self.row(reference)?;
         // SAFETY: `Variables` promises a value of the type of the table at this place of the model, which is
         // borrowed mutably.
-        let value = unsafe { access(self.memory().byte_add(row.place()), &row) };
+        let value = unsafe { access(self.memory().byte_add(row.place()), row.variable) };
         Some(Scalar { row, value })
     }
 
@@ -611,16 +622,42 @@ impl dyn AnyModel {
     }
 }
 
+/// Sets all variables that have start values to them.
+pub(crate) fn set_start_values<M: Variables>(model: &mut M) {
+    // SAFETY: the rows are those of the model, which is borrowed mutably.
+    unsafe { set_starts_of((&raw mut *model).cast(), M::ROWS) }
+}
+
+/// # Safety
+/// At the place is a struct with these rows, which is borrowed mutably.
+unsafe fn set_starts_of(place: *mut u8, rows: &'static [table::Row]) {
+    for row in rows {
+        // SAFETY: `Variables` promises values of the types of the table at its offsets.
+        match row {
+            table::Row::Group { offset, rows, .. } => unsafe {
+                set_starts_of(place.byte_add(*offset), rows);
+            },
+            table::Row::Field(field) => {
+                for element in 0..field.start.len() {
+                    let offset = field.offset + element * field.start.element_size();
+                    let value = unsafe { access(place.byte_add(offset), field) };
+                    value.set(field.start.value(element));
+                }
+            }
+        }
+    }
+}
+
 /// Access to a value.
 ///
 /// # Safety
-/// At the place is a value of the type of the scalar, which is borrowed mutably for `'a`.
-unsafe fn access<'a>(place: *mut u8, row: &Row) -> ValueMut<'a> {
+/// At the place is a value of the type of the variable, which is borrowed mutably for `'a`.
+unsafe fn access<'a>(place: *mut u8, field: &Field) -> ValueMut<'a> {
     macro_rules! of_type {
         ($($name:ident)*) => {
             // SAFETY: the caller's promise.
             unsafe {
-                match row.variable.start {
+                match field.start {
                     $(Values::$name(_) => ValueMut::$name(&mut *place.cast()),)*
                     Values::Enumeration(_, of) => ValueMut::Enumeration(&mut *(of.item)(place)),
                 }

@@ -84,7 +84,7 @@ pub trait Model: Variables + 'static {
     #[inline(never)] // it is small only once
     fn new() -> Self {
         let mut model = Self::unset();
-        model.set_start_values();
+        crate::bound::set_start_values(&mut model);
         model
     }
 }
