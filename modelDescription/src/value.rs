@@ -177,43 +177,27 @@ pub fn bytes(text: &str) -> Option<Vec<u8>> {
 /// Whether a text is an `xs:dateTime`: `YYYY-MM-DDThh:mm:ss` with an optional fraction and time
 /// zone.
 pub fn is_date_time(text: &str) -> bool {
-    let text = trim(text);
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let within = |part: &str, max: u32| {
-        part.len() == 2 && digits(part) && part.parse().is_ok_and(|number: u32| number <= max)
+    let within = |part: &str, min: u32, max: u32| {
+        let is_within = |number| (min..=max).contains(&number);
+        part.len() == 2 && digits(part) && part.parse().is_ok_and(is_within)
     };
-    let clock = |hour: &str, minute: &str| within(hour, 24) && within(minute, 59);
+    let clock = |hour, minute| within(hour, 0, 24) && within(minute, 0, 59);
     let Some((date, time)) = trim(text).split_once('T') else {
         return false;
     };
-    let date: Vec<&str> = date.trim_start_matches('-').split('-').collect();
-    let [year, month, day] = date[..] else {
-        return false;
-    };
-    let (time, zone) = match time.find(['Z', '+', '-']) {
-        Some(at) => time.split_at(at),
-        None => (time, ""),
-    };
-    let zone_fits = matches!(zone, "" | "Z")
-        || zone
-            .trim_start_matches(['+', '-'])
-            .split_once(':')
-            .is_some_and(|(hour, minute)| clock(hour, minute));
+    let (time, zone) = time.split_at(time.find(['Z', '+', '-']).unwrap_or(time.len()));
     let (time, fraction) = time.split_once('.').unwrap_or((time, "0"));
+    let date: Vec<&str> = date.trim_start_matches('-').split('-').collect();
     let time: Vec<&str> = time.split(':').collect();
-    let [hour, minute, second] = time[..] else {
-        return false;
-    };
-    year.len() >= 4
-        && digits(year)
-        && within(month, 12)
-        && month != "00"
-        && within(day, 31)
-        && day != "00"
-        && clock(hour, minute)
-        && within(second, 59)
+    let difference = zone.trim_start_matches(['+', '-']).split_once(':');
+    matches!(date[..], [year, month, day]
+        if year.len() >= 4 && digits(year) && within(month, 1, 12) && within(day, 1, 31))
+        && matches!(time[..], [hour, minute, second]
+            if clock(hour, minute) && within(second, 0, 59))
         && digits(fraction)
-        && zone_fits
+        && (matches!(zone, "" | "Z")
+            || difference.is_some_and(|(hour, minute)| clock(hour, minute)))
 }
 
 #[cfg(test)]

@@ -7,8 +7,9 @@ use serde::Deserialize;
 use crate::table::element_name;
 use crate::{Causality, Dynamics, Initial, Type, Value, Variability, value, words};
 
-/// A variable: a scalar, or an array. The copy in a binary has its fields in this order.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+/// A variable: a scalar, or an array. The copy in a binary has its fields in this order. The default is a
+/// continuous local Float64 without a name.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 pub struct Variable {
     /// Its name.
     pub name: String,
@@ -87,29 +88,6 @@ pub struct Item {
     pub description: String,
 }
 
-/// A continuous local variable of type Float64 without a name.
-impl Default for Variable {
-    fn default() -> Self {
-        Self {
-            name: String::new(),
-            reference: 0,
-            description: String::new(),
-            of_type: Type::Float64,
-            causality: Causality::Local,
-            variability: Variability::Continuous,
-            initial: None,
-            dimensions: Vec::new(),
-            start: Vec::new(),
-            min: None,
-            max: None,
-            unit: None,
-            mime_type: None,
-            declared_type: None,
-            exported: Exported::default(),
-        }
-    }
-}
-
 impl Variable {
     /// Number of elements; 1 for a scalar.
     pub fn count(&self) -> usize {
@@ -166,7 +144,7 @@ impl Variable {
                 format!("a number{}{unit}", words::bounds(min, max))
             }
             Type::Boolean => "true or false".into(),
-            Type::String => "a text".into(),
+            Type::String => "a text without null bytes".into(),
             Type::Binary => "two hexadecimal digits for each byte".into(),
             Type::Enumeration => {
                 let names: Vec<_> = self.items().iter().map(|item| &*item.name).collect();

@@ -11,7 +11,7 @@ macro_rules! words {
     ($($(#[$about:meta])* $name:ident { $($(#[$meaning:meta])* $variant:ident = $word:literal,)* })*) => {
         $(
             $(#[$about])*
-            #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+            #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
             pub enum $name {
                 $($(#[$meaning])* $variant,)*
             }
@@ -54,6 +54,7 @@ words! {
         /// Computed by the model, for other models.
         Output = "output",
         /// Computed by the model, for inspection only.
+        #[default]
         Local = "local",
         /// The independent variable, usually time.
         Independent = "independent",
@@ -72,12 +73,14 @@ words! {
         /// At certain instants only.
         Discrete = "discrete",
         /// At any time.
+        #[default]
         Continuous = "continuous",
     }
 
     /// How a variable is initialized (FMI 2.0.5, section 2.2.7).
     Initial {
         /// The initial value is the start value.
+        #[default]
         Exact = "exact",
         /// The start value is an initial guess.
         Approx = "approx",
@@ -91,6 +94,7 @@ words! {
         /// `f32`
         Float32 = "Float32",
         /// `f64`
+        #[default]
         Float64 = "Float64",
         /// `i8`
         Int8 = "Int8",

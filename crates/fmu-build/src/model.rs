@@ -121,75 +121,34 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
-    use fmu_description::{DeclaredType, Item, Type};
+    use fmu_description::{ModelDescription, xml};
 
     use super::*;
 
+    const XML: &str = "<fmiModelDescription fmiVersion='3.0'><TypeDefinitions>
+        <EnumerationType name='Target'><Item name='own' value='1'/><Item name='supervisor' value='2'/></EnumerationType>
+        </TypeDefinitions><ModelVariables>
+        <Float64 name='u' valueReference='0' causality='output'/>
+        <Float64 name='pid.kp' valueReference='1' causality='parameter' min='0' max='1e9' unit='N/rad'/>
+        <Float64 name='w' valueReference='2' causality='parameter' unit='N/rad'><Dimension start='2'/></Float64>
+        <Int32 name='order' valueReference='4' causality='parameter' min='1' max='4'/>
+        <UInt64 name='seed' valueReference='5' causality='parameter'/>
+        <Binary name='key' valueReference='6' causality='parameter'/>
+        <Float32 name='ratio' valueReference='7' causality='parameter'/>
+        <Boolean name='anti_windup' valueReference='8' causality='parameter'/>
+        <String name='file' valueReference='9' causality='parameter'/>
+        <Enumeration name='target' valueReference='10' causality='parameter' declaredType='Target'/>
+        </ModelVariables></fmiModelDescription>";
+
     fn model() -> Description {
-        let parameter = |name: &str, of_type, start: &str| Variable {
-            name: name.into(),
-            of_type,
-            causality: Causality::Parameter,
-            start: Value::parse(of_type, start).into_iter().collect(),
-            ..Variable::default()
-        };
-        let item = |name: &str, value| Item {
-            name: name.into(),
-            value,
-            description: String::new(),
-        };
-        let targets = DeclaredType {
-            items: vec![item("own", 1), item("supervisor", 2)],
-            ..DeclaredType::default()
-        };
-        let unit = Some("N/rad".to_owned());
-        let mut model = Description {
+        let root = xml::parse(XML).unwrap();
+        let read = ModelDescription::read(&root).unwrap();
+        let variables = read.variables().map(|(_, v)| Variable::clone(v));
+        Description {
             name: "Pid".into(),
+            variables: variables.collect(),
             ..Description::default()
-        };
-        let mut reference = 0;
-        for variable in [
-            Variable {
-                causality: Causality::Output,
-                ..parameter("u", Type::Float64, "0")
-            },
-            Variable {
-                min: Some(Value::Float64(0.0)),
-                max: Some(Value::Float64(1e9)),
-                unit: unit.clone(),
-                ..parameter("pid.kp", Type::Float64, "0")
-            },
-            Variable {
-                dimensions: vec![2],
-                unit,
-                ..parameter("w", Type::Float64, "0")
-            },
-            Variable {
-                min: Some(Value::Int32(1)),
-                max: Some(Value::Int32(4)),
-                ..parameter("order", Type::Int32, "1")
-            },
-            parameter("seed", Type::UInt64, "0"),
-            parameter("key", Type::Binary, ""),
-            parameter("ratio", Type::Float32, "0"),
-            parameter("anti_windup", Type::Boolean, "false"),
-            parameter("file", Type::String, ""),
-            Variable {
-                declared_type: Some(Arc::new(targets)),
-                ..parameter("target", Type::Enumeration, "1")
-            },
-        ] {
-            let count = variable.count() as u32;
-            let variable = Variable {
-                reference,
-                ..variable
-            };
-            model.variables.push(variable);
-            reference += count;
         }
-        model
     }
 
     fn value_of(name: &str, text: &str) -> Result<(usize, Value), String> {
@@ -216,22 +175,11 @@ mod tests {
 
     #[test]
     fn a_value_that_cannot_be_used_is_refused_with_what_is_expected() {
+        const GAIN: &str = "expected a number from 0 to 1000000000 [N/rad]";
         for (name, text, expected) in [
-            (
-                "pid.kp",
-                "much",
-                "expected a number from 0 to 1000000000 [N/rad]",
-            ),
-            (
-                "pid.kp",
-                "nan",
-                "expected a number from 0 to 1000000000 [N/rad]",
-            ),
-            (
-                "pid.kp",
-                "-1",
-                "expected a number from 0 to 1000000000 [N/rad]",
-            ),
+            ("pid.kp", "much", GAIN),
+            ("pid.kp", "nan", GAIN),
+            ("pid.kp", "-1", GAIN),
             ("w[2]", "inf", "expected a number [N/rad]"),
             ("order", "5", "expected a whole number from 1 to 4"),
             ("order", "1.5", "expected a whole number from 1 to 4"),

@@ -632,14 +632,15 @@ pub(crate) fn set_start_values<M: Variables>(model: &mut M) {
 /// At the place is a struct with these rows, which is borrowed mutably.
 unsafe fn set_starts_of(place: *mut u8, rows: &'static [table::Row]) {
     for row in rows {
-        // SAFETY: `Variables` promises values of the types of the table at its offsets.
         match row {
-            table::Row::Group { offset, rows, .. } => unsafe {
-                set_starts_of(place.byte_add(*offset), rows);
-            },
+            table::Row::Group { offset, rows, .. } => {
+                // SAFETY: `Variables` promises a struct with these rows at this offset.
+                unsafe { set_starts_of(place.byte_add(*offset), rows) }
+            }
             table::Row::Field(field) => {
                 for element in 0..field.start.len() {
                     let offset = field.offset + element * field.start.element_size();
+                    // SAFETY: `Variables` promises a value of the type of the table at this offset.
                     let value = unsafe { access(place.byte_add(offset), field) };
                     value.set(field.start.value(element));
                 }

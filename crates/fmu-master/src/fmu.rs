@@ -78,7 +78,7 @@ impl Fmu {
         let interface = co_simulation(&model)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
         let binary = binary(&archive, identifier, model.version)?;
-        let only_once = interface.flag("canBeInstantiatedOnlyOncePerProcess");
+        let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
         archive.unpack("", folder.path())?;

@@ -71,19 +71,10 @@ impl Written {
 
 fn expected(variable: &Variable) -> String {
     match variable.of_type {
-        Type::Int32 => "a 32-bit integer".into(),
-        Type::Boolean => "true or false".into(),
-        Type::String => "a quoted string without null bytes".into(),
-        Type::Enumeration => {
-            let names = variable.items().iter().map(|item| item.name.as_str());
-            format!("one of {}", names.collect::<Vec<_>>().join(", "))
+        kind @ (Type::Binary | Type::Clock) => {
+            format!("nothing, as a {} cannot be set", kind.as_str())
         }
-        kind if kind.is_float() => "a number".into(),
-        kind if kind.is_integer() => {
-            let (min, max) = kind.range();
-            format!("a whole number from {min} to {max}")
-        }
-        kind => format!("nothing, as a {} cannot be set", kind.as_str()),
+        _ => variable.expected(),
     }
 }
 

@@ -53,12 +53,6 @@ impl<'a> Element<'a> {
         self.attribute(name).and_then(value::boolean) == Some(true)
     }
 
-    /// Whether an attribute is true.
-    pub fn flag(&self, name: &str) -> bool {
-        let value = self.attribute(name).and_then(crate::value::boolean);
-        value.unwrap_or(false)
-    }
-
     /// The first child with the given name.
     pub fn child(&self, name: &str) -> Option<&Element<'a>> {
         self.children(name).next()

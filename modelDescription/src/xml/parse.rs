@@ -26,11 +26,9 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
     // The reader does not count a byte order mark in its positions.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut parser = Parser {
-        lines: Lines {
-            text,
-            at: 0,
-            line: 1,
-        },
+        text,
+        at: 0,
+        line: 1,
         open: Vec::new(),
         root: None,
         elements: 0,
@@ -38,9 +36,9 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = true;
     loop {
-        let line = parser.lines.of(reader.buffer_position());
+        let line = parser.line_of(reader.buffer_position());
         let event = reader.read_event().map_err(|error| {
-            anyhow!("line {}: {error}", parser.lines.of(reader.error_position()))
+            anyhow!("line {}: {error}", parser.line_of(reader.error_position()))
         })?;
         if matches!(event, Event::Eof) {
             break;
@@ -57,29 +55,11 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
     parser.root.context("the document has no root element")
 }
 
-/// Line numbers of increasing positions.
-struct Lines<'a> {
+struct Parser<'a> {
     text: &'a str,
+    /// A position in the text, and its line.
     at: usize,
     line: u32,
-}
-
-impl Lines<'_> {
-    fn of(&mut self, position: u64) -> u32 {
-        let position = usize::try_from(position).unwrap_or(usize::MAX);
-        if let Some(passed) = self.text.as_bytes().get(self.at..position) {
-            let breaks = passed.iter().filter(|byte| **byte == b'\n').count();
-            self.line = self
-                .line
-                .saturating_add(u32::try_from(breaks).unwrap_or(u32::MAX));
-            self.at = position;
-        }
-        self.line
-    }
-}
-
-struct Parser<'a> {
-    lines: Lines<'a>,
     /// The elements that are not closed yet, the root first.
     open: Vec<Element<'a>>,
     root: Option<Element<'a>>,
@@ -87,6 +67,18 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
+    /// The line of a position after those that were asked for before.
+    fn line_of(&mut self, position: u64) -> u32 {
+        let position = usize::try_from(position).unwrap_or(usize::MAX);
+        if let Some(passed) = self.text.as_bytes().get(self.at..position) {
+            let breaks = passed.iter().filter(|byte| **byte == b'\n').count();
+            let breaks = u32::try_from(breaks).unwrap_or(u32::MAX);
+            self.line = self.line.saturating_add(breaks);
+            self.at = position;
+        }
+        self.line
+    }
+
     fn take(&mut self, event: Event<'a>, line: u32) -> Result<()> {
         match event {
             Event::Start(start) => {
@@ -108,8 +100,8 @@ impl<'a> Parser<'a> {
                     .context("there is an end tag without a start tag")?;
                 self.close(element)?;
             }
-            Event::Text(text) => self.text(&text)?,
-            Event::CData(text) => self.text(&text)?,
+            Event::Text(text) => self.note_text(&text)?,
+            Event::CData(text) => self.note_text(&text)?,
             Event::GeneralRef(reference) => self.reference(&reference)?,
             Event::Decl(_) => self.declaration()?,
             Event::DocType(_) => bail!(
@@ -126,7 +118,7 @@ impl<'a> Parser<'a> {
             self.elements <= MAX_ELEMENTS,
             "there are more than {MAX_ELEMENTS} elements"
         );
-        let source = self.lines.text;
+        let source = self.text;
         let mut element = Element {
             name: within(source, start.name().into_inner())?,
             line,
@@ -168,7 +160,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn text(&mut self, text: &str) -> Result<()> {
+    fn note_text(&mut self, text: &str) -> Result<()> {
         check_characters(text)?;
         if text.trim_matches([' ', '\t', '\r', '\n']).is_empty() {
             return Ok(());
@@ -191,7 +183,7 @@ impl<'a> Parser<'a> {
                 quote(reference)
             )
         })?;
-        self.text(text)
+        self.note_text(text)
     }
 
     fn declaration(&self) -> Result<()> {

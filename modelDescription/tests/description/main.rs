@@ -166,37 +166,6 @@ fn the_xml_of_fmi_2_reads_back_as_the_scalars_that_it_can_express() {
 }
 
 #[test]
-fn what_only_the_exporter_knows_is_read_from_the_copy() {
-    let tank = description(&TANK_COPY);
-    let with_derivatives = tank
-        .variables
-        .iter()
-        .filter(|v| v.exported.has_input_derivative);
-    let names: Vec<_> = with_derivatives.map(|v| &*v.name).collect();
-    assert_eq!(names, ["inflow"]);
-    let flow = &tank.variables[2];
-    assert_eq!(flow.exported.terminal, "pipe.flow");
-    // The references of opening, pump.head and inflow.
-    assert_eq!(
-        (&*flow.exported.initially_from, &*flow.exported.depends_on),
-        (&[1, 6][..], &[0][..])
-    );
-    let lists = description(&LONGER_COPY);
-    let sizes: Vec<_> = (lists.variables.iter())
-        .map(|v| (&*v.name, v.exported.size, v.count(), lists.elements(v)))
-        .collect();
-    let expected = [
-        ("offset", None, 1, 1),
-        ("net.nodes", None, 1, 1),
-        ("net.w", Some(1), 3, 3),
-        ("net.names", Some(1), 3, 3),
-        ("net.levels", Some(1), 3, 3),
-        ("sum", None, 1, 1),
-    ];
-    assert_eq!(sizes, expected);
-}
-
-#[test]
 fn descriptions_that_no_importer_could_read_are_errors() {
     let error = |change: fn(&mut Description), version| {
         let mut tank = description(&TANK_COPY);

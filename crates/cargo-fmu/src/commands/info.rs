@@ -198,7 +198,7 @@ fn interfaces(
         };
         let default = (model.version == FmiVersion::Fmi2).then_some("0");
         let flags = common.iter().chain(*flags);
-        let flags = flags.map(|name| format!("  {name:40} {}", interface.flag(name)));
+        let flags = flags.map(|name| format!("  {name:40} {}", interface.is_true(name)));
         let numbers = numbers.iter().filter_map(|name| {
             let value = plain(interface.attribute(name).or(default)?, MAX_WIDTH);
             Some(format!("  {name:40} {value}"))
