@@ -364,7 +364,7 @@ def test_it_has_the_files_of_the_standard_and_no_others(fmu):
 
 @each_fmu
 def test_it_is_small(fmu):
-    limits = (270_000, 580_000) if fmu.is_fmi_3 else (255_000, 520_000)
+    limits = (180_000, 450_000) if fmu.is_fmi_3 else (160_000, 400_000)
     assert fmu.path.stat().st_size <= limits[0]
     assert len(fmu.read(fmu.library)) <= limits[1]
 

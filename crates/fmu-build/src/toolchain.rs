@@ -131,6 +131,9 @@ impl Recipe {
         if is_apple(&self.target) {
             build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
         }
+        if self.has_unwinder_in_library() {
+            build.rustflags(["--cfg=fmu_export_no_backtrace".to_owned()]);
+        }
         if self.std_from_source {
             // Smaller without the backtrace symbolizer, which is not needed to catch panics.
             build
@@ -143,6 +146,12 @@ impl Recipe {
             }
         }
         build
+    }
+
+    /// Whether the functions that unwind the stack are in a library of the system, and not linked into the
+    /// FMU. Then `fmu-export` replaces one of them, and leaves the symbolizer of backtraces out.
+    fn has_unwinder_in_library(&self) -> bool {
+        self.target.ends_with("-linux-gnu") && !self.by_zig && !self.std_from_source
     }
 
     /// Compiler arguments for the shared library `name`.

@@ -56,6 +56,8 @@
     allow(dead_code, reason = "what only the other version of FMI uses")
 )]
 
+#[cfg(all(fmu_export_no_backtrace, not(target_feature = "crt-static")))]
+mod backtrace;
 mod bound;
 mod clock;
 mod component;

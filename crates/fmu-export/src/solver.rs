@@ -1,9 +1,10 @@
-//! The integrator of models with equations in co-simulation: the embedded Runge-Kutta pair 5(4) of Dormand
-//! and Prince (J. Comput. Appl. Math. 6, 1980) with the dense output of Hairer, Nørsett and Wanner (Solving
-//! Ordinary Differential Equations I, section II.6), and the location of events.
+//! The integrator of models with equations in co-simulation: the method of [`dormand_prince`], and the
+//! location of events.
 //!
 //! It remembers nothing between steps, so that a saved state is that of the model alone. All memory is in
 //! a [`Workspace`].
+
+use dormand_prince::{ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted};
 
 use crate::model::{Kind, ModelError};
 
@@ -13,10 +14,6 @@ const MAX_STEPS: u32 = 100_000;
 const MAX_EVENTS: u32 = 1000;
 /// Smallest relative tolerance that is kept, above rounding errors.
 const MIN_TOLERANCE: f64 = 1e-12;
-/// Maximum growth of the size from one internal step to the next.
-const MAX_GROWTH: f64 = 5.0;
-/// Maximum shrinkage, also after a point at which the equations have no values.
-const MAX_SHRINKAGE: f64 = 0.2;
 /// Size of the first internal step after a state event, in units of the resolution of its time: so short
 /// that the indicator is seen to return to its former sign before it changes again.
 const RESTART: f64 = 1e4;
@@ -66,7 +63,7 @@ pub(crate) struct Workspace {
     /// The states at another point.
     point: Vec<f64>,
     /// Derivatives at the stages of an internal step: the first at its start, the last at its end.
-    slopes: [Vec<f64>; 7],
+    slopes: [Vec<f64>; STAGES],
     /// Whether each event indicator is positive at the start of an internal step.
     signs: Vec<bool>,
 }
@@ -215,10 +212,8 @@ impl Run<'_> {
             if let Trial::Error(error) = trial
                 && error <= 1.0
             {
-                let growth = 0.9 * libm::pow(error.max(1e-10), -0.2);
-                let size = h * growth.clamp(MAX_SHRINKAGE, MAX_GROWTH);
                 if !self.has_crossed() {
-                    self.size = size;
+                    self.size = h * factor(error);
                     self.accept(to);
                     return Ok(());
                 }
@@ -228,9 +223,7 @@ impl Run<'_> {
                 }
             }
             self.size = h * match &trial {
-                Trial::Error(error) if *error > 1.0 && error.is_finite() => {
-                    (0.9 * libm::pow(*error, -0.2)).max(MAX_SHRINKAGE)
-                }
+                Trial::Error(error) if *error > 1.0 => factor(*error),
                 _ => MAX_SHRINKAGE,
             };
             if self.size <= self.resolution() {
@@ -308,23 +301,9 @@ impl Run<'_> {
 
     /// Computes the states at a fraction of an internal step.
     fn interpolate(&mut self, fraction: f64, h: f64) {
-        const D: [f64; 7] = [
-            -12715105075.0 / 11282082432.0,
-            0.0,
-            87487479700.0 / 32700410799.0,
-            -10690763975.0 / 1880347072.0,
-            701980252875.0 / 199316789632.0,
-            -1453857185.0 / 822651844.0,
-            69997945.0 / 29380423.0,
-        ];
-        let rest = 1.0 - fraction;
-        for i in 0..self.w.states.len() {
-            let change = self.w.next[i] - self.w.states[i];
-            let first = h * self.w.slopes[0][i] - change;
-            let last = change - h * self.w.slopes[6][i] - first;
-            let fifth = h * weighted(&D, &self.w.slopes, i);
-            let inner = first + fraction * (last + rest * fifth);
-            self.w.point[i] = self.w.states[i] + fraction * (change + rest * inner);
+        let w = &mut *self.w;
+        for (i, point) in w.point.iter_mut().enumerate() {
+            *point = interpolate(fraction, h, (w.states[i], w.next[i]), &w.slopes, i);
         }
     }
 
@@ -344,51 +323,15 @@ impl Run<'_> {
 
     /// Takes the stages of an internal step of size `h` that ends at `to`.
     fn try_step(&mut self, h: f64, to: f64) -> Result<Trial, ModelError> {
-        /// Nodes: the time of each stage as a fraction of the step; the others are 1.
-        const C: [f64; 5] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0];
-        const A: [&[f64]; 7] = [
-            &[],
-            &[1.0 / 5.0],
-            &[3.0 / 40.0, 9.0 / 40.0],
-            &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0],
-            &[
-                19372.0 / 6561.0,
-                -25360.0 / 2187.0,
-                64448.0 / 6561.0,
-                -212.0 / 729.0,
-            ],
-            &[
-                9017.0 / 3168.0,
-                -355.0 / 33.0,
-                46732.0 / 5247.0,
-                49.0 / 176.0,
-                -5103.0 / 18656.0,
-            ],
-            &[
-                35.0 / 384.0,
-                0.0,
-                500.0 / 1113.0,
-                125.0 / 192.0,
-                -2187.0 / 6784.0,
-                11.0 / 84.0,
-            ],
-        ];
-        /// Fifth-order weights minus fourth-order weights.
-        const E: [f64; 7] = [
-            71.0 / 57600.0,
-            0.0,
-            -71.0 / 16695.0,
-            71.0 / 1920.0,
-            -17253.0 / 339200.0,
-            22.0 / 525.0,
-            -1.0 / 40.0,
-        ];
-        for (stage, weights) in A.iter().enumerate().skip(1) {
+        for (stage, weights) in WEIGHTS.iter().enumerate().skip(1) {
             for i in 0..self.w.states.len() {
                 let slope = weighted(weights, &self.w.slopes, i);
                 self.w.next[i] = self.w.states[i] + h * slope;
             }
-            let time = C.get(stage).map_or(to, |c| self.reached + c * h);
+            let time = match NODES[stage] {
+                1.0 => to,
+                node => self.reached + node * h,
+            };
             let evaluated = self.system.evaluate(self.step.time + time, &self.w.next);
             if let Some(failed) = self.judge(evaluated)? {
                 return Ok(failed);
@@ -398,7 +341,7 @@ impl Run<'_> {
         let w = &self.w;
         Ok(Trial::Error(self.norm(|i| {
             let largest = w.states[i].abs().max(w.next[i].abs());
-            h * weighted(&E, &w.slopes, i) / self.scale(i, largest)
+            h * weighted(&ERROR, &w.slopes, i) / self.scale(i, largest)
         })))
     }
 
@@ -473,14 +416,6 @@ impl Run<'_> {
             }
         }
     }
-}
-
-/// The sum of the slopes of a state with weights.
-#[inline]
-fn weighted(weights: &[f64], slopes: &[Vec<f64>; 7], state: usize) -> f64 {
-    { weights.iter().zip(slopes) }
-        .map(|(weight, slope)| weight * slope[state])
-        .sum()
 }
 
 #[cfg(test)]

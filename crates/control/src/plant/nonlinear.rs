@@ -1,5 +1,7 @@
-//! The nonlinear plant (7), (8), integrated by the embedded Runge-Kutta pair 5(4) of Dormand and
-//! Prince (J. Comput. Appl. Math. 6, 1980) with local extrapolation and error control per substep.
+//! The nonlinear plant (7), (8), integrated by the method of [`dormand_prince`] with local extrapolation and
+//! error control per substep.
+
+use dormand_prince::{ERROR, NODES, STAGES, WEIGHTS, factor, weighted};
 
 use super::{Force, Jacobian, Parameters, State};
 
@@ -179,21 +181,12 @@ fn integrate<const N: usize>(
             reached = if h == remaining { step } else { reached + h };
             y = next;
         }
-        h *= step_factor(error);
+        h *= factor(error);
         if reached + h == reached {
             break;
         }
     }
     Err(StepFailure { reached })
-}
-
-/// Factor for the next substep after one of the given error: standard step-size control.
-fn step_factor(error: f64) -> f64 {
-    if error.is_finite() {
-        (0.9 * libm::pow(error.max(1e-10), -0.2)).clamp(0.2, 5.0)
-    } else {
-        0.2 // it overflowed
-    }
 }
 
 /// One substep of size `h`: the fifth-order state, and its error relative to the tolerance.
@@ -202,52 +195,13 @@ fn substep<const N: usize>(
     h: f64,
     slope: impl Fn(f64, &[f64; N]) -> [f64; N],
 ) -> ([f64; N], f64) {
-    /// Nodes: the time of each stage as a fraction of the substep.
-    const C: [f64; 7] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0];
-    const A: [&[f64]; 7] = [
-        &[],
-        &[1.0 / 5.0],
-        &[3.0 / 40.0, 9.0 / 40.0],
-        &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0],
-        &[
-            19372.0 / 6561.0,
-            -25360.0 / 2187.0,
-            64448.0 / 6561.0,
-            -212.0 / 729.0,
-        ],
-        &[
-            9017.0 / 3168.0,
-            -355.0 / 33.0,
-            46732.0 / 5247.0,
-            49.0 / 176.0,
-            -5103.0 / 18656.0,
-        ],
-        &[
-            35.0 / 384.0,
-            0.0,
-            500.0 / 1113.0,
-            125.0 / 192.0,
-            -2187.0 / 6784.0,
-            11.0 / 84.0,
-        ],
-    ];
-    /// Fifth-order weights minus fourth-order weights.
-    const E: [f64; 7] = [
-        71.0 / 57600.0,
-        0.0,
-        -71.0 / 16695.0,
-        71.0 / 1920.0,
-        -17253.0 / 339200.0,
-        22.0 / 525.0,
-        -1.0 / 40.0,
-    ];
-    let mut slopes = [[0.0; N]; 7];
+    let mut slopes = [[0.0; N]; STAGES];
     let mut stage = *y;
-    for (s, row) in A.iter().enumerate() {
+    for (s, row) in WEIGHTS.iter().enumerate() {
         stage = add(y, h, row, &slopes);
-        slopes[s] = slope(C[s] * h, &stage);
+        slopes[s] = slope(NODES[s] * h, &stage);
     }
-    let error = add(&[0.0; N], h, &E, &slopes);
+    let error = add(&[0.0; N], h, &ERROR, &slopes);
     let mut squares = 0.0;
     for i in 0..N {
         let tolerance = ABSOLUTE + RELATIVE * y[i].abs().max(stage[i].abs());
@@ -259,11 +213,13 @@ fn substep<const N: usize>(
 }
 
 /// `y + h sum_s weights[s] slopes[s]`.
-fn add<const N: usize>(y: &[f64; N], h: f64, weights: &[f64], slopes: &[[f64; N]; 7]) -> [f64; N] {
-    core::array::from_fn(|i| {
-        let slope: f64 = weights.iter().zip(slopes).map(|(w, k)| w * k[i]).sum();
-        y[i] + h * slope
-    })
+fn add<const N: usize>(
+    y: &[f64; N],
+    h: f64,
+    weights: &[f64],
+    slopes: &[[f64; N]; STAGES],
+) -> [f64; N] {
+    core::array::from_fn(|i| y[i] + h * weighted(weights, slopes, i))
 }
 
 #[cfg(test)]
