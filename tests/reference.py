@@ -5,13 +5,18 @@ FMUs, so that results can be compared column by column. SI units, angles in rad.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
+
+from pendulum_fmus.loop import Loop
+from pendulum_fmus.master import simulate
 
 M, m, l, g, I, b = 1.096, 0.109, 0.25, 9.8, 0.0034, 0.1  # noqa: E741
 """Cart [kg], rod [kg], pivot to centre of mass [m], gravity [m/s²], inertia [kg m²], friction
@@ -27,22 +32,16 @@ EDGE = 1e-9
 # --- plant --------------------------------------------------------------------------------------
 
 
-def accelerations(theta: float, omega: float, v: float, u: float) -> tuple[float, float]:
-    """Solve (7), (8) for (x'', theta'') [m/s², rad/s²]."""
-    s, c = math.sin(theta), math.cos(theta)
-    mass = np.array([[M + m, -m * l * c], [-m * l * c, I + m * l**2]])
-    force = np.array([u - b * v - m * l * omega**2 * s, m * g * l * s])
-    x2, theta2 = np.linalg.solve(mass, force)
-    return x2, theta2
-
-
 def derivatives(state: np.ndarray, u: float) -> np.ndarray:
-    """Return the derivative of the state (x, v, theta, omega), shape (4,), of the nonlinear model.
+    """Return the derivative of the state (x, v, theta, omega), shape (4,), by (7) and (8).
 
     `u` is the force [N].
     """
     _, v, theta, omega = state
-    x2, theta2 = accelerations(theta, omega, v, u)
+    s, c = math.sin(theta), math.cos(theta)
+    mass = np.array([[M + m, -m * l * c], [-m * l * c, I + m * l**2]])
+    force = np.array([u - b * v - m * l * omega**2 * s, m * g * l * s])
+    x2, theta2 = np.linalg.solve(mass, force)
     return np.array([v, x2, omega, theta2])
 
 
@@ -209,30 +208,6 @@ def disturbance(t: float, amplitude: float) -> float:
 # --- closed loop --------------------------------------------------------------------------------
 
 
-class Loop:
-    """A controller and its plant, with their recorded columns."""
-
-    def __init__(self, controller: Controller, plant: Plant):
-        self.controller, self.plant = controller, plant
-        self.outputs = ["e", "u", "u_p"] + ["u_n"] * (controller.kind != "Pid")
-        self.columns: dict[str, list[float]] = {name: [] for name in ("theta", *self.outputs)}
-        self.theta = self.u = 0.0
-
-    def measure(self) -> None:
-        """Latch theta and u of this communication point before anything steps."""
-        self.theta, self.u = self.plant.theta, self.controller.u
-
-    def control(self, t: float, h: float, r: float, d: float, u_supervisor: float) -> None:
-        """Step the controller on the latched angle."""
-        self.controller.step(t, h, (r, self.theta, d, u_supervisor))
-
-    def record(self) -> None:
-        """Record the values of this communication point."""
-        self.columns["theta"].append(self.theta)
-        for name in self.outputs:
-            self.columns[name].append(getattr(self.controller, name))
-
-
 def closed_loop(
     controller: str,
     signal: str = "step",
@@ -253,58 +228,56 @@ def closed_loop(
     Returns columns of shape (steps,), named as in the FMU loop.
     """
 
-    def make(kind: str, target: str, w0: Sequence[float]) -> Loop:
-        default = kind != "IpidRbf"
-        late = default if previous_sample_terms is None else previous_sample_terms
-        parts = Controller(kind, previous_sample_terms=late, target=target, w0=w0, start=start)
-        return Loop(parts, Plant(plant_model))
+    def law(kind: str, target: str, w0: Sequence[float]) -> Controller:
+        late = kind != "IpidRbf" if previous_sample_terms is None else previous_sample_terms
+        return Controller(kind, previous_sample_terms=late, target=target, w0=w0, start=start)
 
-    main = make(controller, target, w0)
-    loops = {"": main}
+    loops = [("controller", law(controller, target, w0), "plant", Plant(plant_model))]
     if target == "supervisor":
-        loops = {"supervisor_": make("PidRbf", "own", supervisor_w0), **loops}
-    frequency = 0.2 if signal == "sine" else 0.1
-    source = _run(
-        list(loops.values()),
-        order,
-        lambda t: (reference(signal, t, frequency), disturbance(t, amplitude)),
-        start + step * np.arange(steps),
-        step,
-    )
-    return {**source, **_named(loops)}
-
-
-def _run(
-    loops: list[Loop],
-    order: str,
-    source: Callable[[float], tuple[float, float]],
-    times: np.ndarray,
-    h: float,
-) -> dict[str, np.ndarray]:
-    """Step the loops, the supervisor first; return the columns of time and source."""
-    signals = []
-    for t in times.tolist():
-        r, d = source(t)
-        for loop in loops:
-            loop.measure()
-        u_supervisor = loops[0].u
-        for loop in loops:
-            loop.control(t, h, r, d, u_supervisor)
+        supervisor = law("PidRbf", "own", supervisor_w0)
+        loops.insert(0, ("supervisor", supervisor, "supervisor_plant", Plant(plant_model)))
+    columns, frequency = defaultdict(list), 0.2 if signal == "sine" else 0.1
+    for t in (start + step * np.arange(steps)).tolist():
+        r, d = reference(signal, t, frequency), disturbance(t, amplitude)
+        row = {"time": t, "source.r": r, "source.d": d}
+        latched = [(law.u, plant.theta) for _, law, _, plant in loops]
+        u_supervisor = latched[0][0]
+        for (name, law, plant_name, plant), (u, theta) in zip(loops, latched, strict=True):
+            law.step(t, step, (r, theta, d, u_supervisor))
             if order == "sequential":
-                u_supervisor = loop.controller.u
-            loop.plant.step(loop.controller.u if order == "sequential" else loop.u, h)
-            loop.record()
-        signals.append((r, d))
-    r, d = np.array(signals).T
-    return {"time": times, "source.r": r, "source.d": d}
+                u = u_supervisor = law.u
+            plant.step(u, step)
+            parts = ["e", "u", "u_p"] + ["u_n"] * (law.kind != "Pid")
+            row |= {f"{plant_name}.theta": theta, **{f"{name}.{p}": getattr(law, p) for p in parts}}
+        for name, value in row.items():
+            columns[name].append(value)
+    return {name: np.array(values) for name, values in columns.items()}
 
 
-def _named(loops: dict[str, Loop]) -> dict[str, np.ndarray]:
-    """Return the loops' columns with the component names of the FMU loop."""
-    columns = {}
-    for prefix, loop in loops.items():
-        controller = prefix.rstrip("_") or "controller"
-        for name, values in loop.columns.items():
-            owner = f"{prefix}plant" if name == "theta" else controller
-            columns[f"{owner}.{name}"] = np.array(values)
-    return columns
+def both(
+    fmus: Path, controller: str, signal: str = "step", disturbance: float = 0.0, **options
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the columns (steps,) of the loop of FMUs and of the independent one."""
+    timing = {"start": TS, "step": TS, "order": "sequential"} | {
+        name: options.pop(name) for name in ("start", "step", "steps", "order") if name in options
+    }
+    expected = closed_loop(controller, signal, disturbance, **options, **timing)
+    with Loop(controller, signal, disturbance, **options).system(fmus) as system:
+        record = [name for name in expected if name != "time"]
+        return simulate(system, record=record, **timing), expected
+
+
+def assert_close(
+    computed: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], tolerance: float = 1e-10
+) -> None:
+    """Compare sample by sample, relative to the maximum value so far, or to 1 if that is larger.
+
+    Relative to the maximum, since in an unstable loop deviations grow as fast as the signals.
+    """
+    for name, column in expected.items():
+        scale = np.maximum(1.0, np.maximum.accumulate(np.abs(column)))
+        deviation = np.abs(computed[name] - column) / scale
+        worst = int(np.argmax(deviation))
+        assert deviation[worst] <= tolerance, (
+            f"{name}, sample {worst}: {computed[name][worst]!r} instead of {column[worst]!r}"
+        )

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from dask.distributed import KilledWorker
@@ -115,32 +116,21 @@ def test_a_sweep_whose_coordinator_ends_is_resumed(sweep, tmp_path, number):
     assert out.read_bytes() == expected(sweep)
 
 
-class Chunk:
-    """A future of the runs 0 and 1."""
-
-    def __init__(self, code: int = 0, said: bytes = b"", error: Exception | None = None):
-        self.result_of, self.error = subprocess.CompletedProcess([], code, said, said), error
-
-    def result(self) -> subprocess.CompletedProcess:
-        """Return what a worker returned, or raise its error."""
-        if self.error:
-            raise self.error
-        return self.result_of
-
-
 @pytest.mark.parametrize(
-    ("chunk", "message"),
+    ("code", "returned", "message"),
     [
-        (Chunk(error=KilledWorker("", None, 4)), "the runs 0..2 crash every worker that runs them"),
-        (Chunk(error=OSError("Exec format error")), "Exec format error; does it run on the same"),
-        (Chunk(1, b"error: no licence\n"), "^no licence$"),
-        (Chunk(0, b"0,1\n0,1\n"), "a worker returned rows that do not match the runs 0..2"),
+        (0, KilledWorker("", None, 4), "the runs 0..2 crash every worker that runs them"),
+        (0, OSError("Exec format error"), "Exec format error; does it run on the same"),
+        (1, b"error: no licence\n", "^no licence$"),
+        (0, b"0,1\n0,1\n", "a worker returned rows that do not match the runs 0..2"),
     ],
 )
-def test_failures_on_workers_are_reported(chunk, message):
+def test_failures_on_workers_are_reported(code, returned, message):
+    error = returned if isinstance(returned, Exception) else None
+    result = subprocess.CompletedProcess([], code, returned, returned)
+    future = Mock(**{"result.side_effect": error, "result.return_value": result})
     with pytest.raises(driver.SweepError, match=message):
-        driver.rows_of(chunk, 0, 2)
-    assert driver.rows_of(Chunk(0, b"1,0.5\n0,1.5\n"), 0, 2)
+        driver.rows_of(future, 0, 2)
 
 
 # --- a scheduler elsewhere ------------------------------------------------------------------------

@@ -1,7 +1,7 @@
-"""Model exchange in FMI 2.0 and 3.0: loops, the plant alone, derivatives, time events, states."""
+"""Model exchange in FMI 2.0 and 3.0: loops, the plant alone, its directional derivatives."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from ctypes import byref, c_double, sizeof
 from functools import partial
 from pathlib import Path
@@ -14,17 +14,14 @@ from scipy.integrate import solve_ivp
 
 import reference
 from pendulum_fmus import master
-from pendulum_fmus.fmi import Component, MasterError, Reals
 from pendulum_fmus.loop import TS, Loop
-from pendulum_fmus.master import System
+from pendulum_fmus.master import Component, MasterError, Reals, System
 
 VERSIONS = {"2.0": "", "3.0": "_fmi3"}
 """The endings of the names of FMUs."""
 
-CONTROLLERS = ["Pid", "PidRbf", "IpidRbf"]
-STATES = ["theta", "omega", "x", "v"]
-SWING = [2.0, -1.5, 0.3, 0.5]
-"""A state far from the upright position: angle [rad], its velocity [rad/s], and those of x."""
+SWING = {"theta": 2.0, "omega": -1.5, "x": 0.3, "v": 0.5, "u": 3.0}
+"""States far from the upright position [rad, rad/s, m, m/s], and a force [N]."""
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -71,18 +68,15 @@ class Model(Component):
 
 
 class Exchange:
-    """Models whose states CVode integrates together, with inputs that are functions of time."""
+    """Models whose states CVode integrates together."""
 
-    def __init__(self, system: System, start: float, inputs: Mapping[str, Callable]):
+    def __init__(self, system: System, start: float):
         self.models: list[Model] = list(system.components.values())
         self.time = start
-        self.feeds: dict[str, list] = {model.name: [] for model in self.models}
+        self.feeds: dict[str, list[tuple[Reals, Reals]]] = {model.name: [] for model in self.models}
         for output, input_ in system.connections:
             (source, variable), (fed, name) = system.locate(output), system.locate(input_)
             self.feeds[fed.name].append((Reals(fed, [name]), Reals(source, [variable])))
-        for input_, function in inputs.items():
-            fed, name = system.locate(input_)
-            self.feeds[fed.name].append((Reals(fed, [name]), function))
         for model in self.models:
             model.initialize(start)
         self._update()
@@ -112,11 +106,10 @@ class Exchange:
             model.derivatives(byref(values.contents, offset))
 
     def _feed(self, model: Model) -> None:
-        for reals, source in self.feeds[model.name]:
-            if isinstance(source, Reals):
-                source.get()
-            reals.values[0] = source.values[0] if isinstance(source, Reals) else source(model.time)
-            reals.set()
+        for fed, source in self.feeds[model.name]:
+            source.get()
+            fed.values[0] = source.values[0]
+            fed.set()
 
     def _update(self) -> None:
         """Let one model after another fetch its inputs and handle an event."""
@@ -127,7 +120,7 @@ class Exchange:
     def proceed(self, until: float) -> None:
         """Integrate until a time [s], or an event that is only apart by rounding."""
         close = 1e-9 * TS
-        while self.time < until:
+        while self.time < until - close:
             event = min(model.next_event for model in self.models)
             due = event <= until + close
             target = event if due else until
@@ -142,19 +135,15 @@ class Exchange:
                     model.slave.enterEventMode()
                 self._update()
                 self.solver.reset(self.time)
-            if self.time >= until - close:
-                return
 
 
 def simulate(
-    models: list[Model], connections: list, start: float, step: float, steps: int, **inputs
+    models: list[Model], connections: list, start: float, step: float, steps: int
 ) -> dict[str, np.ndarray]:
-    """Return the outputs at start + k step, after an event at that time; inputs are `model__u`."""
+    """Return the outputs at start + k step, after an event at that time."""
     with System(models, connections) as system:
-        functions = {name.replace("__", "."): function for name, function in inputs.items()}
-        exchange = Exchange(system, start, functions)
+        exchange, rows = Exchange(system, start), []
         outputs = system.reals(system.outputs())
-        rows = []
         for k in range(steps):
             exchange.proceed(start + k * step)
             for reals in outputs:
@@ -166,10 +155,12 @@ def simulate(
 def exchanged(loop: Loop, fmus: Path, steps: int, step: float = TS) -> dict[str, np.ndarray]:
     """Return the outputs of a loop by model exchange, with the set-point 1 rad."""
     files, starts = loop.files(), loop.starts()
-    models = [Model(name, fmus / files[name], starts[name]) for name in files if name != "source"]
-    inputs = {f"{m.name}__r": lambda _: 1.0 for m in models if "r" in m.variables}
+    del files["source"]
+    for name in files.keys() & {"controller", "supervisor"}:
+        starts[name]["r"] = 1.0
+    models = [Model(name, fmus / file, starts[name]) for name, file in files.items()]
     connections = [pair for pair in loop.connections() if not pair[0].startswith("source.")]
-    return simulate(models, connections, TS, step, steps, **inputs)
+    return simulate(models, connections, TS, step, steps)
 
 
 # --- loops --------------------------------------------------------------------------------------
@@ -201,7 +192,7 @@ def test_loop_agrees_with_sequential_co_simulation(fmus, controller, options):
     assert np.ptp(columns["controller.u"]) > 10
 
 
-@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("controller", ["Pid", "PidRbf", "IpidRbf"])
 def test_both_versions_give_the_same_bits(fmus, controller):
     columns, others = (exchanged(Loop(controller, fmi3=v), fmus, 100) for v in ((), ("all",)))
     assert columns.keys() == others.keys()
@@ -270,162 +261,38 @@ def test_plant_agrees_with_scipy_when_the_force_jumps(file, plant_model):
         np.testing.assert_allclose(regular[name], column, rtol=1e-7, atol=1e-8)
 
 
-class Plant(Model):
-    """The pendulum in the continuous-time mode, with its states in the order of the file."""
-
-    def __init__(self, path: Path, model: str):
-        super().__init__("plant", path, {"model": model, "theta0": 0.1})
-        self.initialize(0.0)
-        self.update()
-        unknowns = [unknown.variable for unknown in self.description.derivatives]
-        self.order = [unknown.derivative.name for unknown in unknowns]
-
-    def references(self, names) -> list[int]:
-        """Return the value references of variables."""
-        return [self.variable(name).valueReference for name in names]
-
-    def put(self, values) -> None:
-        """Set the states STATES and the force."""
-        by_name = dict(zip([*STATES, "u"], values, strict=True))
-        states = (c_double * 4)(*[by_name[name] for name in self.order])
-        self.slave.setContinuousStates(states, 4)
-        self.set("u", by_name["u"])
-
-    def read(self, names) -> np.ndarray:
-        """Return variables by their names."""
-        return np.array([self.get(name) for name in names])
-
-
-@pytest.fixture
-def plant(file, plant_model) -> Iterator[Plant]:
-    """Return a pendulum in the continuous-time mode."""
-    with Plant(file("Pendulum"), plant_model) as plant:
-        yield plant
-
-
-UNKNOWNS = [f"der({name})" for name in STATES] + STATES
-
-
 @each_equation
-def test_derivatives_are_those_of_the_equations(plant, plant_model):
-    plant.put([*SWING, 3.0])
-    theta, omega, x, v = SWING
-    expected = EQUATIONS[plant_model](np.array([x, v, theta, omega]), 3.0)
-    values = (c_double * 4)()
-    plant.derivatives(values)
-    derivatives = dict(zip(plant.order, values, strict=True))
-    for name, value in zip(("x", "v", "theta", "omega"), expected, strict=True):
-        assert derivatives[name] == pytest.approx(value, rel=1e-12)
-        assert plant.get(f"der({name})") == derivatives[name]
-    np.testing.assert_array_equal(plant.read(STATES), SWING)
+def test_directional_derivatives_match_central_differences(file, plant_model):
+    with Model("plant", file("Pendulum"), {"model": plant_model}) as plant:
+        plant.initialize(0.0)
+        plant.update()
+        states = [unknown.variable.derivative.name for unknown in plant.description.derivatives]
+        unknowns = [*(f"der({name})" for name in states), *states]
+
+        def read(point: dict[str, float]) -> np.ndarray:
+            plant.slave.setContinuousStates((c_double * 4)(*[point[name] for name in states]), 4)
+            plant.set("u", point["u"])
+            return np.array([plant.get(name) for name in unknowns])
+
+        def derivative(seeds: dict[str, float]) -> list[float]:
+            of, by = ([plant.variable(n).valueReference for n in ns] for ns in (unknowns, seeds))
+            return plant.slave.getDirectionalDerivative(of, by, list(seeds.values()))
+
+        columns, step = [], 1e-4
+        for name, value in SWING.items():
+            above, below = (read(SWING | {name: value + s}) for s in (step, -step))
+            read(SWING)
+            columns.append(derivative({name: 1.0}))
+            np.testing.assert_allclose(columns[-1], (above - below) / (2 * step), 1e-6, 1e-6)
+        seeds = dict(zip(SWING, [0.5, -2.0, 1.0, 3.0, 7.0], strict=True))
+        together = np.array(columns).T @ list(seeds.values())
+        np.testing.assert_allclose(derivative(seeds), together, rtol=1e-13, atol=1e-13)
 
 
-@each_equation
-def test_directional_derivatives_match_central_differences(plant):
-    point, step = np.array([*SWING, 3.0]), 1e-4
-    unknowns, knowns = plant.references(UNKNOWNS), plant.references([*STATES, "u"])
-    derivative = plant.slave.getDirectionalDerivative
-    columns = []
-    for j, known in enumerate(knowns):
-        sides = []
-        for sign in (1, -1):
-            shifted = point.copy()
-            shifted[j] += sign * step
-            plant.put(shifted)
-            sides.append(plant.read(UNKNOWNS))
-        difference = (sides[0] - sides[1]) / (2 * step)
-        plant.put(point)
-        columns.append(derivative(unknowns, [known], [1.0]))
-        np.testing.assert_allclose(columns[-1], difference, rtol=1e-6, atol=1e-6)
-    seed = [0.5, -2.0, 1.0, 3.0, 7.0]
-    expected = np.array(columns).T @ seed
-    np.testing.assert_allclose(derivative(unknowns, knowns, seed), expected, rtol=1e-13, atol=1e-13)
-
-
-@each_equation
-def test_the_state_of_the_fmu_keeps_the_continuous_states(plant):
-    plant.put([*SWING, 3.0])
-    expected = plant.read(UNKNOWNS)
-    get, put, free = states_of(plant)
-    state = get()
-    plant.put([0.0, 1.0, 2.0, 3.0, 4.0])
-    assert not np.array_equal(plant.read(UNKNOWNS), expected)
-    put(state)
-    np.testing.assert_array_equal(plant.read(UNKNOWNS), expected)
-    free(state)
-
-
-# --- controllers --------------------------------------------------------------------------------
-
-
-def states_of(model: Model) -> tuple:
-    """Return the functions that get, set and free the state of an FMU; 3.0 spells them anew."""
-    slave, state = model.slave, "state" if model.description.fmiVersion == "2.0" else "State"
-    return tuple(getattr(slave, f"{verb}FMU{state}") for verb in ("get", "set", "free"))
-
-
-@pytest.fixture
-def controller(file) -> Iterator[Model]:
-    """Return a PidRbf with the sample time 0.01 s in its first event, at t = 0.5 s."""
-    start = {"ts": 0.01, "rbf.w0[1]": 2.0, "r": 1.0, "u_max": 1e4}
-    with Model("controller", file("PidRbf"), start) as model:
-        model.initialize(0.5)
-        yield model
-
-
-def sample(model: Model, y: float, time: float | None = None) -> float:
-    """Go to the next event, take a sample of the angle, and return the force."""
-    model.set_time(model.next_event if time is None else time)
-    model.slave.enterEventMode()
-    model.set("y", y)
-    model.update()
-    return model.get("u")
-
-
-def test_samples_are_time_events(controller):
-    assert controller.states == 0
-    controller.set("y", 0.9)
-    controller.update()
-    first = controller.get("u")
-    assert controller.get("e") == 1.0 - 0.9
-    for k in range(1, 200):
-        assert controller.next_event == pytest.approx(0.5 + k * 0.01, abs=1e-12)
-        sample(controller, 0.9)
-    assert controller.get("u") > 2 * first  # the network integrates the error
-
-
-def test_nothing_happens_between_samples(controller):
-    controller.update()
-    u, due = controller.get("u"), controller.next_event
-    assert sample(controller, 0.5, time=0.505) == u  # an event of another FMU
-    assert controller.next_event == due
-    assert sample(controller, 0.5) != u
-
-
-def test_the_state_of_the_fmu_can_be_restored_between_samples(controller):
-    controller.update()
-    angles = np.sin(np.arange(20))
-    for y in angles[:10]:
-        sample(controller, y)
-    get, put, free = states_of(controller)
-    state, due = get(), controller.next_event
-    first = [sample(controller, y) for y in angles[10:]]
-    put(state)
-    controller.next_event = due
-    assert [sample(controller, y) for y in angles[10:]] == first
-    free(state)
-
-
-# --- refusals -----------------------------------------------------------------------------------
-
-
-def test_the_transfer_function_is_refused(file):
+def test_what_has_no_equations_is_refused(file):
+    assert fmpy.read_model_description(file("Source")).modelExchange is None
     with (
         Model("plant", file("Pendulum"), {"model": "transfer_function"}) as plant,
         pytest.raises(MasterError, match=r"\bmodel\b.*transfer_function"),
     ):
         plant.initialize(0.0)
-
-
-def test_the_source_is_for_co_simulation_only(file):
-    assert fmpy.read_model_description(file("Source")).modelExchange is None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from nbformat import NotebookNode
 from nbformat.v4 import new_code_cell
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import expm, solve_discrete_are
 
 import reference
 from pendulum_fmus.project import ROOT
@@ -30,7 +30,6 @@ print(json.dumps({"K": K.tolist(), "runs": columns}))
 
 TS = reference.TS
 STEPS = 10000
-MODELS = {"PID": "Pid", "PID-RBF": "PidRbf", "IPID-RBF": "IpidRbf"}
 
 
 @cache
@@ -39,28 +38,22 @@ def stored() -> NotebookNode:
     return nbformat.read(NOTEBOOK, as_version=4)
 
 
-def run(folder: Path) -> tuple[NotebookNode, dict]:
-    """Execute the notebook in `folder`; return it and the output of the probe at its end."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
-    notebook.cells.append(new_code_cell(PROBE))
-    execute(notebook, folder)
-    probe = notebook.cells.pop()
-    return notebook, json.loads(probe.outputs[0].text)
-
-
 @pytest.fixture(scope="module")
 def executed(fmus: Path) -> tuple[NotebookNode, dict]:
-    """Execute the notebook in its own folder."""
-    return run(NOTEBOOK.parent)
+    """Execute the notebook; return it, the gain of the LQR, and the columns of all runs."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook.cells.append(new_code_cell(PROBE))
+    execute(notebook, NOTEBOOK.parent)
+    values = json.loads(notebook.cells.pop().outputs[0].text)
+    columns = values["runs"].items()
+    values["runs"] = {name: {k: np.array(v) for k, v in run.items()} for name, run in columns}
+    return notebook, values
 
 
 @pytest.fixture(scope="module")
 def numbers(executed) -> dict:
     """Return the gain of the LQR and the columns of all runs."""
-    _, values = executed
-    columns = values["runs"].items()
-    values["runs"] = {name: {k: np.array(v) for k, v in run.items()} for name, run in columns}
-    return values
+    return executed[1]
 
 
 def texts(notebook: NotebookNode) -> list[str]:
@@ -80,14 +73,11 @@ def table(notebook: NotebookNode, header: str) -> dict[str, list[float]]:
 # --- stored outputs -----------------------------------------------------------------------------
 
 
-def test_stored_notebook_is_valid_executed_and_small() -> None:
+def test_stored_notebook_is_valid_executed_and_small_and_has_no_machine_names() -> None:
     nbformat.validate(stored())
     code = [cell for cell in stored().cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
     assert NOTEBOOK.stat().st_size < 400_000
-
-
-def test_stored_notebook_contains_no_machine_names_or_times() -> None:
     text = "\n".join([cell.source for cell in stored().cells] + texts(stored()))
     assert not re.search(r"/(home|root|tmp|Users|usr)/|[A-Z]:\\", text)
     assert not any(cell.metadata for cell in stored().cells)
@@ -101,24 +91,7 @@ def test_stored_outputs_match_a_run(executed) -> None:
                for output in cell.get("outputs", [])) == 4  # fmt: skip
 
 
-def test_it_also_runs_from_the_root(executed) -> None:
-    notebook, numbers = executed
-    other, others = run(ROOT)
-    assert texts(other) == texts(notebook)
-    assert others["K"] == numbers["K"]
-
-
 # --- its numbers --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_closed_loop_matches_the_reference(numbers, name) -> None:
-    expected = reference.closed_loop(
-        MODELS[name], start=0.0, steps=STEPS, previous_sample_terms=False
-    )
-    run = numbers["runs"][name]
-    np.testing.assert_allclose(run["plant.theta"], expected["plant.theta"], rtol=0, atol=1e-9)
-    assert run["plant.theta"][-1] == pytest.approx(1.0, abs=0.003)
 
 
 def feedback_model() -> tuple[np.ndarray, np.ndarray]:
@@ -129,11 +102,7 @@ def feedback_model() -> tuple[np.ndarray, np.ndarray]:
     augmented = np.zeros((4, 4))
     augmented[0, 1] = 1
     augmented[1:3, 1:3], augmented[1:3, 3] = A[2:, 2:], B[2:]
-    phi = np.eye(4)
-    term = np.eye(4)
-    for n in range(1, 12):  # the series of exp, which converges quickly for 1 ms
-        term = term @ augmented * (TS / n)
-        phi += term
+    phi = expm(augmented * TS)
     return phi[:3, :3], phi[:3, 3:]
 
 
@@ -143,14 +112,6 @@ def test_gain_is_the_lqr_gain(numbers) -> None:
     P = solve_discrete_are(A, B, Q, R)
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
     np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
-
-    # The Riccati recursion converges to it
-    P = Q
-    for _ in range(20000):
-        P = Q + A.T @ P @ (A - B @ np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
-    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
-    np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
-    assert np.all(np.abs(np.linalg.eigvals(A - B * K)) < 1)
 
 
 def test_own_controller_matches_numpy(numbers) -> None:
@@ -168,20 +129,10 @@ def test_own_controller_matches_numpy(numbers) -> None:
     assert run["plant.theta"][-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_gain_takes_effect_when_it_changes(numbers) -> None:
-    before, after, changed = (
-        numbers["runs"][name]["plant.theta"] for name in ("300", "600", "300, then 600")
-    )
-    # The force first differs at the sample at 5 s, the angle one sample later
-    assert np.array_equal(changed[:5001], before[:5001])
-    assert np.max(np.abs(changed[5001:] - before[5001:])) > 0.1
-    np.testing.assert_allclose(changed[5001:], after[5001:], rtol=0, atol=0.01)
-
-
 def test_printed_tables_follow_from_the_runs(executed, numbers) -> None:
     notebook, _ = executed
     printed = table(notebook, " " * 11 + "settling")
-    assert list(printed) == [*MODELS, "LQR"]
+    assert list(printed) == ["PID", "PID-RBF", "IPID-RBF", "LQR"]
     for name, row in printed.items():
         run = numbers["runs"][name]
         t, e = run["time"], 1 - run["plant.theta"]

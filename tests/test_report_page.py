@@ -262,9 +262,3 @@ def test_shows_images_without_scripts(browser, report_folder):
     context.close()
     assert shown >= 19
     assert blank == 0
-
-
-def test_prints_to_pages(opened):
-    pdf = opened.page.pdf(prefer_css_page_size=True)
-    assert pdf.startswith(b"%PDF-")
-    assert opened.said == []

@@ -4,7 +4,8 @@ import argparse
 import math
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing.pool import Pool
@@ -15,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .master import Component, MasterError, System, simulate
-from .project import FMUS
+from .project import FMUS, REPORT, ROOT
 
 TS = 0.001
 """Sample time of the paper's controllers [s]."""
@@ -32,8 +33,15 @@ PREVIOUS_SAMPLE_TERMS = {"Pid": True, "PidRbf": True, "IpidRbf": False}
 SETTLING_BAND = 0.003
 """Half the width of the band in which a step response counts as settled, relative to the step."""
 
-RECORDED = {"u", "u_p", "u_n", "e", "theta", "r", "d"}
-"""The outputs that `execute` records, for every component."""
+RECORDED = {
+    "Pid": ("e", "u", "u_p"),
+    "PidRbf": ("e", "u", "u_p", "u_n"),
+    "IpidRbf": ("e", "u", "u_p", "u_n"),
+    "Pendulum": ("theta", "x"),
+    "Source": ("r", "d"),
+    "Sensor": ("y",),
+}
+"""The outputs that are recorded, by FMU."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +64,15 @@ class Loop:
     order: str = "sequential"  # or "parallel"
     steps: int = STEPS  # communication points, 1 ms apart, that `execute` records
     fmi3: tuple[str, ...] = ()  # components whose FMU is of FMI 3.0; ("all",)
+    sensor: tuple[float, int] | None = None  # between plant and controller: noise [rad], delay
 
     def models(self) -> dict[str, str]:
         """Return the FMU of each component, in the order of sequential stepping."""
         if self.controller not in PREVIOUS_SAMPLE_TERMS:
             raise MasterError(f"there is no controller {self.controller!r}")
         models = {"controller": self.controller, "plant": "Pendulum", "source": "Source"}
+        if self.sensor:
+            models = {"sensor": "Sensor", **models}  # measures first
         if self.target != "supervisor":
             return models
         if self.controller != "IpidRbf":
@@ -70,20 +81,21 @@ class Loop:
 
     def starts(self) -> dict[str, dict[str, Any]]:
         """Return the start values of each component."""
-        models = self.models()
+        models, late = self.models(), self.previous_sample_terms
         starts: dict[str, dict[str, Any]] = {name: {} for name in models}
         starts["source"] |= {"signal": self.signal, "disturbance.amplitude": self.disturbance}
         if self.signal in FREQUENCY:
             starts["source"]["frequency"] = FREQUENCY[self.signal]
         if self.controller == "IpidRbf":
             starts["controller"]["rbf.target"] = self.target
-        late = self.previous_sample_terms
+        if self.sensor:
+            starts["sensor"] = dict(zip(("noise", "delay"), self.sensor, strict=True))
         for name, model in models.items():
             if model == "Pendulum":
                 starts[name]["model"] = self.plant_model
             elif model in PREVIOUS_SAMPLE_TERMS:
-                default = PREVIOUS_SAMPLE_TERMS[model]
-                starts[name]["previous_sample_terms"] = default if late is None else late
+                terms = PREVIOUS_SAMPLE_TERMS[model] if late is None else late
+                starts[name]["previous_sample_terms"] = terms
         for name, weights in ("controller", self.w0), ("supervisor", self.supervisor_w0):
             if weights and name not in models:
                 raise MasterError(f"there is no {name} to give initial weights to")
@@ -100,10 +112,17 @@ class Loop:
     def connections(self) -> list[tuple[str, str]]:
         """Return pairs of output and input, by full name."""
         connections = _closed("controller", "plant")
+        if self.sensor:
+            connections[2:3] = [("plant.theta", "sensor.theta"), ("sensor.y", "controller.y")]
         if self.target == "supervisor":
             connections += _closed("supervisor", "supervisor_plant")
             connections.append(("supervisor.u", "controller.u_supervisor"))
         return connections
+
+    def recorded(self, only: Container[str] = ()) -> list[str]:
+        """Return the full names of the outputs to record: all RECORDED, or `only` some of them."""
+        pairs = [(name, out) for name, fmu in self.models().items() for out in RECORDED[fmu]]
+        return [f"{name}.{output}" for name, output in pairs if not only or output in only]
 
     def files(self) -> dict[str, str]:
         """Return the name of the FMU file of each component."""
@@ -157,8 +176,7 @@ Columns = Mapping[str, np.ndarray]
 def execute(loop: Loop, fmus: Path = FMUS) -> dict[str, np.ndarray]:
     """Co-simulate one loop at 1 ms, from the paper's k = 1."""
     with loop.system(fmus) as system:
-        record = [name for name in system.outputs() if name.split(".")[-1] in RECORDED]
-        return simulate(system, TS, TS, loop.steps, order=loop.order, record=record)
+        return simulate(system, TS, TS, loop.steps, order=loop.order, record=loop.recorded())
 
 
 @contextmanager
@@ -183,18 +201,29 @@ def run_all(
     return dict(zip(ordered, bar, strict=True))
 
 
-def parser(description: str, **settings: Any) -> argparse.ArgumentParser:
-    """Return a parser with the options shared by all programs that simulate these loops."""
+# --- programs -----------------------------------------------------------------------------------
+
+
+def parser(description: str, *, out: bool = False, **settings: Any) -> argparse.ArgumentParser:
+    """Return a parser with the options shared by all programs; `out` adds the output folder."""
     parser = argparse.ArgumentParser(
-        description=description,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        **settings,
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter, **settings
     )
-    parser.add_argument(
-        "--fmus",
-        type=Path,
-        default=FMUS,
-        metavar="DIR",
-        help="folder of the FMUs (default: target/fmu of this project)",
-    )
+    folders = {"--fmus": (FMUS, "folder of the FMUs"), "--out": (REPORT, "output folder")}
+    for option, (folder, what) in folders.items():
+        if out or option != "--out":
+            shown = f"{what} (default: {folder.relative_to(ROOT)} of this project)"
+            parser.add_argument(option, type=Path, default=folder, metavar="DIR", help=shown)
     return parser
+
+
+def finish(name: str, run: Callable[[argparse.Namespace], bool], options: Any) -> int:
+    """Run a program; return its exit status: 0 if it returns true, and 1 after an error."""
+    try:
+        return 0 if run(options) else 1
+    except (MasterError, OSError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        return 130
+    return 1

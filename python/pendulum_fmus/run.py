@@ -4,44 +4,15 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
 from . import loop
 from .loop import PREVIOUS_SAMPLE_TERMS, SETTLING_BAND, TS, Loop, settling_time
 from .master import ORDERS, MasterError, simulate, steps_until
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[TextIO]:
-    """Open a temporary text file that replaces `path` once it is complete."""
-    special = path.exists() and not path.is_file()  # a device or a pipe cannot be replaced
-    target = path.resolve()  # of a link, the file that it leads to
-    file = path if special else target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        try:
-            with file.open("w", encoding="utf-8", newline="\n") as text:
-                yield text
-            if not special:
-                file.replace(target)
-        finally:
-            if not special:
-                file.unlink(missing_ok=True)
-    except OSError as error:
-        raise MasterError(f"{path} cannot be written: {error.strerror}") from error
-
-
-def write_csv(file: TextIO, results: Mapping[str, np.ndarray], units: Sequence[str]) -> None:
-    """Write one column per variable: "plant.theta [rad]", and numbers that read back exactly."""
-    print(",".join(f"{n} [{unit}]" for n, unit in zip(results, units, strict=True)), file=file)
-    for row in zip(*[column.tolist() for column in results.values()], strict=True):
-        print(",".join(map(repr, row)), file=file)
-
 
 EXAMPLES = """\
 examples:
@@ -119,28 +90,45 @@ def loop_of(options: argparse.Namespace) -> Loop:
     """Return the loop that the options describe; they are named like its fields."""
     values = {f.name: vars(options)[f.name] for f in fields(Loop) if f.name in options}
     late = options.previous_sample_terms
-    if late == "auto":
-        values["previous_sample_terms"] = None if options.order == "sequential" else False
-    else:
-        values["previous_sample_terms"] = late == "on"
+    automatic = None if options.order == "sequential" else False
+    values["previous_sample_terms"] = automatic if late == "auto" else late == "on"
     values["fmi3"] = () if options.fmi3 is None else tuple(options.fmi3) or ("all",)
     return Loop(**values)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> bool:
     """Run the loop of the command line and print a summary."""
     steps = steps_until(options.stop, options.start, options.step)
-    with ExitStack() as stack:
-        file = stack.enter_context(replacing(options.csv)) if options.csv else None
-        system = stack.enter_context(loop_of(options).system(options.fmus))
+    with loop_of(options).system(options.fmus) as system:
         results = simulate(
             system, options.start, options.step, steps, order=options.order, progress=True
         )
-        if file:
-            write_csv(file, results, ["s", *map(system.unit, system.outputs())])
+        if options.csv:
+            write_csv(options.csv, results, ["s", *map(system.unit, system.outputs())])
     print(summary(results, options.signal))
     if options.csv:
         print(f"wrote {options.csv}: {steps} rows")
+    return True
+
+
+def write_csv(path: Path, results: Mapping[str, np.ndarray], units: Iterable[str]) -> None:
+    """Write one column per variable, "plant.theta [rad]", and numbers that read back exactly.
+
+    A file is replaced once it is complete; a device is written to.
+    """
+    head = ",".join(f"{name} [{unit}]" for name, unit in zip(results, units, strict=True))
+    columns = [column.tolist() for column in results.values()]
+    rows = [",".join(map(repr, row)) for row in zip(*columns, strict=True)]
+    special, target = path.exists() and not path.is_file(), path.resolve()
+    file = path if special else target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        file.write_text("\n".join([head, *rows, ""]), encoding="utf-8", newline="\n")
+        if not special:
+            file.replace(target)
+    except OSError as error:
+        if not special:
+            file.unlink(missing_ok=True)
+        raise MasterError(f"{path} cannot be written: {error.strerror}") from error
 
 
 def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
@@ -161,16 +149,7 @@ def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the script; return its exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        run(options)
-    except MasterError as error:
-        print(f"master.py: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("master.py: interrupted", file=sys.stderr)
-        return 130
-    return 0
+    return loop.finish("master.py", run, parser().parse_args(arguments))
 
 
 if __name__ == "__main__":

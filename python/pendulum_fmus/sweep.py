@@ -72,20 +72,7 @@ class SweepError(Exception):
     """An error that ends the sweep, with a message for the user."""
 
 
-def run(command: list, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess:
-    """Run the native program."""
-    words = list(map(str, command))
-    return subprocess.run(words, env=environment, capture_output=True, check=False)
-
-
-def checked(result: subprocess.CompletedProcess) -> bytes:
-    """Return the output of the native program, which must not have failed."""
-    if result.returncode in INTERRUPTED:
-        raise KeyboardInterrupt
-    if result.returncode:
-        said = result.stderr.decode().removeprefix("error: ").strip()
-        raise SweepError(said or f"the program exited with code {result.returncode}")
-    return result.stdout
+# --- workers ------------------------------------------------------------------------------------
 
 
 class Files(WorkerPlugin):
@@ -98,10 +85,9 @@ class Files(WorkerPlugin):
     def setup(self, worker) -> None:
         """Write the files."""
         self.folder = Path(worker.local_directory) / self.name
+        (self.folder / "fmus").mkdir(parents=True, exist_ok=True)
         for name, content in self.files.items():
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
+            (self.folder / name).write_bytes(content)
         (self.folder / "cargo-fmu").chmod(0o700)
 
     def teardown(self, worker) -> None:
@@ -109,16 +95,59 @@ class Files(WorkerPlugin):
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def run(command: list, **settings) -> subprocess.CompletedProcess:
+    """Run the native program."""
+    return subprocess.run(list(map(str, command)), capture_output=True, check=False, **settings)
+
+
 def simulate(plugin: str, first: int, end: int) -> subprocess.CompletedProcess:
     """Run the program for some runs on the current worker."""
     folder = get_worker().plugins[plugin].folder
-    options = ["--system", folder / "system.toml", "--fmus", folder / "fmus", "--threads", 1]
-    command = [folder / "cargo-fmu", "sweep", folder / "sweep.toml", *options]
+    options = ["--system", "system.toml", "--fmus", "fmus", "--threads", 1]
+    command = [folder / "cargo-fmu", "sweep", "sweep.toml", *options, "--rows", f"{first}..{end}"]
     # FMUs are unpacked in the folder, too, so that they are removed with the worker
-    result = run([*command, "--rows", f"{first}..{end}"], {**os.environ, "TMPDIR": str(folder)})
+    result = run(command, cwd=folder, env={**os.environ, "TMPDIR": str(folder)})
     if result.returncode < 0 or result.returncode in INTERRUPTED:
         raise ChildProcessError(f"the program was killed ({result.returncode})")
     return result
+
+
+@contextlib.contextmanager
+def connected(options: argparse.Namespace) -> Iterator[Client]:
+    """Connect to a scheduler, or start one with workers on this machine."""
+    with contextlib.ExitStack() as stack:
+        address = options.scheduler
+        if address is None:
+            cluster = LocalCluster(
+                n_workers=options.workers, threads_per_worker=1, host="127.0.0.1",
+                dashboard_address=None, preload=PRELOAD, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+            address = stack.enter_context(cluster).scheduler_address
+        try:
+            client = Client(address, timeout=5)
+        except OSError as error:
+            raise SweepError(
+                f"no scheduler is running at {address}; `dask scheduler` starts one"
+            ) from error
+        yield stack.enter_context(client)
+
+
+# --- the coordinator ----------------------------------------------------------------------------
+
+
+def checked(result: subprocess.CompletedProcess) -> bytes:
+    """Return the output of the native program, which must not have failed."""
+    if result.returncode in INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.returncode:
+        said = result.stderr.decode().removeprefix("error: ").strip()
+        raise SweepError(said or f"the program exited with code {result.returncode}")
+    return result.stdout
+
+
+def indices(lines: bytes) -> list[int]:
+    """Return the sorted runs of some rows."""
+    return sorted(int(line.split(b",", 1)[0]) for line in lines.splitlines())
 
 
 @contextlib.contextmanager
@@ -147,85 +176,6 @@ def journal(path: Path, header: bytes) -> Iterator[tuple[BinaryIO, list[int]]]:
         yield file, indices(whole[len(header) :])
 
 
-def indices(lines: bytes) -> list[int]:
-    """Return the sorted runs of some rows."""
-    return sorted(int(line.split(b",", 1)[0]) for line in lines.splitlines())
-
-
-def sweep(options: argparse.Namespace) -> None:
-    """Run the sweep of the command line."""
-    out = options.out or Path(options.sweep.with_suffix(".csv").name)
-    if out.suffix not in (".csv", ".parquet") or out.is_dir():
-        raise SweepError(f"{out}: expected a file named .csv or .parquet")
-    program = [options.program.resolve(), "sweep", options.sweep]
-    if not program[0].is_file():
-        raise SweepError(f"cannot run {program[0]}: `make fmus` builds the program")
-    plan = json.loads(checked(run([*program, "--plan"])))
-    files = {"cargo-fmu": program[0], "sweep.toml": options.sweep}
-    files["system.toml"] = Path(plan["system"])
-    for fmu in map(Path, plan["fmus"]):
-        other = files.setdefault(f"fmus/{fmu.name}", fmu)  # in one folder on the workers
-        if other.read_bytes() != fmu.read_bytes():
-            raise SweepError(f"{other} and {fmu} are different FMUs; give them different names")
-    with (
-        connected(options) as client,
-        journal(out.with_name(f"{out.name}.part"), plan["header"].encode()) as (file, done),
-    ):
-        compute(client, Files(files), plan["runs"], done, file, options.chunk)
-    print(checked(run([*program, "--out", out])).decode().splitlines()[-1])
-
-
-@contextlib.contextmanager
-def connected(options: argparse.Namespace) -> Iterator[Client]:
-    """Connect to a scheduler, or start one with workers on this machine."""
-    with contextlib.ExitStack() as stack:
-        address = options.scheduler
-        if address is None:
-            cluster = LocalCluster(
-                n_workers=options.workers, threads_per_worker=1, host="127.0.0.1",
-                dashboard_address=None, preload=PRELOAD, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
-            address = stack.enter_context(cluster).scheduler_address
-        try:
-            client = Client(address, timeout=5)
-        except OSError as error:
-            raise SweepError(
-                f"no scheduler is running at {address}; `dask scheduler` starts one"
-            ) from error
-        yield stack.enter_context(client)
-
-
-def compute(
-    client: Client, files: Files, runs: int, done: list[int], file: BinaryIO, size: int | None
-) -> None:
-    """Simulate the remaining runs, and append their rows to the journal."""
-    threads, begin = sum(client.nthreads().values()), time.monotonic()
-    if not threads:
-        print(f"no worker yet; `dask worker {client.scheduler.address}` starts one", flush=True)
-    left = runs - len(done)
-    size = size or max(1, min(left // (8 * max(1, threads)), MOST))
-    gaps = [(a + 1, b) for a, b in pairwise([-1, *done, runs])]
-    chunks = [(k, min(k + size, end)) for first, end in gaps for k in range(first, end, size)]
-    client.register_plugin(files, name=files.name)
-    try:
-        submitted = {client.submit(simulate, files.name, *c, retries=RETRIES): c for c in chunks}
-        bar = tqdm(total=runs, initial=len(done), unit="run", leave=False, disable=None)
-        for future in as_completed(submitted):
-            first, end = submitted[future]
-            rows = rows_of(future, first, end)
-            file.write(rows)
-            os.fsync(file.fileno())
-            bar.update(end - first)
-    finally:
-        with contextlib.suppress(Exception):  # the scheduler may be gone
-            client.unregister_worker_plugin(files.name)
-    bar.close()
-    seconds = time.monotonic() - begin
-    print(f"{left} runs in {seconds:.3f} s: {left / seconds:.0f} a second")
-    if done:
-        print(f"{len(done)} runs were already done")
-
-
 def rows_of(future: Future, first: int, end: int) -> bytes:
     """Return the rows of a chunk."""
     name = f"the runs {first}..{end}"
@@ -244,7 +194,55 @@ def rows_of(future: Future, first: int, end: int) -> bytes:
     return rows
 
 
-# --- the script ---------------------------------------------------------------------------------
+def compute(
+    client: Client, files: Files, runs: int, done: list[int], file: BinaryIO, size: int | None
+) -> None:
+    """Simulate the remaining runs, and append their rows to the journal."""
+    threads, begin = sum(client.nthreads().values()), time.monotonic()
+    if not threads:
+        print(f"no worker yet; `dask worker {client.scheduler.address}` starts one", flush=True)
+    left = runs - len(done)
+    size = size or max(1, min(left // (8 * max(1, threads)), MOST))
+    gaps = [(a + 1, b) for a, b in pairwise([-1, *done, runs])]
+    chunks = [(k, min(k + size, end)) for first, end in gaps for k in range(first, end, size)]
+    client.register_plugin(files, name=files.name)
+    bar = tqdm(total=runs, initial=len(done), unit="run", leave=False, disable=None)
+    try:
+        submitted = {client.submit(simulate, files.name, *c, retries=RETRIES): c for c in chunks}
+        for future in as_completed(submitted):
+            first, end = submitted[future]
+            file.write(rows_of(future, first, end))
+            os.fsync(file.fileno())
+            bar.update(end - first)
+    finally:
+        bar.close()
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            client.unregister_worker_plugin(files.name)
+    seconds = time.monotonic() - begin
+    print(f"{left} runs in {seconds:.3f} s: {left / seconds:.0f} a second")
+    if done:
+        print(f"{len(done)} runs were already done")
+
+
+def sweep(options: argparse.Namespace) -> None:
+    """Run the sweep of the command line."""
+    out = options.out or Path(options.sweep.with_suffix(".csv").name)
+    if out.suffix not in (".csv", ".parquet") or out.is_dir():
+        raise SweepError(f"{out}: expected a file named .csv or .parquet")
+    program = [options.program.resolve(), "sweep", options.sweep]
+    if not program[0].is_file():
+        raise SweepError(f"cannot run {program[0]}: `make fmus` builds the program")
+    plan = json.loads(checked(run([*program, "--plan"])))
+    files = {"cargo-fmu": program[0], "sweep.toml": options.sweep}
+    files["system.toml"] = Path(plan["system"])
+    for fmu in map(Path, plan["fmus"]):
+        other = files.setdefault(f"fmus/{fmu.name}", fmu)  # in one folder on the workers
+        if other.read_bytes() != fmu.read_bytes():
+            raise SweepError(f"{other} and {fmu} are different FMUs; give them different names")
+    part = out.with_name(f"{out.name}.part")
+    with connected(options) as client, journal(part, plan["header"].encode()) as (file, done):
+        compute(client, Files(files), plan["runs"], done, file, options.chunk)
+    print(checked(run([*program, "--out", out])).decode().splitlines()[-1])
 
 
 def positive(text: str) -> int:

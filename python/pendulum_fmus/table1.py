@@ -20,7 +20,6 @@ import numpy as np
 
 from . import loop
 from .loop import FMUS, Columns, Loop, settling_time
-from .master import MasterError
 
 DATA = Path(__file__).parent / "table1.csv"
 
@@ -156,7 +155,17 @@ LEFT = {0, 1, 2, 3, 7}
 
 GREEN, RED, PLAIN = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
-NOTES = """\
+PAGE = """\
+Table 1: the error e(k) [rad] at k = 20000, t = 20 s
+
+{errors}
+
+Settling time of the step, band of ±0.3 %
+
+{times}
+
+{held} of {count} numbers of Table 1 reproduced, {digits} to every digit
+
 d         amplitude of the disturbance [rad]
 expected  of a correct implementation with zero initial weights
 ok        computed is as expected and rounds to every printed digit
@@ -167,16 +176,10 @@ ok        computed is as expected and rounds to every printed digit
 3*, 4*    with initial weights fitted to the printed numbers"""
 
 
-def verdict(entry: Entry, computed: float) -> str:
-    """Return the verdict on a number in one word."""
-    if not entry.holds(computed):
-        return "MISSED"
-    return "ok" if agrees(computed, entry.printed) else "(ok)"
-
-
 def cells(entry: Entry, computed: float) -> tuple[str, ...]:
-    """Return one row of the printed table."""
+    """Return one row of the printed table; the last cell is the verdict."""
     row, _, signal, controller = entry.label
+    verdict = "ok" if agrees(computed, entry.printed) else "(ok)"
     return (
         row,
         f"{entry.run.disturbance:g}",
@@ -185,49 +188,35 @@ def cells(entry: Entry, computed: float) -> tuple[str, ...]:
         entry.printed,
         "" if math.isnan(entry.expected) else f"{entry.expected:.8e}",
         f"{computed:.9g} s" if entry.settling else f"{computed:.8e}",
-        verdict(entry, computed),
+        verdict if entry.holds(computed) else "MISSED",
     )
 
 
 def aligned(rows: Sequence[Sequence[str]], *, colour: bool) -> str:
-    """Align rows of text in columns: words left, numbers right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-
-    def pad(index: int, text: str) -> str:
-        return text.ljust(widths[index]) if index in LEFT else text.rjust(widths[index])
-
-    def line(row: Sequence[str]) -> str:
-        *words, end = [pad(index, text) for index, text in enumerate(row)]
+    """Align rows of text in columns below HEADER: words left, numbers right."""
+    lines, widths = [], [max(map(len, column)) for column in zip(HEADER, *rows, strict=True)]
+    for row in (HEADER, *rows):
+        pairs = enumerate(zip(row, widths, strict=True))
+        words = [text.ljust(w) if i in LEFT else text.rjust(w) for i, (text, w) in pairs]
         if colour and row[-1]:
-            end = f"{RED if 'MISSED' in end else GREEN}{end.rstrip()}{PLAIN}"
-        return "  ".join([*words, end]).rstrip()
-
-    return "\n".join(map(line, rows))
+            words[-1] = f"{RED if row[-1] == 'MISSED' else GREEN}{row[-1]}{PLAIN}"
+        lines.append("  ".join(words).rstrip())
+    return "\n".join(lines)
 
 
 def report(results: Results, *, colour: bool = False) -> tuple[str, bool]:
     """Return the tables as text, and whether every number holds."""
-    errors, times = [HEADER], [HEADER]
+    errors, times = [], []
     for entry in entries():
         row = cells(entry, entry.computed(results[entry.run]))
         (times if entry.settling else errors).append(row)
-    table = [row for row in errors[1:] if "*" not in row[0]]
-    held = sum(row[-1] != "MISSED" for row in table)
-    digits = sum(row[-1] == "ok" for row in table)
-    text = "\n".join(
-        [
-            "Table 1: the error e(k) [rad] at k = 20000, t = 20 s",
-            "",
-            aligned(errors, colour=colour),
-            "",
-            "Settling time of the step, band of ±0.3 %",
-            "",
-            aligned(times, colour=colour),
-            "",
-            f"{held} of {len(table)} numbers of Table 1 reproduced, {digits} to every digit",
-            "",
-            NOTES,
-        ]
+    verdicts = [row[-1] for row in errors if "*" not in row[0]]
+    text = PAGE.format(
+        errors=aligned(errors, colour=colour),
+        times=aligned(times, colour=colour),
+        held=len(verdicts) - verdicts.count("MISSED"),
+        count=len(verdicts),
+        digits=verdicts.count("ok"),
     )
     return text, all(row[-1] != "MISSED" for row in errors + times)
 
@@ -249,12 +238,7 @@ def run(fmus: Path) -> tuple[Results, bool]:
 def main() -> int:
     """Run the program; return its exit status."""
     options = loop.parser("Reproduce Table 1 of the paper from the FMUs.").parse_args()
-    try:
-        _, all_hold = run(options.fmus)
-    except (MasterError, OSError) as error:
-        print(f"table1: {error}", file=sys.stderr)
-        return 1
-    return 0 if all_hold else 1
+    return loop.finish("table1", lambda options: run(options.fmus)[1], options)
 
 
 if __name__ == "__main__":

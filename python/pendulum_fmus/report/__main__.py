@@ -8,8 +8,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import loop, table1
-from ..master import MasterError
-from ..project import REPORT
 from . import page, printed, traps
 from .runs import Data, lasting_loops, paper_loops, simulate_all
 from .statements import beyond_part, paper_parts, texts
@@ -56,29 +54,12 @@ def main() -> int:
     parser = loop.parser(
         "Reproduce the paper from the FMUs: print Table 1; write index.html, every figure as SVG"
         " and PDF, table1.txt and closed-loop.png.",
+        out=True,
         prog="python -m pendulum_fmus.report",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=REPORT,
-        metavar="DIR",
-        help="output folder (default: target/report of this project)",
-    )
-    parser.add_argument(
-        "--docs",
-        type=Path,
-        metavar="DIR",
-        help="folder of numbers.md and verdicts.md (default: the output folder)",
-    )
-    options = parser.parse_args()
-    try:
-        return 0 if run(options) else 1
-    except MasterError as error:
-        print(f"report: {error}", file=sys.stderr)
-    except OSError as error:
-        print(f"report: {error.filename}: {error.strerror}", file=sys.stderr)
-    return 1
+    shown = "folder of numbers.md and verdicts.md (default: the output folder)"
+    parser.add_argument("--docs", type=Path, metavar="DIR", help=shown)
+    return loop.finish("report", run, parser.parse_args())
 
 
 if __name__ == "__main__":

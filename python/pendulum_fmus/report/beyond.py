@@ -265,34 +265,10 @@ SAMPLES = range(9)
 """Delays of the measured angle [samples]."""
 
 
-@dataclass(frozen=True)
-class Measured(Loop):
-    """A loop with the sensor of `examples/sensor` between plant and controller."""
-
-    noise: float = 0.0  # standard deviation [rad]
-    delay: int = 0  # [samples]
-
-    def models(self) -> dict[str, str]:
-        """Return the FMUs; the sensor measures first."""
-        return {"sensor": "Sensor", **super().models()}
-
-    def starts(self) -> dict[str, dict[str, Any]]:
-        """Return the start values."""
-        starts = super().starts()
-        starts["sensor"] |= {"noise": self.noise, "delay": self.delay}
-        return starts
-
-    def connections(self) -> list[tuple[str, str]]:
-        """Return the connections, through the sensor."""
-        direct = super().connections()
-        direct.remove(("plant.theta", "controller.y"))
-        return [*direct, ("plant.theta", "sensor.theta"), ("sensor.y", "controller.y")]
-
-
-def sensed(kind: str, noise: float = 0.0, delay: int = 0) -> Measured:
+def sensed(kind: str, noise: float = 0.0, delay: int = 0) -> Loop:
     """Return 5 s of the step response of a controller with current terms."""
-    options = {"previous_sample_terms": False, "steps": 5000, "noise": noise, "delay": delay}
-    return Measured(ALONE[kind], **options)
+    sensor = (noise, delay)
+    return Loop(ALONE[kind], previous_sample_terms=False, steps=5000, sensor=sensor)
 
 
 def noise(data: Data) -> Section:

@@ -23,7 +23,7 @@ from .figure import (
     outputs,
 )
 from .measures import energy_of
-from .runs import FACTORS, GAINS, Data
+from .runs import FACTORS, GAINS, Data, Trace
 
 Rows = list[list[Panel]]
 
@@ -48,47 +48,48 @@ def _zoomed(curves: Sequence[Curve], title: str, label: str, row: Mapping) -> li
     return [whole, Panel("the framed part", label, curves, xlim=x, ylim=y)]
 
 
-def tracking(data: Data, signal: str, row: Mapping[str, Any]) -> Rows:
+def tracking(traces: Mapping[str, Trace], case: str, row: Mapping[str, Any]) -> Rows:
     """Return the reference and the angles, or the measured angles."""
-    amplitude = row.get("d", 0.0)
-    traces = {kind: data(kind, signal, amplitude) for kind in SHOWN}
     curves = outputs(traces)
     if not row.get("measured"):
-        return [_zoomed(curves, _case(signal, amplitude), ANGLE, row)]
+        return [_zoomed(curves, case, ANGLE, row)]
     curves[1:] = [Curve(f"{t.key}/y", t.t, t.theta + t.d, kind) for kind, t in traces.items()]
     return [_zoomed(curves, "measured angle θ + d", "θ + d [rad]", row)]
 
 
-def errors(data: Data, signal: str, row: Mapping[str, Any]) -> Rows:
+def errors(traces: Mapping[str, Trace], case: str, row: Mapping[str, Any]) -> Rows:
     """Return the errors, magnified and as absolute values."""
-    case = _case(signal, row.get("d", 0.0))
-    traces = {kind: data(kind, signal, row.get("d", 0.0)) for kind in SHOWN}
     curves = [curve(trace, "e", kind) for kind, trace in traces.items()]
     shown = {"xlim": (0, END), "ylim": (SMALLEST, 10), "log_y": True}
     logarithmic = Panel(f"{case}: magnitude", "|e| [rad]", magnitudes(traces), **shown)
     return [_zoomed(curves, case, ERROR, row), [logarithmic]]
 
 
-def forces(data: Data, signal: str, row: Mapping[str, Any]) -> Rows:
+def forces(traces: Mapping[str, Trace], _case: str, row: Mapping[str, Any]) -> Rows:
     """Return the forces of PID-RBF and IPID-RBF side by side, with magnified parts below."""
-    amplitude, x, y = row.get("d", 0.0), tuple(row["x"]), tuple(row["y"])
-    disturbed = f", d = {amplitude:g} rad" if amplitude else ""
+    x, y = tuple(row["x"]), tuple(row["y"])
+    disturbed = f", d = {row['d']:g} rad" if row.get("d") else ""
     shown = {"xlim": (0, END), "ylim": tuple(row["ylim"]), "frame": (x, y)}
     above, below = [], []
     for kind in SHOWN[1:]:
-        trace = data(kind, signal, amplitude)
-        curves = [curve(trace, name, name) for name in ("u_p", "u_n", "u")]
+        curves = [curve(traces[kind], name, name) for name in ("u_p", "u_n", "u")]
         above.append(Panel(f"{kind}{disturbed}", FORCE, curves, **shown))
         below.append(Panel(f"{kind}, the framed part", FORCE, curves, xlim=x, ylim=y))
     return [above, below]
 
 
-def _case(signal: str, amplitude: float) -> str:
-    """Return the name of a signal with a disturbance."""
-    return f"{signal}, disturbance {amplitude:g} rad" if amplitude else signal
-
-
 KINDS = {"tracking": tracking, "errors": errors, "forces": forces}
+
+
+def zoomed(data: Data, kind: str, signal: str, zooms: Iterable[Mapping[str, Any]]) -> Rows:
+    """Return the rows of panels of a figure of a kind."""
+    rows = []
+    for row in zooms:
+        amplitude = row.get("d", 0.0)
+        case = f"{signal}, disturbance {amplitude:g} rad" if amplitude else signal
+        traces = {shown: data(shown, signal, amplitude) for shown in SHOWN}
+        rows += KINDS[kind](traces, case, row)
+    return rows
 
 
 def response(data: Data) -> list[list[Curve]]:

@@ -64,16 +64,6 @@ def iae(trace: Trace) -> float:
     return integral(np.abs(trace.e), trace.ts)
 
 
-def ise(trace: Trace) -> float:
-    """Return the integral of e² [rad² s]."""
-    return integral(trace.e**2, trace.ts)
-
-
-def itae(trace: Trace) -> float:
-    """Return the integral of t |e| [rad s²]."""
-    return integral(trace.t * np.abs(trace.e), trace.ts)
-
-
 def finite(value: float) -> float:
     """Return a number to compare: NaN (never) counts as the largest."""
     return math.inf if math.isnan(value) else value
@@ -251,11 +241,6 @@ def energy_of(trace: Trace) -> np.ndarray:
     return np.cumsum(trace.e**2) / 2
 
 
-def total(trace: Trace) -> np.ndarray:
-    """Return the sum of u_p and u_n within the limit of the force [N]."""
-    return np.clip(trace.u_p + trace.u_n, -LIMIT, LIMIT)
-
-
 def quiet(trace: Trace) -> Trace:
     """Return what lies outside the jumps at the start and at the disturbance."""
     return trace.part((1.0, 5.0), (5.6, 21.0))
@@ -274,12 +259,6 @@ def apart(trace: Trace) -> float:
 def opposed(a: np.ndarray, b: np.ndarray) -> float:
     """Return the share of samples with opposite signs."""
     return float(np.mean(np.sign(a) == -np.sign(b)))
-
-
-def relative(column: str, trace: Trace) -> float:
-    """Return the RMS of a part of the force relative to the whole from 19 s on."""
-    late = after(trace, 19)
-    return rms(getattr(late, column)) / rms(late.u)
 
 
 def lost(data: Data, kind: str) -> float:
@@ -361,8 +340,8 @@ MEASURES = {
     "returning": Measure("swing to the other side of r, d = {:g} rad", "rad", swing_back),
     # accuracy
     "iae": Measure("integral of |e|", "rad s", iae),
-    "ise": Measure("integral of e²", "rad² s", ise),
-    "itae": Measure("integral of t |e|", "rad s²", itae),
+    "ise": Measure("integral of e²", "rad² s", lambda t: integral(t.e**2, t.ts)),
+    "itae": Measure("integral of t |e|", "rad s²", lambda t: integral(t.t * np.abs(t.e), t.ts)),
     "last": Measure("|e(20 s)|", "rad", lambda t: abs(float(t.e[-1]))),
     "late": Measure("max |e| from 19 s on", "rad", lambda t: largest(after(t, 19).e)),
     "late_rms": Measure("RMS of e from 19 s on", "rad", lambda t: rms(after(t, 19).e)),
@@ -379,7 +358,8 @@ MEASURES = {
     "variation": Measure("total variation of u", "N", lambda t: variation(t.u)),
     "energy": Measure("∫u² dt", "N² s", lambda t: integral(t.u**2, t.ts)),
     "roughness": Measure("largest change of u per sample", "N", roughness),
-    "share": Measure("RMS(u_p)/RMS(u)", "1", partial(relative, "u_p"), learns=True),
+    "share": Measure("RMS(u_p)/RMS(u)", "1",
+                     lambda t: rms(after(t, 19).u_p) / rms(after(t, 19).u), learns=True),
     "feedback": Measure("RMS of u_p from 19 s on", "N", lambda t: rms(after(t, 19).u_p),
                         learns=True),
     "identified": Measure("change of u_n at r = 1 from 15 s on", "N/s",
@@ -387,7 +367,8 @@ MEASURES = {
     "learning": Measure("change of h · w from 19 s on", "N/s", lambda t: drift(after(t, 19)),
                         learns=True),
     # u_n and u_p beside u
-    "unlimited": Measure("max |u − limited sum|", "N", lambda t: largest(t.u - total(t))),
+    "unlimited": Measure("max |u − limited sum|", "N",
+                         lambda t: largest(t.u - np.clip(t.u_p + t.u_n, -LIMIT, LIMIT))),
     "clipped": Measure("samples at the limit, of 20000", "",
                        lambda t: int(np.sum(t.u != t.u_p + t.u_n))),
     "before": Measure("|u_n| just before the jump at 5 s", "N",

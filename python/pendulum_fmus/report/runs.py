@@ -156,16 +156,6 @@ class Data:
 
 # --- the native master --------------------------------------------------------------------------
 
-RECORDED = {
-    "Pid": ("e", "u", "u_p"),
-    "PidRbf": ("e", "u", "u_p", "u_n"),
-    "IpidRbf": ("e", "u", "u_p", "u_n"),
-    "Pendulum": ("theta", "x"),
-    "Source": ("r", "d"),
-    "Sensor": ("y",),
-}
-"""The outputs that `simulate` records, by FMU."""
-
 
 def simulate_all(loops: Iterable[Loop], fmus: Path, pool: Pool, **options: Any) -> dict:
     """Simulate many loops with a pool; return the columns of each as `simulate` does."""
@@ -173,12 +163,7 @@ def simulate_all(loops: Iterable[Loop], fmus: Path, pool: Pool, **options: Any) 
 
 
 def simulate(
-    loop: Loop,
-    fmus: Path,
-    *,
-    only: Sequence[str] = (),
-    last: int = 0,
-    may_diverge: bool = False,
+    loop: Loop, fmus: Path, *, only: Sequence[str] = (), last: int = 0, may_diverge: bool = False
 ) -> dict[str, np.ndarray]:
     """Simulate a loop at 1 ms, from the paper's k = 1.
 
@@ -186,12 +171,7 @@ def simulate(
     shape (steps,), or (last,) if only the last samples are asked for. A loop that diverges is an
     error, or has no columns if it `may_diverge`.
     """
-    names = [
-        f"{name}.{output}"
-        for name, fmu in loop.models().items()
-        for output in RECORDED[fmu]
-        if not only or output in only
-    ]
+    names = loop.recorded(only)
     with tempfile.TemporaryDirectory(prefix="loop-") as folder:
         system = Path(folder) / "system.toml"
         system.write_text(_system(loop, fmus, names), encoding="utf-8")

@@ -115,15 +115,10 @@ def matrix(law: Law, gain: float = 1.0, plant: dict[str, float] = NOMINAL) -> np
     return A
 
 
-def modes(A: np.ndarray) -> np.ndarray:
-    """Return the eigenvalues, without those at 1."""
-    values = np.linalg.eigvals(A)
-    return values[np.abs(values - 1) > CONSTANT]
-
-
 def spectral_radius(A: np.ndarray) -> float:
     """Return the largest absolute eigenvalue, without those at 1."""
-    return float(np.max(np.abs(modes(A))))
+    values = np.linalg.eigvals(A)
+    return float(np.max(np.abs(values[np.abs(values - 1) > CONSTANT])))
 
 
 def growth(law: Law, samples: int = 0) -> float:

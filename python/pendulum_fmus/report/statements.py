@@ -216,8 +216,7 @@ def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Fig
         return Figure(name, part["title"], part["alt"], panels)
     if not kind:
         return None
-    signal, draw = part["signal"], figures.KINDS[part["kind"]]
-    rows = [row for zoom in part["zooms"] for row in draw(data, signal, zoom)]
+    signal, rows = part["signal"], figures.zoomed(data, part["kind"], part["signal"], part["zooms"])
     disturbed = any("d" in zoom for zoom in part["zooms"])
     shown = signal if kind.get("statement") else SIGNAL_NAMES[signal]
     pulse = ", the measured angle disturbed from 5 s to 5.5 s" * disturbed
