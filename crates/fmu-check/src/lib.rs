@@ -17,8 +17,7 @@ mod terminals;
 
 use std::path::Path;
 
-pub use binary::Probes;
-pub use binary::child::run as probe;
+pub use binary::{Probes, probe};
 pub use finding::{Finding, Findings, Group, Location, Severity};
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};

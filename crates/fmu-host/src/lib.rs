@@ -8,6 +8,7 @@
 //! A foreign binary may violate the standard: it may crash, hang or exit. Load untrusted binaries in a
 //! separate process, as `cargo fmu validate` does.
 
+mod access;
 mod call;
 pub mod environment;
 mod instance;
@@ -18,6 +19,7 @@ mod resources;
 mod shared_memory;
 mod trampoline;
 
+pub use access::operation;
 pub use fmi_abi::{Version, fmi2, fmi3};
 pub use instance::{Completed, Instance, Number, State, Stepped, Update};
 pub use library::{Instantiation, Kind, Library, LoadError, Treatment};

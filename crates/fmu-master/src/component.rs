@@ -5,11 +5,10 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::Value;
-use fmu_host::Success;
+use fmu_host::{Success, operation};
 use fmu_worker::{Calls, Function};
 use serde::{Deserialize, Serialize};
 
-use crate::access::{get, operation, set};
 use crate::plan::Planned;
 use crate::value::shown;
 use crate::wiring::{Place, Ports, Source, Transfers, Wired};
@@ -189,12 +188,8 @@ impl<'a> Component<'a> {
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
         self.calls.begin(ports.get);
-        let outcome = get(
-            &mut self.instance,
-            ports.kind,
-            &scalars.references,
-            &mut all,
-        );
+        let references = &scalars.references;
+        let outcome = self.instance.get_values(ports.kind, references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.explain_reading(outcome, scalars)?;
         }
@@ -264,7 +259,7 @@ impl<'a> Component<'a> {
                 values[*position] = scale.unwrap_or_else(|| outputs.value(source.output));
             }
             self.calls.begin(ports.set);
-            let outcome = set(&mut self.instance, ports.kind, &inputs.references, &values);
+            let outcome = (self.instance).set_values(ports.kind, &inputs.references, &values);
             if outcome != Ok(Success::Ok) {
                 self.explain_writing(outcome, inputs, &values)?;
             }
@@ -305,7 +300,7 @@ impl<'a> Component<'a> {
             let kind = fmu.access(scalar);
             self.calls
                 .begin(Function::of(fmu.version, &operation("set", kind)));
-            let outcome = set(&mut self.instance, kind, &wired.references, &values);
+            let outcome = (self.instance).set_values(kind, &wired.references, &values);
             self.explain_writing(outcome, &wired, &values)?;
         }
         Ok(())

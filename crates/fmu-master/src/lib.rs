@@ -35,7 +35,6 @@
 //! communication point from which the component has stepped.
 #![forbid(unsafe_code)]
 
-mod access;
 mod component;
 mod description;
 mod failure;

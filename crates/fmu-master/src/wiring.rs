@@ -3,9 +3,9 @@
 use std::collections::{HashMap, HashSet};
 
 use fmu_description::{FmiVersion, Type};
+use fmu_host::operation;
 use fmu_worker::Function;
 
-use crate::access::operation;
 use crate::plan::{Link, Planned, Port};
 use crate::{Fmu, Scale};
 

@@ -1,33 +1,35 @@
 //! Tests that run a binary, each in its own process, since the binary may crash, hang or exit.
 
-pub mod child;
-mod inputs;
 mod probes;
-mod process;
 pub mod rules;
 mod run;
-mod subject;
+mod task;
 mod values;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::process::Command;
+use std::time::{Duration, SystemTime};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use fmu_description::ModelDescription;
 use fmu_description::xml::Element;
-use fmu_file::archive::Archive;
+use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
+use fmu_file::text::quote;
+use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker};
+use tempfile::TempDir;
 
-use super::finding::Findings;
-use crate::Rule;
-use child::Task;
-use inputs::Level;
+use crate::finding::Findings;
+use crate::rule::Rule;
+pub use probes::run as probe;
 use probes::{EXPERIMENT, HEAP_CHECK, IDENTITY, PROBES, Probe, READABLE, TRACE, TRACE_LOGGING};
-use process::{Outcome, Workshop};
-use rules::{INDEPENDENT, INITIALISED, NOT_RUN, REPRODUCIBLE, SURVIVES_MISUSE};
-use values::Trajectory;
+use rules::{FILES, INDEPENDENT, INITIALISED, NOT_RUN, OUTPUT, REPRODUCIBLE, SURVIVES_MISUSE};
+use task::{FMU, Reply, Task};
+use values::{Level, Trajectory};
 
 /// How to start a test process, and how much to test.
 #[derive(Debug)]
@@ -47,6 +49,15 @@ const FEW_STEPS: usize = 5;
 const SHORT_RUN: usize = 300;
 /// Maximum duration of a short run, as a fraction of the time limit of a test.
 const SHORT_TIME: f64 = 0.03;
+/// Maximum memory of a test process.
+const MEMORY: u64 = 4 << 30;
+/// Time in which a process ends after its test.
+const GRACE: Duration = Duration::from_secs(2);
+/// The working directory of the tests, next to the folder of the FMU.
+const WORK: &str = "work";
+
+/// The sizes of files, and the times of their last changes.
+type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
 /// Runs the binaries built for this machine, if there are any. `text` is the model description.
 pub fn check(
@@ -59,19 +70,15 @@ pub fn check(
     let Some(platform) = Platform::of_this_machine(model.version) else {
         return;
     };
-    let interfaces = ["CoSimulation", "ModelExchange"].into_iter();
-    let interfaces = interfaces.filter_map(|interface| model.root.child(interface));
-    let binaries: Vec<(&Element<'_>, String)> = interfaces
+    let interfaces = [model.co_simulation(), model.model_exchange()];
+    let binaries: Vec<(&Element<'_>, String)> = (interfaces.into_iter().flatten())
         .filter_map(|e| Some((e, platform.binary(e.attribute("modelIdentifier")?))))
         .filter(|(_, binary)| archive.names.contains(binary))
         .collect();
     if binaries.is_empty() {
         // An FMU without binaries has sources, or the lack of both has been reported.
-        if archive
-            .names
-            .iter()
-            .any(|name| name.starts_with("binaries/"))
-        {
+        let mut names = archive.names.iter();
+        if names.any(|name| name.starts_with("binaries/")) {
             let folder = platform.folder;
             let text = format!("there is none for this machine ({folder}); no binary was run");
             findings.add(&NOT_RUN, "binaries", text);
@@ -86,32 +93,93 @@ pub fn check(
         }
     }
     let mut run_all = || -> Result<()> {
-        let workshop = Workshop::new(text, archive, platform, probes)?;
+        let session = unpack(text, archive, platform)?;
+        let files = list(&session.path().join(FMU))?;
         let mut checker = Checker {
-            workshop: &workshop,
             model,
+            probes,
             element: binaries[0].0,
-            task: workshop.task(),
+            task: Task::default(),
             seen: HashSet::new(),
             about: "",
             findings,
         };
         for (element, binary) in &binaries {
-            checker.begin(element, binary);
-            checker.run(probes.is_quick)?;
+            checker.begin(session.path(), element, binary);
+            checker.run()?;
             checker.about = "model exchange: ";
         }
-        workshop.report_files(checker.findings)
+        checker.report_files(session.path(), &files)
     };
     if let Err(error) = run_all() {
         findings.add(&NOT_RUN, "binaries", format!("cannot be run: {error:#}"));
     }
 }
 
+/// Unpacks an FMU, whose model description is `text`, to a folder for its tests.
+fn unpack(text: &str, archive: &mut Archive, platform: Platform) -> Result<TempDir> {
+    let session = tempfile::Builder::new().prefix("fmu-validate-").tempdir()?;
+    let fmu = session.path().join(FMU);
+    // FMUs may look for their resources where the standard says that they are.
+    fs::create_dir_all(fmu.join("resources"))?;
+    fs::create_dir(session.path().join(WORK))?;
+    fs::write(session.path().join(MODEL_DESCRIPTION), text)?;
+    let binaries = format!("binaries/{}/", platform.folder);
+    for prefix in [MODEL_DESCRIPTION, "resources/", &binaries] {
+        archive.unpack(prefix, &fmu)?;
+    }
+    Ok(session)
+}
+
+/// The outcome of a test.
+#[derive(Default)]
+pub struct Outcome {
+    /// The findings, with their texts.
+    pub found: Vec<(&'static Rule, String)>,
+    /// Variables that cannot be read.
+    pub unreadable: Vec<String>,
+    /// The number of steps of the default experiment, and their duration in s.
+    pub ran: Option<(usize, f64)>,
+    /// Whether the FMU refused the excitation.
+    pub is_refused: bool,
+    /// The rows of a run.
+    pub rows: Trajectory,
+    /// Whether the FMU has logged a problem.
+    pub has_message: bool,
+    /// Whether the process was killed after its time.
+    pub timed_out: bool,
+}
+
+impl Outcome {
+    /// Whether the test itself has failed, besides what else it has found.
+    pub fn fails(&self, probe: &Probe) -> bool {
+        let mut found = self.found.iter();
+        found.any(|(rule, _)| *rule == probe.rule || *rule == probe.crash())
+    }
+
+    /// The rules of the findings.
+    pub fn rules(&self) -> Vec<&'static str> {
+        self.found.iter().map(|(rule, _)| rule.id).collect()
+    }
+
+    fn add(&mut self, reply: Reply) {
+        match reply {
+            Reply::Found(id, text) => {
+                self.found.extend(rules::find(&id).map(|rule| (rule, text)));
+            }
+            Reply::Unreadable(name) => self.unreadable.push(name),
+            Reply::Ran(steps, seconds) => self.ran = Some((steps, seconds)),
+            Reply::Refused => self.is_refused = true,
+            Reply::Row(time, row) => self.rows.push((time, row)),
+            Reply::Done => {}
+        }
+    }
+}
+
 /// The tests of the binaries.
 struct Checker<'a> {
-    workshop: &'a Workshop<'a>,
     model: &'a ModelDescription<'a>,
+    probes: &'a Probes,
     /// The interface type under test.
     element: &'a Element<'a>,
     /// The task, but for the test.
@@ -125,18 +193,21 @@ struct Checker<'a> {
 
 impl<'a> Checker<'a> {
     /// Goes on to an interface type. Variables that were ignored stay so.
-    fn begin(&mut self, element: &'a Element<'a>, binary: &str) {
+    fn begin(&mut self, session: &Path, element: &'a Element<'a>, binary: &str) {
         self.element = element;
         self.seen.clear();
         self.task = Task {
             interface: element.name.to_owned(),
+            session: session.to_owned(),
             binary: binary.to_owned(),
+            seconds: self.probes.time_limit.as_secs(),
             ignored: std::mem::take(&mut self.task.ignored),
-            ..self.workshop.task()
+            ..Task::default()
         };
     }
 
-    fn run(&mut self, is_quick: bool) -> Result<()> {
+    fn run(&mut self) -> Result<()> {
+        let is_quick = self.probes.is_quick;
         for probe in [IDENTITY, READABLE] {
             let outcome = self.test(probe)?;
             // An FMU that cannot be loaded or initialized would fail all other tests too.
@@ -145,18 +216,17 @@ impl<'a> Checker<'a> {
             }
             self.task.ignored.extend(outcome.unreadable);
         }
-        if !self.experiment(is_quick)? {
+        if !self.experiment()? {
             return Ok(());
         }
         if !is_quick {
             self.compare_processes()?;
         }
-        let applies = |probe: &&Probe| probe.applies(self.element, self.model.version);
-        let probes: Vec<&Probe> = PROBES.iter().filter(applies).collect();
-        for probe in probes
-            .into_iter()
-            .filter(|probe| probe.is_quick() || !is_quick)
-        {
+        for probe in PROBES {
+            let is_due = probe.is_quick() || !is_quick;
+            if !is_due || !probe.applies(self.element, self.model.version) {
+                continue;
+            }
             let outcome = self.test(probe)?;
             let mut found = outcome.found.iter();
             self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
@@ -166,16 +236,13 @@ impl<'a> Checker<'a> {
 
     /// Runs the default experiment with the strongest excitation that the FMU accepts; returns whether
     /// there is one with which it runs.
-    fn experiment(&mut self, is_quick: bool) -> Result<bool> {
-        let levels = match is_quick {
-            true => &[Level::Still],
-            false => Level::ALL.as_slice(),
-        };
-        for level in levels {
+    fn experiment(&mut self) -> Result<bool> {
+        let all = [Level::Full, Level::Gentle, Level::Still];
+        for level in &all[if self.probes.is_quick { 2 } else { 0 }..] {
             self.task.level = *level;
             let outcome = self.test(EXPERIMENT)?;
             if let Some((steps, seconds)) = outcome.ran.filter(|_| !outcome.is_refused) {
-                self.task.steps = self.short(is_quick, steps, seconds);
+                self.task.steps = self.short(steps, seconds);
                 return Ok(true);
             }
             // A crash has been reported; the other tests then use a weaker excitation.
@@ -185,8 +252,8 @@ impl<'a> Checker<'a> {
 
     /// The number of steps of a short run, given that some steps took this many seconds. Two short runs
     /// fit into the default experiment.
-    fn short(&self, is_quick: bool, steps: usize, seconds: f64) -> usize {
-        if is_quick {
+    fn short(&self, steps: usize, seconds: f64) -> usize {
+        if self.probes.is_quick {
             return FEW_STEPS.min(steps / 2).max(1);
         }
         let time = SHORT_TIME * self.task.seconds as f64;
@@ -204,7 +271,7 @@ impl<'a> Checker<'a> {
             ("MALLOC_PERTURB_", "85"),
             ("GLIBC_TUNABLES", "glibc.malloc.perturb=85"),
         ];
-        let observed = subject::observed(self.model, &self.task.ignored);
+        let observed = run::observed(self.model, &self.task.ignored);
         let (Some(expected), Some(again)) = (self.trace(TRACE, &[])?, self.trace(TRACE, &[])?)
         else {
             return Ok(());
@@ -289,11 +356,11 @@ impl<'a> Checker<'a> {
             seconds: probe.seconds(self.task.seconds),
             ..self.task.clone()
         };
-        let mut outcome = self.workshop.run(probe, &task, variables)?;
+        let mut outcome = self.process(probe, &task, variables)?;
         if !outcome.found.is_empty() && !outcome.has_message && !outcome.timed_out {
             // Once more, to quote what the FMU has to say.
             task.logging = true;
-            let second = self.workshop.run(probe, &task, variables)?;
+            let second = self.process(probe, &task, variables)?;
             if second.has_message && second.rules() == outcome.rules() {
                 outcome = second;
             }
@@ -313,4 +380,119 @@ impl<'a> Checker<'a> {
             self.findings.add(rule, self.task.binary.as_str(), text);
         }
     }
+
+    /// Runs one test in a child process, with these environment variables.
+    fn process(&self, probe: &Probe, task: &Task, variables: &[(&str, &str)]) -> Result<Outcome> {
+        let printed = task.session.join("printed");
+        let output = File::create(&printed)?;
+        let mut command = Command::new(&self.probes.program);
+        command
+            .args(&self.probes.arguments)
+            .current_dir(task.session.join(WORK))
+            .envs(variables.iter().copied())
+            .stdout(output.try_clone()?)
+            .stderr(output);
+        let limits = Limits {
+            task: Some(Duration::from_secs(task.seconds)),
+            memory: Some(MEMORY),
+            ..Limits::default()
+        };
+        let worker = Worker::start(&mut command, &task.session, limits);
+        let mut worker =
+            worker.with_context(|| format!("cannot start {}", self.probes.program.display()))?;
+        worker.send(task);
+        let mut outcome = Outcome::default();
+        let ended = loop {
+            match worker.wait()? {
+                Event::Ended(ended) => {
+                    outcome.timed_out = matches!(ended, Ended::TimedOut(_));
+                    break ended.to_string();
+                }
+                Event::Replied => match worker.reply() {
+                    Ok(Reply::Done) => break String::new(),
+                    Ok(reply) => outcome.add(reply),
+                    Err(error) => break format!("has sent {error}"),
+                },
+            }
+        };
+        let now = worker.record().now();
+        outcome.has_message = !now.message.is_empty();
+        if !ended.is_empty() {
+            outcome
+                .found
+                .push((probe.crash(), unfinished(&now, &ended)));
+            return Ok(outcome);
+        }
+        worker.end(GRACE)?;
+        let mut head = Vec::new();
+        File::open(printed)?.take(1000).read_to_end(&mut head)?;
+        let head = String::from_utf8_lossy(&head);
+        if let Some(line) = head.lines().find(|line| !line.trim().is_empty()) {
+            let line = quote(line);
+            let text = format!("the FMU printed {line}, expected that it logs by the callback");
+            outcome.found.push((&OUTPUT, text));
+        }
+        Ok(outcome)
+    }
+
+    /// Reports the files that the FMU has written: those that differ from what was in its folder before.
+    fn report_files(&mut self, session: &Path, before: &Files) -> Result<()> {
+        /// Maximum number of files that a finding names.
+        const MAX_NAMES: usize = 5;
+        let mut of_fmu = list(&session.join(FMU))?;
+        of_fmu.retain(|path, content| before.get(path) != Some(content));
+        let written = list(&session.join(WORK))?;
+        for (files, place) in [
+            (of_fmu, "the folder of the FMU"),
+            (written, "the working directory"),
+        ] {
+            let name = |path: &PathBuf| {
+                let name = path.strip_prefix(session).unwrap_or(Path::new(""));
+                quote(&name.to_string_lossy())
+            };
+            let names: Vec<_> = files.keys().take(MAX_NAMES).map(name).collect();
+            if !names.is_empty() {
+                let (count, names) = (files.len(), names.join(", "));
+                let text = format!("{count} files were written to {place}: {names}; expected none");
+                self.findings.add(&FILES, "binaries", text);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Describes the call that did not return, given how the process ended.
+fn unfinished(now: &Moment, ended: &str) -> String {
+    let call = match now.function {
+        Some(Function::LOADING) => "loading it",
+        function => function.and_then(Function::name).unwrap_or("the test"),
+    };
+    let stage = match now.stage.as_str() {
+        "" => String::new(),
+        stage => format!(", {stage},"),
+    };
+    let how = ended.replace(" and was killed", "");
+    let when = now.time.map(|time| format!(" at t = {time} s"));
+    let (when, logged) = (when.unwrap_or_default(), task::logged(&now.message));
+    format!("{call}{stage} {how}{when}, expected it to return{logged}")
+}
+
+/// All files in a folder.
+fn list(folder: &Path) -> Result<Files> {
+    let mut files = Files::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder)? {
+            let entry = entry?;
+            match entry.metadata() {
+                Ok(data) if data.is_dir() => folders.push(entry.path()),
+                Ok(data) => {
+                    files.insert(entry.path(), (data.len(), data.modified().ok()));
+                }
+                // Removed meanwhile.
+                Err(_) => {}
+            }
+        }
+    }
+    Ok(files)
 }

@@ -1,12 +1,11 @@
-//! The values of variables in a run, and the comparison of runs.
+//! The values of variables: those of runs, which are compared, and those that tests set, the same in every
+//! run.
 
-use std::ffi::CString;
-use std::fmt;
-
-use anyhow::{Result, bail};
-use fmu_description::{FmiVersion, Listed, Type};
+use anyhow::Result;
+use fmu_description::value::real;
+use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variability};
 use fmu_file::text::quote;
-use fmu_host::{Instance, Number};
+use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of values that a run records; longer runs record fewer points.
@@ -14,162 +13,59 @@ const MAX_VALUES: usize = 1 << 21;
 /// Maximum number of elements of an array that is tested.
 pub const MAX_ELEMENTS: usize = 1 << 16;
 
-/// The value of an element of a variable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Value {
-    /// A Float32 or Float64.
-    Real(f64),
-    /// A whole number of any size, or the number of an item.
-    Whole(i128),
-    /// A Boolean, as the FMU gives it.
-    Boolean(i32),
-    /// A String.
-    Text(String),
-}
-
-impl Value {
-    /// A start value or bound of the XML; `None` if it is bytes.
-    pub fn of(value: &fmu_description::Value) -> Option<Self> {
-        use fmu_description::Value as V;
-        let number = || value.as_real().map(Self::Real);
-        match value {
-            V::Boolean(value) => Some(Self::Boolean((*value).into())),
-            V::String(text) => Some(Self::Text(text.clone())),
-            _ => number().or_else(|| value.as_whole().map(Self::Whole)),
-        }
-    }
-
-    /// Whether it is the same value, for real numbers up to this difference.
-    pub fn is_near(&self, other: &Self, difference: f64) -> bool {
-        match (self, other) {
-            (Self::Real(a), Self::Real(b)) => {
-                a == b || (a - b).abs() <= difference || a.is_nan() && b.is_nan()
-            }
-            _ => self == other,
-        }
-    }
-
-    /// The size of a finite real number.
-    pub fn size(&self) -> f64 {
-        match self {
-            Self::Real(value) if value.is_finite() => value.abs(),
-            _ => 0.0,
-        }
-    }
-
-    /// The value with the digits that tell it from all others.
-    fn exact(&self) -> String {
-        match self {
-            Self::Real(value) => format!("{value:?}"),
-            _ => self.to_string(),
-        }
-    }
-}
-
-impl fmt::Display for Value {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Real(value) => write!(f, "{value}"),
-            Self::Whole(value) => write!(f, "{value}"),
-            Self::Boolean(0) => f.write_str("false"),
-            Self::Boolean(1) => f.write_str("true"),
-            Self::Boolean(value) => write!(f, "{value}, which is not a Boolean"),
-            Self::Text(text) => f.write_str(&quote(text)),
-        }
-    }
-}
-
-/// Gets `n` values of variables of one type.
+/// Gets `n` values of variables of one type. A Boolean that is neither 0 nor 1 stays a number.
 pub fn get(
     instance: &mut Instance,
-    (of_type, version): (Type, FmiVersion),
+    of_type: Type,
     references: &[u32],
     n: usize,
-) -> Result<Vec<Value>> {
-    macro_rules! numbers {
-        ($type:ty, $value:expr) => {{
-            let get = |i: &mut Instance, values: &mut [$type]| Number::get(i, references, values);
-            instance.read(n, get)?.into_iter().map($value).collect()
-        }};
-        ($type:ty) => {
-            numbers!($type, |value| Value::Whole(value.into()))
+) -> fmu_host::Result<Vec<Value>> {
+    if of_type == Type::Boolean {
+        let given = instance.read(n, |i, values| i.get_boolean(references, values))?;
+        let value = |given| match given {
+            0 | 1 => Value::Boolean(given == 1),
+            _ => Value::Int32(given),
         };
+        return Ok(given.into_iter().map(value).collect());
     }
-    Ok(match of_type.accessed_as(version) {
-        Type::Float64 => numbers!(f64, Value::Real),
-        Type::Float32 => numbers!(f32, |value| Value::Real(value.into())),
-        Type::Int8 => numbers!(i8),
-        Type::UInt8 => numbers!(u8),
-        Type::Int16 => numbers!(i16),
-        Type::UInt16 => numbers!(u16),
-        Type::Int32 => numbers!(i32),
-        Type::UInt32 => numbers!(u32),
-        Type::Int64 => numbers!(i64),
-        Type::UInt64 => numbers!(u64),
-        Type::Boolean => {
-            let values = instance.read(n, |i, values| i.get_boolean(references, values))?;
-            values.into_iter().map(Value::Boolean).collect()
-        }
-        Type::String => {
-            let texts = instance.get_string(references, n)?;
-            texts.into_iter().map(Value::Text).collect()
-        }
-        other => bail!("the type {} is not tested", other.as_str()),
-    })
+    let mut values = vec![Value::Boolean(false); n];
+    instance.get_values(of_type, references, &mut values)?;
+    Ok(values)
 }
 
-/// Sets all elements of a variable. A number that its type does not have becomes 0.
-pub fn set(
-    instance: &mut Instance,
-    (of_type, version): (Type, FmiVersion),
-    reference: u32,
-    values: &[Value],
-) -> fmu_host::Result {
-    macro_rules! numbers {
-        ($type:ty, $number:expr) => {{
-            let numbers: Vec<$type> = values.iter().map($number).collect();
-            Number::set(instance, &[reference], &numbers)
-        }};
-        ($type:ty) => {
-            numbers!($type, |value| match value {
-                Value::Whole(number) => <$type>::try_from(*number).unwrap_or_default(),
-                _ => 0,
-            })
-        };
+/// Whether two values are the same, real numbers up to this difference.
+pub fn is_near(a: &Value, b: &Value, difference: f64) -> bool {
+    match (a.as_real(), b.as_real()) {
+        (Some(a), Some(b)) => a == b || (a - b).abs() <= difference || a.is_nan() && b.is_nan(),
+        // The item of an Enumeration is accessed as a number.
+        _ => a == b || a.as_whole().is_some() && a.as_whole() == b.as_whole(),
     }
-    let real = |value: &Value| match value {
-        Value::Real(number) => *number,
-        _ => 0.0,
-    };
-    match of_type.accessed_as(version) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            reason = "the type has this precision"
-        )]
-        Type::Float32 => numbers!(f32, |value| real(value) as f32),
-        Type::Int8 => numbers!(i8),
-        Type::UInt8 => numbers!(u8),
-        Type::Int16 => numbers!(i16),
-        Type::UInt16 => numbers!(u16),
-        Type::Int32 => numbers!(i32),
-        Type::UInt32 => numbers!(u32),
-        Type::Int64 => numbers!(i64),
-        Type::UInt64 => numbers!(u64),
-        Type::Boolean => {
-            let is_true = |value: &Value| i32::from(*value == Value::Boolean(1));
-            let values: Vec<i32> = values.iter().map(is_true).collect();
-            instance.set_boolean(&[reference], &values)
-        }
-        Type::String => {
-            let text = |value: &Value| match value {
-                Value::Text(text) => CString::new(text.as_str()).unwrap_or_default(),
-                _ => CString::default(),
-            };
-            let texts: Vec<CString> = values.iter().map(text).collect();
-            instance.set_string(&[reference], &texts)
-        }
-        _ => numbers!(f64, real),
+}
+
+/// The size of a finite real number.
+pub fn size(value: &Value) -> f64 {
+    let number = value.as_real().filter(|number| number.is_finite());
+    number.map_or(0.0, f64::abs)
+}
+
+/// A value for messages.
+pub fn shown(value: &Value) -> String {
+    match value {
+        Value::Float32(value) => value.to_string(),
+        Value::Float64(value) => value.to_string(),
+        Value::String(text) => quote(text),
+        other => other.to_string(),
     }
+}
+
+/// The value references of variables.
+pub fn references(variables: &[&Listed<'_>]) -> Vec<u32> {
+    variables.iter().map(|v| v.reference).collect()
+}
+
+/// The name of an element of a variable, in quotes.
+pub fn element_name(variable: &Listed<'_>, element: usize) -> String {
+    quote(&variable.element_name(&variable.name, element))
 }
 
 /// The values of the observed variables at one time.
@@ -180,7 +76,6 @@ pub type Trajectory = Vec<(f64, Row)>;
 /// Variables that are read together, those of the same type in one call.
 pub struct Observed<'a> {
     variables: Vec<&'a Listed<'a>>,
-    version: FmiVersion,
     /// The value references and the number of elements of the variables of each type.
     parts: Vec<(Type, Vec<u32>, usize)>,
 }
@@ -191,8 +86,8 @@ pub struct Difference<'a> {
     pub variable: &'a Listed<'a>,
     element: usize,
     time: f64,
-    actual: String,
-    expected: String,
+    actual: Value,
+    expected: Value,
 }
 
 impl<'a> Observed<'a> {
@@ -209,12 +104,11 @@ impl<'a> Observed<'a> {
         Self {
             parts: parts.collect(),
             variables,
-            version,
         }
     }
 
     /// The variables.
-    pub fn variables(&self) -> impl Iterator<Item = &'a Listed<'a>> {
+    pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a Listed<'a>> {
         self.variables.iter().copied()
     }
 
@@ -234,12 +128,7 @@ impl<'a> Observed<'a> {
     pub fn read(&self, instance: &mut Instance) -> Result<Row> {
         let mut row = Row::new();
         for (of_type, references, n) in &self.parts {
-            row.append(&mut get(
-                instance,
-                (*of_type, self.version),
-                references,
-                *n,
-            )?);
+            row.append(&mut get(instance, *of_type, references, *n)?);
         }
         Ok(row)
     }
@@ -252,23 +141,22 @@ impl<'a> Observed<'a> {
         expected: &[(f64, Row)],
         tolerance: f64,
     ) -> impl Iterator<Item = Difference<'a>> {
-        self.elements()
-            .enumerate()
-            .filter_map(move |(at, (variable, element))| {
-                let value = |(_, row): &'_ (f64, Row)| row.get(at).map_or(0.0, Value::size);
-                let sizes = actual.iter().chain(expected).map(value);
-                let difference = tolerance * sizes.fold(1e-9, f64::max);
-                actual.iter().zip(expected).find_map(|((time, a), (_, b))| {
-                    let (actual, expected) = (a.get(at)?, b.get(at)?);
-                    (!actual.is_near(expected, difference)).then(|| Difference {
-                        variable,
-                        element,
-                        time: *time,
-                        actual: actual.exact(),
-                        expected: expected.exact(),
-                    })
+        let elements = self.elements().enumerate();
+        elements.filter_map(move |(at, (variable, element))| {
+            let rows = actual.iter().chain(expected);
+            let sizes = rows.map(|(_, row)| row.get(at).map_or(0.0, size));
+            let difference = tolerance * sizes.fold(1e-9, f64::max);
+            actual.iter().zip(expected).find_map(|((time, a), (_, b))| {
+                let (actual, expected) = (a.get(at)?, b.get(at)?);
+                (!is_near(actual, expected, difference)).then(|| Difference {
+                    variable,
+                    element,
+                    time: *time,
+                    actual: actual.clone(),
+                    expected: expected.clone(),
                 })
             })
+        })
     }
 
     /// The first difference between two runs, as [`Observed::differences`].
@@ -287,23 +175,217 @@ impl Difference<'_> {
     /// Describes the difference: `when` tells what the actual run does, `like` what the expected run has
     /// done.
     pub fn told(&self, when: &str, like: &str) -> String {
+        // With the digits that tell the value from all others.
+        let exact = |value: &Value| match value {
+            Value::String(text) => quote(text),
+            other => other.to_string(),
+        };
         let name = element_name(self.variable, self.element);
-        let (time, actual, expected) = (self.time, &self.actual, &self.expected);
+        let (actual, expected) = (exact(&self.actual), exact(&self.expected));
         match self.variable.dimensions.is_empty() {
-            true => {
-                format!("{when}, {name} at t = {time} s is {actual}, expected {expected}{like}")
-            }
+            true => format!(
+                "{when}, {name} at t = {} s is {actual}, expected {expected}{like}",
+                self.time
+            ),
             false => format!("{name} has another value {when}, expected {expected}{like}"),
         }
     }
 }
 
-/// The value references of variables.
-pub fn references(variables: &[&Listed<'_>]) -> Vec<u32> {
-    variables.iter().map(|v| v.reference).collect()
+/// How strongly inputs are excited. Models may refuse values outside their range of validity, which
+/// their XML need not tell; weaker levels are then tried.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Level {
+    /// Inputs of every type change by half of their start or nominal value.
+    Full,
+    /// Real inputs change by a fiftieth.
+    Gentle,
+    /// Inputs keep their start values.
+    #[default]
+    Still,
 }
 
-/// The name of an element of a variable, in quotes.
-pub fn element_name(variable: &Listed<'_>, element: usize) -> String {
-    quote(&variable.element_name(&variable.name, element))
+/// Whether the tests read and set a variable as a scalar: not arrays, Binaries, clocks and structural
+/// parameters.
+pub fn is_tested(variable: &Listed<'_>) -> bool {
+    variable.dimensions.is_empty()
+        && !matches!(variable.of_type, Type::Binary | Type::Clock)
+        && variable.causality != Causality::StructuralParameter
+        && !variable.element.has("clocks")
+}
+
+/// An input and the range in which it is excited.
+pub struct Input<'a> {
+    /// The variable.
+    pub variable: &'a Listed<'a>,
+    index: u64,
+    signal: Signal,
+}
+
+enum Signal {
+    /// A real number: its start value, and the size of its changes.
+    Real(f64, f64),
+    /// Values that follow each other, each for this number of points.
+    Choice(Vec<Value>, usize),
+}
+
+/// The inputs of a model, but those that keep their start values.
+pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
+    let inputs = model.variables().map(|(_, v)| v);
+    let inputs = inputs.filter(|v| v.causality == Causality::Input && is_tested(v));
+    let inputs = inputs.zip(0..).map(|(variable, index)| Input {
+        variable,
+        index,
+        signal: Signal::of(variable, index),
+    });
+    inputs.collect()
+}
+
+impl Signal {
+    fn of(variable: &Listed<'_>, index: u64) -> Self {
+        let start = variable.start_of(0).cloned();
+        match variable.of_type {
+            Type::Float32 | Type::Float64 => {
+                let start = start.and_then(|start| start.as_real()).unwrap_or(0.0);
+                let (min, max) = real_range(variable);
+                let nominal = variable.inherited("nominal").and_then(real).unwrap_or(1.0);
+                let usual = start.abs().max(nominal.abs());
+                let is_narrow = max - min < 1e3 * usual;
+                let size = if is_narrow { (max - min) / 2.0 } else { usual };
+                Self::Real(start, size)
+            }
+            Type::Boolean => {
+                let start = start.unwrap_or(Value::Boolean(false));
+                Self::Choice(near(variable, &start), 11)
+            }
+            Type::String => Self::Choice(Vec::new(), 1),
+            whole => {
+                let start = start.or_else(|| Value::whole(whole, 0));
+                let mut values = start.map_or(Vec::new(), |start| near(variable, &start));
+                let first = (index as usize).checked_rem(values.len());
+                values.rotate_left(first.unwrap_or_default());
+                Self::Choice(values, 7)
+            }
+        }
+    }
+}
+
+impl Input<'_> {
+    /// The value at a communication point; `None` if the input keeps its start value.
+    pub fn value(&self, level: Level, seed: u64, point: usize) -> Option<Value> {
+        match (&self.signal, level) {
+            (_, Level::Still) => None,
+            (Signal::Real(start, size), level) => {
+                let gain = if level == Level::Full { 0.5 } else { 0.02 };
+                let value = start + gain * size * signal(seed << 32 | self.index, point);
+                let (min, max) = real_range(self.variable);
+                // Not `clamp`, since the XML may be wrong about which is larger.
+                Value::real(self.variable.of_type, value.max(min).min(max))
+            }
+            (_, Level::Gentle) => None,
+            (Signal::Choice(values, points), Level::Full) => {
+                let at = (point / points).checked_rem(values.len())?;
+                Some(values[at].clone())
+            }
+        }
+    }
+
+    /// Whether a host may set it in continuous-time mode.
+    pub fn is_continuous(&self) -> bool {
+        self.variable.of_type.is_float() && self.variable.variability == Variability::Continuous
+    }
+}
+
+/// The min and max of a real number.
+pub fn real_range(variable: &Listed<'_>) -> (f64, f64) {
+    let bound = |bound: &Option<Value>| bound.as_ref()?.as_real();
+    (
+        bound(&variable.min).unwrap_or(f64::NEG_INFINITY),
+        bound(&variable.max).unwrap_or(f64::INFINITY),
+    )
+}
+
+/// Whether the XML allows a value: a real number or whole number in its range, the number of an item.
+pub fn allows(variable: &Listed<'_>, value: &Value) -> bool {
+    if let Some(number) = value.as_real() {
+        let (min, max) = real_range(variable);
+        return (min..=max).contains(&number);
+    }
+    let Some(number) = value.as_whole() else {
+        return true;
+    };
+    if variable.of_type == Type::Enumeration {
+        let mut items = variable.items().iter();
+        return items.len() == 0 || items.any(|item| i128::from(item.value) == number);
+    }
+    let bound = |bound: &Option<Value>| bound.as_ref()?.as_whole();
+    let (min, max) = variable.of_type.range();
+    bound(&variable.min).unwrap_or(min) <= number && number <= bound(&variable.max).unwrap_or(max)
+}
+
+/// Values of a scalar that the XML allows: all items of an Enumeration; of others, the start value and those
+/// around it.
+fn near(variable: &Listed<'_>, start: &Value) -> Vec<Value> {
+    let of_type = variable.of_type;
+    let mut near: Vec<Value> = match (start, start.as_real(), start.as_whole()) {
+        (Value::Boolean(start), ..) => [*start, !start].map(Value::Boolean).into(),
+        (Value::String(_), ..) => vec![start.clone(), Value::String("another text".into())],
+        (Value::Enumeration(_), ..) => {
+            let items = variable.items().iter();
+            items.map(|item| Value::Enumeration(item.value)).collect()
+        }
+        (_, Some(x), _) => [x, 1.01 * x, 0.99 * x, x + 0.01, x - 0.01]
+            .iter()
+            .filter_map(|x| Value::real(of_type, *x))
+            .collect(),
+        (_, _, whole) => whole
+            .iter()
+            .flat_map(|n| [*n, n + 1, n - 1])
+            .filter_map(|n| Value::whole(of_type, n))
+            .collect(),
+    };
+    near.retain(|value| allows(variable, value));
+    near
+}
+
+/// Another value of a scalar than its start value, which must be in the XML.
+pub fn other(variable: &Listed<'_>) -> Option<Value> {
+    let start = variable.start_of(0)?;
+    near(variable, start).into_iter().find(|near| near != start)
+}
+
+/// A step, a sine and random numbers, between -1 and 1.
+fn signal(key: u64, point: usize) -> f64 {
+    let period = 41.0 + 7.0 * (key % 16) as f64;
+    let sine = (point as f64 / period * std::f64::consts::TAU).sin();
+    let step = if point >= 3 { 1.0 } else { 0.0 };
+    0.4 * step + 0.3 * sine + 0.3 * noise(key, point as u64)
+}
+
+/// A random number between -1 and 1, by SplitMix64.
+fn noise(key: u64, point: u64) -> f64 {
+    let mut x = key
+        .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        .wrapping_add(point.wrapping_mul(0xd1b5_4a32_d192_ed03));
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^= x >> 31;
+    (x >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signals_are_bounded_and_differ() {
+        for point in 0..10_000 {
+            for key in 0..4 {
+                assert!(signal(key, point).abs() <= 1.0);
+            }
+            assert!(signal(1, point) != signal(2, point));
+        }
+        let mean = (0..10_000).map(|point| noise(1, point)).sum::<f64>() / 1e4;
+        assert!(mean.abs() < 0.02, "{mean}");
+    }
 }

@@ -2,17 +2,14 @@
 
 use std::collections::{HashMap, HashSet};
 
-use anyhow::{Context, Result, ensure};
-use fmu_description::value::{integer, unsigned};
-use fmu_description::{Causality, Listed, Type, Variability};
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::value::integer;
+use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
 
-use super::OrSkip;
-use crate::binary::inputs::{is_tested, other};
-use crate::binary::run::Run;
-use crate::binary::subject::Subject;
-use crate::binary::values::{Value, element_name, references};
+use crate::binary::run::{OrSkip, Run, Subject};
+use crate::binary::values::{element_name, is_near, is_tested, other, references, shown};
 
 /// Maximum number of inputs whose effects are tested.
 const MAX_INPUTS: usize = 100;
@@ -129,8 +126,9 @@ fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
     let is_tested = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
     let pairs = model.derivatives.iter().map(|unknown| {
         let derivative = model.variable(unknown.index).filter(is_tested)?;
-        let state = unsigned(derivative.value.attribute("derivative")?)?;
-        let state = model.variable(model.index(state)).filter(is_tested)?;
+        let state = model
+            .referred(derivative.value, "derivative")
+            .filter(is_tested)?;
         Some((derivative, state))
     });
     let pairs: Option<Pairs<'_>> = pairs.collect();
@@ -389,10 +387,12 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     run.derivatives()?;
     for ((variable, before), after) in discrete.iter().zip(before).zip(values(run)?) {
         let mut pairs = before.iter().zip(&after).enumerate();
-        if let Some((element, (before, after))) = pairs.find(|(_, (a, b))| !a.is_near(b, 0.0)) {
-            let name = element_name(variable, element);
-            anyhow::bail!(
-                "{name} changed from {before} to {after} in continuous-time mode, expected it to change in events only"
+        if let Some((element, (before, after))) = pairs.find(|(_, (a, b))| !is_near(a, b, 0.0)) {
+            bail!(
+                "{} changed from {} to {} in continuous-time mode, expected it to change in events only",
+                element_name(variable, element),
+                shown(before),
+                shown(after)
             );
         }
     }

@@ -9,20 +9,12 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use fmu_description::Type;
+use fmu_description::{Type, Value};
 use fmu_file::text::quote;
 use fmu_host::{Treatment, environment, stray_messages};
 
-use super::OrSkip;
 use super::misuse::provoke;
-use crate::Rule;
-use crate::binary::rules::{
-    ARGUMENTS_COPIED, ARITHMETIC, CATEGORY, DECLARED_CATEGORY, DIRECTORY, ENVIRONMENT, GUID,
-    HANDLES, LOADS, LOCALE, LOG_ENVIRONMENT, LOGGING_OFF, MEMORY, SIGNALS, VERSION,
-};
-use crate::binary::run::Run;
-use crate::binary::subject::Subject;
-use crate::binary::values::Value;
+use crate::binary::run::{OrSkip, Run, Setup, Subject, check, report};
 
 /// A GUID that is not that of the FMU.
 const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
@@ -31,8 +23,11 @@ const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
 pub fn identity(subject: &Subject<'_>) -> Result<()> {
     let missing = subject.library.missing(subject.kind);
     for name in &missing {
-        let text = format!("the function {name} is missing, expected it in the library");
-        subject.report.find(&LOADS, text);
+        report!(
+            subject,
+            LOADS,
+            "the function {name} is missing, expected it in the library"
+        );
     }
     if !missing.is_empty() {
         return Ok(());
@@ -42,10 +37,8 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
             "fmi2GetTypesPlatform" => "default",
             _ => subject.model.version.as_str(),
         };
-        if text != expected {
-            let text = format!("{function} gave {}, expected {expected:?}", quote(&text));
-            subject.report.find(&VERSION, text);
-        }
+        let given = quote(&text);
+        check!(subject, VERSION: text == expected, "{function} gave {given}, expected {expected:?}");
     }
     subject.instantiate(&subject.setup())?;
     Ok(())
@@ -53,13 +46,10 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
 
 /// Passes the GUID of another FMU.
 pub fn guid(subject: &Subject<'_>) -> Result<()> {
-    if subject
-        .try_instantiate(&subject.setup(), WRONG_GUID)?
-        .is_some()
-    {
-        let text = "fmi2Instantiate accepted the GUID of another FMU, expected NULL: a mismatch of XML and binary would go unnoticed";
-        subject.report.find(&GUID, text);
-    }
+    let instance = subject.try_instantiate(&subject.setup(), WRONG_GUID)?;
+    check!(subject, GUID: instance.is_none(),
+        "fmi2Instantiate accepted the GUID of another FMU, expected NULL: a mismatch of XML and binary \
+         would go unnoticed");
     Ok(())
 }
 
@@ -83,10 +73,8 @@ pub fn no_logger(subject: &Subject<'_>) -> Result<()> {
     subject.report.stage("with a logger that is NULL");
     let _ = subject.try_instantiate(&setup, WRONG_GUID);
     // An FMU may refuse to run without a logger.
-    if subject
-        .try_instantiate(&setup, subject.model.token())?
-        .is_some()
-    {
+    let instance = subject.try_instantiate(&setup, subject.model.token())?;
+    if instance.is_some() {
         provoke(subject, setup);
     }
     Ok(())
@@ -94,13 +82,13 @@ pub fn no_logger(subject: &Subject<'_>) -> Result<()> {
 
 /// Passes no location of the resources, without which an FMU may refuse to run.
 pub fn no_resources(subject: &Subject<'_>) -> Result<()> {
-    let setup = subject
-        .setup()
-        .with(|s| s.treatment = Treatment::NoResources);
-    subject
-        .report
-        .stage("with a resource location that is NULL");
-    let _ = Run::begin(subject, setup);
+    let stage = "with a resource location that is NULL";
+    subject.report.stage(stage);
+    let setup = subject.setup();
+    let _ = Run::begin(
+        subject,
+        setup.with(|s| s.treatment = Treatment::NoResources),
+    );
     Ok(())
 }
 
@@ -116,37 +104,27 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
     provoke(subject, setup);
     let tolerance = subject.tolerance();
     if let Some(difference) = subject.observed.difference(&actual, expected, tolerance) {
-        subject
-            .report
-            .find(&ARGUMENTS_COPIED, difference.told(HOW, ""));
+        report!(subject, ARGUMENTS_COPIED, "{}", difference.told(HOW, ""));
     }
-    if subject.logged.misnamed.load(Relaxed) > 0 {
-        let text = "messages were logged with another name of the instance than the one passed to fmi2Instantiate";
-        subject.report.find(&ARGUMENTS_COPIED, text);
-    }
+    let misnamed = subject.logged.misnamed.load(Relaxed);
+    check!(subject, ARGUMENTS_COPIED: misnamed == 0,
+        "messages were logged with another name of the instance than the one passed to fmi2Instantiate");
     Ok(())
 }
 
-/// Uses names and values with percent signs, which must not be taken as formats of messages.
-pub fn percent_signs(subject: &Subject<'_>) -> Result<()> {
-    let stage = "with percent signs in the name of the instance and in Strings";
-    with_text(subject, "%s%s%n%s%s%n%s%s%n%d", stage)
-}
-
-/// Uses a long name and long Strings.
-pub fn long_texts(subject: &Subject<'_>) -> Result<()> {
-    let stage = "with 20000 characters in the name of the instance and in Strings";
-    with_text(subject, &"long".repeat(5000), stage)
-}
-
-fn with_text(subject: &Subject<'_>, text: &str, stage: &str) -> Result<()> {
+/// Uses a text for the name of the instance and for Strings.
+pub fn with_text(subject: &Subject<'_>, what: &str, text: &str) -> Result<()> {
+    let stage = format!("with {what} in the name of the instance and in Strings");
     subject.report.stage(stage);
-    let mut setup = subject.setup();
-    (setup.name, setup.logging) = (text, true);
+    let setup = Setup {
+        name: text,
+        logging: true,
+        ..subject.setup()
+    };
     provoke(subject, setup);
     let mut run = Run::instantiate(subject, setup).or_skip()?;
     for variable in subject.settable().filter(|v| v.of_type == Type::String) {
-        run.set(variable, &[Value::Text(text.to_owned())])
+        run.set(variable, &[Value::String(text.to_owned())])
             .or_skip()?;
     }
     let _ = run.initialize().and_then(|()| run.advance());
@@ -215,93 +193,44 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
     cycle(subject, subject.task.steps)?;
     let between = Process::now();
     // A trap for invalid operations would end the process here.
-    subject
-        .report
-        .stage("which has enabled floating-point traps, as 0/0 in the host");
+    let stage = "which has enabled floating-point traps, as 0/0 in the host";
+    subject.report.stage(stage);
     black_box(black_box(0.0_f64) / black_box(0.0_f64));
     subject.report.stage("");
     cycle(subject, subject.task.steps)?;
     let after = settled(between.threads);
-    let path = |of: &Process| {
-        let path = of.directory.as_ref();
-        path.map_or("unknown".into(), |path| path.display().to_string())
-    };
-    let locale = |of: &Process| of.locale.clone().unwrap_or_default();
     let variables = after.variables.iter();
     let variables = variables.filter(|(name, value)| before.variables.get(*name) != Some(value));
     let variables: Vec<_> = variables.map(|(name, _)| name.to_string_lossy()).collect();
+    let is_kept = variables.is_empty();
+    let variables = variables.join(", ");
+    let path = |of: &Process| match &of.directory {
+        Some(path) => path.display().to_string(),
+        None => "unknown".into(),
+    };
     let [old, new] = [path(&before), path(&after)];
-    let [old_locale, new_locale] = [locale(&before), locale(&after)];
-    let more = |after: usize, before: usize| after.saturating_sub(before);
-    let children = more(after.children, before.children);
-    let threads = more(after.threads, between.threads);
-    let files = more(after.files, between.files);
-    let findings: [(bool, &Rule, String); 10] = [
-        (
-            old != new,
-            &DIRECTORY,
-            format!("the working directory is {new} after a run, expected {old} as before"),
-        ),
-        (
-            !variables.is_empty(),
-            &ENVIRONMENT,
-            format!(
-                "the environment variables {} were set in a run",
-                variables.join(", ")
-            ),
-        ),
-        (
-            old_locale != new_locale,
-            &LOCALE,
-            format!("the locale is {new_locale} after a run, expected {old_locale} as before"),
-        ),
-        (
-            after.signals != before.signals,
-            &SIGNALS,
-            "signal handlers were installed in a run, expected none".into(),
-        ),
-        (
-            after.is_arithmetic_usual != before.is_arithmetic_usual,
-            &ARITHMETIC,
-            "numbers are rounded in another way after a run, or subnormal numbers are lost".into(),
-        ),
-        (
-            after.umask != before.umask,
-            &ENVIRONMENT,
-            "the permissions of new files (umask) were changed in a run".into(),
-        ),
-        (
-            before.has_output && !after.has_output,
-            &ENVIRONMENT,
-            "standard output or standard error was closed in a run".into(),
-        ),
-        (
-            children > 0,
-            &HANDLES,
-            format!("{children} processes are left of instances that were freed, expected none"),
-        ),
-        (
-            threads > 0,
-            &HANDLES,
-            format!("{threads} threads are left of an instance that was freed, expected none"),
-        ),
-        (
-            files > 0,
-            &HANDLES,
-            format!("{files} files are left open by an instance that was freed, expected none"),
-        ),
-    ];
-    report(subject, findings)
-}
-
-/// Reports what applies.
-fn report<const N: usize>(
-    subject: &Subject<'_>,
-    findings: [(bool, &Rule, String); N],
-) -> Result<()> {
-    for (_, rule, text) in findings.into_iter().filter(|(applies, ..)| *applies) {
-        subject.report.find(rule, text);
-    }
+    check!(subject, DIRECTORY: old == new,
+        "the working directory is {new} after a run, expected {old} as before");
+    check!(subject, ENVIRONMENT: is_kept, "the environment variables {variables} were set in a run");
+    let [old, new] = [&before, &after].map(|of| of.locale.clone().unwrap_or_default());
+    check!(subject, LOCALE: old == new, "the locale is {new} after a run, expected {old} as before");
+    check!(subject, SIGNALS: after.signals == before.signals,
+        "signal handlers were installed in a run, expected none");
+    check!(subject, ARITHMETIC: after.is_arithmetic_usual == before.is_arithmetic_usual,
+        "numbers are rounded in another way after a run, or subnormal numbers are lost");
+    check!(subject, ENVIRONMENT: after.umask == before.umask,
+        "the permissions of new files (umask) were changed in a run");
+    check!(subject, ENVIRONMENT: after.has_output || !before.has_output,
+        "standard output or standard error was closed in a run");
+    let children = after.children.saturating_sub(before.children);
+    check!(subject, HANDLES: children == 0,
+        "{children} processes are left of instances that were freed, expected none");
+    let threads = after.threads.saturating_sub(between.threads);
+    check!(subject, HANDLES: threads == 0,
+        "{threads} threads are left of an instance that was freed, expected none");
+    let files = after.files.saturating_sub(between.files);
+    check!(subject, HANDLES: files == 0,
+        "{files} files are left open by an instance that was freed, expected none");
     Ok(())
 }
 
@@ -350,11 +279,8 @@ pub fn memory(subject: &Subject<'_>) -> Result<()> {
     let few = subject.task.steps.min(2);
     let many = few + subject.task.steps.clamp(2, 50);
     let found = |bytes: usize, what: &str, when: &str| {
-        if bytes > 0 {
-            let text =
-                format!("each {what} leaves {bytes} bytes of memory behind{when}, expected none");
-            subject.report.find(&MEMORY, text);
-        }
+        check!(subject, MEMORY: bytes == 0,
+            "each {what} leaves {bytes} bytes of memory behind{when}, expected none");
     };
     let Some(short) = growth(subject, || cycle(subject, few))? else {
         return Ok(());
@@ -411,37 +337,19 @@ pub fn logging(subject: &Subject<'_>) -> Result<()> {
     sleep(Duration::from_millis(20));
     let [without, undeclared, invalid] =
         [&logged.uncategorized, &logged.undeclared, &logged.invalid].map(|n| n.load(Relaxed));
-    let rows: [(usize, &Rule, &str); 5] = [
-        (
-            chatty,
-            &LOGGING_OFF,
-            "with status fmi2OK were logged in a run without logging, expected none",
-        ),
-        (
-            without,
-            &CATEGORY,
-            "were logged with NULL for the category, expected a category",
-        ),
-        (
-            undeclared,
-            &DECLARED_CATEGORY,
-            "were logged with a category that LogCategories does not list",
-        ),
-        (
-            invalid,
-            &CATEGORY,
-            "were logged with a status that is not an fmi2Status",
-        ),
-        (
-            stray_messages(),
-            &LOG_ENVIRONMENT,
-            "were logged with another component environment than that of an instance, or after the instance was freed",
-        ),
-    ];
-    report(
-        subject,
-        rows.map(|(n, rule, text)| (n > 0, rule, format!("{n} messages {text}"))),
-    )
+    let stray = stray_messages();
+    check!(subject, LOGGING_OFF: chatty == 0,
+        "{chatty} messages with status fmi2OK were logged in a run without logging, expected none");
+    check!(subject, CATEGORY: without == 0,
+        "{without} messages were logged with NULL for the category, expected a category");
+    check!(subject, DECLARED_CATEGORY: undeclared == 0,
+        "{undeclared} messages were logged with a category that LogCategories does not list");
+    check!(subject, CATEGORY: invalid == 0,
+        "{invalid} messages were logged with a status that is not an fmi2Status");
+    check!(subject, LOG_ENVIRONMENT: stray == 0,
+        "{stray} messages were logged with another component environment than that of an instance, or \
+         after the instance was freed");
+    Ok(())
 }
 
 /// Selects log categories that do and do not exist.

@@ -3,19 +3,14 @@
 use std::collections::HashSet;
 
 use anyhow::Result;
-use fmu_description::value::unsigned;
-use fmu_description::{Causality, FmiVersion, Listed, Type, Variability};
+use fmu_description::{Causality, FmiVersion, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind, fmi2};
 
-use crate::Rule;
-use crate::binary::inputs::{is_tested, other};
-use crate::binary::rules::{
-    AFTER_ERROR, ARRAY_LENGTHS, ORDER, PAST_STOP, SETTABLE, STEP_ARGUMENTS, UNKNOWN_REFERENCE,
-};
-use crate::binary::run::Run;
-use crate::binary::subject::{Setup, Subject, readable};
-use crate::binary::values::Value;
+use crate::binary::rules;
+use crate::binary::run::{Run, Setup, Subject, readable, report};
+use crate::binary::values::{is_tested, other};
+use crate::rule::Rule;
 
 /// Makes mistakes about which an FMU should log a message, unless it crashes then, which is a finding of
 /// its own.
@@ -53,7 +48,7 @@ fn unknown(subject: &Subject<'_>) -> u32 {
 }
 
 /// Where in its life an instance is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum At {
     New,
     Initializing,
@@ -71,10 +66,10 @@ impl At {
             Initializing => Run::initializing(subject, setup)?,
             Begun | Stepped | Terminated => Run::begin(subject, setup)?,
         };
-        if matches!(self, Stepped | Terminated) {
+        if self >= Stepped {
             run.advance()?;
         }
-        if matches!(self, Terminated) && !run.ended {
+        if self == Terminated && !run.ended {
             run.instance.terminate()?;
         }
         Ok(run)
@@ -164,18 +159,17 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
         });
         // The first of each type.
         for variable in others.filter(|v| seen.insert(v.of_type)) {
-            let name = quote(&variable.name);
+            let (name, reference) = (quote(&variable.name), variable.reference);
             let what = format!("{function} for {name}, which has another type");
-            let reference = variable.reference;
             refused.call(what, Begun, |run| get(&mut run.instance, reference))?;
         }
     }
-    refused.report(&UNKNOWN_REFERENCE)
+    refused.report(&rules::UNKNOWN_REFERENCE)
 }
 
 /// Writes value references that do not exist.
 pub fn unknown_set(subject: &Subject<'_>) -> Result<()> {
-    with_unknown(subject, &SET)?.report(&UNKNOWN_REFERENCE)
+    with_unknown(subject, &SET)?.report(&rules::UNKNOWN_REFERENCE)
 }
 
 fn with_unknown<'a>(
@@ -191,22 +185,18 @@ fn with_unknown<'a>(
     Ok(refused)
 }
 
-/// Value references of the states of model exchange, which some hosts, such as CasADi, set one by one.
-fn states(subject: &Subject<'_>) -> HashSet<u32> {
-    let (model, is_exchange) = (subject.model, subject.kind == Kind::ModelExchange);
-    let variables = model.variables().filter(|_| is_exchange);
-    let states = variables.filter_map(|(_, v)| {
-        let state = unsigned(v.value.attribute("derivative")?)?;
-        Some(model.variable(model.index(state))?.reference)
-    });
-    states.collect()
-}
-
 /// Sets what the XML does not allow to set.
 pub fn settable(subject: &Subject<'_>) -> Result<()> {
     use Causality::{CalculatedParameter, Local, Output, Parameter};
     use Variability::{Constant, Continuous, Discrete, Fixed};
-    let states = states(subject);
+    // In model exchange, some hosts, such as CasADi, set the states one by one.
+    let model = subject.model;
+    let variables = model
+        .variables()
+        .filter(|_| subject.kind == Kind::ModelExchange);
+    let states: HashSet<u32> = variables
+        .filter_map(|(_, v)| Some(model.referred(v.value, "derivative")?.reference))
+        .collect();
     let mut refused = Refused::new(subject);
     for (causality, variability, is) in [
         (Output, Continuous, "an output"),
@@ -223,7 +213,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
         };
         let value = match causality {
             Parameter => other(variable),
-            _ => Some(Value::Real(0.0)),
+            _ => Some(Value::Float64(0.0)),
         };
         if let Some(value) = value {
             let name = quote(&variable.name);
@@ -231,7 +221,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
             refused.call(what, Stepped, |run| run.set(variable, &[value]))?;
         }
     }
-    refused.report(&SETTABLE)
+    refused.report(&rules::SETTABLE)
 }
 
 /// Takes steps with a wrong size or time.
@@ -262,7 +252,7 @@ fn steps(subject: &Subject<'_>, wrong: [(&str, f64, f64); 3]) -> Result<()> {
         let what = format!("fmi2DoStep with {what}");
         refused.call(what, Stepped, |run| run.instance.do_step(time, step))?;
     }
-    refused.report(&STEP_ARGUMENTS)
+    refused.report(&rules::STEP_ARGUMENTS)
 }
 
 /// Makes calls in a wrong order.
@@ -287,27 +277,25 @@ pub fn order(subject: &Subject<'_>) -> Result<()> {
     })?;
     if subject.model.version == FmiVersion::Fmi2 {
         let what = "fmi2SetupExperiment after initialization";
-        refused.call(what, Stepped, |run| {
-            run.instance.setup_experiment(start, None, None)
-        })?;
+        let call = |run: &mut Run<'_>| run.instance.setup_experiment(start, None, None);
+        refused.call(what, Stepped, call)?;
     }
-    refused.report(&ORDER)
+    refused.report(&rules::ORDER)
 }
 
 /// Takes a step beyond the stop time.
 pub fn past_stop(subject: &Subject<'_>) -> Result<()> {
+    const WHAT: &str = "fmi2DoStep beyond the stop time";
     let step = subject.step();
     let stop = subject.start() + 2.0 * step;
-    let what = "fmi2DoStep beyond the stop time";
-    subject.report.stage(what);
+    subject.report.stage(WHAT);
     let mut run = Stepped.run(subject, subject.setup().with(|s| s.stop = Some(stop)))?;
     run.advance()?;
+    let mut refused = Refused::new(subject);
     if !run.ended && run.instance.do_step(run.time(), step).is_ok() {
-        let mut refused = Refused::new(subject);
-        refused.accepted.push(what.to_owned());
-        return refused.report(&PAST_STOP);
+        refused.accepted.push(WHAT.to_owned());
     }
-    Ok(())
+    refused.report(&rules::PAST_STOP)
 }
 
 /// Passes other numbers of values than arrays have.
@@ -317,10 +305,9 @@ pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
     let none = HashSet::new();
     let arrays = readable(subject.model, &none).filter(|v| !v.dimensions.is_empty());
     for variable in arrays.take(4) {
-        let n = variable.count();
+        let (name, n) = (quote(&variable.name), variable.count());
         for wrong in [n + 1, n.saturating_sub(1)] {
             let mut run = Begun.run(subject, subject.setup())?;
-            let name = quote(&variable.name);
             subject
                 .report
                 .stage(format!("for {wrong} values of {name}"));
@@ -331,38 +318,30 @@ pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
     }
     if !accepted.is_empty() {
         let accepted = accepted.join("; ");
-        let text = format!("these were read with fmi3OK, expected fmi3Error: {accepted}");
-        subject.report.find(&ARRAY_LENGTHS, text);
+        report!(
+            subject,
+            ARRAY_LENGTHS,
+            "these were read with fmi3OK, expected fmi3Error: {accepted}"
+        );
     }
     Ok(())
 }
 
-/// Steps with NaN for each Real input in turn.
-pub fn nan(subject: &Subject<'_>) -> Result<()> {
-    with_inputs(subject, &[f64::NAN])
-}
-
-/// Steps with infinite and huge values for each Real input in turn.
-pub fn infinity(subject: &Subject<'_>) -> Result<()> {
-    with_inputs(subject, &[f64::INFINITY, f64::NEG_INFINITY, 1e300])
-}
-
-fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
+/// Steps with these values for each Real input in turn.
+pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
     let inputs = subject.inputs.iter().map(|input| input.variable);
     let inputs = inputs.filter(|v| v.of_type == Type::Float64).take(10);
     for (input, value) in inputs.flat_map(|input| values.iter().map(move |value| (input, *value))) {
         let name = quote(&input.name);
         subject.report.stage(format!("with {name} = {value}"));
         let mut run = Stepped.run(subject, subject.setup())?;
-        if run.set(input, &[Value::Real(value)]).is_err() {
+        if run.set(input, &[Value::Float64(value)]).is_err() {
             continue;
         }
         // The run sets its inputs itself, so steps are taken without it.
         if subject.kind == Kind::CoSimulation {
-            let times = (1..4).map(|k| subject.start() + f64::from(k) * subject.step());
-            let _ = times
-                .map(|time| run.instance.do_step(time, subject.step()))
-                .collect::<fmu_host::Result<Vec<_>>>();
+            let mut times = (1..4).map(|k| subject.start() + f64::from(k) * subject.step());
+            let _ = times.try_for_each(|t| run.instance.do_step(t, subject.step()).map(drop));
         } else if subject.states() > 0 {
             let _ = run.derivatives();
         }
@@ -383,8 +362,7 @@ pub fn after_error(subject: &Subject<'_>) -> Result<()> {
     }
     subject.report.stage("after fmi2Error and fmi2Reset");
     if let Err(error) = run.instance.reset() {
-        let text = format!("after fmi2Error, {error}");
-        subject.report.find(&AFTER_ERROR, text);
+        report!(subject, AFTER_ERROR, "after fmi2Error, {error}");
         return Ok(());
     }
     run.initialize()?;

@@ -4,20 +4,23 @@ mod derivatives;
 mod host;
 mod misuse;
 mod runs;
-mod states;
 mod values;
 
-use anyhow::{Error, Result};
-use fmu_description::FmiVersion;
-use fmu_description::value::boolean;
-use fmu_description::xml::Element;
+use std::sync::Arc;
+use std::time::Duration;
 
-use super::child::in_version;
+use anyhow::{Context, Result};
+use fmu_description::xml::{self, Element};
+use fmu_description::{FmiVersion, ModelDescription};
+use fmu_file::archive::MODEL_DESCRIPTION;
+use fmu_host::Library;
+use fmu_worker::Service;
+
 use super::rules;
-use super::run::Run;
-use super::subject::{Setup, Subject};
+use super::run::{Run, Setup, Skip, Subject, claims};
+use super::task::{FMU, Reply, Report, Task};
 use super::values::Trajectory;
-use crate::Rule;
+use crate::rule::Rule;
 
 /// A test.
 pub struct Probe {
@@ -104,11 +107,6 @@ impl Probe {
         self.traits.contains(&Quick)
     }
 
-    /// Whether the library is unloaded before the test ends.
-    pub fn unloads(&self) -> bool {
-        self.traits.contains(&Unloads)
-    }
-
     /// The rule that it breaks if the process crashes, hangs or ends.
     pub fn crash(&self) -> &'static Rule {
         match self.traits {
@@ -186,33 +184,52 @@ impl Twin {
     }
 }
 
-/// Whether an interface type declares a flag, named as in FMI 2.0.
-pub fn claims(element: &Element<'_>, flag: &str, version: FmiVersion) -> bool {
-    let flag = element.attribute(&in_version(flag, version));
-    flag.and_then(boolean) == Some(true)
-}
-
-/// Ends a test without a finding.
-#[derive(Debug)]
-struct Skip;
-
-impl std::fmt::Display for Skip {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("the FMU refuses what it may refuse")
+/// Receives a test of a binary in this process, which [`crate::Probes`] has started, and runs it.
+///
+/// # Errors
+/// The process was not started for a test, or the unpacked FMU cannot be read.
+pub fn run() -> Result<()> {
+    let service = Service::of_this_process()?;
+    let mut service = service.context("it is started by `validate` only")?;
+    let task: Task = service.task()?.context("there is no test to run")?;
+    let text = std::fs::read_to_string(task.session.join(MODEL_DESCRIPTION))?;
+    let root = xml::parse(&text)?;
+    let model = ModelDescription::read(&root)?;
+    let report = Arc::new(Report::new(service, model.version));
+    let mut all = FIRST.iter().chain(PROBES);
+    let probe = all.find(|probe| probe.name == task.probe);
+    let probe = probe.context("there is no such test")?;
+    let folder = task.session.join(FMU);
+    let trace = Arc::clone(&report);
+    let call = move |name| trace.call(name);
+    let library = Library::load_traced(&folder.join(&task.binary), model.version, call);
+    let outcome = match &library {
+        Ok(library) => {
+            let subject = Subject::new(&task, &model, library, &report);
+            subject.and_then(|subject| probe.run(&subject))
+        }
+        Err(error) => Err(error.clone().into()),
+    };
+    if let Err(error) = outcome {
+        // The folder no longer exists when the message is read.
+        let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
+        report.fail(probe.rule, &text);
     }
+    if probe.traits.contains(&Unloads) {
+        settle();
+        drop(library);
+    }
+    report.reply(&Reply::Done);
+    Ok(())
 }
 
-impl std::error::Error for Skip {}
-
-/// What an FMU may refuse.
-trait OrSkip<T> {
-    /// Ends the test without a finding if the FMU refuses.
-    fn or_skip(self) -> Result<T>;
-}
-
-impl<T, E> OrSkip<T> for Result<T, E> {
-    fn or_skip(self) -> Result<T> {
-        self.map_err(|_| Error::new(Skip))
+/// Gives threads that the FMU has left behind the time to end or to wait, since a library whose code runs
+/// cannot be unloaded.
+fn settle() {
+    const USUAL: usize = 2;
+    let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
+    if threads > USUAL {
+        std::thread::sleep(Duration::from_millis(200));
     }
 }
 
@@ -243,8 +260,10 @@ static FIRST: &[Probe] = probes! {
     "identity": LOADS, Of(host::identity), Unloads;
     "readable": RUNS, Of(values::readable);
     "experiment": RUNS, Of(runs::experiment);
-    "trace": RUNS, Of(runs::trace);
-    "trace-logging": INDEPENDENT, Of(runs::trace_logging);
+    "trace": RUNS, Of(|subject| runs::trace(subject, subject.setup()));
+    "trace-logging": INDEPENDENT, Of(|subject| {
+        runs::trace(subject, subject.setup().with(|s| (s.name, s.logging) = ("another_name", true)))
+    });
     "heap": RUNS, Of(host::lives), HeapChecked;
 };
 /// The binary loads and creates an instance.
@@ -259,12 +278,6 @@ pub static TRACE: &Probe = &FIRST[3];
 pub static TRACE_LOGGING: &Probe = &FIRST[4];
 /// The life of an instance under an allocator that checks the heap.
 pub static HEAP_CHECK: &Probe = &FIRST[5];
-
-/// The test of a name.
-pub fn find(name: &str) -> Option<&'static Probe> {
-    let mut all = FIRST.iter().chain(PROBES);
-    all.find(|probe| probe.name == name)
-}
 
 const STATE: Trait = Claims("canGetAndSetFMUstate");
 const BYTES: Trait = Claims("canSerializeFMUstate");
@@ -288,8 +301,8 @@ pub static PROBES: &[Probe] = probes! {
     // The others.
     "guid": GUID, Of(host::guid), Quick;
     "start": START, Of(values::start), Quick;
-    "state": STATE, Of(states::restore), Quick, STATE;
-    "serialized": SERIALIZED, Of(states::serialize), Quick, STATE, BYTES;
+    "state": STATE, Of(runs::restore), Quick, STATE;
+    "serialized": SERIALIZED, Of(runs::serialize), Quick, STATE, BYTES;
     "directional": DIRECTIONAL, Of(derivatives::of_outputs), Quick, DIRECTIONAL;
     "directional-states": DIRECTIONAL, Of(derivatives::of_states), Quick, ModelExchange, DIRECTIONAL;
     "input-derivatives": INPUT_DERIVATIVES, Of(derivatives::of_inputs_in_time),
@@ -300,7 +313,7 @@ pub static PROBES: &[Probe] = probes! {
     "reset-new": RESET, same("after fmi2Reset of a new instance", NEW, Solver, By(runs::reset_new));
     "reset-initializing": RESET,
         same("after fmi2Reset in initialization mode", NEW, Solver, By(runs::reset_initializing));
-    "reset-values": RESET, Of(states::reset_values);
+    "reset-values": RESET, Of(runs::reset_values);
     "previous": SEPARATE,
         same("after another instance was freed", ALONE, Rounding, By(runs::after_another));
     "thread": THREADS, same("on another thread", ALONE, Rounding, By(runs::on_a_thread));
@@ -341,16 +354,17 @@ pub static PROBES: &[Probe] = probes! {
     "no-logger": NO_LOGGER, Of(host::no_logger), Own;
     "no-resources": NO_RESOURCES, Of(host::no_resources), Own;
     "strings": ARGUMENTS_COPIED, Of(host::short_lived_strings), Own;
-    "format": LOG_FORMAT, Of(host::percent_signs), Own;
+    "format": LOG_FORMAT, Of(|s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d")), Own;
     "logging": LOGGING_OFF, Of(host::logging);
     "host": HANDLES, Of(host::process);
     "memory": MEMORY, Of(host::memory);
     "debug-logging": RUNS, Of(host::debug_logging), Misuse;
-    "long": LONG_TEXTS, Of(host::long_texts), Own;
+    "long": LONG_TEXTS, Of(|s| host::with_text(s, "20000 characters", &"long".repeat(5000))), Own;
     "initial-outputs": INITIAL_OUTPUTS, Of(values::initial_outputs), CoSimulation;
-    "nan": NAN, Of(misuse::nan), Own, Brief;
-    "infinity": NAN, Of(misuse::infinity), Own, Brief;
-    "damaged-state": DAMAGED_STATE, Of(states::damaged), Misuse, STATE, BYTES;
+    "nan": NAN, Of(|s| misuse::with_inputs(s, &[f64::NAN])), Own, Brief;
+    "infinity": NAN, Of(|s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300])),
+        Own, Brief;
+    "damaged-state": DAMAGED_STATE, Of(runs::damaged), Misuse, STATE, BYTES;
     "settable": SETTABLE, Of(misuse::settable), Misuse;
     "step-nan": STEP_ARGUMENTS, Of(misuse::step_nan), Misuse, CoSimulation;
     "status": SURVIVES_MISUSE, Of(misuse::status), Misuse, Fmi2, CoSimulation;

@@ -1,20 +1,23 @@
-//! Runs of the default experiment, in several ways.
+//! Runs of the default experiment in several ways, and instances that are reset, saved and restored.
 
 use std::collections::HashSet;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
-use fmu_description::{Causality, Listed, Variability};
+use anyhow::{Result, anyhow, bail, ensure};
+use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_host::Kind;
 
-use crate::Rule;
-use crate::binary::child::Reply;
-use crate::binary::inputs::{Level, allows, real_range};
-use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
-use crate::binary::run::{Run, is_refusal};
-use crate::binary::subject::{Setup, Subject};
-use crate::binary::values::{Row, Trajectory, Value, element_name};
+use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, VALID_VALUES};
+use crate::binary::run::{OrSkip, Run, Setup, Subject, check, is_refusal, report};
+use crate::binary::task::Reply;
+use crate::binary::values::{
+    Level, Observed, Row, Trajectory, allows, element_name, is_near, other, real_range, shown,
+};
+use crate::rule::Rule;
+
+/// Maximum size of a serialized state.
+const MAX_BYTES: usize = 1 << 30;
 
 /// Runs the default experiment to its end, or as far as half of the time limit allows. Reports how many
 /// steps were taken and how long they took, or that the FMU refused the excitation.
@@ -75,16 +78,14 @@ impl Watch {
             self.push(&elements, time, row);
         })?;
         if let Some(text) = slows_down(steps, &times) {
-            subject.report.find(&STEADY_TIME, text);
+            report!(subject, STEADY_TIME, "{text}");
         }
         if !run.ended {
             for ((variable, before), after) in constants.iter().zip(before).zip(values(&mut run)?) {
-                if !after.is_near(&before, 0.0) {
+                if !is_near(&after, &before, 0.0) {
                     let name = element_name(variable, 0);
-                    let text = format!(
-                        "{name} is {after} at the end of the run, expected {before} as after initialization"
-                    );
-                    self.found.push((&CONSTANT, text));
+                    let (after, before) = (shown(&after), shown(&before));
+                    self.found.push((&CONSTANT, format!("{name} is {after} at the end of the run, expected {before} as after initialization")));
                 }
             }
         }
@@ -99,7 +100,7 @@ impl Watch {
             };
             self.has_nan |= *rule == FINITE;
             if self.seen.insert(at) {
-                let name = element_name(variable, *element);
+                let (name, value) = (element_name(variable, *element), shown(value));
                 let text = format!("{name} is {value} at t = {time} s, expected {expected}");
                 self.found.push((rule, text));
             }
@@ -117,22 +118,24 @@ fn constants<'a>(subject: &Subject<'a>) -> impl Iterator<Item = &'a Listed<'a>> 
 
 /// The rule that a value in a run breaks, and what was expected.
 fn fault(variable: &Listed<'_>, value: &Value) -> Option<(&'static Rule, String)> {
-    match value {
-        Value::Real(_) if variable.causality != Causality::Output => None,
-        Value::Real(value) if !value.is_finite() => Some((&FINITE, "a finite number".into())),
-        Value::Real(value) => {
-            let (min, max) = real_range(variable);
-            let slack = 1e-6 * value.abs();
-            let text = || format!("a number from {min} to {max} as in the XML");
-            (*value < min - slack || *value > max + slack).then(|| (&BOUNDS, text()))
+    let invalid = |expected: &str| Some((&VALID_VALUES, expected.to_owned()));
+    match (value, value.as_real()) {
+        (Value::String(text), _) if text.contains(char::REPLACEMENT_CHARACTER) => {
+            invalid("text in UTF-8")
         }
-        Value::Boolean(0 | 1) => None,
-        Value::Boolean(_) => Some((&VALID_VALUES, "0 or 1".into())),
-        Value::Text(text) => text
-            .contains(char::REPLACEMENT_CHARACTER)
-            .then(|| (&VALID_VALUES, "text in UTF-8".into())),
-        whole => (!allows(variable, whole))
-            .then(|| (&VALID_VALUES, "a value that the XML allows".into())),
+        (Value::String(_) | Value::Boolean(_), _) => None,
+        _ if variable.of_type == Type::Boolean => invalid("0 or 1"),
+        (_, Some(_)) if variable.causality != Causality::Output => None,
+        (_, Some(number)) if !number.is_finite() => Some((&FINITE, "a finite number".into())),
+        (_, Some(number)) => {
+            let (min, max) = real_range(variable);
+            let slack = 1e-6 * number.abs();
+            let is_within = min - slack <= number && number <= max + slack;
+            let text = || format!("a number from {min} to {max} as in the XML");
+            (!is_within).then(|| (&BOUNDS, text()))
+        }
+        _ if allows(variable, value) => None,
+        _ => invalid("a value that the XML allows"),
     }
 }
 
@@ -163,20 +166,7 @@ fn slows_down(steps: usize, times: &[Instant]) -> Option<String> {
 }
 
 /// A short run, which the parent compares with those of other processes.
-pub fn trace(subject: &Subject<'_>) -> Result<()> {
-    traced(subject, subject.setup())
-}
-
-/// As [`trace`], with another name of the instance and with logging.
-pub fn trace_logging(subject: &Subject<'_>) -> Result<()> {
-    let setup = subject.setup();
-    traced(
-        subject,
-        setup.with(|s| (s.name, s.logging) = ("another_name", true)),
-    )
-}
-
-fn traced(subject: &Subject<'_>, setup: Setup<'_>) -> Result<()> {
+pub fn trace(subject: &Subject<'_>, setup: Setup<'_>) -> Result<()> {
     for (time, row) in Run::recorded(subject, setup)? {
         subject.report.reply(&Reply::Row(time, row));
     }
@@ -217,10 +207,8 @@ pub fn on_threads(subject: &Subject<'_>) -> Result<()> {
     const DURATION: Duration = Duration::from_millis(500);
     const HOW: &str = "with another instance on another thread";
     let setups = [subject.setup(), subject.other()];
-    let expected = [
-        Run::recorded(subject, setups[0])?,
-        Run::recorded(subject, setups[1])?,
-    ];
+    let alone = setups.map(|setup| Run::recorded(subject, setup));
+    let expected = alone.into_iter().collect::<Result<Vec<_>>>()?;
     subject.report.stage(HOW);
     let begin = Instant::now();
     while begin.elapsed() < DURATION {
@@ -299,5 +287,163 @@ pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup().with(|s| s.event_mode = true))?;
     run.record()?;
     run.instance.terminate()?;
+    Ok(())
+}
+
+/// Saves a state, runs on with other parameters, restores it, and runs the same again.
+pub fn restore(subject: &Subject<'_>) -> Result<()> {
+    let tolerance = subject.tolerance();
+    let mut run = Run::begin(subject, subject.setup())?;
+    run.record()?;
+    let place = run.place;
+    let saved = run.instance.get_fmu_state()?;
+    let all = everything(subject);
+    let before = [(run.time(), all.read(&mut run.instance)?)];
+    let expected = run.record()?;
+    tune(subject, &mut run);
+    // A second state must not overwrite the first.
+    let later = run.instance.get_fmu_state()?;
+    run.instance.free_fmu_state(later)?;
+    // Restored twice, as the first use must not change the state.
+    for _ in 0..2 {
+        if run.ended {
+            break;
+        }
+        run.instance.set_fmu_state(&saved)?;
+        run.place = place;
+        let when = "after the state was restored";
+        subject.report.stage(when);
+        let after = [(run.time(), all.read(&mut run.instance)?)];
+        if let Some(difference) = all.difference(&after, &before, tolerance) {
+            bail!(difference.told(when, " as when it was saved"));
+        }
+        let actual = run.record()?;
+        let when = "after steps from the restored state";
+        subject.ensure_same(&actual, &expected, tolerance, when, " as before")?;
+    }
+    run.instance.free_fmu_state(saved)?;
+    Ok(())
+}
+
+/// The observed variables, the inputs and the parameters.
+fn everything<'a>(subject: &Subject<'a>) -> Observed<'a> {
+    let all = subject.observed.variables().chain(subject.settable());
+    Observed::of(all, subject.model.version)
+}
+
+/// Changes tunable parameters and Strings, which belong to the state.
+fn tune(subject: &Subject<'_>, run: &mut Run<'_>) {
+    let belongs = subject.settable().filter(|v| match v.causality {
+        Causality::Parameter => v.variability == Variability::Tunable,
+        // Other inputs change in the run.
+        _ => v.of_type == Type::String,
+    });
+    for variable in belongs {
+        if let Some(value) = other(variable)
+            && run.set(variable, &[value]).is_err()
+        {
+            break;
+        }
+    }
+}
+
+/// Restores a state from bytes, in another instance.
+pub fn serialize(subject: &Subject<'_>) -> Result<()> {
+    let mut run = Run::begin(subject, subject.setup())?;
+    run.record()?;
+    let place = run.place;
+    let bytes = bytes(&mut run)?;
+    let expected = run.record()?;
+    if run.ended {
+        return Ok(());
+    }
+    let mut other = run;
+    if !subject.claims("canBeInstantiatedOnlyOncePerProcess") {
+        subject.report.stage("in another instance");
+        other = Run::begin(subject, subject.other().with(|s| s.seed = 2))?;
+        other.advance_by(3)?;
+        other.observe()?;
+        other.setup = subject.setup();
+    }
+    let state = other.instance.deserialize_fmu_state(&bytes)?;
+    other.instance.set_fmu_state(&state)?;
+    other.instance.free_fmu_state(state)?;
+    other.place = place;
+    let actual = other.record()?;
+    let when = "after steps from the state restored from bytes";
+    let like = " as in the first instance";
+    subject.ensure_same(&actual, &expected, subject.tolerance(), when, like)
+}
+
+fn bytes(run: &mut Run<'_>) -> Result<Vec<u8>> {
+    let state = run.instance.get_fmu_state()?;
+    let bytes = run.instance.serialize_fmu_state(&state, MAX_BYTES)?;
+    run.instance.free_fmu_state(state)?;
+    Ok(bytes)
+}
+
+/// Passes bytes that are not a serialized state.
+pub fn damaged(subject: &Subject<'_>) -> Result<()> {
+    let sound = bytes(&mut Run::begin(subject, subject.setup())?)?;
+    let mut cases: Vec<(String, Vec<u8>)> = vec![
+        ("half of a state".into(), sound[..sound.len() / 2].to_vec()),
+        (
+            "a state with 8 more bytes".into(),
+            [sound.as_slice(), &[0; 8]].concat(),
+        ),
+        ("255 in all bytes".into(), vec![255; sound.len()]),
+    ];
+    for part in 0..8 {
+        let mut changed = sound.clone();
+        let at = part * sound.len() / 8;
+        if let Some(byte) = changed.get_mut(at) {
+            *byte ^= 0x55;
+            cases.push((format!("a state with byte {at} changed"), changed));
+        }
+    }
+    let mut taken = Vec::new();
+    for (what, bytes) in cases {
+        subject.report.stage(format!("with damaged bytes: {what}"));
+        let mut run = Run::begin(subject, subject.setup())?;
+        if let Ok(state) = run.instance.deserialize_fmu_state(&bytes) {
+            // A copy of memory with pointers is only read when the state is used.
+            if run.instance.set_fmu_state(&state).is_ok() {
+                taken.push(what);
+                let _ = run.advance();
+            }
+            if run.instance.free_fmu_state(state).is_err() {
+                break;
+            }
+        }
+    }
+    let bytes = taken.join(", ");
+    check!(subject, DAMAGED_STATE: taken.is_empty(),
+        "fmi2DeSerializeFMUstate and fmi2SetFMUstate accepted bytes that are no serialized state: {bytes}; \
+         expected an error");
+    Ok(())
+}
+
+/// Changes the start values of all inputs and parameters, resets, and reads them.
+pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
+    let mut run = Run::instantiate(subject, subject.setup())?;
+    for variable in subject.settable() {
+        if let Some(value) = other(variable) {
+            run.set(variable, &[value]).or_skip()?;
+        }
+    }
+    subject.report.stage("after fmi2Reset");
+    let mut run = run.reset()?;
+    run.enter_initialization()?;
+    let mut new = Run::initializing(subject, subject.other())?;
+    for variable in subject.settable() {
+        let (expected, actual) = (new.value(variable)?, run.value(variable)?);
+        ensure!(
+            actual == expected,
+            "after fmi2Reset, {} is {}, expected its start value {}",
+            element_name(variable, 0),
+            shown(&actual),
+            shown(&expected)
+        );
+    }
     Ok(())
 }

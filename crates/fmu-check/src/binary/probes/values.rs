@@ -3,19 +3,17 @@
 use std::collections::HashMap;
 use std::hint::black_box;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::value::{unsigned, whole};
-use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Variability};
+use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::Kind;
 
-use super::OrSkip;
-use crate::binary::child::Reply;
-use crate::binary::inputs::{is_tested, other};
-use crate::binary::rules::{READABLE, START, WRITES_INSIDE};
-use crate::binary::run::Run;
-use crate::binary::subject::Subject;
-use crate::binary::values::{MAX_ELEMENTS, Row, Value, element_name, references};
+use crate::binary::run::{OrSkip, Run, Subject, check, report};
+use crate::binary::task::Reply;
+use crate::binary::values::{
+    MAX_ELEMENTS, Row, element_name, is_near, is_tested, other, references, shown, size,
+};
 
 /// Maximum number of variables that are reported as unreadable.
 const MAX_UNREADABLE: usize = 20;
@@ -34,7 +32,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
         for variable in &all[next..] {
             next += 1;
             if let Err(error) = run.read(variable) {
-                subject.report.find(&READABLE, format!("{error:#}"));
+                report!(subject, READABLE, "{error:#}");
                 let name = variable.name.clone();
                 subject.report.reply(&Reply::Unreadable(name));
                 refused += 1;
@@ -56,25 +54,26 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
         let values = match run.read(variable) {
             Ok(values) => values,
             Err(error) => {
-                let text = format!("{error:#} in initialization mode");
-                subject.report.find(&READABLE, text);
+                report!(subject, READABLE, "{error:#} in initialization mode");
                 return Ok(());
             }
         };
-        let starts = (0..).map_while(|element| Value::of(variable.start_of(element)?));
+        let starts = (0..).map_while(|element| variable.start_of(element));
         // A tool may have lost digits when it wrote the XML.
-        let differs = |(value, start): (&Value, Value)| !value.is_near(&start, 1e-6 * start.size());
+        let differs = |(value, start): (&Value, &Value)| !is_near(value, start, 1e-6 * size(start));
         if let Some(element) = values.iter().zip(starts).position(differs) {
-            let (name, value) = (element_name(variable, element), &values[element]);
+            let (name, value) = (element_name(variable, element), shown(&values[element]));
             let written = variable.starts();
             let expected = quote(written.get(element).or(written.last()).unwrap_or(&""));
             let is = match variable.dimensions.is_empty() {
                 true => format!("{value} in the binary"),
                 false => "different in the binary".into(),
             };
-            let text =
-                format!("the start value of {name} is {is}, expected {expected} as in the XML");
-            subject.report.find(&START, text);
+            report!(
+                subject,
+                START,
+                "the start value of {name} is {is}, expected {expected} as in the XML"
+            );
         }
     }
     Ok(())
@@ -85,26 +84,18 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
 pub fn get(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::after(subject, STEPS)?;
     let time = run.time();
-    let together = vec![(time, run.observe()?)];
-    let same =
-        |row: Row, when, like| subject.ensure_same(&vec![(time, row)], &together, 0.0, when, like);
+    let together = [(time, run.observe()?)];
+    let same = |row: Row, when: &str, like: &str| {
+        subject.ensure_same(&[(time, row)], &together, 0.0, when, like)
+    };
     same(run.observe()?, "when it is read a second time", "")?;
     let mut alone = Vec::new();
-    for variable in subject
-        .observed
-        .variables()
-        .collect::<Vec<_>>()
-        .iter()
-        .rev()
-    {
+    for variable in subject.observed.variables().rev() {
         alone.extend(run.read(variable)?.into_iter().rev());
     }
     alone.reverse();
-    same(
-        alone,
-        "when it is read alone",
-        " as when it is read with all others",
-    )?;
+    let like = " as when it is read with all others";
+    same(alone, "when it is read alone", like)?;
     guarded(subject, &mut run)?;
     unwritten(subject, &mut run)?;
     let mut backwards = together[0].1.clone();
@@ -118,7 +109,7 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     references.reverse();
     if !references.is_empty() {
         for (at, value) in places.into_iter().zip(run.reals(&references)?) {
-            backwards[at] = Value::Real(value);
+            backwards[at] = Value::Float64(value);
         }
     }
     same(backwards, "when it is read together in another order", "")
@@ -136,10 +127,8 @@ fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     if n > 0 && subject.model.version == FmiVersion::Fmi2 {
         let mut values = vec![GUARD; n + 8];
         run.instance.get_float64(&references, &mut values)?;
-        if values[n..].iter().any(|value| *value != GUARD) {
-            let text = format!("fmi2GetReal wrote more than {n} values, expected {n}");
-            subject.report.find(&WRITES_INSIDE, text);
-        }
+        check!(subject, WRITES_INSIDE: values[n..].iter().all(|value| *value == GUARD),
+            "fmi2GetReal wrote more than {n} values, expected {n}");
     }
     Ok(())
 }
@@ -153,11 +142,8 @@ fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     let values = run.reals(&references)?;
     let expected = values.clone();
     let set = run.instance.set_float64(&references, black_box(&values));
-    if set.is_ok() && *black_box(&values) != expected {
-        let text =
-            "fmi2SetReal has changed the values that were passed, expected it to read them only";
-        subject.report.find(&WRITES_INSIDE, text);
-    }
+    check!(subject, WRITES_INSIDE: set.is_err() || *black_box(&values) == expected,
+        "fmi2SetReal has changed the values that were passed, expected it to read them only");
     Ok(())
 }
 
@@ -177,75 +163,67 @@ pub fn aliases(subject: &Subject<'_>) -> Result<()> {
         let value = run.value(variable)?;
         let key = (variable.of_type, variable.reference);
         let (of, expected) = first.entry(key).or_insert((variable, value.clone()));
-        let (name, alias) = (quote(&variable.name), quote(&of.name));
         ensure!(
-            value.is_near(expected, 0.0),
-            "{name} is {value}, expected {expected} like its alias {alias}"
+            is_near(&value, expected, 0.0),
+            "{} is {}, expected {} like its alias {}",
+            quote(&variable.name),
+            shown(&value),
+            shown(expected),
+            quote(&of.name)
         );
     }
     Ok(())
 }
 
 /// Sets inputs and parameters before initialization, inputs in initialization mode, and inputs between
-/// steps, and reads them back.
+/// steps, and reads them back. Before initialization, FMUs need not let values be read.
 pub fn kept(subject: &Subject<'_>) -> Result<()> {
+    use Causality::{Input, Parameter};
     let still = subject.still();
-    let mut run = Run::instantiate(subject, still)?;
-    for variable in subject.variables(Causality::Parameter) {
-        // Before initialization, FMUs need not let values be read.
-        if !set_and_read(&mut run, variable, "before initialization", true)? {
-            break;
-        }
+    let run = Run::instantiate(subject, still)?;
+    are_kept(subject, run, Parameter, "before initialization")?;
+    let run = Run::initializing(subject, still)?;
+    let is_refused = !are_kept(subject, run, Input, "in initialization mode")?;
+    if is_refused || subject.kind == Kind::ModelExchange {
+        return Ok(());
     }
-    drop(run);
-    let mut run = Run::initializing(subject, still)?;
-    for variable in subject.variables(Causality::Input) {
-        if !set_and_read(&mut run, variable, "in initialization mode", false)? {
-            return Ok(());
-        }
-    }
-    drop(run);
-    if subject.kind == Kind::CoSimulation {
-        let mut run = Run::begin(subject, still)?;
-        run.advance()?;
-        for variable in subject.variables(Causality::Input) {
-            if !set_and_read(&mut run, variable, "between two steps", false)? {
-                return Ok(());
-            }
-        }
-    }
-    Ok(())
+    let mut run = Run::begin(subject, still)?;
+    run.advance()?;
+    are_kept(subject, run, Input, "between two steps").map(drop)
 }
 
-/// Returns whether the FMU has accepted the value.
-fn set_and_read(
-    run: &mut Run<'_>,
-    variable: &Listed<'_>,
+/// Sets variables and reads them; returns whether the FMU has accepted all values.
+fn are_kept(
+    subject: &Subject<'_>,
+    mut run: Run<'_>,
+    causality: Causality,
     when: &str,
-    may_be_unreadable: bool,
 ) -> Result<bool> {
-    let is_free =
-        variable.of_type == Type::Int32 && variable.min.is_none() && variable.max.is_none();
-    let value = match is_free {
-        // More than 16 bits.
-        true => Some(Value::Whole(1_234_567)),
-        false => other(variable),
-    };
-    let Some(value) = value else {
-        return Ok(true);
-    };
-    if run.set(variable, std::slice::from_ref(&value)).is_err() {
-        return Ok(false);
+    for variable in subject.variables(causality) {
+        let is_bounded = variable.min.is_some() || variable.max.is_some();
+        let value = match variable.of_type {
+            // More than 16 bits.
+            Type::Int32 if !is_bounded => Some(Value::Int32(1_234_567)),
+            _ => other(variable),
+        };
+        let Some(value) = value else {
+            continue;
+        };
+        if run.set(variable, std::slice::from_ref(&value)).is_err() {
+            return Ok(false);
+        }
+        let read = match run.value(variable) {
+            Err(_) if causality == Causality::Parameter => return Ok(false),
+            read => read?,
+        };
+        ensure!(
+            is_near(&read, &value, 1e-12 * size(&value)),
+            "{} is {} after it was set to {} {when}, expected the value that was set",
+            quote(&variable.name),
+            shown(&read),
+            shown(&value)
+        );
     }
-    let read = match run.value(variable) {
-        Err(_) if may_be_unreadable => return Ok(false),
-        read => read?,
-    };
-    ensure!(
-        read.is_near(&value, 1e-12 * value.size()),
-        "{} is {read} after it was set to {value} {when}, expected the value that was set",
-        quote(&variable.name)
-    );
     Ok(true)
 }
 
@@ -256,8 +234,7 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
         is_parameter && !v.dimensions.is_empty() && v.start.len() == v.count()
     };
     let arrays: Vec<_> = subject.readable().filter(is_array).collect();
-    let reversed =
-        |v: &Listed<'_>| -> Vec<Value> { v.start.iter().rev().filter_map(Value::of).collect() };
+    let reversed = |v: &Listed<'_>| -> Vec<Value> { v.start.iter().rev().cloned().collect() };
     let mut run = Run::instantiate(subject, subject.still())?;
     for array in &arrays {
         run.set(array, &reversed(array)).or_skip()?;
@@ -266,13 +243,13 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
     run.enter_initialization().or_skip()?;
     for array in arrays {
         let pairs = run.read(array)?.into_iter().zip(reversed(array));
-        let mut pairs = pairs.map(|(value, set)| value.is_near(&set, 1e-12 * set.size()));
-        if let Some(element) = pairs.position(|is_kept| !is_kept) {
-            let name = element_name(array, element);
-            return Err(anyhow!(
-                "{name} has another value in initialization mode, expected the one that was set before"
-            ));
-        }
+        let mut pairs = pairs.map(|(value, set)| is_near(&value, &set, 1e-12 * size(&set)));
+        let changed = pairs.position(|is_kept| !is_kept);
+        ensure!(
+            changed.is_none(),
+            "{} has another value in initialization mode, expected the one that was set before",
+            element_name(array, changed.unwrap_or_default())
+        );
     }
     Ok(())
 }
@@ -298,12 +275,14 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     let before = read(&mut run)?;
     run.instance.exit_initialization_mode()?;
     for ((variable, before), after) in listed.iter().zip(before).zip(read(&mut run)?) {
-        let scale = before.size().max(after.size()).max(1e-9);
-        let is_nan = matches!(after, Value::Real(after) if after.is_nan());
+        let scale = size(&before).max(size(&after)).max(1e-9);
+        let is_nan = after.as_real().is_some_and(f64::is_nan);
         ensure!(
-            before.is_near(&after, subject.tolerance() * scale) || is_nan,
-            "{} is {before} in initialization mode, expected {after} as after it",
-            quote(&variable.name)
+            is_near(&before, &after, subject.tolerance() * scale) || is_nan,
+            "{} is {} in initialization mode, expected {} as after it",
+            quote(&variable.name),
+            shown(&before),
+            shown(&after)
         );
     }
     Ok(())
@@ -335,7 +314,7 @@ pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
     let mut one = Run::begin(subject, subject.setup())?;
     let mut two = Run::instantiate(subject, subject.other())?;
     for variable in subject.variables(Causality::Parameter).filter(is_string) {
-        let text = [Value::Text("another text".into())];
+        let text = [Value::String("another text".into())];
         two.set(variable, &text).or_skip()?;
     }
     // A text may be more than a text, such as the name of a file.
@@ -366,8 +345,8 @@ pub fn sizes(subject: &Subject<'_>) -> Result<()> {
     for parameter in parameters.filter(is_size) {
         if let Some(size) = other_size(parameter) {
             let name = quote(&parameter.name);
-            resized(subject, parameter, size)
-                .map_err(|error| anyhow!("with {name} = {size}, {error:#}"))?;
+            let run = resized(subject, parameter, size);
+            run.map_err(|error| anyhow::anyhow!("with {name} = {size}, {error:#}"))?;
         }
     }
     Ok(())
@@ -398,11 +377,11 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: u64) -> Result<(
         let values = run.read_elements(variable, n)?;
         let is_output = variable.causality == Causality::Output;
         let continuous = is_output && variable.variability == Variability::Continuous;
-        let is_finite = |value: &Value| !matches!(value, Value::Real(value) if !value.is_finite());
-        let name = quote(&variable.name);
+        let is_finite = |value: &Value| value.as_real().is_none_or(f64::is_finite);
         ensure!(
             !continuous || values.iter().all(is_finite),
-            "{name} is not finite"
+            "{} is not finite",
+            quote(&variable.name)
         );
     }
     Ok(())
