@@ -97,7 +97,7 @@ def conformance(
 
 @pytest.mark.parametrize("kind", [CS, ME, BOTH])
 def test_the_correct_fmu_has_no_findings(conformance: Callable[..., Path], kind: str) -> None:
-    assert findings(conformance(kind=kind), ()) == []
+    assert findings(conformance(kind=kind)) == []
 
 
 def load(file: Path, kind: str, folder: Path) -> None:
@@ -137,7 +137,7 @@ def test_a_defect_is_found(conformance: Callable[..., Path], defect: str) -> Non
 
 @pytest.mark.parametrize("defect", ["CRASH_IN_STEP", "HANG_IN_INIT", "EXIT_IN_INSTANTIATE"])
 def test_no_run_does_not_run_the_binary(conformance: Callable[..., Path], defect: str) -> None:
-    assert findings(conformance(defect), ("--no-run",)) == []
+    assert findings(conformance(defect), "--no-run") == []
 
 
 def test_nothing_is_left_behind(

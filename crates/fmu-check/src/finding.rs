@@ -7,16 +7,7 @@ use fmu_description::{FmiVersion, Listed};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
 
-use crate::{Rule, Source};
-
-/// Severity of a finding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// Some importers may reject the FMU.
-    Warning,
-    /// The FMU violates the standard.
-    Error,
-}
+use crate::rule::{Rule, Severity, Source};
 
 /// Where in the FMU a finding is.
 #[derive(Debug, Clone)]
@@ -101,15 +92,6 @@ pub struct Finding {
     pub text: String,
     /// Where the rule is written, for the version of the FMU.
     pub source: Source,
-}
-
-impl fmt::Display for Severity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Warning => "warning",
-            Self::Error => "error",
-        })
-    }
 }
 
 impl fmt::Display for Finding {
@@ -265,35 +247,3 @@ macro_rules! require {
     };
 }
 pub(crate) use require;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::rule::rules;
-
-    rules! {
-        TEST {
-            FIRST: Error, "first", Fmi2("section 1"), "Something.";
-            SECOND: Warning, "second", Practice("importer X fails"), "Something else.";
-        }
-    }
-
-    #[test]
-    fn a_rule_with_many_findings_does_not_hide_another() {
-        let mut findings = Findings::default();
-        for number in 0..1000 {
-            findings.add(&FIRST, "a", number.to_string());
-        }
-        findings.add(&SECOND, "b\n", "x\ny");
-        let [first, second] = findings.groups() else {
-            panic!("{findings:?}");
-        };
-        assert_eq!((first.kept.len(), first.left_out()), (3, 997));
-        assert_eq!(first.rule, &TEST[0]);
-        assert_eq!((findings.errors(), findings.warnings()), (1000, 1));
-        assert_eq!(
-            second.kept[0].to_string(),
-            "warning: b : x y (not in the standard, but importer X fails)"
-        );
-    }
-}

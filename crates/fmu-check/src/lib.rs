@@ -12,40 +12,16 @@ mod package;
 mod rule;
 mod rules;
 mod schema;
-mod sources;
-mod terminals;
 
 use std::path::Path;
 
 pub use binary::{Probes, probe};
-pub use finding::{Finding, Findings, Group, Location, Severity};
+pub use finding::{Finding, Findings, Group, Location};
 use fmu_description::xml;
 use fmu_description::{FmiVersion, ModelDescription};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
-pub use rule::{Rule, Source};
-
-/// All rules, by the part of the FMU that they are about.
-pub fn rules() -> impl Iterator<Item = &'static Rule> {
-    [
-        package::ARCHIVE,
-        package::EXPORTS,
-        sources::BUILD,
-        terminals::TERMINALS,
-        schema::SCHEMA,
-        rules::root::ROOT,
-        rules::definitions::DEFINITIONS,
-        rules::definitions::UNITS,
-        rules::definitions::TYPES,
-        rules::variables::NAMES,
-        rules::variables::VARIABLES,
-        rules::structure::STRUCTURE,
-        rules::fmi3::ARRAYS,
-        rules::fmi3::CLOCKS,
-        binary::rules::BEHAVIOUR,
-    ]
-    .into_iter()
-    .flatten()
-}
+pub use rule::{Rule, Severity, Source};
+pub use rules::rules;
 
 /// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given.
 pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
@@ -82,7 +58,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     };
     if let Some(text) = ModelDescription::other_version(&root) {
         // The rules of another version are different.
-        return findings.add(&rules::root::FMI_VERSION, &root, text);
+        return findings.add(&rules::definitions::FMI_VERSION, &root, text);
     }
     for fault in decoded.faults {
         findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
@@ -94,11 +70,11 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     schema::check(MODEL_DESCRIPTION, &root, schema, findings);
     let model = ModelDescription::new(&root);
     rules::check(&model, findings);
-    let has_sources = sources::check(&root, &mut archive, findings);
+    let has_sources = package::check_sources(&root, &mut archive, findings);
     package::check_binaries(&root, has_sources, &mut archive, findings);
     if version == FmiVersion::Fmi3 {
         package::check_folders(&archive, findings);
-        terminals::check(&model, &mut archive, findings);
+        package::check_terminals(&model, &mut archive, findings);
     }
     if let Some(probes) = probes
         && archive.faults.is_empty()

@@ -1,16 +1,19 @@
-//! Checks of the archive and of the files that it must contain.
+//! Checks of the archive and of the files that it must contain: binaries, sources with
+//! `sources/buildDescription.xml` (FMI 3.0.2, section 2.4.10), folders, and
+//! `terminalsAndIcons/terminalsAndIcons.xml` (FMI 3.0.2, section 2.4.9).
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use fmi_abi::{Interface, fmi3};
-use fmu_description::FmiVersion;
 use fmu_description::xml::{self, Element};
-use fmu_file::archive::Archive;
+use fmu_description::{FmiVersion, ModelDescription};
+use fmu_file::archive::{self, Archive};
 use fmu_file::platform::{self, Platform};
 use fmu_file::text::quote;
 
-use crate::finding::{Findings, find, require};
+use crate::finding::{Findings, Location, find, require};
 use crate::rule::rules;
+use crate::schema;
 
 rules! {
     /// What the archive must contain.
@@ -202,7 +205,7 @@ fn missing(binary: &[u8], names: impl Iterator<Item = &'static str>) -> BTreeSet
 }
 
 /// Reads an XML file; `None` if there is none. Damage is reported by [`check`].
-pub fn xml(name: &str, archive: &mut Archive, findings: &mut Findings) -> Option<String> {
+fn xml_file(name: &str, archive: &mut Archive, findings: &mut Findings) -> Option<String> {
     let bytes = archive.head(name, MAX_XML).ok()?;
     let decoded = xml::decode(&bytes);
     for fault in decoded.faults {
@@ -247,16 +250,290 @@ pub fn check_folders(archive: &Archive, findings: &mut Findings) {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// How to build the sources.
+const BUILD_FILE: &str = "sources/buildDescription.xml";
 
-    #[test]
-    fn names_end_with_a_zero_byte() {
-        // The last has no end; a name may be the end of another.
-        let binary = b"\0fmi3Reset\0my_fmi3DoStep\0fmi3SetTimes\0fmi3Terminate";
-        let names = ["fmi3Reset", "fmi3DoStep", "fmi3SetTime", "fmi3Terminate"];
-        let missing = missing(binary, names.into_iter());
-        assert_eq!(missing, BTreeSet::from(["fmi3SetTime", "fmi3Terminate"]));
+rules! {
+    /// The description of the sources.
+    pub BUILD {
+        BUILD_GIVEN: Error, "build-given", Fmi3("section 2.5.1"),
+            "The folder sources has a well-formed buildDescription.xml.";
+        BUILD_IDENTIFIER: Error, "build-identifier", Fmi3("section 2.4.10"),
+            "A build configuration has the modelIdentifier of an interface type.";
+        BUILD_PLATFORM: Error, "build-platform", Fmi3("section 2.4.10"),
+            "The build configurations of a modelIdentifier have different platforms.";
+        BUILD_SOURCES: Error, "build-sources", Fmi3("section 2.4.10"),
+            "A build configuration has a set of source files.";
+        BUILD_ONCE: Warning, "build-once", Practice("VDMCheck3 requires it, and a file that is compiled twice does not link"),
+            "A set of source files lists each file, definition and include directory once.";
+        BUILD_COMPILER: Warning, "build-compiler", Practice("VDMCheck3 requires it"),
+            "Compiler options are given with the compiler.";
+        BUILD_OPTION: Error, "build-option", Fmi3("section 2.4.10"),
+            "The value of a preprocessor definition with options is one of them.";
+    }
+}
+
+/// Checks the sources; returns whether the FMU has any. `root` is the root of the model description.
+pub fn check_sources(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings) -> bool {
+    let is_file = |name: &&String| name.starts_with("sources/") && !name.ends_with('/');
+    match findings.version() {
+        FmiVersion::Fmi2 => {
+            listed(root, &Names::of(archive), findings);
+            interfaces(root).any(|interface| interface.child("SourceFiles").is_some())
+        }
+        FmiVersion::Fmi3 => {
+            if archive.names.iter().any(|name| is_file(&name)) {
+                described(root, archive, findings);
+            }
+            archive.names.iter().any(|name| name == BUILD_FILE)
+        }
+    }
+}
+
+/// The names of all files.
+struct Names<'a>(HashSet<&'a str>);
+
+impl<'a> Names<'a> {
+    fn of(archive: &'a Archive) -> Self {
+        Self(archive.names.iter().map(String::as_str).collect())
+    }
+
+    /// Checks that a source file exists; returns its path, or else its name.
+    fn find(&self, name: &str, at: Location, findings: &mut Findings) -> String {
+        let path = archive::relative(&format!("sources/{name}"));
+        let exists = path
+            .as_ref()
+            .is_ok_and(|path| self.0.contains(path.as_str()));
+        require!(findings, SOURCES_EXIST at at, exists,
+            "the source file {} is missing, expected it in sources", quote(name));
+        path.unwrap_or_else(|_| name.to_owned())
+    }
+}
+
+/// Checks that the source files that an interface type lists exist, and that each is listed once.
+fn listed(root: &Element<'_>, sources: &Names<'_>, findings: &mut Findings) {
+    for kind in INTERFACES {
+        let mut listed = HashSet::new();
+        let interfaces = root.children(kind);
+        for file in interfaces.flat_map(|kind| kind.list("SourceFiles", "File")) {
+            if let Some(name) = file.attribute("name") {
+                let path = sources.find(name, file.into(), findings);
+                require!(findings, SOURCES_UNIQUE at file, listed.insert(path),
+                    "the source file {} is listed twice, expected once", quote(name));
+            }
+        }
+    }
+}
+
+/// Checks `buildDescription.xml`.
+fn described(root: &Element<'_>, archive: &mut Archive, findings: &mut Findings) {
+    let Some(text) = xml_file(BUILD_FILE, archive, findings) else {
+        return find!(findings, BUILD_GIVEN at "sources",
+            "it has no {BUILD_FILE}, expected it beside the sources");
+    };
+    let document = match xml::parse(&text) {
+        Ok(document) => document,
+        Err(error) => return find!(findings, BUILD_GIVEN at BUILD_FILE, "{error:#}"),
+    };
+    schema::check(BUILD_FILE, &document, &schema::BUILD, findings);
+    let identifiers: HashSet<&str> = interfaces(root)
+        .filter_map(|interface| interface.attribute("modelIdentifier"))
+        .collect();
+    let sources = Names::of(archive);
+    let mut platforms = HashSet::new();
+    for configuration in document.children("BuildConfiguration") {
+        let at = || Location::of(BUILD_FILE, configuration);
+        let identifier = configuration.attribute("modelIdentifier");
+        let identifier = identifier.unwrap_or_default();
+        require!(findings, BUILD_IDENTIFIER at at(), identifiers.contains(identifier),
+            "modelIdentifier is {}, expected that of an interface type", quote(identifier));
+        let platform = configuration.attribute("platform");
+        require!(findings, BUILD_PLATFORM at at(), platforms.insert((identifier, platform)),
+            "two configurations have {}, expected one", platform.map_or("no platform".into(), quote));
+        require!(findings, BUILD_SOURCES at at(), configuration.child("SourceFileSet").is_some(),
+            "it has no SourceFileSet, expected one");
+        for set in configuration.children("SourceFileSet") {
+            source_set(set, findings);
+            for file in set.children("SourceFile") {
+                let name = file.attribute("name").unwrap_or_default();
+                sources.find(name, Location::of(BUILD_FILE, file), findings);
+            }
+        }
+    }
+}
+
+/// Checks what a set of source files is compiled with.
+fn source_set(set: &Element<'_>, findings: &mut Findings) {
+    for kind in ["SourceFile", "PreprocessorDefinition", "IncludeDirectory"] {
+        let mut names = HashSet::new();
+        for element in set.children(kind) {
+            let name = element.attribute("name").unwrap_or_default();
+            require!(findings, BUILD_ONCE at Location::of(BUILD_FILE, element), names.insert(name),
+                "the {kind} {} appears twice, expected once", quote(name));
+        }
+    }
+    require!(findings, BUILD_COMPILER at Location::of(BUILD_FILE, set),
+        set.has("compiler") || !set.has("compilerOptions"),
+        "it has compilerOptions and no compiler, expected both");
+    for definition in set.children("PreprocessorDefinition") {
+        if let Some(value) = definition.attribute("value") {
+            let mut options = definition.children("Option").peekable();
+            let is_free = options.peek().is_none();
+            require!(findings, BUILD_OPTION at Location::of(BUILD_FILE, definition),
+                is_free || options.any(|option| option.attribute("value") == Some(value)),
+                "value is {}, expected that of an Option", quote(value));
+        }
+    }
+}
+
+const ICONS: &str = "terminalsAndIcons";
+const TERMINALS_FILE: &str = "terminalsAndIcons/terminalsAndIcons.xml";
+
+rules! {
+    /// Terminals and icons.
+    pub TERMINALS {
+        TERMINALS_READABLE: Error, "terminals-readable", Fmi3("section 2.4.9"),
+            "terminalsAndIcons.xml is well-formed.";
+        TERMINALS_VERSION: Error, "terminals-version", Fmi3("section 2.4.9"),
+            "terminalsAndIcons.xml has the fmiVersion of the model description.";
+        TERMINAL_UNIQUE: Error, "terminal-unique", Fmi3("section 2.4.9.2.2"),
+            "The terminals of each level have different names, which are not empty.";
+        MEMBER_EXISTS: Error, "member-exists", Fmi3("section 2.4.9.2.3"),
+            "The members of a terminal are variables.";
+        MEMBER_NAMED: Error, "member-named", Fmi3("section 2.4.9.2.3"),
+            "The members of a terminal with the matching rule plug or bus have a memberName of their own.";
+        MEMBER_CAUSALITY: Error, "member-causality", Fmi3("section 2.4.9.2.3"),
+            "A signal, flow or stream is an input, output, parameter or calculated parameter.";
+        STREAM_FLOW: Error, "stream-flow", Fmi3("section 2.4.9.2.4"),
+            "A terminal with a stream has at most one inflow or outflow.";
+        COORDINATES: Error, "coordinates", Fmi3("section 2.4.9.1.2"),
+            "The first corner of the coordinate system is left of and below the second.";
+        ICON_EXISTS: Error, "icon-exists", Fmi3("section 2.4.9.2.5"),
+            "The icon of a terminal is a PNG file in terminalsAndIcons.";
+    }
+}
+
+/// What the terminals refer to.
+struct Context<'a> {
+    /// The causality of each variable and alias, by name.
+    causalities: HashMap<&'a str, &'a str>,
+    files: HashSet<&'a str>,
+}
+
+/// Checks the file, if the FMU has it.
+pub fn check_terminals(
+    model: &ModelDescription<'_>,
+    archive: &mut Archive,
+    findings: &mut Findings,
+) {
+    let Some(text) = xml_file(TERMINALS_FILE, archive, findings) else {
+        return;
+    };
+    let document = match xml::parse(&text) {
+        Ok(document) => document,
+        Err(error) => return find!(findings, TERMINALS_READABLE at TERMINALS_FILE, "{error:#}"),
+    };
+    schema::check(TERMINALS_FILE, &document, &schema::TERMINALS, findings);
+    let [expected, found] = [model.root, &document].map(|root| root.attribute("fmiVersion"));
+    if let (Some(expected), Some(found)) = (expected, found) {
+        require!(findings, TERMINALS_VERSION at Location::of(TERMINALS_FILE, &document), expected == found,
+            "fmiVersion is {}, expected {} as in the model description", quote(found), quote(expected));
+    }
+    for system in document.list("GraphicalRepresentation", "CoordinateSystem") {
+        for (first, second) in [("x1", "x2"), ("y1", "y2")] {
+            if let (Some(low), Some(high)) = (system.real(first), system.real(second)) {
+                require!(findings, COORDINATES at Location::of(TERMINALS_FILE, system), low < high,
+                    "{first} is {low} and {second} is {high}, expected {first} < {second}");
+            }
+        }
+    }
+    let variables = model.root.child("ModelVariables").into_iter();
+    let names = variables
+        .flat_map(|list| &list.children)
+        .flat_map(|variable| {
+            let causality = variable.attribute("causality").unwrap_or("local");
+            let elements = [variable].into_iter().chain(variable.children("Alias"));
+            elements.filter_map(move |element| Some((element.attribute("name")?, causality)))
+        });
+    let context = Context {
+        causalities: names.collect(),
+        files: archive.names.iter().map(String::as_str).collect(),
+    };
+    if let Some(terminals) = document.child("Terminals") {
+        level(terminals, &context, findings);
+    }
+}
+
+/// Checks the terminals of one level, and those in them.
+fn level(parent: &Element<'_>, context: &Context<'_>, findings: &mut Findings) {
+    let mut names = HashSet::new();
+    for terminal in parent.children("Terminal") {
+        if let Some(name) = terminal.attribute("name") {
+            require!(findings, TERMINAL_UNIQUE at Location::of(TERMINALS_FILE, terminal),
+                !name.is_empty() && names.insert(name),
+                "the name of the terminal is {}, expected one of its own", quote(name));
+        }
+        members(terminal, context, findings);
+        for graphical in terminal.children("TerminalGraphicalRepresentation") {
+            if let Some(base) = graphical.attribute("iconBaseName") {
+                let path = archive::relative(&format!("{ICONS}/{base}.png"));
+                let exists = path.is_ok_and(|path| context.files.contains(path.as_str()));
+                require!(findings, ICON_EXISTS at Location::of(TERMINALS_FILE, graphical), exists,
+                    "iconBaseName is {}, expected a PNG file of that name in {ICONS}", quote(base));
+            }
+        }
+        level(terminal, context, findings);
+    }
+}
+
+fn members(terminal: &Element<'_>, context: &Context<'_>, findings: &mut Findings) {
+    let is_matched_by_name = matches!(terminal.attribute("matchingRule"), Some("plug" | "bus"));
+    let mut names = HashSet::new();
+    let mut flows = 0;
+    for member in terminal.children("TerminalMemberVariable") {
+        let kind = member.attribute("variableKind").unwrap_or_default();
+        let is_known = matches!(kind, "signal" | "inflow" | "outflow");
+        flows += usize::from(matches!(kind, "inflow" | "outflow"));
+        member_variable(member, "variableName", is_known, context, findings);
+        let name = member.attribute("memberName");
+        let is_own = name.is_some_and(|name| !name.is_empty() && names.insert(name));
+        require!(findings, MEMBER_NAMED at Location::of(TERMINALS_FILE, member), is_own || !is_matched_by_name,
+            "memberName is {}, expected one of its own", name.map_or("missing".into(), quote));
+    }
+    for member in terminal.children("TerminalStreamMemberVariable") {
+        for (name, of) in [
+            ("inStreamMemberName", "inStreamVariableName"),
+            ("outStreamMemberName", "outStreamVariableName"),
+        ] {
+            member_variable(member, of, true, context, findings);
+            if let Some(name) = member.attribute(name).filter(|_| is_matched_by_name) {
+                require!(findings, MEMBER_NAMED at Location::of(TERMINALS_FILE, member), names.insert(name),
+                    "the member name {} appears twice, expected once", quote(name));
+            }
+        }
+        require!(findings, STREAM_FLOW at Location::of(TERMINALS_FILE, member), flows <= 1,
+            "its terminal has {flows} inflows and outflows, expected at most one");
+    }
+}
+
+/// Checks that an attribute names a variable, which has a causality that a member of a known kind may have.
+fn member_variable(
+    member: &Element<'_>,
+    attribute: &str,
+    is_known: bool,
+    context: &Context<'_>,
+    findings: &mut Findings,
+) {
+    let Some(name) = member.attribute(attribute) else {
+        return;
+    };
+    let (at, shown) = (Location::of(TERMINALS_FILE, member), quote(name));
+    match context.causalities.get(name) {
+        None => find!(findings, MEMBER_EXISTS at at,
+            "{attribute} is {shown}, expected the name of a variable"),
+        Some(causality) => require!(findings, MEMBER_CAUSALITY at at,
+            !is_known || ["input", "output", "parameter", "calculatedParameter"].contains(causality),
+            "{attribute} is {shown} with causality {}, expected input, output, parameter or \
+             calculatedParameter", quote(causality)),
     }
 }

@@ -4,7 +4,23 @@ use std::fmt;
 
 use fmu_description::FmiVersion;
 
-use crate::Severity;
+/// Severity of a finding.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Some importers may reject the FMU.
+    Warning,
+    /// The FMU violates the standard.
+    Error,
+}
+
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Warning => "warning",
+            Self::Error => "error",
+        })
+    }
+}
 
 /// A rule for FMUs.
 #[derive(Debug, PartialEq, Eq)]
@@ -71,16 +87,16 @@ macro_rules! rules {
         $(
             $(
                 #[doc = $text]
-                $visibility const $name: $crate::Rule = $crate::Rule {
+                $visibility const $name: $crate::rule::Rule = $crate::rule::Rule {
                     id: $id,
-                    severity: $crate::Severity::$severity,
+                    severity: $crate::rule::Severity::$severity,
                     text: $text,
-                    source: $crate::Source::$source($($where),+),
+                    source: $crate::rule::Source::$source($($where),+),
                 };
             )*
 
             $(#[$about])*
-            $visibility const $group: &[$crate::Rule] = &[$($name),*];
+            $visibility const $group: &[$crate::rule::Rule] = &[$($name),*];
         )*
     };
 }

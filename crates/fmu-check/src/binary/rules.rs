@@ -1,6 +1,6 @@
 //! The rules for the behaviour of binaries.
 
-use crate::rule::rules;
+use crate::rule::{Rule, rules};
 
 rules! {
     /// Rules for what a binary does when it is run.
@@ -169,6 +169,6 @@ rules! {
 }
 
 /// The rule of a name.
-pub fn find(id: &str) -> Option<&'static crate::Rule> {
+pub fn find(id: &str) -> Option<&'static Rule> {
     BEHAVIOUR.iter().find(|rule| rule.id == id)
 }

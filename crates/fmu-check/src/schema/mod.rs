@@ -1,7 +1,6 @@
 //! The XML schemas of FMI 2.0.5 and FMI 3.0.2, and the validation of a document against them.
 
 mod grammar;
-mod standard;
 
 use std::sync::LazyLock;
 
@@ -41,15 +40,20 @@ rules! {
     }
 }
 
-/// The schema of `modelDescription.xml` of FMI 2.0.
-pub static MODEL_2: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::MODEL_2));
-/// The schema of `modelDescription.xml` of FMI 3.0.
-pub static MODEL_3: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::MODEL_3));
-/// The schema of `terminalsAndIcons.xml`.
-pub static TERMINALS: LazyLock<Schema> =
-    LazyLock::new(|| Schema::new(standard::TERMINALS_AND_ICONS));
-/// The schema of `buildDescription.xml`.
-pub static BUILD: LazyLock<Schema> = LazyLock::new(|| Schema::new(standard::BUILD_DESCRIPTION));
+macro_rules! schemas {
+    ($($name:ident = $file:literal;)*) => {
+        $(
+            #[doc = concat!("The schema in `", $file, "`.")]
+            pub static $name: LazyLock<Schema> = LazyLock::new(|| Schema::new(include_str!($file)));
+        )*
+    };
+}
+schemas! {
+    MODEL_2 = "modelDescription2.txt";
+    MODEL_3 = "modelDescription3.txt";
+    TERMINALS = "terminalsAndIcons.txt";
+    BUILD = "buildDescription.txt";
+}
 
 /// A document that is checked against a schema.
 struct Document<'a> {
@@ -171,6 +175,3 @@ fn names(parts: &[Part]) -> String {
         names => names.join(" or "),
     }
 }
-
-#[cfg(test)]
-const SCHEMAS: [&LazyLock<Schema>; 4] = [&MODEL_2, &MODEL_3, &TERMINALS, &BUILD];

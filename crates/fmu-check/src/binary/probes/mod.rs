@@ -17,7 +17,7 @@ use fmu_host::Library;
 use fmu_worker::Service;
 
 use super::rules;
-use super::run::{Run, Setup, Skip, Subject, claims};
+use super::run::{OrSkip, Skip, Subject, claims};
 use super::task::{FMU, Reply, Report, Task};
 use super::values::Trajectory;
 use crate::rule::Rule;
@@ -36,35 +36,16 @@ pub struct Probe {
 enum Test {
     /// A function, whose error is a finding.
     Of(fn(&Subject<'_>) -> Result<()>),
-    /// A run that must be the same as the usual run.
-    Twin(Twin),
-}
-
-/// A run that differs from the usual run in what must not matter.
-struct Twin {
-    /// What is different, such as `after fmi2Reset`, and what the usual run has done.
-    how: &'static str,
-    like: &'static str,
-    tolerance: Tolerance,
-    way: Way,
-}
-
-/// How a run differs.
-enum Way {
-    /// In its setup.
-    Setup(fn(&mut Setup<'_>, &Subject<'_>)),
-    /// In something else; the function receives `how`.
-    Run(fn(&Subject<'_>, &str) -> Result<Trajectory>),
-}
-
-/// The relative difference of results that must be equal.
-enum Tolerance {
-    /// The rounding of vectorized loops.
-    Rounding,
-    /// The tolerance of the FMU's solver.
-    Solver,
-    /// The error of other step sizes.
-    Coarse,
+    /// A run that differs from the usual run in what must not matter.
+    Same {
+        /// What is different, such as `after fmi2Reset`, and what the usual run has done.
+        how: &'static str,
+        like: &'static str,
+        /// The relative difference of results that are equal.
+        tolerance: fn(&Subject<'_>) -> f64,
+        /// The run; the function receives `how`.
+        run: fn(&Subject<'_>, &str) -> Result<Trajectory>,
+    },
 }
 
 /// What is special about a test.
@@ -94,12 +75,10 @@ enum Trait {
     Claims(&'static str),
 }
 use Test::Of;
-use Tolerance::{Coarse, Rounding, Solver};
 use Trait::{
     Brief, Claims, CoSimulation, Fmi2, Fmi3, HeapChecked, Misuse, ModelExchange, Own, Quick,
     Several, Unloads,
 };
-use Way::{Run as By, Setup as With};
 
 impl Probe {
     /// Whether it is one of the quick tests.
@@ -152,35 +131,21 @@ impl Probe {
     pub fn run(&self, subject: &Subject<'_>) -> Result<()> {
         let outcome = match &self.test {
             Test::Of(test) => test(subject),
-            Test::Twin(twin) => twin.run(subject),
+            Test::Same {
+                how,
+                like,
+                tolerance,
+                run,
+            } => subject.usual().and_then(|usual| {
+                let actual = run(subject, how)?;
+                subject.ensure_same(&actual, usual, tolerance(subject), how, like)
+            }),
         };
         match (outcome, self.claim()) {
             (Err(error), _) if error.is::<Skip>() => Ok(()),
             (Err(error), Some(claim)) => Err(error.context(claim)),
             (outcome, _) => outcome,
         }
-    }
-}
-
-impl Twin {
-    fn run(&self, subject: &Subject<'_>) -> Result<()> {
-        let expected = subject.usual()?;
-        let tolerance = match self.tolerance {
-            Tolerance::Rounding => 1e-9,
-            Tolerance::Solver => subject.tolerance(),
-            Tolerance::Coarse => subject.tolerance().max(1e-3),
-        };
-        let actual = match self.way {
-            Way::Run(run) => run(subject, self.how),
-            Way::Setup(change) => {
-                subject.report.stage(self.how);
-                Run::recorded(
-                    subject,
-                    subject.setup().with(|setup| change(setup, subject)),
-                )
-            }
-        }?;
-        subject.ensure_same(&actual, expected, tolerance, self.how, self.like)
     }
 }
 
@@ -246,14 +211,26 @@ macro_rules! probes {
 }
 
 /// A run that must be the same as the usual run.
-const fn same(how: &'static str, like: &'static str, tolerance: Tolerance, way: Way) -> Test {
-    Test::Twin(Twin {
+const fn same(
+    how: &'static str,
+    like: &'static str,
+    tolerance: fn(&Subject<'_>) -> f64,
+    run: fn(&Subject<'_>, &str) -> Result<Trajectory>,
+) -> Test {
+    Test::Same {
         how,
         like,
         tolerance,
-        way,
-    })
+        run,
+    }
 }
+
+/// The rounding of vectorized loops.
+const ROUNDING: fn(&Subject<'_>) -> f64 = |_| 1e-9;
+/// The tolerance of the FMU's solver.
+const SOLVER: fn(&Subject<'_>) -> f64 = |subject| subject.tolerance();
+/// The error of other step sizes.
+const COARSE: fn(&Subject<'_>) -> f64 = |subject| subject.tolerance().max(1e-3);
 
 /// The tests on whose results the others depend.
 static FIRST: &[Probe] = probes! {
@@ -264,7 +241,8 @@ static FIRST: &[Probe] = probes! {
     "trace-logging": INDEPENDENT, Of(|subject| {
         runs::trace(subject, subject.setup().with(|s| (s.name, s.logging) = ("another_name", true)))
     });
-    "heap": RUNS, Of(host::lives), HeapChecked;
+    // What is no crash, another test finds.
+    "heap": RUNS, Of(|subject| host::lives(subject).or_skip()), HeapChecked;
 };
 /// The binary loads and creates an instance.
 pub static IDENTITY: &Probe = &FIRST[0];
@@ -308,33 +286,34 @@ pub static PROBES: &[Probe] = probes! {
     "input-derivatives": INPUT_DERIVATIVES, Of(derivatives::of_inputs_in_time),
         Quick, Fmi2, CoSimulation, INTERPOLATES;
     "output-derivatives": OUTPUT_DERIVATIVES, Of(derivatives::of_outputs_in_time), Quick, CoSimulation;
-    "instances": SEPARATE, same("with a second instance", ALONE, Rounding, By(runs::beside)), Quick, Several;
-    "reset": RESET, same("after fmi2Reset", NEW, Solver, By(runs::reset)), Quick;
-    "reset-new": RESET, same("after fmi2Reset of a new instance", NEW, Solver, By(runs::reset_new));
+    "instances": SEPARATE, same("with a second instance", ALONE, ROUNDING, runs::beside), Quick, Several;
+    "reset": RESET, same("after fmi2Reset", NEW, SOLVER, runs::reset), Quick;
+    "reset-new": RESET, same("after fmi2Reset of a new instance", NEW, SOLVER, runs::reset_new);
     "reset-initializing": RESET,
-        same("after fmi2Reset in initialization mode", NEW, Solver, By(runs::reset_initializing));
+        same("after fmi2Reset in initialization mode", NEW, SOLVER, runs::reset_initializing);
     "reset-values": RESET, Of(runs::reset_values);
     "previous": SEPARATE,
-        same("after another instance was freed", ALONE, Rounding, By(runs::after_another));
-    "thread": THREADS, same("on another thread", ALONE, Rounding, By(runs::on_a_thread));
+        same("after another instance was freed", ALONE, ROUNDING, runs::after_another);
+    "thread": THREADS, same("on another thread", ALONE, ROUNDING, runs::on_a_thread);
     "threads": THREADS, Of(runs::on_threads), Own, Several;
     "strings-of-instances": STRINGS, Of(values::strings_of_instances), Several;
-    "no-stop-time": STOP_TIME, same("without a stop time", STOP, Solver, With(|setup, _| setup.stop = None));
+    "no-stop-time": STOP_TIME,
+        same("without a stop time", STOP, SOLVER, |s, how| runs::with(s, how, |setup| setup.stop = None));
     "later-stop-time": STOP_TIME,
-        same("with a later stop time", STOP, Solver, With(|setup, subject| {
-            setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - subject.start()));
+        same("with a later stop time", STOP, SOLVER, |s, how| runs::with(s, how, |setup| {
+            setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start()));
         }));
     "summed-times": ROUNDED_TIMES,
-        same("with times that are rounded in another way", "", Solver, With(|setup, _| {
-            setup.summed_times = true;
-        }));
+        same("with times that are rounded in another way", "", SOLVER,
+            |s, how| runs::with(s, how, |setup| setup.summed_times = true));
     "step-size": STEP_SIZE, Of(runs::step_sizes), Quick, CoSimulation, VARIABLE_STEPS;
     "micro-steps": MICRO_STEPS,
-        same("with each step in two parts, the second of 1e-9 of its size", WHOLE, Coarse,
-            With(|setup, _| setup.fractions = &[1.0 - 1e-9, 1e-9])),
+        same("with each step in two parts, the second of 1e-9 of its size", WHOLE, COARSE,
+            |s, how| runs::with(s, how, |setup| setup.fractions = &[1.0 - 1e-9, 1e-9])),
         CoSimulation, VARIABLE_STEPS;
     "half-steps": HALF_STEPS,
-        same("with each step in two halves", WHOLE, Coarse, With(|setup, _| setup.fractions = &[0.5, 0.5])),
+        same("with each step in two halves", WHOLE, COARSE,
+            |s, how| runs::with(s, how, |setup| setup.fractions = &[0.5, 0.5])),
         CoSimulation, VARIABLE_STEPS;
     "stop-time-passed": PAST_STOP, Of(misuse::past_stop), Misuse, Fmi2, CoSimulation;
     "end": GET_AFTER_END, Of(runs::end);

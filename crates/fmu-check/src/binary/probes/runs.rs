@@ -173,6 +173,16 @@ pub fn trace(subject: &Subject<'_>, setup: Setup<'_>) -> Result<()> {
     Ok(())
 }
 
+/// A short run with a change of its setup.
+pub fn with(
+    subject: &Subject<'_>,
+    how: &str,
+    change: impl FnOnce(&mut Setup<'_>),
+) -> Result<Trajectory> {
+    subject.report.stage(how);
+    Run::recorded(subject, subject.setup().with(change))
+}
+
 /// Runs next to a second instance with other inputs and parameters.
 pub fn beside(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     subject.report.stage(how);

@@ -1,12 +1,58 @@
-//! The findings as SARIF 2.1.0, the format of code scanning in continuous integration.
+//! Findings for other programs: as JSON, and as SARIF 2.1.0, the format of code scanning in continuous
+//! integration.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 
+use fmu_description::FmiVersion;
 use serde_json::{Value, json};
 
-use super::TOOL;
-use crate::{Finding, Findings, Rule, Severity, rules};
+use crate::finding::{Finding, Findings, Group};
+use crate::rule::{Rule, Severity};
+use crate::rules::rules;
+
+/// The name of the program that other programs show.
+const TOOL: &str = "cargo-fmu";
+
+/// The findings on some FMUs as a JSON document, which `docs/validate.md` describes.
+pub fn json(files: &[(PathBuf, Findings)]) -> Value {
+    let of = |(file, findings): &(PathBuf, Findings)| {
+        let groups = findings.groups().iter();
+        json!({
+            "file": file.to_string_lossy(),
+            "errors": findings.errors(),
+            "warnings": findings.warnings(),
+            "rules": groups.map(|group| json_of(group, findings.version())).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "tool": TOOL,
+        "version": env!("CARGO_PKG_VERSION"),
+        "files": files.iter().map(of).collect::<Vec<_>>(),
+    })
+}
+
+fn json_of(group: &Group, version: FmiVersion) -> Value {
+    let rule = group.rule;
+    json!({
+        "id": rule.id,
+        "severity": rule.severity.to_string(),
+        "text": rule.text,
+        "source": rule.source.of(version).to_string(),
+        "count": group.count,
+        "findings": group.kept.iter().map(finding).collect::<Vec<_>>(),
+    })
+}
+
+fn finding(finding: &Finding) -> Value {
+    let location = &finding.location;
+    json!({
+        "file": location.file,
+        "line": location.line,
+        "variable": location.variable,
+        "text": finding.text,
+    })
+}
 
 /// The findings on some FMUs as a SARIF log with one run.
 ///
@@ -137,7 +183,7 @@ fn uri(path: &str) -> String {
 mod tests {
     use super::*;
     use crate::package::READABLE;
-    use crate::rules::root::UTC;
+    use crate::rules::definitions::UTC;
 
     #[test]
     fn results_refer_to_the_rules_and_to_the_files_in_the_fmu() {
