@@ -42,7 +42,13 @@ FEW = list({DEFECTS[name][1]: name for name in reversed(FOUND)}.values())
 ALL = "ALL_DEFECTS" in os.environ
 """Whether to test all defects, as `make conformance` does, instead of a few."""
 
-FATAL = ("EXIT_IN_INSTANTIATE", "FREE_CRASHES", "GUID_REFUSED", "MISSING_FUNCTION", "UNLOAD_CRASHES")
+FATAL = (
+    "EXIT_IN_INSTANTIATE",
+    "FREE_CRASHES",
+    "GUID_REFUSED",
+    "MISSING_FUNCTION",
+    "UNLOAD_CRASHES",
+)
 """Defects that show as soon as FMPy makes an instance and frees it."""
 
 FREED = 42
