@@ -41,8 +41,8 @@ fn both<Step: FnMut([f64; 4]) -> f64>(
     }
 }
 
-/// Each controller, called in process.
-fn controllers(criterion: &mut Criterion) {
+/// Each model, called in process.
+fn models(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("in process");
     both(&mut group, "Pid", CONTROLLER, || {
         let mut c = pid(Integral::Sum, false);
@@ -56,12 +56,6 @@ fn controllers(criterion: &mut Criterion) {
         let mut c = ipid_rbf(Target::Own, [0.0; 4]);
         move |[r, y, d, u_supervisor]| c.sample(r, y, d, u_supervisor)
     });
-    group.finish();
-}
-
-/// Each form of the plant, and the source.
-fn others(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("in process");
     both(&mut group, "Pendulum, linear", FORCE, || {
         let mut plant = Linear::new(&Parameters::PAPER);
         let advance = move |state: &mut State, u: f64| plant.advance(state, u, TS);
@@ -77,21 +71,19 @@ fn others(criterion: &mut Criterion) {
         let plant = TransferFunction::new(&Parameters::PAPER, TS, State::default());
         from_upright(plant, |plant, u| _ = plant.advance(u), |p| p.theta())
     });
-    let mut time = 0.0;
-    group.bench_function("Source stand", |b| {
-        b.iter(|| {
-            time += TS;
-            black_box(1.0) + signal::pulse(5.0, 0.5, time)
-        });
-    });
-    let mut time = 0.0;
-    group.bench_function("Source move", |b| {
-        b.iter(|| {
-            time += TS;
-            signal::sine(0.2, time) + signal::pulse(5.0, 0.5, time)
-        });
-    });
+    source(&mut group, "stand", |_| black_box(1.0));
+    source(&mut group, "move", |time| signal::sine(0.2, time));
     group.finish();
+}
+
+fn source(group: &mut Group<'_>, kind: &str, wave: impl Fn(f64) -> f64) {
+    let mut time = 0.0;
+    group.bench_function(format!("Source {kind}"), |b| {
+        b.iter(|| {
+            time += TS;
+            wave(time) + signal::pulse(5.0, 0.5, time)
+        });
+    });
 }
 
 /// The steps of an unstable plant, which starts anew before it falls over.
@@ -115,15 +107,10 @@ fn from_upright<P: Clone>(
 /// The cost of a sample as a function of the number of network nodes.
 fn nodes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("nodes");
-    nodes_of::<1>(&mut group);
-    nodes_of::<2>(&mut group);
-    nodes_of::<4>(&mut group);
-    nodes_of::<8>(&mut group);
-    nodes_of::<16>(&mut group);
-    nodes_of::<32>(&mut group);
-    nodes_of::<64>(&mut group);
-    nodes_of::<128>(&mut group);
-    nodes_of::<256>(&mut group);
+    macro_rules! nodes {
+        ($($count:literal)*) => { $(nodes_of::<$count>(&mut group);)* };
+    }
+    nodes!(1 2 4 8 16 32 64 128 256);
     group.finish();
 }
 
@@ -157,5 +144,5 @@ fn loading(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, controllers, others, nodes, loading);
+criterion_group!(benches, models, nodes, loading);
 criterion_main!(benches);

@@ -5,79 +5,28 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::Value;
-use fmu_host::{Success, operation};
+use fmu_host::{Instance, Success, operation};
 use fmu_worker::{Calls, Function};
-use serde::{Deserialize, Serialize};
 
 use crate::plan::Planned;
-use crate::value::shown;
-use crate::wiring::{Place, Ports, Source, Transfers, Wired};
-use crate::{Failure, Fmu, Messages};
+use crate::wiring::{Ports, Source, Store, Wired, number};
+use crate::{Failure, Fmu, Messages, Place};
 
 /// The outcome of a call.
 pub(crate) type Called<T = ()> = Result<T, Box<Failure>>;
-
-/// Values: those of the type Float64 as `f64`, which is fast, and the others.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub(crate) struct Store {
-    pub(crate) reals: Vec<f64>,
-    pub(crate) others: Vec<Value>,
-}
-
-impl Store {
-    /// This many values of each kind.
-    pub(crate) fn new([reals, others]: [usize; 2]) -> Self {
-        Self {
-            reals: vec![0.0; reals],
-            others: vec![Value::Boolean(false); others],
-        }
-    }
-
-    /// A number, or a Boolean as 0 or 1; NaN for other values.
-    #[inline(always)]
-    pub(crate) fn number(&self, place: Place) -> f64 {
-        match place {
-            Place::Real(index) => self.reals[index],
-            Place::Other(index) => number(&self.others[index]),
-        }
-    }
-
-    pub(crate) fn value(&self, place: Place) -> Value {
-        match place {
-            Place::Real(index) => Value::Float64(self.reals[index]),
-            Place::Other(index) => self.others[index].clone(),
-        }
-    }
-
-    fn set(&mut self, place: Place, value: Value) {
-        match place {
-            Place::Real(index) => self.reals[index] = number(&value),
-            Place::Other(index) => self.others[index] = value,
-        }
-    }
-}
-
-fn number(value: &Value) -> f64 {
-    match value {
-        Value::Boolean(value) => (*value).into(),
-        value => {
-            let whole = value.as_whole().map(|whole| whole as f64);
-            whole.or(value.as_real()).unwrap_or(f64::NAN)
-        }
-    }
-}
 
 /// A component and what is transferred from and to it.
 pub(crate) struct Component<'a> {
     name: &'a str,
     /// Must be dropped before the FMU, which removes its files.
-    instance: fmu_host::Instance,
-    fmu: Arc<Fmu>,
+    instance: Instance,
+    pub(crate) fmu: Arc<Fmu>,
     messages: Messages,
     calls: Calls,
     do_step: Option<Function>,
-    transfers: &'a Transfers,
-    /// The values of its inputs; those of elements that are not connected stay.
+    ports: &'a [Ports],
+    /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
+    /// connected stay.
     reals: Vec<f64>,
     others: Vec<Vec<Value>>,
 }
@@ -88,13 +37,15 @@ impl<'a> Component<'a> {
     pub(crate) fn new(
         index: usize,
         planned: &'a Planned,
-        transfers: &'a Transfers,
+        ports: &'a [Ports],
         starts: &BTreeMap<usize, &Value>,
         messages: &Messages,
     ) -> Result<Self> {
         let Planned { name, fmu, .. } = planned;
-        let others = transfers.others.iter();
-        let reals = initial(&transfers.reals.inputs, fmu, starts);
+        let mut inputs = ports
+            .iter()
+            .map(|ports| initial(&ports.inputs, fmu, starts));
+        let reals = inputs.next().unwrap_or_default();
         Ok(Self {
             name,
             instance: fmu.instantiate(index, name, messages)?,
@@ -102,9 +53,9 @@ impl<'a> Component<'a> {
             calls: messages.record().calls(index),
             do_step: Function::of(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
-            others: others.map(|o| initial(&o.inputs, fmu, starts)).collect(),
+            others: inputs.collect(),
             fmu: fmu.clone(),
-            transfers,
+            ports,
         })
     }
 
@@ -113,7 +64,7 @@ impl<'a> Component<'a> {
         &mut self,
         operation: &str,
         what: &str,
-        call: impl FnOnce(&mut fmu_host::Instance) -> fmu_host::Result,
+        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
         self.calls.begin(Function::of(self.fmu.version, operation));
         let outcome = call(&mut self.instance);
@@ -155,21 +106,20 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once.
     #[inline(always)]
     pub(crate) fn read(&mut self, outputs: &mut Store) -> Called {
-        let Transfers { reals, others, .. } = self.transfers;
-        if let (true, Place::Real(first)) = (reals.outputs.are_all, reals.first) {
-            let values = &mut outputs.reals[first..][..reals.outputs.elements];
-            self.calls.begin(reals.get);
-            match self.instance.get_float64(&reals.outputs.references, values) {
-                Ok(Success::Ok) => {}
-                outcome => self.explain_reading(outcome, &reals.outputs)?,
+        for ports in self.ports {
+            match ports.first {
+                Place::Real(first) if ports.outputs.are_all => {
+                    let values = &mut outputs.reals[first..][..ports.outputs.elements];
+                    self.calls.begin(ports.get);
+                    match self.instance.get_float64(&ports.outputs.references, values) {
+                        Ok(Success::Ok) => {}
+                        outcome => self.explain_reading(outcome, &ports.outputs)?,
+                    }
+                }
+                _ => self.read_values(ports, outputs)?,
             }
-        } else {
-            self.read_values(reals, outputs)?;
         }
-        match others.is_empty() {
-            true => Ok(()),
-            false => (others.iter()).try_for_each(|ports| self.read_values(ports, outputs)),
-        }
+        Ok(())
     }
 
     #[inline(never)]
@@ -188,8 +138,7 @@ impl<'a> Component<'a> {
         }
         let mut all = vec![Value::Boolean(false); scalars.elements];
         self.calls.begin(ports.get);
-        let references = &scalars.references;
-        let outcome = self.instance.get_values(ports.kind, references, &mut all);
+        let outcome = (self.instance).get_values(ports.kind, &scalars.references, &mut all);
         if outcome != Ok(Success::Ok) {
             self.explain_reading(outcome, scalars)?;
         }
@@ -208,17 +157,15 @@ impl<'a> Component<'a> {
     /// Writes its inputs.
     #[inline(always)]
     pub(crate) fn write(&mut self, outputs: &Store) -> Called {
-        let Transfers { reals, others, .. } = self.transfers;
-        let Wired {
-            references,
-            elements,
-            ..
-        } = &reals.inputs;
-        if !references.is_empty() {
+        let Some((reals, others)) = self.ports.split_first() else {
+            return Ok(());
+        };
+        let inputs = &reals.inputs;
+        if !inputs.references.is_empty() {
             let values = match reals.run {
-                Some(first) => &outputs.reals[first..][..*elements],
+                Some(first) => &outputs.reals[first..][..inputs.elements],
                 None => {
-                    for (position, source) in reals.inputs.positions.iter().zip(&reals.sources) {
+                    for (position, source) in inputs.positions.iter().zip(&reals.sources) {
                         let output = outputs.number(source.output);
                         let scale = source.scale.map(|s| s.factor * output + s.offset);
                         self.reals[*position] = scale.unwrap_or(output);
@@ -227,36 +174,33 @@ impl<'a> Component<'a> {
                 }
             };
             self.calls.begin(reals.set);
-            match self.instance.set_float64(references, values) {
+            match self.instance.set_float64(&inputs.references, values) {
                 Ok(Success::Ok) => {}
                 outcome => {
                     let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
-                    self.explain_writing(outcome, &reals.inputs, &values)?;
+                    self.explain_writing(outcome, inputs, &values)?;
                 }
             }
         }
         match others.is_empty() {
             true => Ok(()),
-            false => self.write_others(outputs),
+            false => self.write_others(others, outputs),
         }
     }
 
     #[inline(never)]
-    fn write_others(&mut self, outputs: &Store) -> Called {
-        for (index, ports) in self.transfers.others.iter().enumerate() {
-            let Ports {
-                inputs, sources, ..
-            } = ports;
+    fn write_others(&mut self, others: &[Ports], outputs: &Store) -> Called {
+        for (index, ports) in others.iter().enumerate() {
+            let inputs = &ports.inputs;
             if inputs.references.is_empty() {
                 continue;
             }
             let mut values = std::mem::take(&mut self.others[index]);
-            for (position, source) in inputs.positions.iter().zip(sources) {
-                let output = outputs.number(source.output);
-                let scale = source
+            for (position, source) in inputs.positions.iter().zip(&ports.sources) {
+                let scaled = source
                     .scale
-                    .map(|s| Value::Float64(s.factor * output + s.offset));
-                values[*position] = scale.unwrap_or_else(|| outputs.value(source.output));
+                    .map(|s| Value::Float64(s.factor * outputs.number(source.output) + s.offset));
+                values[*position] = scaled.unwrap_or_else(|| outputs.value(source.output));
             }
             self.calls.begin(ports.set);
             let outcome = (self.instance).set_values(ports.kind, &inputs.references, &values);
@@ -277,8 +221,11 @@ impl<'a> Component<'a> {
     ) -> Called {
         let pairs = inputs.scalars.iter().zip(&inputs.positions);
         let texts = pairs.map(|(scalar, position)| {
-            let (name, value) = (self.fmu.name(*scalar), shown(&values[*position]));
-            format!("{name} = {value}")
+            let name = self.fmu.name(*scalar);
+            match &values[*position] {
+                Value::String(text) => format!("{name} = {text:?}"),
+                value => format!("{name} = {value}"),
+            }
         });
         let what = Vec::from_iter(texts).join(", ");
         self.explain(outcome, || what)
@@ -304,10 +251,6 @@ impl<'a> Component<'a> {
             self.explain_writing(outcome, &wired, &values)?;
         }
         Ok(())
-    }
-
-    pub(crate) fn fmu(&self) -> &Arc<Fmu> {
-        &self.fmu
     }
 }
 
@@ -345,7 +288,7 @@ pub(crate) fn propagate(
     outputs: &mut Store,
 ) -> Called<bool> {
     let mut changed = false;
-    for ports in components[fed].transfers.all() {
+    for ports in components[fed].ports {
         let same = |a: &Source, b: &Source| (a.component, a.kind) == (b.component, b.kind);
         for sources in ports.sources.chunk_by(same) {
             let component = &mut components[sources[0].component];
@@ -353,8 +296,8 @@ pub(crate) fn propagate(
             for source in sources {
                 scalars.push(&component.fmu, source.scalar);
             }
-            let mut all = component.transfers.all();
-            let Some(from) = all.find(|ports| ports.kind == sources[0].kind) else {
+            let is_same = |ports: &&Ports| ports.kind == sources[0].kind;
+            let Some(from) = component.ports.iter().find(is_same) else {
                 continue;
             };
             for (source, value) in sources.iter().zip(component.get(from, &scalars)?) {

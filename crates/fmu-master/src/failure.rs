@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use fmu_worker::Record;
+use fmu_worker::{Record, Worker};
 
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,8 +96,39 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// Describes a call that has not returned for long.
-pub fn slow(record: &Record, components: &[(String, String)]) -> Option<String> {
-    let outcome = format!("has not returned for {} s", fmu_worker::SLOW.as_secs());
-    Some(Failure::recorded(record, components, &outcome)?.event())
+/// The end of a worker process.
+pub(crate) struct Crash {
+    /// What happened, without the words of the FMU.
+    pub(crate) event: String,
+    /// What happened, with the words of the FMU.
+    pub(crate) text: String,
+    /// The communication point (s).
+    pub(crate) time: Option<f64>,
+}
+
+impl Crash {
+    /// The call in which a worker has ended, and how. `components` as in [`Failure::recorded`].
+    pub(crate) fn new(worker: &Worker, components: &[(String, String)], how: &str) -> Self {
+        let record = worker.record();
+        let failure = Failure::recorded(record, components, how);
+        let outside = || format!("the worker process {how}, outside of the calls of an FMU");
+        Self {
+            event: failure.as_ref().map_or_else(outside, Failure::event),
+            text: failure.map_or_else(outside, |failure| failure.to_string()),
+            time: record.time(),
+        }
+    }
+}
+
+/// Reports a call that has not returned for long, once.
+pub(crate) fn report_slow(
+    worker: &mut Worker,
+    components: &[(String, String)],
+    report: &dyn Fn(&str),
+) {
+    if worker.is_newly_slow() {
+        let outcome = format!("has not returned for {} s", fmu_worker::SLOW.as_secs());
+        let slow = Failure::recorded(worker.record(), components, &outcome);
+        slow.iter().for_each(|slow| report(&slow.event()));
+    }
 }

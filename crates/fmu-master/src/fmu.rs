@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::real;
 use fmu_description::xml::{self, Element};
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variable};
@@ -29,8 +29,8 @@ pub struct Fmu {
     pub(crate) scalars: Vec<Scalar>,
     /// The indices of variables that depend on clocks.
     clocked: HashSet<usize>,
-    /// Outputs, and the inputs that they depend on directly; `None` where the FMU declares nothing.
-    pub(crate) feedthrough: Vec<(usize, Option<Arc<[usize]>>)>,
+    /// Outputs, and the inputs that they depend on directly, where the FMU declares it.
+    pub(crate) feedthrough: Vec<(usize, Arc<[usize]>)>,
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
     units: HashMap<String, Vec<(String, f64)>>,
@@ -184,14 +184,13 @@ impl Fmu {
             return Ok(index);
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
-        let array = self.variables.iter().position(|v| v.name == name);
-        let array = array.and_then(|v| self.scalars.iter().position(|s| s.variable == v));
+        let mut scalars = 0..names.len();
+        let array = scalars.find(|scalar| self.variable(*scalar).name == name);
         let similar = similar(name, names.iter().map(String::as_str));
         let hint = match (array, similar.as_slice()) {
             (Some(first), _) => {
-                let Range { start, end } = self.array(first);
-                let (first, last) = (&names[start], &names[end - 1]);
-                format!("; its elements are {first} to {last}")
+                let last = self.array(first).end - 1;
+                format!("; its elements are {} to {}", names[first], names[last])
             }
             (_, []) => String::new(),
             (_, names) => format!("; did you mean {}?", names.join(" or ")),
@@ -225,29 +224,21 @@ impl Fmu {
         name: &str,
         messages: &Messages,
     ) -> Result<Instance> {
+        let path = self.path.display();
+        let what = || format!("component {name}: {path} cannot be instantiated");
         self.try_instantiate(component, name, messages)
-            .map_err(|reason| {
-                let path = self.path.display();
-                anyhow!("component {name}: {path} cannot be instantiated: {reason}")
-            })
+            .with_context(what)
     }
 
-    fn try_instantiate(
-        &self,
-        component: usize,
-        name: &str,
-        messages: &Messages,
-    ) -> Result<Instance, String> {
-        let mut calls = messages.record().calls(component);
+    fn try_instantiate(&self, index: usize, name: &str, messages: &Messages) -> Result<Instance> {
+        let mut calls = messages.record().calls(index);
         calls.begin(Some(Function::LOADING));
         let library = self
             .library
             .get_or_init(|| Library::load(&self.folder.path().join(&self.binary), self.version))
             .as_ref()
-            .map_err(ToString::to_string)?;
-        if library.is_lost() {
-            return Err("it is unusable after a fatal error".into());
-        }
+            .map_err(Clone::clone)?;
+        ensure!(!library.is_lost(), "it is unusable after a fatal error");
         let resources = self.folder.path().join("resources");
         let arguments = Instantiation {
             name,
@@ -263,13 +254,10 @@ impl Fmu {
             FmiVersion::Fmi3 => "fmi3InstantiateCoSimulation",
         };
         calls.begin(Function::named(function));
-        library
-            .instantiate(&arguments, sink)
-            .map_err(|failure| failure.to_string())?
-            .ok_or_else(|| {
-                let reason = messages.reason(function);
-                reason.unwrap_or_else(|| "the FMU logged no reason".into())
-            })
+        library.instantiate(&arguments, sink)?.with_context(|| {
+            let reason = messages.reason(function);
+            reason.unwrap_or_else(|| "the FMU logged no reason".into())
+        })
     }
 }
 
@@ -327,7 +315,7 @@ fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<St
     Ok(binary)
 }
 
-fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Arc<[usize]>>)> {
+fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Arc<[usize]>)> {
     // Invalid variables are left out.
     let mut first = 0;
     let mut positions: HashMap<usize, Range<usize>> = HashMap::new();
@@ -339,17 +327,12 @@ fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Option<Arc<[usize]>>
         let found = index.and_then(|index| positions.get(&index));
         found.cloned().unwrap_or_default()
     };
-    let known = |all: &Vec<u32>| {
-        all.iter()
-            .flat_map(|n| positions(model.index(*n)))
-            .collect()
-    };
-    (model.outputs.iter())
-        .flat_map(|unknown| {
-            let inputs: Option<Arc<[usize]>> = unknown.dependencies.as_ref().map(known);
-            positions(unknown.index).map(move |output| (output, inputs.clone()))
-        })
-        .collect()
+    let declared = model.outputs.iter().filter_map(|unknown| {
+        let inputs = unknown.dependencies.as_ref()?.iter();
+        let inputs: Arc<[usize]> = inputs.flat_map(|n| positions(model.index(*n))).collect();
+        Some(positions(unknown.index).map(move |output| (output, inputs.clone())))
+    });
+    declared.flatten().collect()
 }
 
 /// The definitions of units in base units: exponents, factor and offset that differ from the default.

@@ -46,15 +46,15 @@ mod simulation;
 pub mod ssp;
 pub mod sweep;
 pub mod table;
-mod value;
 mod wiring;
 
-pub use description::{Component, Connection, Description, Experiment, Order, Scale, locate};
-pub use failure::{Failure, slow};
+pub use description::{
+    Component, Connection, Description, Experiment, Order, Scale, Written, locate,
+};
+pub use failure::Failure;
 pub use fmu::Fmu;
 pub use messages::{Message, Messages};
 pub use plan::{Plan, Planned, Start};
 pub use simulation::{Row, Simulation};
 pub use table::Column;
-pub use value::Written;
 pub use wiring::Place;

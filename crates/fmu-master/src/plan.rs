@@ -10,7 +10,7 @@ use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
 use crate::fmu::{Sizes, similar};
 use crate::table::Column;
 use crate::wiring::{Wiring, places};
-use crate::{Component, Description, Experiment, Fmu, Order, Place, Scale, Written};
+use crate::{Component, Connection, Description, Experiment, Fmu, Order, Place, Scale, Written};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -35,13 +35,13 @@ impl Plan {
     /// Something does not fit; the error names it: a file, a variable, a causality, a type, a unit, a
     /// start value, the times, an algebraic loop.
     pub fn new(description: &Description) -> Result<Self> {
-        let mut fmus = HashMap::new();
         description.experiment().steps()?;
         tolerance("tolerance", description.tolerance)?;
         ensure!(
             !description.components.is_empty(),
             "the system has no component"
         );
+        let mut fmus = Fmus::new();
         let mut components: Vec<Planned> = Vec::new();
         for component in &description.components {
             let name = &component.name;
@@ -54,7 +54,7 @@ impl Plan {
                 "two components have the name {name}"
             );
             tolerance(&format!("tolerance of {name}"), component.tolerance)?;
-            let new = planned(component, description.tolerance, &mut fmus)?;
+            let new = Planned::new(component, description.tolerance, &mut fmus)?;
             if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
                 ensure!(
                     !new.fmu.only_once,
@@ -65,30 +65,34 @@ impl Plan {
             }
             components.push(new);
         }
-        let links = description
-            .connections
-            .iter()
-            .map(|connection| {
-                Ok(Link {
-                    from: port(&components, &connection.from)?,
-                    to: port(&components, &connection.to)?,
-                    scale: connection.scale,
-                })
+        let link = |connection: &Connection| {
+            Ok(Link {
+                from: port(&components, &connection.from)?,
+                to: port(&components, &connection.to)?,
+                scale: connection.scale,
             })
-            .collect::<Result<Vec<_>>>()?;
+        };
+        let links = description.connections.iter().map(link);
+        let links = links.collect::<Result<Vec<_>>>()?;
         links_fit(&components, &links)?;
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             no_algebraic_loops(&components, &links)?;
         }
         let recorded = recorded(&components, &description.outputs)?;
+        let column = |port: &Port| {
+            let Variable { of_type, unit, .. } = port.of(&components);
+            let none = if of_type.is_float() { "1" } else { "" };
+            Column::new(
+                port.name(&components),
+                unit.as_deref().unwrap_or(none),
+                *of_type,
+            )
+        };
         Ok(Self {
             order: description.order,
             experiment: description.experiment(),
             wiring: Wiring::new(&components, &links, &recorded),
-            columns: recorded
-                .iter()
-                .map(|port| column(&components, *port))
-                .collect(),
+            columns: recorded.iter().map(column).collect(),
             components,
         })
     }
@@ -157,45 +161,14 @@ impl Plan {
         component: usize,
         others: &'a [Start],
     ) -> BTreeMap<usize, &'a Value> {
-        let planned = &self.components[component];
-        let mut starts: BTreeMap<usize, &Value> = planned
-            .starts
-            .iter()
-            .map(|(index, value)| (*index, value))
-            .collect();
+        let own = self.components[component].starts.iter();
         let others = others
             .iter()
             .filter(|start| start.port.component == component);
-        starts.extend(others.map(|start| (start.port.scalar, &start.value)));
-        starts
-    }
-
-    /// Checks that arrays of which elements are set can be set as a whole.
-    ///
-    /// # Errors
-    /// An element is not set, and the FMU has no start value for it, as its description is that of a
-    /// smaller array.
-    pub(crate) fn check_arrays(
-        &self,
-        component: usize,
-        starts: &BTreeMap<usize, &Value>,
-    ) -> Result<()> {
-        let planned = &self.components[component];
-        let fmu = &planned.fmu;
-        for scalar in starts.keys() {
-            let mut array = fmu.array(*scalar);
-            let is_missing = |i: &usize| fmu.start(*i).is_none() && !starts.contains_key(i);
-            if array.len() > 1
-                && let Some(missing) = array.find(is_missing)
-            {
-                bail!(
-                    "{} cannot be set without {}, for which the FMU has no start value",
-                    planned.name_of(*scalar),
-                    planned.name_of(missing)
-                );
-            }
-        }
-        Ok(())
+        let others = others.map(|start| (start.port.scalar, &start.value));
+        own.map(|(index, value)| (*index, value))
+            .chain(others)
+            .collect()
     }
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,
@@ -251,9 +224,52 @@ impl Port {
     pub(crate) fn access(self, components: &[Planned]) -> Type {
         components[self.component].fmu.access(self.scalar)
     }
+
+    /// Its name in the system.
+    fn name(self, components: &[Planned]) -> String {
+        components[self.component].name_of(self.scalar)
+    }
 }
 
+/// The opened FMUs by their files and sizes.
+type Fmus = HashMap<(PathBuf, Sizes), Arc<Fmu>>;
+
 impl Planned {
+    fn new(component: &Component, tolerance: Option<f64>, fmus: &mut Fmus) -> Result<Self> {
+        let mut open = |sizes| {
+            open(&component.fmu, sizes, fmus)
+                .with_context(|| format!("component {}", component.name))
+        };
+        let full = |name: &str| format!("{}.{name}", component.name);
+        let mut fmu = open(Sizes::new())?;
+        let mut sizes = Sizes::new();
+        for (name, value) in &component.start {
+            // Names of other elements may exist only with these sizes.
+            let Ok(scalar) = fmu.find(name) else {
+                continue;
+            };
+            if fmu.variable(scalar).causality == Causality::StructuralParameter {
+                let value = start(&fmu, scalar, &full(name), value)?;
+                sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
+            }
+        }
+        if !sizes.is_empty() {
+            fmu = open(sizes)?;
+        }
+        let starts = component.start.iter().map(|(name, value)| {
+            let full = full(name);
+            let index = fmu.find(name).with_context(|| full.clone())?;
+            Ok((index, start(&fmu, index, &full, value)?))
+        });
+        Ok(Self {
+            name: component.name.clone(),
+            sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+            tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
+            starts: starts.collect::<Result<_>>()?,
+            fmu,
+        })
+    }
+
     /// The name of a scalar in the system.
     pub(crate) fn name_of(&self, scalar: usize) -> String {
         format!("{}.{}", self.name, self.fmu.name(scalar))
@@ -264,56 +280,28 @@ impl Planned {
         let starts = self.starts.iter();
         starts.map(|(scalar, value)| (self.fmu.variable(*scalar), value))
     }
-}
 
-/// The opened FMUs by their files and sizes.
-pub(crate) type Fmus = HashMap<(PathBuf, Sizes), Arc<Fmu>>;
-
-pub(crate) fn planned(
-    component: &Component,
-    tolerance: Option<f64>,
-    fmus: &mut Fmus,
-) -> Result<Planned> {
-    let mut open = |sizes| {
-        open(&component.fmu, sizes, fmus).with_context(|| format!("component {}", component.name))
-    };
-    let mut fmu = open(Sizes::new())?;
-    let sizes = sizes(component, &fmu)?;
-    if !sizes.is_empty() {
-        fmu = open(sizes)?;
-    }
-    let starts = component
-        .start
-        .iter()
-        .map(|(name, value)| {
-            let full = format!("{}.{name}", component.name);
-            let index = fmu.find(name).with_context(|| full.clone())?;
-            Ok((index, start(&fmu, index, &full, value)?))
-        })
-        .collect::<Result<_>>()?;
-    Ok(Planned {
-        name: component.name.clone(),
-        sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
-        tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
-        starts,
-        fmu,
-    })
-}
-
-/// The values of structural parameters that the description gives.
-fn sizes(component: &Component, fmu: &Fmu) -> Result<Sizes> {
-    let mut sizes = Sizes::new();
-    for (name, value) in &component.start {
-        // Names of other elements may exist only with these sizes.
-        let Ok(scalar) = fmu.find(name) else {
-            continue;
-        };
-        if fmu.variable(scalar).causality == Causality::StructuralParameter {
-            let value = start(fmu, scalar, &format!("{}.{name}", component.name), value)?;
-            sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
+    /// Checks that arrays of which elements are set can be set as a whole.
+    ///
+    /// # Errors
+    /// An element is not set, and the FMU has no start value for it, as its description is that of a
+    /// smaller array.
+    pub(crate) fn check_arrays(&self, starts: &BTreeMap<usize, &Value>) -> Result<()> {
+        let is_missing = |i: &usize| self.fmu.start(*i).is_none() && !starts.contains_key(i);
+        for scalar in starts.keys() {
+            let mut array = self.fmu.array(*scalar);
+            if array.len() > 1
+                && let Some(missing) = array.find(is_missing)
+            {
+                bail!(
+                    "{} cannot be set without {}, for which the FMU has no start value",
+                    self.name_of(*scalar),
+                    self.name_of(missing)
+                );
+            }
         }
+        Ok(())
     }
-    Ok(sizes)
 }
 
 fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
@@ -328,11 +316,11 @@ fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
 
 /// Whether all outputs are discrete, like those of a sampled controller.
 fn is_sampled(fmu: &Fmu) -> bool {
-    let mut outputs = fmu
+    let outputs = fmu
         .variables
         .iter()
-        .filter(|v| v.causality == Causality::Output)
-        .peekable();
+        .filter(|v| v.causality == Causality::Output);
+    let mut outputs = outputs.peekable();
     outputs.peek().is_some() && outputs.all(|v| v.variability == Variability::Discrete)
 }
 
@@ -342,16 +330,13 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
     }
     let variable = fmu.variable(scalar);
     let has_start = matches!(variable.initial, Some(Initial::Exact | Initial::Approx));
-    let is_constant = variable.variability == Variability::Constant;
-    if variable.causality == Causality::Input
-        || variable.is_parameter()
-        || (has_start && !is_constant)
-    {
-        return value.typed(variable, name);
-    }
-    bail!(
+    ensure!(
+        variable.causality == Causality::Input
+            || variable.is_parameter()
+            || (has_start && variable.variability != Variability::Constant),
         "{name} = {value} cannot be set: only inputs, parameters, and variables with initial exact or approx have start values"
-    )
+    );
+    value.typed(variable, name)
 }
 
 /// Finds `component.variable`.
@@ -359,17 +344,15 @@ fn port(components: &[Planned], name: &str) -> Result<Port> {
     let (component, variable) = name
         .split_once('.')
         .with_context(|| format!("{name:?} is not of the form component.variable"))?;
-    let index = components
-        .iter()
-        .position(|c| c.name == component)
-        .with_context(|| {
-            let names: Vec<&str> = components.iter().map(|c| c.name.as_str()).collect();
-            let known = match similar(component, names.iter().copied()).first() {
-                Some(name) => format!("did you mean {name}?"),
-                None => format!("the components are {}", names.join(", ")),
-            };
-            format!("{name}: there is no component {component:?}; {known}")
-        })?;
+    let index = components.iter().position(|c| c.name == component);
+    let index = index.with_context(|| {
+        let names = Vec::from_iter(components.iter().map(|c| c.name.as_str()));
+        let known = match similar(component, names.iter().copied()).first() {
+            Some(name) => format!("did you mean {name}?"),
+            None => format!("the components are {}", names.join(", ")),
+        };
+        format!("{name}: there is no component {component:?}; {known}")
+    })?;
     let scalar = components[index].fmu.find(variable);
     Ok(Port {
         component: index,
@@ -388,16 +371,14 @@ fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
 }
 
 fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
+    let unrecordable = |port: &Port| components[port.component].fmu.unrecordable(port.scalar);
     if names.is_empty() {
         // Strings and Binaries only on request.
         let is_recorded = |port: &Port| {
-            let of_type = port.of(components).of_type;
-            port.of(components).causality == Causality::Output
-                && !matches!(of_type, Type::String | Type::Binary)
-                && components[port.component]
-                    .fmu
-                    .unrecordable(port.scalar)
-                    .is_none()
+            let variable = port.of(components);
+            variable.causality == Causality::Output
+                && !matches!(variable.of_type, Type::String | Type::Binary)
+                && unrecordable(port).is_none()
         };
         let all = components.iter().enumerate().flat_map(|(component, c)| {
             (0..c.fmu.scalars.len()).map(move |scalar| Port { component, scalar })
@@ -407,7 +388,7 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     let mut ports = Vec::new();
     for name in names {
         let port = port(components, name)?;
-        if let Some(reason) = components[port.component].fmu.unrecordable(port.scalar) {
+        if let Some(reason) = unrecordable(&port) {
             bail!("{name} cannot be recorded: {reason}");
         }
         ensure!(!ports.contains(&port), "{name} is recorded twice");
@@ -416,63 +397,48 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     Ok(ports)
 }
 
-fn column(components: &[Planned], port: Port) -> Column {
-    let Variable { of_type, unit, .. } = port.of(components);
-    let none = if of_type.is_float() { "1" } else { "" };
-    let name = components[port.component].name_of(port.scalar);
-    Column::new(name, unit.as_deref().unwrap_or(none), *of_type)
-}
-
 /// Checks that every connection leads from an output to a matching input, and that no input is
 /// connected twice.
 fn links_fit(components: &[Planned], links: &[Link]) -> Result<()> {
     let mut fed = HashSet::new();
     for link in links {
-        let of = |port: Port| &components[port.component];
-        let name = |port: Port| of(port).name_of(port.scalar);
-        let (from, to) = (link.from.of(components), link.to.of(components));
+        let fmu = |port: Port| &components[port.component].fmu;
         for (port, expected) in [(link.from, Causality::Output), (link.to, Causality::Input)] {
-            if let Some(reason) = of(port).fmu.unusable(port.scalar) {
-                bail!("{} cannot be connected: {reason}", name(port));
+            let name = port.name(components);
+            if let Some(reason) = fmu(port).unusable(port.scalar) {
+                bail!("{name} cannot be connected: {reason}");
             }
             let actual = port.of(components).causality;
             ensure!(
                 actual == expected,
-                "{} is connected as {}, but is {}",
-                name(port),
+                "{name} is connected as {}, but is {}",
                 text(expected),
                 text(actual)
             );
         }
+        let (from, to) = (link.from.of(components), link.to.of(components));
+        let [a, b] = [link.from, link.to].map(|port| port.name(components));
         ensure!(
             class(from.of_type) == class(to.of_type),
-            "{} ({}) cannot feed {} ({}): the types differ",
-            name(link.from),
-            from.of_type.name(of(link.from).fmu.version),
-            name(link.to),
-            to.of_type.name(of(link.to).fmu.version)
+            "{a} ({}) cannot feed {b} ({}): the types differ",
+            from.of_type.name(fmu(link.from).version),
+            to.of_type.name(fmu(link.to).version)
         );
         ensure!(
             from.of_type != Type::String,
-            "{} is a String; connections carry numbers and Booleans",
-            name(link.from)
+            "{a} is a String; connections carry numbers and Booleans"
         );
         ensure!(
             link.scale.is_none() || from.of_type.is_float(),
-            "{} cannot feed {} with a factor: both must be real numbers",
-            name(link.from),
-            name(link.to)
+            "{a} cannot feed {b} with a factor: both must be real numbers"
         );
-        if let (Some(a), Some(b), None) = (&from.unit, &to.unit, link.scale) {
-            let (fmu, other) = (&of(link.from).fmu, &of(link.to).fmu);
+        if let (Some(one), Some(other), None) = (&from.unit, &to.unit, link.scale) {
             ensure!(
-                fmu.same_unit(a, other, b),
-                "{} [{a}] cannot feed {} [{b}]: the units differ; give the connection a factor to convert them",
-                name(link.from),
-                name(link.to)
+                fmu(link.from).same_unit(one, fmu(link.to), other),
+                "{a} [{one}] cannot feed {b} [{other}]: the units differ; give the connection a factor to convert them"
             );
         }
-        ensure!(fed.insert(link.to), "{} is connected twice", name(link.to));
+        ensure!(fed.insert(link.to), "{b} is connected twice");
     }
     Ok(())
 }
@@ -507,12 +473,8 @@ fn no_algebraic_loops(components: &[Planned], links: &[Link]) -> Result<()> {
         let mut path = Vec::new();
         if let Some(first) = find_loop(link.from, components, links, &mut path, &mut settled) {
             let start = path.iter().position(|port| *port == first).unwrap_or(0);
-            let names: Vec<String> = path[start..]
-                .iter()
-                .chain([&first])
-                .rev()
-                .map(|port| components[port.component].name_of(port.scalar))
-                .collect();
+            let ports = path[start..].iter().chain([&first]).rev();
+            let names = Vec::from_iter(ports.map(|port| port.name(components)));
             bail!(
                 "algebraic loop in which each output depends directly on the previous one: {}; parallel order breaks the loop with a delay of one step, and allow_algebraic_loops = true runs it all the same",
                 names.join(" -> ")
@@ -538,17 +500,13 @@ fn find_loop(
     }
     path.push(output);
     let known = components[output.component].fmu.feedthrough.iter();
-    let inputs = known
-        .filter(|(index, _)| *index == output.scalar)
-        .filter_map(|(_, inputs)| inputs.as_deref())
-        .flatten();
-    for &scalar in inputs {
+    let inputs = known.filter(|(index, _)| *index == output.scalar);
+    for scalar in inputs.flat_map(|(_, inputs)| inputs.iter().copied()) {
         let input = Port { scalar, ..output };
-        for link in links.iter().filter(|link| link.to == input) {
-            let found = find_loop(link.from, components, links, path, settled);
-            if found.is_some() {
-                return found;
-            }
+        let mut feeding = links.iter().filter(|link| link.to == input);
+        let found = feeding.find_map(|l| find_loop(l.from, components, links, path, settled));
+        if found.is_some() {
+            return found;
         }
     }
     path.pop();

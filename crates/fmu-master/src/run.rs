@@ -12,9 +12,10 @@ use fmu_file::replace::{Replacement, part};
 use fmu_worker::{Ended, Event, Service, Worker};
 use serde::{Deserialize, Serialize};
 
+use crate::failure::{Crash, report_slow};
 use crate::simulation::Finished;
 use crate::table::{self, Cell, Column, Format};
-use crate::{Experiment, Failure, Message, Messages, Plan, Row, Start, slow};
+use crate::{Experiment, Failure, Message, Messages, Plan, Row, Start};
 
 /// What a worker reports about a run.
 #[derive(Serialize, Deserialize)]
@@ -24,7 +25,7 @@ enum Report<'a> {
     /// A row.
     Row(Cow<'a, Row>),
     /// It has ended: what the FMUs have logged, the last row, and the time that the simulation took.
-    Done(Vec<Message>, Row, Duration),
+    Done(Vec<Message>, Cow<'a, Row>, Duration),
     /// It has failed, or cannot begin: what the FMUs have logged, why, and whether its rows are of use.
     Failed(Vec<Message>, String, bool),
 }
@@ -80,7 +81,7 @@ pub fn work(
     });
     let elapsed = begin.elapsed();
     service.reply(&match finished {
-        Ok(Finished { messages, last }) => Report::Done(messages, last, elapsed),
+        Ok(Finished { messages, last }) => Report::Done(messages, Cow::Owned(last), elapsed),
         Err(error) => {
             let keeps_rows = error.is::<Failure>();
             Report::Failed(messages.take(), format!("{error:#}"), keeps_rows)
@@ -142,96 +143,94 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
     let mut ready: Option<Ready> = None;
     let mut rows: Option<Rows> = None;
-    // What an FMU that writes out of bounds may have damaged.
-    let check = |ready: &Option<Ready>, row: &Row| {
-        let fits = ready.as_ref().is_some_and(|ready| row.fits(&ready.columns));
-        ensure!(fits, "the worker process has sent a damaged row");
-        Ok(())
-    };
+    let mut cancelled: Option<String> = None;
     loop {
-        match worker.look()? {
-            Some(Event::Replied) => match worker.reply()? {
-                Report::Ready(new) => {
-                    let create = |file| Rows::create(file, &new.columns);
-                    rows = file.map(create).transpose()?;
-                    ready = Some(new);
-                    worker.send(&());
-                }
-                Report::Row(row) => {
-                    check(&ready, &row)?;
-                    if let Some(rows) = &mut rows {
-                        rows.push(&row)?;
-                    }
-                }
-                Report::Done(messages, last, duration) => {
-                    check(&ready, &last)?;
-                    let rows = rows.map(Rows::finish).transpose()?;
-                    let crash = match worker.end(FAREWELL)? {
-                        Ended::Exited(status) if status.code().is_some() => None,
-                        ended => Some(ended),
-                    };
-                    let ready = ready.context("the run has not begun")?;
-                    return Ok(Outcome::Finished(Box::new(Summary {
-                        ready,
-                        messages,
-                        last,
-                        duration,
-                        rows,
-                        crash,
-                    })));
-                }
-                Report::Failed(messages, mut text, keeps_rows) => {
-                    if keeps_rows {
-                        text += &keep(file, rows);
-                    }
-                    return Ok(Outcome::Failed(messages, text));
-                }
-            },
+        let report = match worker.look()? {
+            Some(Event::Replied) => worker.reply()?,
             Some(Event::Ended(ended)) => {
                 let components = ready.map(|ready| ready.components).unwrap_or_default();
-                let failure = Failure::recorded(worker.record(), &components, &ended.to_string());
-                let text = match failure {
-                    Some(failure) => failure.to_string(),
-                    None => format!("the worker process {ended}, outside of the calls of an FMU"),
-                };
-                return Ok(Outcome::Failed(Vec::new(), text + &keep(file, rows)));
+                let rows = keep(file, rows);
+                return Ok(match cancelled {
+                    Some(when) => Outcome::Cancelled(when + &rows),
+                    None => {
+                        let crash = Crash::new(&worker, &components, &ended.to_string());
+                        Outcome::Failed(Vec::new(), crash.text + &rows)
+                    }
+                });
             }
             None if (watch.is_cancelled)() => {
                 let time = worker.record().time();
                 let time = time.map(|time| format!(" at t = {time:?} s"));
+                cancelled = Some(time.unwrap_or_default());
                 // Its last rows can still be received.
                 worker.kill()?;
-                while let Some(Event::Replied) = worker.look()? {
-                    if let (Report::Row(row), Some(rows)) = (worker.reply()?, &mut rows) {
-                        check(&ready, &row)?;
-                        rows.push(&row)?;
-                    }
-                }
-                let text = time.unwrap_or_default() + &keep(file, rows);
-                return Ok(Outcome::Cancelled(text));
+                continue;
             }
             None => {
-                if worker.is_newly_slow() {
-                    let components = ready.as_ref().map(|ready| ready.components.as_slice());
-                    let call = slow(worker.record(), components.unwrap_or_default());
-                    call.iter().for_each(|call| (watch.slow)(call));
+                if let Some(ready) = &ready {
+                    report_slow(&mut worker, &ready.components, watch.slow);
+                    let time = worker.record().time();
+                    time.iter().for_each(|time| (watch.progress)(ready, *time));
                 }
-                if let (Some(ready), Some(time)) = (&ready, worker.record().time()) {
-                    (watch.progress)(ready, time);
-                }
-                if let Some(rows) = &mut rows {
-                    rows.flush_sometimes()?;
+                if let Some(rows) = &mut rows
+                    && rows.flushed.elapsed() >= FLUSH_PERIOD
+                {
+                    rows.flush()?;
                 }
                 worker.pause();
+                continue;
+            }
+        };
+        if let Report::Row(row) | Report::Done(_, row, _) = &report {
+            // What an FMU that writes out of bounds may have damaged.
+            let fits = ready.as_ref().is_some_and(|ready| row.fits(&ready.columns));
+            ensure!(fits, "the worker process has sent a damaged row");
+        }
+        match report {
+            Report::Row(row) => rows.as_mut().map_or(Ok(()), |rows| rows.push(&row))?,
+            _ if cancelled.is_some() => {}
+            Report::Ready(new) => {
+                let create = |file| Rows::create(file, &new.columns);
+                rows = file.map(create).transpose()?;
+                ready = Some(new);
+                worker.send(&());
+            }
+            Report::Done(messages, last, duration) => {
+                let rows = rows.map(Rows::finish).transpose()?;
+                let last = last.into_owned();
+                let crash = match worker.end(FAREWELL)? {
+                    Ended::Exited(status) if status.code().is_some() => None,
+                    ended => Some(ended),
+                };
+                let ready = ready.context("the run has not begun")?;
+                return Ok(Outcome::Finished(Box::new(Summary {
+                    ready,
+                    messages,
+                    last,
+                    duration,
+                    rows,
+                    crash,
+                })));
+            }
+            Report::Failed(messages, mut text, keeps_rows) => {
+                if keeps_rows {
+                    text += &keep(file, rows);
+                }
+                return Ok(Outcome::Failed(messages, text));
             }
         }
     }
 }
 
-/// Keeps the rows of a run that did not reach its end, if there are any, in the file with the suffix `.part`.
-/// Returns where they are, to follow a sentence.
+/// Keeps the rows of a run that did not reach its end, if there are any, in the file with the suffix `.part`
+/// unless it is a device. Returns where they are, to follow a sentence.
 fn keep(file: Option<&Path>, rows: Option<Rows>) -> String {
-    match (file, rows.and_then(Rows::keep)) {
+    let kept = rows.filter(|rows| rows.count > 0).and_then(|mut rows| {
+        rows.flush().ok()?;
+        let part = rows.part.keep().ok()?;
+        Some((part.unwrap_or(rows.path), rows.last))
+    });
+    match (file, kept) {
         (None, _) => String::new(),
         (_, None) => "; no file was written".into(),
         (_, Some((file, last))) => {
@@ -297,14 +296,6 @@ impl Rows {
         Ok(())
     }
 
-    /// Writes to the file, unless that was done shortly before.
-    fn flush_sometimes(&mut self) -> Result<()> {
-        match self.flushed.elapsed() >= FLUSH_PERIOD {
-            true => self.flush(),
-            false => Ok(()),
-        }
-    }
-
     /// Moves the file into place and returns the number of rows.
     fn finish(mut self) -> Result<u64> {
         self.flush()?;
@@ -327,16 +318,5 @@ impl Rows {
             }
         }
         Ok(self.count)
-    }
-
-    /// Keeps the rows, if there are any; returns the file with them, which has the suffix `.part` unless it
-    /// is a device, and the time of the last one (s).
-    fn keep(mut self) -> Option<(PathBuf, f64)> {
-        if self.count == 0 {
-            return None;
-        }
-        self.flush().ok()?;
-        let file = self.part.keep().ok()?;
-        Some((file.unwrap_or(self.path), self.last))
     }
 }

@@ -7,9 +7,9 @@ use fmu_description::{Causality, Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::component::{Called, Component, Store, propagate};
-use crate::table::{Column, Values};
-use crate::wiring::{Records, places};
+use crate::component::{Called, Component, propagate};
+use crate::table::Column;
+use crate::wiring::{Store, places};
 use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
 
 /// An initialized run of a system.
@@ -55,17 +55,6 @@ impl Row {
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
         places(columns.iter().map(|column| column.kind)).map(|place| self.store.value(place))
     }
-
-    /// Copies recorded outputs.
-    #[inline(always)]
-    fn record(&mut self, records: &Records, outputs: &Store) {
-        for &(from, to) in &records.reals {
-            self.store.reals[to] = outputs.reals[from];
-        }
-        for &(from, to) in &records.others {
-            self.store.others[to].clone_from(&outputs.others[from]);
-        }
-    }
 }
 
 /// The number of columns of the type Float64, and of the others.
@@ -92,11 +81,11 @@ impl Plan {
     pub fn simulate(&self, starts: &[Start], messages: &Messages) -> Result<Simulation<'_>> {
         messages.record().at(f64::NAN);
         messages.record().step(self.experiment.step);
-        let transfers = self.components.iter().zip(&self.wiring.components);
-        let components = transfers.enumerate().map(|(index, (planned, transfers))| {
+        let ports = self.components.iter().zip(&self.wiring.components);
+        let components = ports.enumerate().map(|(index, (planned, ports))| {
             let starts = self.starts(index, starts);
-            self.check_arrays(index, &starts)?;
-            Component::new(index, planned, transfers, &starts, messages)
+            planned.check_arrays(&starts)?;
+            Component::new(index, planned, ports, &starts, messages)
         });
         let mut simulation = Simulation {
             plan: self,
@@ -121,7 +110,7 @@ impl Simulation<'_> {
             component.call("setup_experiment", "set-up of the experiment", |instance| {
                 instance.setup_experiment(start, Some(end), tolerance)
             })?;
-            let fmu = component.fmu().clone();
+            let fmu = component.fmu.clone();
             let (sizes, starts): (BTreeMap<_, _>, _) = (plan.starts(index, starts).into_iter())
                 .partition(|(index, _)| {
                     fmu.variable(*index).causality == Causality::StructuralParameter
@@ -141,21 +130,20 @@ impl Simulation<'_> {
             }
             component.start(&starts)?;
         }
-        self.initialize_all().map_err(|failure| failure.at(start))
-    }
-
-    fn initialize_all(&mut self) -> Called {
-        self.call_all(
+        let entered = self.call_all(
             "enter_initialization_mode",
             "start of the initialization",
             Instance::enter_initialization_mode,
-        )?;
-        self.propagate()?;
-        self.call_all(
-            "exit_initialization_mode",
-            "end of the initialization",
-            Instance::exit_initialization_mode,
-        )
+        );
+        let propagated = entered.and_then(|()| self.propagate());
+        let exited = propagated.and_then(|()| {
+            self.call_all(
+                "exit_initialization_mode",
+                "end of the initialization",
+                Instance::exit_initialization_mode,
+            )
+        });
+        exited.map_err(|failure| failure.at(start))
     }
 
     fn call_all(
@@ -195,24 +183,6 @@ impl Simulation<'_> {
         })
     }
 
-    /// Runs the simulation and returns the time and the recorded variables, each as a column of its type.
-    ///
-    /// # Errors
-    /// See [`Simulation::run`].
-    pub fn results(self) -> Result<(Vec<f64>, Vec<Values>)> {
-        let columns = self.plan.columns();
-        let mut times = Vec::new();
-        let mut results: Vec<Values> = columns.iter().map(|c| Values::of(c.kind)).collect();
-        self.run(|row| {
-            times.push(row.time);
-            for (column, value) in results.iter_mut().zip(row.values(columns)) {
-                column.push(value);
-            }
-            true
-        })?;
-        Ok((times, results))
-    }
-
     fn steps(&mut self, mut observe: impl FnMut(&Row) -> bool) -> Called {
         let Plan {
             experiment, wiring, ..
@@ -224,27 +194,24 @@ impl Simulation<'_> {
             false => steps.saturating_sub(1),
         };
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
-        self.read_all().map_err(failed_at(experiment.start))?;
+        // Later, the outputs of a component are read after each of its steps.
+        let mut components = self.components.iter_mut();
+        let read = components.try_for_each(|component| component.read(&mut self.outputs));
+        read.map_err(failed_at(experiment.start))?;
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);
             self.row.time = time;
-            self.row.record(&wiring.before, &self.outputs);
+            self.row.store.record(&wiring.before, &self.outputs);
             if k < last {
                 self.step(time, experiment.step).map_err(failed_at(time))?;
-                self.row.record(&wiring.after, &self.outputs);
+                self.row.store.record(&wiring.after, &self.outputs);
             }
             if !observe(&self.row) {
                 break;
             }
         }
         self.call_all("terminate", "end", Instance::terminate)
-    }
-
-    /// Reads all outputs; later, those of a component are read after each of its steps.
-    fn read_all(&mut self) -> Called {
-        let mut components = self.components.iter_mut();
-        components.try_for_each(|component| component.read(&mut self.outputs))
     }
 
     /// Steps from one communication point to the next.

@@ -1,59 +1,15 @@
-//! Connections and recorded variables, grouped by component and type for reading and writing.
+//! Connections and recorded variables, grouped by component and type for reading and writing, and the store
+//! of their values.
 
 use std::collections::{HashMap, HashSet};
 
-use fmu_description::{FmiVersion, Type};
+use fmu_description::{FmiVersion, Type, Value};
 use fmu_host::operation;
 use fmu_worker::Function;
+use serde::{Deserialize, Serialize};
 
 use crate::plan::{Link, Planned, Port};
 use crate::{Fmu, Scale};
-
-/// What is transferred between the components and into rows.
-pub(crate) struct Wiring {
-    /// For each component.
-    pub(crate) components: Vec<Transfers>,
-    /// The number of outputs of all components: those of the type Float64, and the others.
-    pub(crate) counts: [usize; 2],
-    /// The recorded variables of continuous components, whose values before a step are recorded.
-    pub(crate) before: Records,
-    /// The recorded variables of sampled components, whose values after a step are recorded.
-    pub(crate) after: Records,
-}
-
-/// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
-/// in the same way in both.
-#[derive(Default)]
-pub(crate) struct Records {
-    pub(crate) reals: Vec<(usize, usize)>,
-    pub(crate) others: Vec<(usize, usize)>,
-}
-
-/// What is transferred from and to a component.
-pub(crate) struct Transfers {
-    version: FmiVersion,
-    /// The variables of the type Float64.
-    pub(crate) reals: Ports,
-    /// Those of each other type, which are rare.
-    pub(crate) others: Vec<Ports>,
-}
-
-/// Variables of one component and type.
-pub(crate) struct Ports {
-    /// The type whose functions get and set them, and these functions.
-    pub(crate) kind: Type,
-    pub(crate) get: Option<Function>,
-    pub(crate) set: Option<Function>,
-    /// The connected inputs, and what feeds each of them.
-    pub(crate) inputs: Wired,
-    pub(crate) sources: Vec<Source>,
-    /// The first of the Float64 outputs that feed them, if these follow each other, none is scaled, and they
-    /// are all elements: their values need not be collected.
-    pub(crate) run: Option<usize>,
-    /// The variables that are connected or recorded, once each, and the place of the first.
-    pub(crate) outputs: Wired,
-    pub(crate) first: Place,
-}
 
 /// A place among values of the type Float64, or among the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,142 +17,6 @@ pub(crate) struct Ports {
 pub enum Place {
     Real(usize),
     Other(usize),
-}
-
-/// The output that feeds an input.
-pub(crate) struct Source {
-    pub(crate) component: usize,
-    /// Its index in the FMU, and the type whose functions get it.
-    pub(crate) scalar: usize,
-    pub(crate) kind: Type,
-    /// Its place among the outputs of all components.
-    pub(crate) output: Place,
-    pub(crate) scale: Option<Scale>,
-}
-
-/// Scalars, and the variables with which they are got or set.
-#[derive(Default)]
-pub(crate) struct Wired {
-    /// The value references; an array has one for all its elements.
-    pub(crate) references: Vec<u32>,
-    /// Their indices in the FMU.
-    pub(crate) scalars: Vec<usize>,
-    /// The number of elements of all variables together.
-    pub(crate) elements: usize,
-    /// The positions of the scalars among these.
-    pub(crate) positions: Vec<usize>,
-    /// Whether they are all elements, in their order.
-    pub(crate) are_all: bool,
-    /// The first element of each array.
-    arrays: HashMap<u32, usize>,
-}
-
-impl Transfers {
-    fn of(&mut self, kind: Type) -> &mut Ports {
-        if kind == Type::Float64 {
-            return &mut self.reals;
-        }
-        let found = self.others.iter().position(|ports| ports.kind == kind);
-        let index = found.unwrap_or_else(|| {
-            self.others.push(Ports::new(self.version, kind));
-            self.others.len() - 1
-        });
-        &mut self.others[index]
-    }
-
-    /// The variables of all types.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &Ports> {
-        [&self.reals].into_iter().chain(&self.others)
-    }
-}
-
-impl Ports {
-    fn new(version: FmiVersion, kind: Type) -> Self {
-        Self {
-            kind,
-            get: Function::of(version, &operation("get", kind)),
-            set: Function::of(version, &operation("set", kind)),
-            inputs: Wired::default(),
-            sources: Vec::new(),
-            run: None,
-            outputs: Wired::default(),
-            first: Place::Other(0),
-        }
-    }
-}
-
-impl Wiring {
-    pub(crate) fn new(components: &[Planned], links: &[Link], recorded: &[Port]) -> Self {
-        let transfers = components.iter().map(|component| Transfers {
-            version: component.fmu.version,
-            reals: Ports::new(component.fmu.version, Type::Float64),
-            others: Vec::new(),
-        });
-        let mut wiring = Self {
-            components: transfers.collect(),
-            counts: [0; 2],
-            before: Records::default(),
-            after: Records::default(),
-        };
-        let outputs = wiring.add_outputs(components, links, recorded);
-        let kinds = recorded.iter().map(|port| port.of(components).of_type);
-        for (port, column) in recorded.iter().zip(places(kinds)) {
-            let records = match components[port.component].sampled {
-                true => &mut wiring.after,
-                false => &mut wiring.before,
-            };
-            match (outputs[port], column) {
-                (Place::Real(from), Place::Real(to)) => records.reals.push((from, to)),
-                (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
-                    records.others.push((from, to));
-                }
-            }
-        }
-        let mut links: Vec<_> = links.iter().collect();
-        links.sort_by_key(|link| link.from.component);
-        for Link { from, to, scale } in links {
-            let ports = wiring.components[to.component].of(to.access(components));
-            ports.inputs.push(&components[to.component].fmu, to.scalar);
-            ports.sources.push(Source {
-                component: from.component,
-                scalar: from.scalar,
-                kind: from.access(components),
-                output: outputs[from],
-                scale: *scale,
-            });
-        }
-        for Transfers { reals, .. } in &mut wiring.components {
-            reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
-        }
-        wiring
-    }
-
-    /// Adds all variables that are read; returns their places.
-    fn add_outputs(
-        &mut self,
-        components: &[Planned],
-        links: &[Link],
-        recorded: &[Port],
-    ) -> HashMap<Port, Place> {
-        let mut seen = HashSet::new();
-        let connected = links.iter().map(|link| link.from);
-        let mut outputs: Vec<Port> = recorded.iter().copied().chain(connected).collect();
-        outputs.retain(|port| seen.insert(*port));
-        outputs.sort_by_key(|port| (port.component, port.access(components) as u8));
-        let add = |port: Port| {
-            let kind = port.access(components);
-            let ports = self.components[port.component].of(kind);
-            let place = Place::next(kind, &mut self.counts);
-            if ports.outputs.references.is_empty() {
-                ports.first = place;
-            }
-            ports
-                .outputs
-                .push(&components[port.component].fmu, port.scalar);
-            (port, place)
-        };
-        outputs.into_iter().map(add).collect()
-    }
 }
 
 impl Place {
@@ -224,6 +44,206 @@ pub(crate) fn places(kinds: impl Iterator<Item = Type>) -> impl Iterator<Item = 
     kinds.map(move |kind| Place::next(kind, &mut counts))
 }
 
+/// Values: those of the type Float64 as `f64`, which is fast, and the others.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(crate) struct Store {
+    pub(crate) reals: Vec<f64>,
+    pub(crate) others: Vec<Value>,
+}
+
+impl Store {
+    /// This many values of each kind.
+    pub(crate) fn new([reals, others]: [usize; 2]) -> Self {
+        Self {
+            reals: vec![0.0; reals],
+            others: vec![Value::Boolean(false); others],
+        }
+    }
+
+    /// A number, or a Boolean as 0 or 1; NaN for other values.
+    #[inline(always)]
+    pub(crate) fn number(&self, place: Place) -> f64 {
+        match place {
+            Place::Real(index) => self.reals[index],
+            Place::Other(index) => number(&self.others[index]),
+        }
+    }
+
+    pub(crate) fn value(&self, place: Place) -> Value {
+        match place {
+            Place::Real(index) => Value::Float64(self.reals[index]),
+            Place::Other(index) => self.others[index].clone(),
+        }
+    }
+
+    pub(crate) fn set(&mut self, place: Place, value: Value) {
+        match place {
+            Place::Real(index) => self.reals[index] = number(&value),
+            Place::Other(index) => self.others[index] = value,
+        }
+    }
+
+    /// Copies recorded values of another store.
+    #[inline(always)]
+    pub(crate) fn record(&mut self, records: &Records, from: &Self) {
+        for &(source, to) in &records.reals {
+            self.reals[to] = from.reals[source];
+        }
+        for &(source, to) in &records.others {
+            self.others[to].clone_from(&from.others[source]);
+        }
+    }
+}
+
+pub(crate) fn number(value: &Value) -> f64 {
+    match value {
+        Value::Boolean(value) => (*value).into(),
+        value => {
+            let whole = value.as_whole().map(|whole| whole as f64);
+            whole.or(value.as_real()).unwrap_or(f64::NAN)
+        }
+    }
+}
+
+/// What is transferred between the components and into rows.
+pub(crate) struct Wiring {
+    /// The variables of each component: those of the type Float64, then those of each other type, which are
+    /// rare.
+    pub(crate) components: Vec<Vec<Ports>>,
+    /// The number of outputs of all components: those of the type Float64, and the others.
+    pub(crate) counts: [usize; 2],
+    /// The recorded variables of continuous components, whose values before a step are recorded.
+    pub(crate) before: Records,
+    /// The recorded variables of sampled components, whose values after a step are recorded.
+    pub(crate) after: Records,
+}
+
+/// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
+/// in the same way in both.
+#[derive(Default)]
+pub(crate) struct Records {
+    pub(crate) reals: Vec<(usize, usize)>,
+    pub(crate) others: Vec<(usize, usize)>,
+}
+
+/// Variables of one component and type.
+pub(crate) struct Ports {
+    /// The type whose functions get and set them, and these functions.
+    pub(crate) kind: Type,
+    pub(crate) get: Option<Function>,
+    pub(crate) set: Option<Function>,
+    /// The connected inputs, and what feeds each of them.
+    pub(crate) inputs: Wired,
+    pub(crate) sources: Vec<Source>,
+    /// The first of the Float64 outputs that feed them, if these follow each other, none is scaled, and they
+    /// are all elements: their values need not be collected.
+    pub(crate) run: Option<usize>,
+    /// The variables that are connected or recorded, once each, and the place of the first.
+    pub(crate) outputs: Wired,
+    pub(crate) first: Place,
+}
+
+/// The output that feeds an input.
+pub(crate) struct Source {
+    pub(crate) component: usize,
+    /// Its index in the FMU, and the type whose functions get it.
+    pub(crate) scalar: usize,
+    pub(crate) kind: Type,
+    /// Its place among the outputs of all components.
+    pub(crate) output: Place,
+    pub(crate) scale: Option<Scale>,
+}
+
+impl Ports {
+    fn new(version: FmiVersion, kind: Type) -> Self {
+        Self {
+            kind,
+            get: Function::of(version, &operation("get", kind)),
+            set: Function::of(version, &operation("set", kind)),
+            inputs: Wired::default(),
+            sources: Vec::new(),
+            run: None,
+            outputs: Wired::default(),
+            first: Place::Other(0),
+        }
+    }
+
+    /// Those among which a port is.
+    fn of<'a>(all: &'a mut [Vec<Self>], components: &[Planned], port: Port) -> &'a mut Self {
+        let (all, kind) = (&mut all[port.component], port.access(components));
+        let found = all.iter().position(|ports| ports.kind == kind);
+        let index = found.unwrap_or_else(|| {
+            all.push(Self::new(components[port.component].fmu.version, kind));
+            all.len() - 1
+        });
+        &mut all[index]
+    }
+}
+
+impl Wiring {
+    pub(crate) fn new(components: &[Planned], links: &[Link], recorded: &[Port]) -> Self {
+        let reals = |planned: &Planned| vec![Ports::new(planned.fmu.version, Type::Float64)];
+        let mut wired = Vec::from_iter(components.iter().map(reals));
+
+        // All variables that are read, and their places.
+        let mut seen = HashSet::new();
+        let connected = links.iter().map(|link| link.from);
+        let mut outputs = Vec::from_iter(recorded.iter().copied().chain(connected));
+        outputs.retain(|port| seen.insert(*port));
+        outputs.sort_by_key(|port| (port.component, port.access(components) as u8));
+        let mut counts = [0; 2];
+        let add = |port: Port| {
+            let ports = Ports::of(&mut wired, components, port);
+            let place = Place::next(ports.kind, &mut counts);
+            if ports.outputs.references.is_empty() {
+                ports.first = place;
+            }
+            let fmu = &components[port.component].fmu;
+            ports.outputs.push(fmu, port.scalar);
+            (port, place)
+        };
+        let outputs: HashMap<Port, Place> = outputs.into_iter().map(add).collect();
+
+        let [mut before, mut after] = [Records::default(), Records::default()];
+        let kinds = recorded.iter().map(|port| port.of(components).of_type);
+        for (port, column) in recorded.iter().zip(places(kinds)) {
+            let records = match components[port.component].sampled {
+                true => &mut after,
+                false => &mut before,
+            };
+            match (outputs[port], column) {
+                (Place::Real(from), Place::Real(to)) => records.reals.push((from, to)),
+                (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
+                    records.others.push((from, to));
+                }
+            }
+        }
+
+        let mut links = Vec::from_iter(links);
+        links.sort_by_key(|link| link.from.component);
+        for Link { from, to, scale } in links {
+            let ports = Ports::of(&mut wired, components, *to);
+            ports.inputs.push(&components[to.component].fmu, to.scalar);
+            ports.sources.push(Source {
+                component: from.component,
+                scalar: from.scalar,
+                kind: from.access(components),
+                output: outputs[from],
+                scale: *scale,
+            });
+        }
+        for reals in wired.iter_mut().map(|all| &mut all[0]) {
+            reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
+        }
+        Self {
+            components: wired,
+            counts,
+            before,
+            after,
+        }
+    }
+}
+
 /// See [`Ports::run`].
 fn run(sources: &[Source]) -> Option<usize> {
     let Place::Real(first) = sources.first()?.output else {
@@ -234,21 +254,30 @@ fn run(sources: &[Source]) -> Option<usize> {
         .then_some(first)
 }
 
+/// Scalars, and the variables with which they are got or set.
+#[derive(Default)]
+pub(crate) struct Wired {
+    /// The value references; an array has one for all its elements.
+    pub(crate) references: Vec<u32>,
+    /// Their indices in the FMU.
+    pub(crate) scalars: Vec<usize>,
+    /// The number of elements of all variables together.
+    pub(crate) elements: usize,
+    /// The positions of the scalars among these.
+    pub(crate) positions: Vec<usize>,
+    /// Whether they are all elements, in their order.
+    pub(crate) are_all: bool,
+    /// The first element of each array.
+    arrays: HashMap<u32, usize>,
+}
+
 impl Wired {
     pub(crate) fn push(&mut self, fmu: &Fmu, scalar: usize) {
         let variable = fmu.variable(scalar);
-        self.add(
-            variable.reference,
-            fmu.scalars[scalar].element,
-            variable.count(),
-        );
-        self.scalars.push(scalar);
-    }
-
-    /// Adds an element of a variable with a value reference and a number of elements.
-    fn add(&mut self, reference: u32, element: usize, count: usize) {
+        let (reference, count) = (variable.reference, variable.count());
         let first = match self.arrays.get(&reference) {
             Some(first) if count > 1 => *first,
+            // Aliases are accessed each on its own.
             _ => {
                 self.references.push(reference);
                 self.arrays.insert(reference, self.elements);
@@ -256,42 +285,8 @@ impl Wired {
                 self.elements - count
             }
         };
-        self.positions.push(first + element);
-        let is_last = self.positions.len() == self.elements;
-        self.are_all = is_last && self.positions.is_sorted();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_array_is_accessed_once_and_its_elements_have_positions() {
-        for (variables, references, positions, are_all) in [
-            // Value reference, element and number of elements of each scalar.
-            (
-                vec![(5, 0, 1), (7, 0, 2), (7, 1, 2)],
-                vec![5, 7],
-                vec![0, 1, 2],
-                true,
-            ),
-            (
-                vec![(7, 2, 3), (5, 0, 1), (7, 0, 3)],
-                vec![7, 5],
-                vec![2, 3, 0],
-                false,
-            ),
-            (vec![(7, 1, 2), (7, 0, 2)], vec![7], vec![1, 0], false),
-            // Aliases are accessed each on its own.
-            (vec![(5, 0, 1), (5, 0, 1)], vec![5, 5], vec![0, 1], true),
-        ] {
-            let mut wired = Wired::default();
-            for (reference, element, count) in variables {
-                wired.add(reference, element, count);
-            }
-            assert_eq!((wired.references, wired.positions), (references, positions));
-            assert_eq!(wired.are_all, are_all);
-        }
+        self.scalars.push(scalar);
+        self.positions.push(first + fmu.scalars[scalar].element);
+        self.are_all = self.positions.len() == self.elements && self.positions.is_sorted();
     }
 }

@@ -16,21 +16,13 @@ const SENT: usize = 0;
 const RECEIVED: usize = 8;
 const RING: usize = 16;
 const CAPACITY: u64 = 1 << 15;
-const WORDS: usize = RING + CAPACITY as usize;
+/// The number of words of a channel.
+pub(crate) const WORDS: usize = RING + CAPACITY as usize;
 /// A longer message is damaged.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Creates the file of a channel.
-pub(crate) fn create(file: &Path) -> io::Result<SharedMemory> {
-    SharedMemory::create(file, WORDS)
-}
-
 /// Opens a file of this many words that another process has created.
-pub(crate) fn open(file: &Path) -> io::Result<SharedMemory> {
-    open_sized(file, WORDS)
-}
-
-pub(crate) fn open_sized(file: &Path, words: usize) -> io::Result<SharedMemory> {
+pub(crate) fn open(file: &Path, words: usize) -> io::Result<SharedMemory> {
     let memory = SharedMemory::open(file)?;
     match memory.words().len() == words {
         true => Ok(memory),
@@ -85,7 +77,8 @@ pub(crate) struct Receiver {
     memory: SharedMemory,
     /// The length of the message that is being received, once it is known.
     length: Option<usize>,
-    message: Vec<u8>,
+    /// The message that was received last, or what has arrived of the next one.
+    pub(crate) message: Vec<u8>,
 }
 
 impl Receiver {
@@ -97,7 +90,7 @@ impl Receiver {
         }
     }
 
-    /// Receives the next message, if all of it has been sent; [`Receiver::message`] then returns it.
+    /// Receives the next message, if all of it has been sent.
     pub(crate) fn receive(&mut self) -> bool {
         let counters = self.memory.words();
         let received = counters[RECEIVED].load(Relaxed);
@@ -122,16 +115,9 @@ impl Receiver {
             self.message.extend_from_slice(&bytes[..missing]);
         }
         counters[RECEIVED].store(words.start, Release);
-        if self.message.len() == length {
-            self.length = None;
-            return true;
-        }
-        false
-    }
-
-    /// The message that was received last.
-    pub(crate) fn message(&self) -> &[u8] {
-        &self.message
+        let is_whole = self.message.len() == length;
+        self.length = self.length.filter(|_| !is_whole);
+        is_whole
     }
 }
 
@@ -141,7 +127,7 @@ mod tests {
 
     /// Some of these messages are longer than the channel.
     #[test]
-    fn messages_arrive_in_order_and_wait_for_room() {
+    fn messages_arrive_in_order_and_damaged_memory_does_no_harm() {
         let memory = SharedMemory::private(WORDS);
         let (mut sender, mut receiver) = (Sender::new(memory.clone()), Receiver::new(memory));
         let message = |k: usize| vec![k as u8; 2 * k * k];
@@ -155,21 +141,14 @@ mod tests {
                 while !receiver.receive() {
                     wait();
                 }
-                assert!(receiver.message() == message(k), "message {k}");
+                assert!(receiver.message == message(k), "message {k}");
             }
         });
         assert!(!receiver.receive());
         assert!(!sender.send(&[1; 1 << 19], || false), "nobody receives it");
-    }
-
-    #[test]
-    fn damaged_memory_does_no_harm() {
-        let memory = SharedMemory::private(WORDS);
-        for word in memory.words() {
+        for word in receiver.memory.words() {
             word.store(u64::MAX / 2, Relaxed);
         }
-        let mut receiver = Receiver::new(memory);
-        assert!(!receiver.receive());
-        assert!(!receiver.receive());
+        assert!(!receiver.receive() && !receiver.receive());
     }
 }

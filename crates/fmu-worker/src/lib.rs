@@ -37,13 +37,10 @@
 #![forbid(unsafe_code)]
 
 mod channel;
-mod ended;
-pub mod memory;
 mod record;
 mod service;
 mod worker;
 
-pub use ended::Ended;
 pub use record::{Calls, Function, Moment, Record};
 pub use service::Service;
-pub use worker::{Event, Limits, SLOW, Worker};
+pub use worker::{Ended, Event, Limits, SLOW, Worker, available_memory};

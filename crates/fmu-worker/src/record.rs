@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use fmi_abi::Version;
 use fmu_host::SharedMemory;
 
-use crate::channel::open_sized;
+use crate::channel;
 
 /// The call in progress, the simulation time, the stage of the work and the newest log message. Clones
 /// share the record. By default, it is ordinary memory of this process.
@@ -34,26 +34,19 @@ pub struct Moment {
     pub is_message_of_call: bool,
 }
 
-/// The words of the record.
-mod word {
-    /// Number of the call, index of the component, function.
-    pub(super) const CALL: usize = 0;
-    /// The communication point (s) as bits; NaN before the initialization.
-    pub(super) const TIME: usize = 1;
-    /// The communication step (s) as bits.
-    pub(super) const STEP: usize = 2;
-    /// The word `CALL` when the newest message was logged.
-    pub(super) const LOGGED_IN: usize = 3;
-    /// The newest message: its length in bytes, then its bytes.
-    pub(super) const MESSAGE: usize = 4;
-    /// The stage, in the same form.
-    pub(super) const STAGE: usize = MESSAGE + 1 + super::MAX_TEXT / 8;
-    /// Number of words.
-    pub(super) const COUNT: usize = STAGE + 1 + super::MAX_TEXT / 8;
-}
-
-/// Longer texts are cut.
+/// The word with the number of the call, the index of the component and the function.
+const CALL: usize = 0;
+/// The communication point (s), NaN before the initialization, and the communication step (s), as bits.
+const TIME: usize = 1;
+const STEP: usize = 2;
+/// The word `CALL` when the newest message was logged.
+const LOGGED_IN: usize = 3;
+/// The newest message and the stage: the length in bytes, then the bytes. Longer texts are cut.
+const MESSAGE: usize = 4;
+const STAGE: usize = MESSAGE + 1 + MAX_TEXT / 8;
 const MAX_TEXT: usize = 1024;
+/// Number of words.
+const COUNT: usize = STAGE + 1 + MAX_TEXT / 8;
 
 /// Bits of the word `CALL` for the function, and for the component.
 const FUNCTION_BITS: u32 = 12;
@@ -63,17 +56,17 @@ const NOT_NUMBER: u64 = (1 << (FUNCTION_BITS + COMPONENT_BITS)) - 1;
 
 impl Default for Record {
     fn default() -> Self {
-        Self::of(SharedMemory::private(word::COUNT))
+        Self::of(SharedMemory::private(COUNT))
     }
 }
 
 impl Record {
     pub(crate) fn create(file: &Path) -> io::Result<Self> {
-        SharedMemory::create(file, word::COUNT).map(Self::of)
+        SharedMemory::create(file, COUNT).map(Self::of)
     }
 
     pub(crate) fn open(file: &Path) -> io::Result<Self> {
-        open_sized(file, word::COUNT).map(Self)
+        channel::open(file, COUNT).map(Self)
     }
 
     fn of(memory: SharedMemory) -> Self {
@@ -83,8 +76,8 @@ impl Record {
     }
 
     #[inline]
-    fn words(&self) -> &[AtomicU64] {
-        self.0.words()
+    fn word(&self, index: usize) -> &AtomicU64 {
+        &self.0.words()[index]
     }
 
     /// Records the calls of a component.
@@ -104,29 +97,29 @@ impl Record {
     /// Records the communication point (s); NaN before the initialization.
     #[inline]
     pub fn at(&self, time: f64) {
-        self.words()[word::TIME].store(time.to_bits(), Relaxed);
+        self.word(TIME).store(time.to_bits(), Relaxed);
     }
 
     /// Records the communication step (s).
     pub fn step(&self, step: f64) {
-        self.words()[word::STEP].store(step.to_bits(), Relaxed);
+        self.word(STEP).store(step.to_bits(), Relaxed);
     }
 
     /// Records what the work has come to.
     pub fn stage(&self, text: &str) {
-        self.write(word::STAGE, text);
+        self.write(STAGE, text);
     }
 
     /// Records a log message.
     pub fn log(&self, text: &str) {
-        self.write(word::MESSAGE, text);
-        self.words()[word::LOGGED_IN].store(self.call(), Relaxed);
+        self.write(MESSAGE, text);
+        self.word(LOGGED_IN).store(self.call(), Relaxed);
     }
 
     /// A number that differs for every call.
     #[inline]
     pub fn call(&self) -> u64 {
-        self.words()[word::CALL].load(Relaxed)
+        self.word(CALL).load(Relaxed)
     }
 
     /// Whether a call is in progress.
@@ -136,42 +129,38 @@ impl Record {
 
     /// The communication point (s); `None` before the initialization.
     pub fn time(&self) -> Option<f64> {
-        let time = f64::from_bits(self.words()[word::TIME].load(Relaxed));
+        let time = f64::from_bits(self.word(TIME).load(Relaxed));
         (!time.is_nan()).then_some(time)
     }
 
     /// What the process is doing, or was doing when it ended.
     pub fn now(&self) -> Moment {
-        let (call, words) = (self.call(), self.words());
+        let call = self.call();
         Moment {
-            component: (call >> FUNCTION_BITS) as usize & ((1 << COMPONENT_BITS) - 1),
+            component: ((call & NOT_NUMBER) >> FUNCTION_BITS) as usize,
             function: function(call),
             time: self.time(),
-            step: f64::from_bits(words[word::STEP].load(Relaxed)),
-            stage: self.read(word::STAGE),
-            message: self.read(word::MESSAGE),
-            is_message_of_call: words[word::LOGGED_IN].load(Relaxed) == call,
+            step: f64::from_bits(self.word(STEP).load(Relaxed)),
+            stage: self.read(STAGE),
+            message: self.read(MESSAGE),
+            is_message_of_call: self.word(LOGGED_IN).load(Relaxed) == call,
         }
     }
 
     fn write(&self, place: usize, text: &str) {
-        let words = &self.words()[place..];
         let bytes = &text.as_bytes()[..text.len().min(MAX_TEXT)];
-        for (word, chunk) in words[1..].iter().zip(bytes.chunks(8)) {
-            word.store(packed(chunk), Relaxed);
+        for (index, chunk) in bytes.chunks(8).enumerate() {
+            self.word(place + 1 + index).store(packed(chunk), Relaxed);
         }
-        words[0].store(bytes.len() as u64, Relaxed);
+        self.word(place).store(bytes.len() as u64, Relaxed);
     }
 
     fn read(&self, place: usize) -> String {
-        let words = &self.words()[place..];
         // A process that writes out of bounds may have written here.
-        let length = (words[0].load(Relaxed) as usize).min(MAX_TEXT);
-        let bytes = words[1..]
-            .iter()
-            .flat_map(|word| word.load(Relaxed).to_le_bytes());
-        let bytes: Vec<u8> = bytes.take(length).collect();
-        String::from_utf8_lossy(&bytes).into_owned()
+        let length = (self.word(place).load(Relaxed) as usize).min(MAX_TEXT);
+        let words = self.0.words()[place + 1..].iter();
+        let bytes = words.flat_map(|word| word.load(Relaxed).to_le_bytes());
+        String::from_utf8_lossy(&Vec::from_iter(bytes.take(length))).into_owned()
     }
 }
 
@@ -250,7 +239,7 @@ impl Calls {
     pub fn begin(&mut self, function: Option<Function>) {
         self.word = self.word.wrapping_add(NOT_NUMBER + 1);
         let word = self.word | function.map_or(0, |function| function.0.get().into());
-        self.record.words()[word::CALL].store(word, Relaxed);
+        self.record.word(CALL).store(word, Relaxed);
     }
 }
 
@@ -266,20 +255,14 @@ mod tests {
         worker.step(0.25);
         worker.stage("first");
         worker.calls(0).begin(Some(Function::LOADING));
-        worker.log("too fast: 9 > 8");
-        let first = Moment {
-            component: 0,
-            function: Some(Function::LOADING),
-            time: None,
-            step: 0.25,
-            stage: "first".into(),
-            message: "too fast: 9 > 8".into(),
-            is_message_of_call: true,
-        };
-        assert_eq!(supervisor.now(), first);
-
-        let (call, step) = (supervisor.call(), Function::named("fmi3DoStep"));
+        worker.log(&"é".repeat(2000));
+        let (call, first) = (supervisor.call(), supervisor.now());
+        assert_eq!(
+            (first.message.len(), first.is_message_of_call),
+            (MAX_TEXT, true)
+        );
         worker.at(1.5);
+        let step = Function::of(Version::Fmi3, "do_step");
         worker.calls(1_000_000).begin(step);
         assert_ne!(supervisor.call(), call);
         let second = Moment {
@@ -290,24 +273,12 @@ mod tests {
             ..first
         };
         assert_eq!(supervisor.now(), second);
-        worker.log(&"x".repeat(2000));
-        assert_eq!(supervisor.now().message.len(), MAX_TEXT);
+        assert_eq!(
+            step.and_then(Function::row),
+            Some(("fmi3DoStep", "do_step"))
+        );
         worker.end_call();
         assert!(!supervisor.is_in_call());
-    }
-
-    #[test]
-    fn every_function_has_its_name_and_its_operation() {
-        for (version, operation, name) in [
-            (Version::Fmi2, "get_float64", "fmi2GetReal"),
-            (Version::Fmi3, "get_float64", "fmi3GetFloat64"),
-            (Version::Fmi3, "do_step", "fmi3DoStep"),
-        ] {
-            let row = Function::of(version, operation).and_then(Function::row);
-            assert_eq!(row, Some((name, operation)));
-        }
-        assert_eq!(Function::LOADING.name(), Some("loading the binary"));
-        assert_eq!(Function::of(Version::Fmi3, "setup_experiment"), None);
-        assert_eq!(Function(NonZeroU16::MAX).name(), None);
+        assert_eq!(Function(NonZeroU16::MAX).name(), None, "a damaged record");
     }
 }

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::Record;
-use crate::channel::{self, Receiver, Sender};
+use crate::channel::{self, Receiver, Sender, WORDS};
 use crate::worker::{FOLDER, RECORD, REPLIES, SUPERVISOR, TASKS, decode};
 
 /// The tasks of this process, which a supervisor has started, and its replies.
@@ -41,8 +41,8 @@ impl Service {
         end_with_supervisor(&folder);
         Ok(Some(Self {
             record: Record::open(&folder.join(RECORD))?,
-            tasks: Receiver::new(channel::open(&folder.join(TASKS))?),
-            replies: Sender::new(channel::open(&folder.join(REPLIES))?),
+            tasks: Receiver::new(channel::open(&folder.join(TASKS), WORDS)?),
+            replies: Sender::new(channel::open(&folder.join(REPLIES), WORDS)?),
             buffer: Vec::new(),
         }))
     }
@@ -60,7 +60,7 @@ impl Service {
         while !self.tasks.receive() {
             thread::sleep(PERIOD);
         }
-        decode(self.tasks.message())
+        decode(&self.tasks.message)
     }
 
     /// Replies to the task; several replies are received in their order. Waits until the supervisor has

@@ -1,17 +1,19 @@
 //! The supervisor's side: a child process with its limits, tasks and replies.
 
+use std::fmt;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{self, Child, Command, Stdio};
+use std::process::{self, Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use crate::channel::{self, Receiver, Sender};
-use crate::{Ended, Record, memory};
+use crate::Record;
+use crate::channel::{Receiver, Sender, WORDS};
+use fmu_host::SharedMemory;
 
 /// What a process may use before it is killed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -31,6 +33,58 @@ pub enum Event {
     Replied,
     /// It has ended, and all its replies were received.
     Ended(Ended),
+}
+
+/// How a process ended. Its text follows a subject: "fmi2DoStep" + " " + "was ended by signal 6, abort".
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// By itself, or by a signal.
+    Exited(ExitStatus),
+    /// Killed after this time.
+    TimedOut(Duration),
+    /// Killed when it used this many bytes of memory.
+    OutOfMemory(u64),
+}
+
+impl fmt::Display for Ended {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let status = match self {
+            Self::Exited(status) => status,
+            Self::TimedOut(limit) => {
+                let seconds = limit.as_secs_f64();
+                return write!(f, "did not return within {seconds} s and was killed");
+            }
+            Self::OutOfMemory(bytes) => {
+                let gigabytes = *bytes as f64 / 1e9;
+                return write!(
+                    f,
+                    "used more than {gigabytes:.1} GB of memory and was killed"
+                );
+            }
+        };
+        #[cfg(unix)]
+        if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(status) {
+            let name = match signal {
+                4 => ", illegal instruction",
+                5 => ", trap",
+                6 => ", abort",
+                8 => ", arithmetic error",
+                9 => ", killed",
+                7 | 11 => ", illegal memory access",
+                15 => ", terminated",
+                _ => "",
+            };
+            return write!(f, "was ended by signal {signal}{name}");
+        }
+        match status.code() {
+            // Windows reports a crash as an exit code, such as 0xC0000005 for an access violation.
+            Some(code) if cfg!(windows) && code < 0 => {
+                write!(f, "was ended by the exception {code:#010X}")
+            }
+            Some(code) => write!(f, "exited with code {code} before it had finished"),
+            None => status.fmt(f),
+        }
+    }
 }
 
 /// A process that runs foreign code. It and all processes that it has started are killed when this value
@@ -84,8 +138,8 @@ impl Worker {
         let folder = session.join(format!("worker-{}", STARTED.fetch_add(1, Relaxed)));
         fs::create_dir(&folder)?;
         let record = Record::create(&folder.join(RECORD))?;
-        let tasks = channel::create(&folder.join(TASKS))?;
-        let replies = channel::create(&folder.join(REPLIES))?;
+        let [tasks, replies] =
+            [TASKS, REPLIES].map(|file| SharedMemory::create(&folder.join(file), WORDS));
         for variable in [FOLDER, "TMPDIR", "TMP", "TEMP"] {
             command.env(variable, &folder);
         }
@@ -101,8 +155,8 @@ impl Worker {
             folder,
             call: record.call(),
             record,
-            tasks: Sender::new(tasks),
-            replies: Receiver::new(replies),
+            tasks: Sender::new(tasks?),
+            replies: Receiver::new(replies?),
             limits,
             ended: None,
             sent: now,
@@ -125,6 +179,11 @@ impl Worker {
     /// The task cannot be serialized.
     pub fn send<T: Serialize>(&mut self, task: &T) {
         self.send_or_dismiss(Some(task));
+    }
+
+    /// Tells the worker that there are no more tasks.
+    pub fn dismiss(&mut self) {
+        self.send_or_dismiss(None::<&()>);
     }
 
     fn send_or_dismiss<T: Serialize>(&mut self, task: Option<&T>) {
@@ -180,7 +239,7 @@ impl Worker {
     /// # Errors
     /// The reply is of another type, or damaged by a function that writes out of bounds.
     pub fn reply<'a, R: Deserialize<'a>>(&'a self) -> io::Result<R> {
-        decode(self.replies.message())
+        decode(&self.replies.message)
     }
 
     /// Whether the call in progress takes long, which is told once.
@@ -189,11 +248,6 @@ impl Worker {
         let is_new = !self.is_reported && self.record.is_in_call() && self.since.elapsed() >= SLOW;
         self.is_reported |= is_new;
         is_new
-    }
-
-    /// Tells the worker that there are no more tasks.
-    pub fn dismiss(&mut self) {
-        self.send_or_dismiss(None::<&()>);
     }
 
     /// Dismisses the worker and waits until it ends. It is killed after this time.
@@ -223,20 +277,24 @@ impl Worker {
             return Ok(Some(Ended::Exited(status)));
         }
         self.see_call();
-        let Limits { call, task, .. } = self.limits;
+        let Limits { call, task, memory } = self.limits;
         let call = call.filter(|limit| self.record.is_in_call() && self.since.elapsed() >= *limit);
-        if let Some(limit) = call.or(task.filter(|limit| self.sent.elapsed() >= *limit)) {
-            return self.kill_for(Ended::TimedOut(limit)).map(Some);
-        }
-        if let Some(limit) = self.limits.memory
+        let time = call.or(task.filter(|limit| self.sent.elapsed() >= *limit));
+        let mut reason = time.map(Ended::TimedOut);
+        if let Some(limit) = memory
             && self.memory_checked.elapsed() >= MEMORY_PERIOD
         {
             self.memory_checked = Instant::now();
-            if let Some(used) = memory::used(self.child.id()).filter(|used| *used > limit) {
-                return self.kill_for(Ended::OutOfMemory(used)).map(Some);
-            }
+            let used = used_memory(self.child.id()).filter(|used| *used > limit);
+            reason = reason.or(used.map(Ended::OutOfMemory));
         }
-        Ok(None)
+        if reason.is_some() {
+            if let Some(status) = self.child.try_wait()? {
+                return Ok(Some(Ended::Exited(status)));
+            }
+            self.kill()?;
+        }
+        Ok(reason)
     }
 
     /// Kills the process, whose replies until then can still be received.
@@ -247,15 +305,6 @@ impl Worker {
         self.child.kill()?;
         self.ended = Some(Ended::Exited(self.child.wait()?));
         Ok(())
-    }
-
-    /// Kills the process for a reason, unless it has ended by itself.
-    fn kill_for(&mut self, reason: Ended) -> io::Result<Ended> {
-        if let Some(status) = self.child.try_wait()? {
-            return Ok(Ended::Exited(status));
-        }
-        self.kill()?;
-        Ok(reason)
     }
 }
 
@@ -273,6 +322,33 @@ impl Drop for Worker {
         // What cannot be removed now is removed with the session.
         let _ = fs::remove_dir_all(&self.folder);
     }
+}
+
+/// Resident memory of a process in bytes.
+fn used_memory(process: u32) -> Option<u64> {
+    /// The usual size of a page. Where pages are larger, a process may use more than its limit.
+    const PAGE: u64 = 4096;
+    let text = fs::read_to_string(format!("/proc/{process}/statm")).ok()?;
+    let pages: u64 = text.split(' ').nth(1)?.parse().ok()?;
+    Some(pages * PAGE)
+}
+
+/// The memory in bytes that the processes of this machine, or of this container, may use together. Only
+/// Linux tells it.
+pub fn available_memory() -> Option<u64> {
+    let limits = [
+        "/sys/fs/cgroup/memory.max",
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+    ];
+    let limits = limits
+        .iter()
+        .filter_map(|file| fs::read_to_string(file).ok()?.trim().parse().ok());
+    let machine = fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let total = machine.lines().find_map(|line| {
+        let kilobytes = line.strip_prefix("MemTotal:")?.trim().strip_suffix("kB")?;
+        Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
+    });
+    limits.chain(total).min()
 }
 
 pub(crate) fn decode<'a, T: Deserialize<'a>>(message: &'a [u8]) -> io::Result<T> {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use fmu_worker::{Limits, memory};
+use fmu_worker::{Limits, available_memory};
 
 use crate::style::WARNING;
 
@@ -31,7 +31,7 @@ impl Limited {
             self.call_timeout
         );
         let memory = match self.memory_limit {
-            None => memory::available().map(|bytes| bytes / 10 * 9),
+            None => available_memory().map(|bytes| bytes / 10 * 9),
             Some(gigabytes) => {
                 ensure!(
                     gigabytes > 0.0,

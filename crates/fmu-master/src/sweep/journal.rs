@@ -278,16 +278,12 @@ fn check(file: &Path) -> Result<Format> {
     let format = Format::of(file)
         .with_context(|| format!("{name}: expected a file named .csv or .parquet"))?;
     ensure!(!file.is_dir(), "{name} is a folder, expected a file");
-    if let Some(folder) = file
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-    {
-        let folder_name = folder.display();
-        ensure!(
-            folder.is_dir(),
-            "cannot write {name}: the folder {folder_name} does not exist"
-        );
-    }
+    let folder = file.parent().unwrap_or(Path::new(""));
+    ensure!(
+        folder.as_os_str().is_empty() || folder.is_dir(),
+        "cannot write {name}: the folder {} does not exist",
+        folder.display()
+    );
     Ok(format)
 }
 
@@ -297,7 +293,12 @@ mod tests {
 
     use super::*;
 
-    const RUNS: u64 = 4;
+    const LINES: [&str; 4] = [
+        "0,0.0,\n",
+        "1,NaN,\"π,\"\"x\"\"\"\n",
+        "2,0.2,linear\n",
+        "3,0.3,#\n",
+    ];
 
     fn columns() -> Vec<Column> {
         let column = |name, kind| Column::new(name, "", kind);
@@ -308,28 +309,16 @@ mod tests {
         ]
     }
 
-    const LINES: [&str; 4] = [
-        "0,0.0,\n",
-        "1,NaN,\"π,\"\"x\"\"\"\n",
-        "2,0.2,linear\n",
-        "3,0.3,#\n",
-    ];
-
     /// A folder, and the paths of the table and the journal in it.
     fn files() -> (tempfile::TempDir, PathBuf, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
-        let output = folder.path().join("a.csv");
-        let part = folder.path().join("a.csv.part");
+        let [output, part] = ["a.csv", "a.csv.part"].map(|name| folder.path().join(name));
         (folder, output, part)
     }
 
     fn open(output: &Path) -> Result<Journal, String> {
-        let journal = Journal::open(output, "0abc", columns(), RUNS);
+        let journal = Journal::open(output, "0abc", columns(), 4);
         journal.map_err(|error| format!("{error:#}"))
-    }
-
-    fn table() -> String {
-        format!("index,p,model\n{}", LINES.concat())
     }
 
     #[test]
@@ -342,29 +331,21 @@ mod tests {
         for wrong in ["0\n", "4,0.1,\n", "x,0.1,\n", "1,a,\n"] {
             assert!(journal.append(wrong).is_err());
         }
-        journal.sync().unwrap();
         let expected = "# sweep 0abc\nindex,p,model\n2,0.2,linear\n0,0.0,\n";
         assert_eq!(fs::read_to_string(&part).unwrap(), expected);
-        let used = format!(
-            "{} is in use by another process: wait for it",
-            part.display()
-        );
-        assert!(open(&output).unwrap_err().starts_with(&used));
-        drop(journal);
+        let used = "a.csv.part is in use by another process: wait for it, or give another --out";
+        assert!(open(&output).unwrap_err().ends_with(used));
+        let error = journal.finish().unwrap_err().to_string();
+        assert!(error.ends_with("a.csv.part: 2 of 4 runs are missing, the first is 1"));
 
-        let journal = open(&output).unwrap();
-        assert_eq!(Vec::from_iter(journal.done()), [&0, &2]);
-        let missing = format!(
-            "{}: 2 of 4 runs are missing, the first is 1",
-            part.display()
-        );
-        assert_eq!(journal.finish().unwrap_err().to_string(), missing);
         let mut journal = open(&output).unwrap();
+        assert_eq!(Vec::from_iter(journal.done()), [&0, &2]);
         for run in [3, 1, 3] {
             journal.append(LINES[run]).unwrap();
         }
         journal.finish().unwrap();
-        assert_eq!(fs::read_to_string(&output).unwrap(), table());
+        let table = format!("index,p,model\n{}", LINES.concat());
+        assert_eq!(fs::read_to_string(&output).unwrap(), table);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
@@ -373,27 +354,15 @@ mod tests {
         let (_folder, output, part) = files();
         let whole = [header("0abc", &columns()), LINES.concat()].concat();
         for cut in 0..=whole.len() {
-            fs::write(&part, &whole.as_bytes()[..cut]).unwrap();
+            let torn = &whole.as_bytes()[..cut];
+            fs::write(&part, torn).unwrap();
             let mut journal = open(&output).unwrap();
-            let lines = whole.as_bytes()[..cut]
-                .iter()
-                .filter(|&&byte| byte == b'\n')
-                .count();
-            assert_eq!(
-                journal.done().len(),
-                lines.saturating_sub(2),
-                "cut at {cut}"
-            );
+            let lines = torn.iter().filter(|&&byte| byte == b'\n').count();
+            assert_eq!(journal.done().len(), lines.saturating_sub(2), "{cut}");
             for line in &LINES[journal.done().len()..] {
                 journal.append(line).unwrap();
             }
-            assert_eq!(fs::read_to_string(&part).unwrap(), whole, "cut at {cut}");
-            journal.finish().unwrap();
-            assert_eq!(
-                fs::read_to_string(&output).unwrap(),
-                table(),
-                "cut at {cut}"
-            );
+            assert_eq!(fs::read_to_string(&part).unwrap(), whole, "{cut}");
         }
     }
 
@@ -401,44 +370,34 @@ mod tests {
     fn another_file_is_not_changed_and_a_damaged_one_is_rejected_with_the_line() {
         let (folder, output, part) = files();
         let (ours, other) = (header("0abc", &columns()), header("0abd", &columns()));
-        let end = " belongs to another sweep: delete it or give another --out";
-        let ours = |lines: &str| format!("{ours}{lines}");
+        let foreign = " belongs to another sweep: delete it or give another --out";
+        let damaged = |line, why| format!(":{line}: {why}; delete the line to repeat the run");
         for (text, reason) in [
-            (other, end),
-            ("an unrelated file".into(), end),
-            ("\n".into(), end),
-            (ours("0,0.1,\n\n1,0.1,\n"), ":4: \"\", expected 3 fields"),
+            (other, foreign.to_owned()),
+            ("\n".into(), foreign.to_owned()),
             (
-                ours("0,0.1,\n0,0.2,\n"),
-                ":4: another row of run 0, expected the same one",
-            ),
-            (ours("x,0.1,\n"), ":3: index is x, expected a whole number"),
-            (
-                ours("4,0.1,\n"),
-                ":3: \"4,0.1,\", expected one of the runs 0..4",
+                ours.clone() + "0,0.1,\n\n1,0.1,\n",
+                damaged(4, "\"\", expected 3 fields"),
             ),
             (
-                ours("0,0.\u{0}1,\n"),
-                ":3: p is 0.\u{0}1, expected a number",
+                ours.clone() + "0,0.1,\n0,0.2,\n",
+                damaged(4, "another row of run 0, expected the same one"),
+            ),
+            (
+                ours.clone() + "4,0.1,\n",
+                damaged(3, "\"4,0.1,\", expected one of the runs 0..4"),
+            ),
+            (
+                ours + "0,0.\u{0}1,\n",
+                damaged(3, "p is 0.\u{0}1, expected a number"),
             ),
         ] {
             fs::write(&part, &text).unwrap();
-            let advice = match reason.starts_with(':') {
-                true => "; delete the line to repeat the run",
-                false => "",
-            };
-            let expected = format!("{}{reason}{advice}", part.display());
+            let expected = format!("{}{reason}", part.display());
             assert_eq!(open(&output).unwrap_err(), expected);
             assert_eq!(fs::read_to_string(&part).unwrap(), text);
         }
-        fs::remove_file(part).unwrap();
-        for (name, end) in [
-            ("a.txt", "expected a file named .csv or .parquet"),
-            ("nowhere/a.csv", "nowhere does not exist"),
-        ] {
-            let error = open(&folder.path().join(name)).unwrap_err();
-            assert!(error.ends_with(end), "{error}");
-        }
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        let error = open(&folder.path().join("a.txt")).unwrap_err();
+        assert!(error.ends_with("expected a file named .csv or .parquet"));
     }
 }

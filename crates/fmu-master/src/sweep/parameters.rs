@@ -382,26 +382,23 @@ impl Keys {
 fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>, D::Error> {
     let listed = checked(deserializer, |listed: &Vec<Written>| {
         let values = values(listed);
-        let first = values
-            .first()
-            .context("values = [], expected at least one")?;
+        let first = values.first();
+        let kind = first
+            .context("values = [], expected at least one")?
+            .of_type();
         for value in &values {
-            let expected = expected(first.of_type());
             ensure!(
-                value.of_type() == first.of_type(),
-                "the value {value}, expected {expected} like the first one"
+                value.of_type() == kind,
+                "the value {value}, expected {} like the first one",
+                expected(kind)
             );
             match value {
-                Value::Float64(number) => {
-                    ensure!(
-                        number.is_finite(),
-                        "the value {number}, expected finite numbers"
-                    );
+                Value::Float64(number) if !number.is_finite() => {
+                    bail!("the value {number}, expected finite numbers")
                 }
-                Value::String(text) => ensure!(
-                    !text.contains(char::is_control),
-                    "the value {text:?}, expected no control characters"
-                ),
+                Value::String(text) if text.contains(char::is_control) => {
+                    bail!("the value {text:?}, expected no control characters")
+                }
                 _ => {}
             }
         }
@@ -433,50 +430,39 @@ fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::E
     checked(deserializer, check).map(Some)
 }
 
-/// What two numbers must be, and how that is called.
-type Check = (fn([f64; 2]) -> bool, &'static str);
-
-/// So that no sum of numbers overflows.
-const IN_RANGE: Check = (in_range, "numbers within ±1e290");
-const ASCENDING: Check = (|[min, max]| min < max, "the smaller one first");
-const POSITIVE: Check = (|[min, _]| min > 0.0, "numbers above 0");
-const DEVIATION: Check = (
-    |[_, deviation]| deviation > 0.0,
-    "a mean and a deviation above 0",
-);
-
-fn in_range(numbers: [f64; 2]) -> bool {
-    numbers.iter().all(|number| number.abs() < 1e290)
-}
-
 fn uniform<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
-    pair(deserializer, "uniform", &[IN_RANGE, ASCENDING])
+    pair(deserializer, "uniform")
 }
 
 fn log_uniform<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
-    pair(
-        deserializer,
-        "log_uniform",
-        &[IN_RANGE, POSITIVE, ASCENDING],
-    )
+    pair(deserializer, "log_uniform")
 }
 
 fn normal<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
-    pair(deserializer, "normal", &[IN_RANGE, DEVIATION])
+    pair(deserializer, "normal")
 }
 
 fn pair<'de, D: Deserializer<'de>>(
     deserializer: D,
     key: &str,
-    checks: &[Check],
 ) -> Result<Option<[f64; 2]>, D::Error> {
     let check = |numbers: &[f64; 2]| {
-        for (is_met, expected) in checks {
-            ensure!(is_met(*numbers), "{key} = {numbers:?}, expected {expected}");
-        }
-        Ok(())
+        let [first, second] = *numbers;
+        let expected = match key {
+            _ if !in_range(*numbers) => "numbers within ±1e290",
+            "log_uniform" if first <= 0.0 => "numbers above 0",
+            "normal" if second <= 0.0 => "a mean and a deviation above 0",
+            "uniform" | "log_uniform" if first >= second => "the smaller one first",
+            _ => return Ok(()),
+        };
+        bail!("{key} = {numbers:?}, expected {expected}")
     };
     checked(deserializer, check).map(Some)
+}
+
+/// Whether no sum of the numbers overflows.
+fn in_range(numbers: [f64; 2]) -> bool {
+    numbers.iter().all(|number| number.abs() < 1e290)
 }
 
 #[cfg(test)]
@@ -496,15 +482,10 @@ mod tests {
     /// Reads parameters from lines of TOML that are separated by semicolons; `[v]` begins a parameter of a
     /// variable `v`, and `[]` one without.
     fn read(text: &str) -> Result<Parameters> {
-        let line = |line: &str| match line.trim() {
-            "[]" => "[[parameter]]".to_owned(),
-            line => match line
-                .strip_prefix('[')
-                .and_then(|line| line.strip_suffix(']'))
-            {
-                Some(name) => format!("[[parameter]]\nvariable = '{name}'"),
-                None => line.to_owned(),
-            },
+        let line = |line: &str| match line.trim().strip_prefix('[') {
+            Some("]") => "[[parameter]]".to_owned(),
+            Some(name) => format!("[[parameter]]\nvariable = '{}'", name.trim_end_matches(']')),
+            None => line.trim().to_owned(),
         };
         let file: File = toml::from_str(&Vec::from_iter(text.split(';').map(line)).join("\n"))?;
         Parameters::new(file.seed, file.draws.unwrap_or(1), file.parameter)
@@ -555,15 +536,12 @@ mod tests {
         let text = "draws = 3; [a]; values = [1, 2, 4]; [b]; from = 0; to = 9; count = 10; \
                     [c]; uniform = [0, 1]; [d]; values = [true, false]";
         let parameters = read(text).unwrap();
-        let corner = |index| {
+        let corners = parameters.corners().into_iter().map(|index| {
             let run = parameters.run(index).unwrap();
             [0, 1, 3].map(|place| number(&run[place].1) as i32)
-        };
-        let corners = Vec::from_iter(parameters.corners().into_iter().map(corner));
-        assert_eq!(
-            corners,
-            [[1, 0, 1], [2, 0, 1], [4, 0, 1], [1, 9, 1], [1, 0, 0]]
-        );
+        });
+        let expected = [[1, 0, 1], [2, 0, 1], [4, 0, 1], [1, 9, 1], [1, 0, 0]];
+        assert!(corners.eq(expected));
     }
 
     #[test]
@@ -604,20 +582,12 @@ mod tests {
             (format!("{random}; {grid}"), 0),
         ] {
             let parameters = read(&format!("seed = 42; draws = 1000; {text}")).unwrap();
-            for (draw, expected) in [
-                (
-                    0,
-                    [0.23482544685480763, 12.807234226403251, 0.6540068581916535],
-                ),
-                (
-                    1,
-                    [0.24934724642416647, 3.3772126495728494, 0.4501158615434441],
-                ),
-                (
-                    999,
-                    [0.21527188015863885, 0.01421233472429842, 0.4083328062714755],
-                ),
-            ] {
+            let expected = [
+                [0.23482544685480763, 12.807234226403251, 0.6540068581916535],
+                [0.24934724642416647, 3.3772126495728494, 0.4501158615434441],
+                [0.21527188015863885, 0.01421233472429842, 0.4083328062714755],
+            ];
+            for (draw, expected) in [0, 1, 999].into_iter().zip(expected) {
                 for run in [draw, 1000 + draw] {
                     let run = parameters.run(run).unwrap();
                     for ((name, value), expected) in run[first..].iter().zip(expected) {
@@ -631,20 +601,16 @@ mod tests {
 
     #[test]
     fn random_numbers_are_within_their_bounds() {
-        for (keys, min, max) in [
-            ("uniform = [-1, 2]", -1.0, 2.0),
-            (
-                "uniform = [1.0, 1.0000000000000002]",
-                1.0,
-                1.0 + f64::EPSILON,
-            ),
-            ("uniform = [-9e289, 9e289]", -9e289, 9e289),
-            ("log_uniform = [0.1, 0.3]", 0.1, 0.3),
-            ("log_uniform = [1e-300, 1e289]", 1e-300, 1e289),
+        let next = 1.0 + f64::EPSILON;
+        for (key, min, max) in [
+            ("uniform", 1.0, next),
+            ("uniform", -9e289, 9e289),
+            ("log_uniform", 0.1, 0.3),
+            ("log_uniform", 1e-300, 1e289),
         ] {
-            let drawn = numbers(&format!("draws = 1000; [p]; {keys}"));
-            assert!(drawn.iter().all(|x| (min..=max).contains(x)), "{keys}");
-            assert!(drawn.iter().any(|x| x != &drawn[0]), "{keys}");
+            let drawn = numbers(&format!("draws = 1000; [p]; {key} = [{min:?}, {max:?}]"));
+            assert!(drawn.iter().all(|x| (min..=max).contains(x)), "{key}");
+            assert!(drawn.iter().any(|x| x != &drawn[0]), "{key}");
         }
     }
 

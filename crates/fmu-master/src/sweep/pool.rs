@@ -13,7 +13,7 @@ use fmu_worker::{Ended, Event, Limits, Worker};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::{Failure, slow};
+use crate::failure::{Crash, report_slow};
 
 /// How a sweep starts its worker processes.
 pub struct Workers<'a> {
@@ -47,16 +47,6 @@ pub(crate) enum Outcome<R> {
     Reply(R),
     /// The worker ended.
     Crash(Crash),
-}
-
-/// The end of a worker.
-pub(crate) struct Crash {
-    /// What happened, in the same words in every sweep.
-    pub(crate) event: String,
-    /// What happened, with the words of the FMU.
-    pub(crate) text: String,
-    /// The communication point (s).
-    pub(crate) time: Option<f64>,
 }
 
 /// Longest interval between looks at the workers, and the first one after tasks were handed out.
@@ -127,7 +117,12 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                 if let Some(ended) = ended {
                     // Another worker does its tasks, except for the one in progress.
                     let mut busy = self.busy.swap_remove(index);
-                    let crash = crash(&busy.worker, &self.names, ended);
+                    let how = match ended {
+                        // The limit differs between machines.
+                        Ended::OutOfMemory(_) => "used too much memory and was killed".to_owned(),
+                        ended => ended.to_string(),
+                    };
+                    let crash = Crash::new(&busy.worker, &self.names, &how);
                     let Some(task) = busy.tasks.pop_front() else {
                         bail!("{}", crash.text);
                     };
@@ -144,11 +139,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     busy.worker.send(&task);
                     busy.tasks.push_back(task);
                 }
-                if busy.worker.is_newly_slow() {
-                    slow(busy.worker.record(), &self.names)
-                        .iter()
-                        .for_each(|call| (self.setup.slow)(call));
-                }
+                report_slow(&mut busy.worker, &self.names, self.setup.slow);
             }
             if waiting.is_empty() && self.busy.iter().all(|busy| busy.tasks.is_empty()) {
                 match tasks.next() {
@@ -217,22 +208,5 @@ impl<T: Copy> Busy<T> {
             self.ahead = 1;
         }
         Ok(None)
-    }
-}
-
-fn crash(worker: &Worker, names: &[(String, String)], ended: Ended) -> Crash {
-    let how = match ended {
-        // The limit differs between machines.
-        Ended::OutOfMemory(_) => "used too much memory and was killed".to_owned(),
-        ended => ended.to_string(),
-    };
-    let failure = Failure::recorded(worker.record(), names, &how);
-    let or_outside = |text: Option<String>| {
-        text.unwrap_or_else(|| format!("the process {how}, outside of the calls of an FMU"))
-    };
-    Crash {
-        event: or_outside(failure.as_ref().map(Failure::event)),
-        text: or_outside(failure.map(|failure| failure.to_string())),
-        time: worker.record().time(),
     }
 }

@@ -1,6 +1,6 @@
 //! A study: a sweep file applied to its system, run by run.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,9 @@ use serde::{Deserialize, Serialize};
 use super::journal::{self, Journal};
 use super::metrics::{Metrics, Options, Sample, Summary};
 use super::parameters::{Parameter, Parameters};
-use super::pool::{Crash, Outcome, Pool, Workers};
-use crate::table::{self, Cell, Column};
+use super::pool::{Outcome, Pool, Workers};
+use crate::failure::Crash;
+use crate::table::{self, Column};
 use crate::{
     Description, Failure, Messages, Order, Place, Plan, Simulation, Start, Written, locate,
 };
@@ -160,12 +161,9 @@ impl Study {
             control,
         } = &file.signals;
         let signals = [reference, output, error, control];
-        description.outputs.clear();
-        for name in signals {
-            if !description.outputs.contains(name) {
-                description.outputs.push(name.clone());
-            }
-        }
+        let mut seen = HashSet::new();
+        let outputs = signals.iter().filter(|name| seen.insert(**name));
+        description.outputs = outputs.map(|name| name.to_string()).collect();
         let fmus = description.components.iter().map(|c| c.fmu.clone());
         let files = Vec::from_iter([system].into_iter().chain(fmus));
         let fingerprint = fingerprint(text, &files)?;
@@ -183,15 +181,14 @@ impl Study {
             *place = plan.place(name)?;
         }
         let set = file.set.iter().map(|(name, value)| plan.start(name, value));
+        let columns = [Column::new("index", "", Type::Int64)].into_iter();
+        let columns = columns.chain(parameters.columns());
+        let columns = columns.chain(Summary::default().cells().map(|(column, _)| column));
+        let failure = Column::new("failure", "", Type::String).optional();
         let study = Self {
             signals: places,
             set: set.collect::<Result<_>>()?,
-            columns: [Column::new("index", "", Type::Int64)]
-                .into_iter()
-                .chain(parameters.columns())
-                .chain(Summary::default().cells().map(|(column, _)| column))
-                .chain([Column::new("failure", "", Type::String).optional()])
-                .collect(),
+            columns: columns.chain([failure]).collect(),
             metrics: file.metrics,
             sweep: sweep.to_owned(),
             plan,
@@ -317,14 +314,11 @@ impl Study {
     fn line(&self, index: u64, summary: Summary, failure: Option<String>) -> Result<String> {
         let values = self.parameters.run(index)?.into_iter();
         let failure = failure.map(|text| Value::String(text.replace(char::is_control, " ")));
-        let cells: Vec<Cell> = [Some(Value::UInt64(index))]
-            .into_iter()
-            .chain(values.map(|(_, value)| Some(value)))
-            .chain(summary.cells().map(|(_, cell)| cell))
-            .chain([failure])
-            .collect();
+        let cells = [Some(Value::UInt64(index))].into_iter();
+        let cells = cells.chain(values.map(|(_, value)| Some(value)));
+        let cells = cells.chain(summary.cells().map(|(_, cell)| cell));
         let mut line = String::new();
-        table::push_line(&mut line, cells.into_iter());
+        table::push_line(&mut line, cells.chain([failure]));
         Ok(line)
     }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use fmu_description::Type as Kind;
+use fmu_description::{Type as Kind, Value};
 use fmu_file::replace::Replacement;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{
@@ -14,7 +14,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use super::{Cell, Column, Values};
+use super::{Cell, Column};
 
 /// Number of rows that are buffered and written column by column.
 const ROWS_PER_GROUP: usize = 1 << 16;
@@ -27,46 +27,43 @@ pub(super) fn write(
     let properties = Arc::new(WriterProperties::builder().build());
     let mut writer = SerializedFileWriter::new(output, schema(columns)?, properties)?;
     loop {
-        let empty = |column: &Column| (Values::of(column.kind), Vec::new());
-        let mut group: Vec<(Values, Vec<i16>)> = columns.iter().map(empty).collect();
-        let mut count = 0;
-        for row in rows.by_ref().take(ROWS_PER_GROUP) {
-            count += 1;
-            for ((values, present), cell) in group.iter_mut().zip(row?) {
-                present.push(cell.is_some().into());
-                cell.into_iter().for_each(|value| values.push(value));
-            }
-        }
-        if count == 0 {
+        let group = rows.by_ref().take(ROWS_PER_GROUP);
+        let group = group.collect::<Result<Vec<Vec<Cell>>>>()?;
+        if group.is_empty() {
             writer.close()?;
             return Ok(());
         }
-        let mut writer = writer.next_row_group()?;
-        for (column, (values, present)) in columns.iter().zip(group) {
-            write_column(&mut writer, values, column.optional.then_some(&present))?;
+        let mut to = writer.next_row_group()?;
+        for (index, column) in columns.iter().enumerate() {
+            let cells = Vec::from_iter(group.iter().map(|row| &row[index]));
+            write_column(&mut to, column, &cells)?;
         }
-        writer.close()?;
+        to.close()?;
+    }
+}
+
+fn types(kind: Kind) -> (Physical, Option<LogicalType>) {
+    let whole = |bits, is_signed| Some(LogicalType::integer(bits, is_signed));
+    match kind {
+        Kind::Int8 => (Physical::INT32, whole(8, true)),
+        Kind::UInt8 => (Physical::INT32, whole(8, false)),
+        Kind::Int16 => (Physical::INT32, whole(16, true)),
+        Kind::UInt16 => (Physical::INT32, whole(16, false)),
+        Kind::Int32 => (Physical::INT32, None),
+        Kind::UInt32 => (Physical::INT32, whole(32, false)),
+        Kind::UInt64 => (Physical::INT64, whole(64, false)),
+        Kind::Int64 | Kind::Enumeration => (Physical::INT64, None),
+        Kind::Boolean | Kind::Clock => (Physical::BOOLEAN, None),
+        Kind::String => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        Kind::Binary => (Physical::BYTE_ARRAY, None),
+        Kind::Float32 => (Physical::FLOAT, None),
+        Kind::Float64 => (Physical::DOUBLE, None),
     }
 }
 
 fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
-    let whole = |bits, is_signed| Some(LogicalType::integer(bits, is_signed));
     let field = |column: &Column| {
-        let (physical, logical) = match column.kind {
-            Kind::Int8 => (Physical::INT32, whole(8, true)),
-            Kind::UInt8 => (Physical::INT32, whole(8, false)),
-            Kind::Int16 => (Physical::INT32, whole(16, true)),
-            Kind::UInt16 => (Physical::INT32, whole(16, false)),
-            Kind::Int32 => (Physical::INT32, None),
-            Kind::UInt32 => (Physical::INT32, whole(32, false)),
-            Kind::UInt64 => (Physical::INT64, whole(64, false)),
-            Kind::Int64 | Kind::Enumeration => (Physical::INT64, None),
-            Kind::Boolean | Kind::Clock => (Physical::BOOLEAN, None),
-            Kind::String => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-            Kind::Binary => (Physical::BYTE_ARRAY, None),
-            Kind::Float32 => (Physical::FLOAT, None),
-            Kind::Float64 => (Physical::DOUBLE, None),
-        };
+        let (physical, logical) = types(column.kind);
         let repetition = match column.optional {
             true => Repetition::OPTIONAL,
             false => Repetition::REQUIRED,
@@ -84,43 +81,43 @@ fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
 
 type Group<'a, 'b> = SerializedRowGroupWriter<'a, &'b mut Replacement>;
 
-/// Writes the next column: its values, and for an optional column which rows have one.
+/// Writes the next column.
 fn write_column(
     group: &mut Group<'_, '_>,
-    values: Values,
-    present: Option<&Vec<i16>>,
+    column: &Column,
+    cells: &[&Cell],
 ) -> Result<(), ParquetError> {
     // Numbers without a sign are stored as their bits.
-    match values {
-        Values::Float64(all) => typed::<DoubleType, _>(group, all, |v| v, present),
-        Values::Float32(all) => typed::<FloatType, _>(group, all, |v| v, present),
-        Values::Boolean(all) => typed::<BoolType, _>(group, all, |v| v, present),
-        Values::Int64(all) => typed::<Int64Type, _>(group, all, |v| v, present),
-        Values::UInt64(all) => typed::<Int64Type, _>(group, all, |v| v as i64, present),
-        Values::Int32(all) => typed::<Int32Type, _>(group, all, |v| v, present),
-        Values::UInt32(all) => typed::<Int32Type, _>(group, all, |v| v as i32, present),
-        Values::Int8(all) => typed::<Int32Type, _>(group, all, i32::from, present),
-        Values::UInt8(all) => typed::<Int32Type, _>(group, all, i32::from, present),
-        Values::Int16(all) => typed::<Int32Type, _>(group, all, i32::from, present),
-        Values::UInt16(all) => typed::<Int32Type, _>(group, all, i32::from, present),
-        Values::String(all) => {
-            let bytes = |text: String| ByteArray::from(text.into_bytes());
-            typed::<ByteArrayType, _>(group, all, bytes, present)
+    let whole = |value: &Value| value.as_whole().unwrap_or_default();
+    let real = |value: &Value| value.as_real().unwrap_or_default();
+    match types(column.kind).0 {
+        Physical::INT32 => typed::<Int32Type>(group, column, cells, |v| whole(v) as i32),
+        Physical::INT64 => typed::<Int64Type>(group, column, cells, |v| whole(v) as i64),
+        Physical::FLOAT => typed::<FloatType>(group, column, cells, |v| real(v) as f32),
+        Physical::DOUBLE => typed::<DoubleType>(group, column, cells, real),
+        Physical::BOOLEAN => {
+            typed::<BoolType>(group, column, cells, |v| *v == Value::Boolean(true))
         }
-        Values::Binary(all) => typed::<ByteArrayType, _>(group, all, ByteArray::from, present),
+        _ => typed::<ByteArrayType>(group, column, cells, |value| match value {
+            Value::String(text) => text.as_bytes().to_vec().into(),
+            Value::Binary(bytes) => bytes.clone().into(),
+            _ => ByteArray::new(),
+        }),
     }
 }
 
-fn typed<T: DataType, V>(
+/// Writes the values of a column, and of an optional column which rows have one.
+fn typed<T: DataType>(
     group: &mut Group<'_, '_>,
-    all: Vec<V>,
-    value: fn(V) -> T::T,
-    present: Option<&Vec<i16>>,
+    column: &Column,
+    cells: &[&Cell],
+    value: impl Fn(&Value) -> T::T,
 ) -> Result<(), ParquetError> {
     let missing = || ParquetError::General("there are more columns than in the schema".into());
-    let mut column = group.next_column()?.ok_or_else(missing)?;
-    let values = Vec::from_iter(all.into_iter().map(value));
-    let present = present.map(Vec::as_slice);
-    column.typed::<T>().write_batch(&values, present, None)?;
-    column.close()
+    let mut writer = group.next_column()?.ok_or_else(missing)?;
+    let values = Vec::from_iter(cells.iter().copied().flatten().map(value));
+    let present = Vec::from_iter(cells.iter().map(|cell| cell.is_some().into()));
+    let present = column.optional.then_some(present.as_slice());
+    writer.typed::<T>().write_batch(&values, present, None)?;
+    writer.close()
 }
