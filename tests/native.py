@@ -109,14 +109,7 @@ def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
     """Return the binary of a source in tests/c."""
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     library = folder / "library.so"
-    options = [
-        "-shared",
-        "-fPIC",
-        "-O1",
-        "-Wall",
-        "-Wextra",
-        *(f"-D{name}" for name in definitions),
-    ]
+    options = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", *(f"-D{d}" for d in definitions)]
     subprocess.run([compiler, *options, "-o", library, ROOT / "tests" / "c" / source], check=True)
     return library.read_bytes()
 

@@ -4,18 +4,17 @@
 #[path = "../../../tests/fmus.rs"]
 mod fmus;
 
-use fmu_master::{Description, Messages, Order, Plan, Row, Simulation, Written};
+use fmu_master::{Description, Messages, Plan, Written};
 use pendulum_control::Target;
 use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
 use pendulum_control::pid::Integral;
 
 const STEPS: usize = 20_000;
 
-fn plan(example: &str, order: Order, outputs: &[&str]) -> Plan {
+fn plan(example: &str) -> Plan {
     let file = fmus::root().join("examples/closed-loop").join(example);
     let mut description = Description::read(&file).unwrap();
-    description.order = order;
-    description.outputs = outputs.iter().map(ToString::to_string).collect();
+    description.outputs = vec!["controller.e".into(), "controller.u".into()];
     Plan::new(&description).unwrap()
 }
 
@@ -29,16 +28,6 @@ fn in_process(
     let samples = closed_loop.run(signal, disturbance, controller);
     let samples = samples.map(|sample| [sample.e, sample.u].map(f64::to_bits));
     samples.take(STEPS).collect()
-}
-
-/// All rows of a run.
-fn rows(simulation: Simulation<'_>) -> Vec<Row> {
-    let mut rows = Vec::new();
-    let ended = simulation.run(|row| {
-        rows.push(row.clone());
-        true
-    });
-    ended.map(|_| rows).unwrap()
 }
 
 /// Those of a loop in the native master.
@@ -67,14 +56,7 @@ fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> Vec<[u64; 2]> {
 
 #[test]
 fn every_loop_of_table_1_has_the_bits_of_the_mathematics() {
-    let [only_pid, rbf, supervised] =
-        ["pid.toml", "pid-rbf.toml", "supervised.toml"].map(|example| {
-            plan(
-                example,
-                Order::Sequential,
-                &["controller.e", "controller.u"],
-            )
-        });
+    let [only_pid, rbf, supervised] = ["pid.toml", "pid-rbf.toml", "supervised.toml"].map(plan);
     for signal in [SetPoint::Step, SetPoint::Sine, SetPoint::Square] {
         for disturbance in [0.0, 1.0] {
             let check = |plan: &Plan, controller: &mut dyn FnMut(f64, f64, f64) -> f64| {
@@ -99,31 +81,13 @@ fn every_loop_of_table_1_has_the_bits_of_the_mathematics() {
     }
 }
 
-/// In parallel order the plant receives u one sample later, as in sequential order with the PID terms
-/// of the previous sample.
-#[test]
-fn parallel_order_delays_by_one_sample() {
-    let angles = |order, previous_sample_terms| {
-        let plan = plan("pid.toml", order, &["plant.theta"]);
-        let value = Written::Boolean(previous_sample_terms);
-        let start = plan.start("controller.previous_sample_terms", &value);
-        let simulation = plan.simulate(&[start.unwrap()], &Messages::default());
-        rows(simulation.unwrap())
-    };
-    let parallel = angles(Order::Parallel, false);
-    assert_eq!(parallel, angles(Order::Sequential, true));
-    assert_ne!(parallel, angles(Order::Sequential, false));
-}
-
 #[test]
 fn simulations_of_one_plan_run_on_several_threads() {
-    let plan = plan("pid.toml", Order::Sequential, &[]);
-    let simulate = || plan.simulate(&[], &Messages::default()).unwrap();
-    let expected = rows(simulate());
-    assert_eq!(expected.len(), STEPS);
+    let plan = plan("pid.toml");
+    let expected = natively(&plan, SetPoint::Step, 0.0);
     std::thread::scope(|scope| {
-        let simulations = [(); 4].map(|()| simulate());
-        for run in simulations.map(|simulation| scope.spawn(|| rows(simulation))) {
+        let runs = [(); 4].map(|()| scope.spawn(|| natively(&plan, SetPoint::Step, 0.0)));
+        for run in runs {
             assert!(run.join().unwrap() == expected);
         }
     });

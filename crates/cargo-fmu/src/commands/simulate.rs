@@ -6,7 +6,6 @@ use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::str::FromStr;
 use std::time::Instant;
 
 use anyhow::{Context, Error, Result, bail};
@@ -29,8 +28,8 @@ pub struct SimulateArgs {
     #[arg(value_name = "SYSTEM.toml")]
     system: PathBuf,
     /// Set a start value (for an enumeration, the name of an item); may be repeated
-    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE")]
-    sets: Vec<Assignment>,
+    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
+    sets: Vec<(String, Written)>,
     /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     start: Option<f64>,
@@ -68,28 +67,12 @@ enum Order {
     Parallel,
 }
 
-/// `COMPONENT.VARIABLE=VALUE`
-#[derive(Debug, Clone)]
-struct Assignment {
-    /// The variable.
-    name: String,
-    /// Its value.
-    value: String,
-}
-
-impl FromStr for Assignment {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let (name, value) = text
-            .split_once('=')
-            .filter(|(name, _)| name.contains('.'))
-            .context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
-        Ok(Self {
-            name: name.into(),
-            value: value.into(),
-        })
-    }
+/// Parses `COMPONENT.VARIABLE=VALUE`.
+fn assignment(text: &str) -> Result<(String, Written)> {
+    let parts = text.split_once('=').filter(|(name, _)| name.contains('.'));
+    let (name, value) =
+        parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
+    Ok((name.to_owned(), Written::Text(value.to_owned())))
 }
 
 /// Simulates the system in a worker process and reports the results.
@@ -102,21 +85,15 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let session = Session::start()?;
-    let worker = Worker::start(
-        &mut Session::worker()?,
-        session.folder(),
-        args.limited.limits(1)?,
-    )?;
+    let limits = args.limited.limits(1)?;
+    let worker = Worker::start(&mut Session::worker()?, session.folder(), limits)?;
     let progress = Progress::new()?;
-    let outcome = run::supervise(
-        worker,
-        args.csv.as_deref(),
-        &Watch {
-            is_cancelled: &|| session.signal().is_some(),
-            slow: &worker::report_slow,
-            progress: &|ready, time| progress.show(ready.experiment, time),
-        },
-    )?;
+    let watch = Watch {
+        is_cancelled: &|| session.signal().is_some(),
+        slow: &worker::report_slow,
+        progress: &|ready, time| progress.show(ready.experiment, time),
+    };
+    let outcome = run::supervise(worker, args.csv.as_deref(), &watch)?;
     progress.bar.finish_and_clear();
     match outcome {
         Outcome::Finished(finished) => {
@@ -147,16 +124,15 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
 fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
     let mut description = describe(args)?;
     let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
-    let value = |set: &Assignment| Written::Text(set.value.clone());
     let (sizes, sets): (Vec<_>, Vec<_>) =
-        (args.sets.iter()).partition(|set| plan.is_structural(&set.name));
+        (args.sets.iter()).partition(|(name, _)| plan.is_structural(name));
     if !sizes.is_empty() {
-        for set in sizes {
-            description.set_start(&set.name, value(set));
+        for (name, value) in sizes {
+            description.set_start(name, value.clone());
         }
         plan = Plan::new(&description)?;
     }
-    let starts = sets.iter().map(|set| plan.start(&set.name, &value(set)));
+    let starts = sets.iter().map(|(name, value)| plan.start(name, value));
     let starts = starts.collect::<Result<_>>()?;
     Ok((plan, starts))
 }

@@ -4,7 +4,6 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -36,8 +35,8 @@ pub struct SweepArgs {
     fmus: Option<PathBuf>,
     /// Print the rows of these runs (from 0, END excluded); used by the workers of a distributed
     /// sweep
-    #[arg(long, value_name = "FIRST..END", conflicts_with = "out")]
-    rows: Option<Runs>,
+    #[arg(long, value_name = "FIRST..END", conflicts_with = "out", value_parser = runs)]
+    rows: Option<Range<u64>>,
     /// Print the plan as JSON; used by the coordinator of a distributed sweep
     #[arg(long, conflicts_with_all = ["out", "rows"])]
     plan: bool,
@@ -45,21 +44,13 @@ pub struct SweepArgs {
     limited: Limited,
 }
 
-/// `FIRST..END`
-#[derive(Debug, Clone)]
-struct Runs(Range<u64>);
-
-impl FromStr for Runs {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let ends = text.split_once("..").and_then(|(first, end)| {
-            let range = first.parse().ok()?..end.parse().ok()?;
-            (range.start <= range.end).then_some(range)
-        });
-        ends.map(Self)
-            .context("expected FIRST..END, such as 100..200")
-    }
+/// Parses `FIRST..END`.
+fn runs(text: &str) -> Result<Range<u64>> {
+    let ends = text.split_once("..").and_then(|(first, end)| {
+        let range = first.parse().ok()?..end.parse().ok()?;
+        (range.start <= range.end).then_some(range)
+    });
+    ends.context("expected FIRST..END, such as 100..200")
 }
 
 /// Runs the sweep, or the part selected by the options, in worker processes.
@@ -88,13 +79,12 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         slow: &worker::report_slow,
     };
     workers.limits = args.limited.limits(workers.count())?;
-    let is_complete = if let Some(Runs(runs)) = &args.rows {
+    let is_complete = if let Some(runs) = &args.rows {
         study.rows(runs.clone(), &workers, |line| {
             Ok(io::stdout().lock().write_all(line.as_bytes())?)
         })?
     } else if args.plan {
-        study.try_corners(&workers)?;
-        let outline = serde_json::to_string(&study.outline())?;
+        let outline = serde_json::to_string(&study.outline(&workers)?)?;
         writeln!(out, "{outline}")?;
         true
     } else {

@@ -178,17 +178,7 @@ mod tests {
         let supervised = [(4, 0), (1, 0), (0, 1), (4, 2), (3, 2), (0, 2), (2, 3)];
         let supervised = supervised.map(|(from, to)| link(from, to));
         assert_eq!(columns(5, &supervised), [1, 2, 2, 3, 0]);
-    }
-
-    #[test]
-    fn loops_without_a_source_and_parts_alone_have_columns_too() {
+        // A loop without a source.
         assert_eq!(columns(2, &[link(0, 1), link(1, 0)]), [0, 1]);
-        assert_eq!(columns(2, &[link(0, 0)]), [0, 0]);
-        assert_eq!(columns(1, &[]), [0]);
-    }
-
-    #[test]
-    fn connectors_are_spread_from_the_top() {
-        assert_eq!([0, 1].map(|index| height(index, 2)), [0.75, 0.25]);
     }
 }

@@ -30,12 +30,13 @@ impl Package {
         let pack = || {
             let plan = Plan::new(description)?;
             let components = plan.components();
-            if let Some(other) = components
-                .iter()
-                .find(|c| c.fmu.version != FmiVersion::Fmi2)
-            {
-                let (name, version) = (other.fmu.file_name(), other.fmu.version.as_str());
-                bail!("{name} is of FMI {version}, expected 2.0: SSP 1.0 has no arrays");
+            for Planned { fmu, .. } in components {
+                ensure!(
+                    fmu.version == FmiVersion::Fmi2,
+                    "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
+                    fmu.file_name(),
+                    fmu.version.as_str()
+                );
             }
             // The FMUs themselves check their start values.
             plan.simulate(&[], &Messages::default())?;
@@ -71,12 +72,8 @@ impl Package {
     pub fn write(&self) -> Result<u64> {
         let structure = Packed::text(self.structure.as_bytes())?;
         let mut entries = vec![("SystemStructure.ssd".to_owned(), &structure)];
-        entries.extend(
-            self.resources
-                .0
-                .values()
-                .map(|file| (file.place(), &file.packed)),
-        );
+        let resources = self.resources.0.values();
+        entries.extend(resources.map(|file| (file.place(), &file.packed)));
         archive::write(&self.file, &entries)
     }
 }

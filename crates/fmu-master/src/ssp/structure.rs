@@ -12,29 +12,11 @@ use crate::{Connection, Description, Fmu, Plan, Planned, Scale};
 /// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
 
-/// Declared at the root, where every tool accepts them.
-const NAMESPACES: [(&str, &str); 5] = [
-    (
-        "xmlns:ssc",
-        "http://ssp-standard.org/SSP1/SystemStructureCommon",
-    ),
-    (
-        "xmlns:ssd",
-        "http://ssp-standard.org/SSP1/SystemStructureDescription",
-    ),
-    (
-        "xmlns:ssv",
-        "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
-    ),
-    (
-        "xmlns:osp",
-        "http://opensimulationplatform.com/SSP/OSPAnnotations",
-    ),
-    (
-        "xmlns:oms",
-        "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-    ),
-];
+/// The start of the names of the standard's schemas.
+const SSP: &str = "http://ssp-standard.org/SSP1/SystemStructure";
+const OSP: &str = "http://opensimulationplatform.com/SSP/OSPAnnotations";
+const OMS: &str =
+    "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd";
 
 const BASE_UNIT: [&str; 10] = [
     "kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset",
@@ -65,22 +47,24 @@ pub fn document(
     let name = super::identifier(name);
 
     let components = faces.iter().zip(places).zip(&layout.parts);
-    let components = components
-        .map(|((face, place), area)| component(face, place, *area, &mut terms))
-        .collect();
+    let components =
+        components.map(|((face, place), area)| component(face, place, *area, &mut terms));
     let system = Element::new("ssd:System")
         .with("name", &name)
-        .listing("ssd:Elements", components)
+        .listing("ssd:Elements", components.collect())
         .listing(
             "ssd:Connections",
             connections(description, &links, &faces, &layout),
         )
         .holding(area("ssd:SystemGeometry", layout.extent))
         .listing("ssd:Annotations", vec![master(description.step)]);
-    let root = Element::new("ssd:SystemStructureDescription");
-    let root = NAMESPACES
-        .into_iter()
-        .fold(root, |root, (name, uri)| root.with(name, uri))
+    let root = Element::new("ssd:SystemStructureDescription")
+        // Declared here, where every tool accepts them.
+        .with("xmlns:ssc", format!("{SSP}Common"))
+        .with("xmlns:ssd", format!("{SSP}Description"))
+        .with("xmlns:ssv", format!("{SSP}ParameterValues"))
+        .with("xmlns:osp", OSP)
+        .with("xmlns:oms", OMS)
         .with("version", "1.0")
         .with("name", name)
         // The standard has no attribute for the step.
@@ -117,17 +101,12 @@ impl<'a> Face<'a> {
             1 => v.causality == Causality::Output,
             _ => v.is_parameter() && is_set(v),
         };
-        let of = |side| {
-            component
-                .fmu
-                .variables
-                .iter()
-                .filter(move |v| is_on(side, v))
-        };
+        let all = &component.fmu.variables;
+        let on = |side| all.iter().filter(move |v| is_on(side, v)).collect();
         Self {
             component,
             name,
-            sides: [0, 1, 2].map(|side| of(side).collect()),
+            sides: [0, 1, 2].map(on),
         }
     }
 
@@ -158,14 +137,16 @@ fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Eleme
     for (side, variables) in face.sides.iter().enumerate() {
         for (index, variable) in variables.iter().enumerate() {
             let height = layout::height(index, variables.len());
-            let at = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
-            connectors.push(connector(
-                variable,
-                KINDS[side],
-                at,
-                &face.component.fmu,
-                terms,
-            ));
+            let (x, y) = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
+            let geometry = Element::new("ssd:ConnectorGeometry")
+                .with("x", x)
+                .with("y", y);
+            let connector = Element::new("ssd:Connector")
+                .with("name", &variable.name)
+                .with("kind", KINDS[side])
+                .holding(terms.of_type(&face.component.fmu, variable))
+                .holding(geometry);
+            connectors.push(connector);
         }
     }
     Element::new("ssd:Component")
@@ -178,46 +159,15 @@ fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Eleme
         .listing("ssd:ParameterBindings", bindings(face, terms))
 }
 
-fn connector(
-    variable: &Variable,
-    kind: &'static str,
-    (x, y): (f64, f64),
-    fmu: &Fmu,
-    terms: &mut Terms,
-) -> Element<'static> {
-    let of_type = match variable.of_type {
-        Type::Boolean => Element::new("ssc:Boolean"),
-        Type::String => Element::new("ssc:String"),
-        Type::Enumeration => {
-            Element::new("ssc:Enumeration").with("name", terms.enumeration(fmu, variable))
-        }
-        kind if kind.is_float() => {
-            Element::new("ssc:Real").with_some("unit", terms.unit(fmu, variable))
-        }
-        _ => Element::new("ssc:Integer"),
-    };
-    let geometry = Element::new("ssd:ConnectorGeometry")
-        .with("x", x)
-        .with("y", y);
-    Element::new("ssd:Connector")
-        .with("name", &variable.name)
-        .with("kind", kind)
-        .holding(of_type)
-        .holding(geometry)
-}
-
 /// The start values, stored in the component itself, where all tools read them.
 fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element<'static>> {
     let fmu = &face.component.fmu;
-    let parameters: Vec<Element<'static>> = face
-        .component
-        .starts()
-        .map(|(variable, value)| {
-            Element::new("ssv:Parameter")
-                .with("name", &variable.name)
-                .holding(start(variable, value, fmu, terms))
-        })
-        .collect();
+    let parameters = face.component.starts().map(|(variable, value)| {
+        Element::new("ssv:Parameter")
+            .with("name", &variable.name)
+            .holding(start(variable, value, fmu, terms))
+    });
+    let parameters = Vec::from_iter(parameters);
     if parameters.is_empty() {
         return vec![];
     }
@@ -344,11 +294,8 @@ impl Terms {
     fn unit(&mut self, fmu: &Fmu, variable: &Variable) -> Option<String> {
         let name = variable.unit.as_ref()?;
         let base = fmu.unit(name)?;
-        let known = self
-            .units
-            .entry(name.clone())
-            .or_insert_with(|| base.to_vec());
-        (known == base).then(|| name.clone())
+        let known = self.units.entry(name.clone());
+        (known.or_insert_with(|| base.to_vec()) == base).then(|| name.clone())
     }
 
     /// The name of a variable's enumeration: those of the FMU and of the type, since two FMUs may use
@@ -364,34 +311,44 @@ impl Terms {
         name
     }
 
+    /// The type of a variable.
+    fn of_type(&mut self, fmu: &Fmu, variable: &Variable) -> Element<'static> {
+        match variable.of_type {
+            Type::Boolean => Element::new("ssc:Boolean"),
+            Type::String => Element::new("ssc:String"),
+            Type::Enumeration => {
+                Element::new("ssc:Enumeration").with("name", self.enumeration(fmu, variable))
+            }
+            kind if kind.is_float() => {
+                Element::new("ssc:Real").with_some("unit", self.unit(fmu, variable))
+            }
+            _ => Element::new("ssc:Integer"),
+        }
+    }
+
     fn enumerations(&self) -> Vec<Element<'static>> {
         let item = |(name, value): &(String, i64)| {
             Element::new("ssc:Item")
                 .with("name", name)
                 .with("value", value)
         };
-        let enumerations = self.enumerations.iter();
-        enumerations
-            .map(|(name, items)| {
-                Element::new("ssc:Enumeration")
-                    .with("name", name)
-                    .holding_all(items.iter().map(item))
-            })
-            .collect()
+        let enumerations = self.enumerations.iter().map(|(name, items)| {
+            let enumeration = Element::new("ssc:Enumeration").with("name", name);
+            enumeration.holding_all(items.iter().map(item))
+        });
+        enumerations.collect()
     }
 
     fn units(&self) -> Vec<Element<'static>> {
-        let units = self.units.iter();
-        units
-            .map(|(name, base)| {
-                let part = |name: &str| base.iter().find(|(known, _)| known == name);
-                let base = BASE_UNIT
-                    .iter()
-                    .fold(Element::new("ssc:BaseUnit"), |unit, name| {
-                        unit.with_some(name, part(name).map(|(_, value)| value))
-                    });
-                Element::new("ssc:Unit").with("name", name).holding(base)
-            })
-            .collect()
+        let units = self.units.iter().map(|(name, base)| {
+            let unit = BASE_UNIT
+                .iter()
+                .fold(Element::new("ssc:BaseUnit"), |unit, name| {
+                    let part = base.iter().find(|(known, _)| known == name);
+                    unit.with_some(name, part.map(|(_, value)| value))
+                });
+            Element::new("ssc:Unit").with("name", name).holding(unit)
+        });
+        units.collect()
     }
 }

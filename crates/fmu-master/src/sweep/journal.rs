@@ -12,11 +12,9 @@
 //! 2,1.5,0.5,,true
 //! ```
 //!
-//! - Line 1: `# sweep ` and the fingerprint, hexadecimal digits that differ between sweeps.
-//! - Then a table as CSV, see [`table`], with a line for each finished run, in any order.
-//!
-//! A last line without a line feed was torn by a kill; it is cut off when the journal is next opened.
-//! A run may appear twice if both lines have the same values.
+//! The fingerprint are hexadecimal digits that differ between sweeps. The lines of the finished runs, as CSV (see
+//! [`table`]), are in any order; a run may appear twice with the same values. A last line without a line feed was
+//! torn by a kill; it is cut off when the journal is next opened.
 //!
 //! # Other programs
 //!

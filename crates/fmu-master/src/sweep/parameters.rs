@@ -1,27 +1,5 @@
-//! The parameters of a sweep and their values.
-//!
-//! ```toml
-//! seed = 1                    # of the random numbers; 0 if left out
-//! draws = 200                 # of the random numbers at each point of the grid; 1 if left out
-//!
-//! [[parameter]]
-//! variable = "controller.pid.kp"
-//! values = [200, 300, 400]    # numbers, booleans or strings
-//!
-//! [[parameter]]
-//! variable = "plant.M"
-//! from = 0.5
-//! to = 2.0
-//! count = 16                  # evenly spaced, both ends included; scale = "log" for even ratios
-//!
-//! [[parameter]]
-//! variable = "plant.l"
-//! uniform = [0.2, 0.3]        # or log_uniform = [min, max], or normal = [mean, deviation]
-//!
-//! [[parameter]]
-//! variables = ["controller.rbf.eta", "supervisor.rbf.eta"]    # the same value for both
-//! values = [0.1, 0.2]
-//! ```
+//! The parameters of a sweep, as `[[parameter]]` in a sweep file has them (docs/master.md), and their values in
+//! each run.
 //!
 //! The grid consists of all combinations of listed and spaced values. The runs iterate over the grid,
 //! the first parameter varying slowest, with all draws at each grid point.

@@ -207,11 +207,7 @@ impl Study {
     ///
     /// # Errors
     /// A value is rejected, or the FMUs crash at every value.
-    pub fn try_corners(&self, workers: &Workers<'_>) -> Result<()> {
-        self.try_corners_in(&mut self.pool(workers))
-    }
-
-    fn try_corners_in(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
+    fn try_corners(&self, pool: &mut Pool<'_, Task>) -> Result<()> {
         let (mut fit, mut crash) = (false, None);
         let corners = self.parameters.corners().into_iter().map(Task::Try);
         pool.run(corners, |_, outcome: Outcome<Reply>| {
@@ -368,7 +364,7 @@ impl Study {
         mut report: impl FnMut(&Progress),
     ) -> Result<(bool, Progress)> {
         let pool = &mut self.pool(workers);
-        self.try_corners_in(pool)?;
+        self.try_corners(pool)?;
         let runs = self.parameters.runs();
         let mut journal = Journal::open(file, &self.fingerprint, self.columns.clone(), runs)?;
         let is_pending = |run: &u64| !journal.done().contains(run);
@@ -399,14 +395,18 @@ impl Study {
         Ok((is_complete, progress))
     }
 
-    /// The information that the coordinator of a distributed sweep needs.
-    pub fn outline(&self) -> Outline<'_> {
-        Outline {
+    /// The information that the coordinator of a distributed sweep needs, after the extreme values were tried.
+    ///
+    /// # Errors
+    /// A value is rejected, or the FMUs crash at every value.
+    pub fn outline(&self, workers: &Workers<'_>) -> Result<Outline<'_>> {
+        self.try_corners(&mut self.pool(workers))?;
+        Ok(Outline {
             runs: self.parameters.runs(),
             header: journal::header(&self.fingerprint, &self.columns),
             system: &self.files[0],
             fmus: &self.files[1..],
-        }
+        })
     }
 }
 
