@@ -1,4 +1,4 @@
-"""`cargo fmu sweep`: metrics compared with FMPy, kills, tables, and bad input."""
+"""`cargo fmu sweep`: runs compared with FMPy, kills, tables, and bad input."""
 
 import csv
 import io
@@ -19,6 +19,7 @@ import sweeps
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import MasterError, simulate, steps_until
 from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
+
 
 def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
     """Run a sweep and return its rows."""
