@@ -149,15 +149,6 @@ impl Description {
         size.map_or(v.count(), |size| size.min(v.count()))
     }
 
-    /// The variable of a value reference, and the index of the element.
-    pub(crate) fn variable_mut(&mut self, reference: usize) -> Option<(&mut Variable, usize)> {
-        let mut variables = self.variables.iter_mut();
-        variables.find_map(|v| {
-            let element = reference.checked_sub(v.reference as usize)?;
-            (element < v.count()).then_some((v, element))
-        })
-    }
-
     fn units(&self, others: &[&str]) -> Result<Vec<Element<'static>>> {
         let units = self.variables.iter().filter_map(|v| v.unit.as_deref());
         let mut definitions = Vec::new();

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::Description;
 use crate::hash::checksum;
-use crate::interface::{CHECKSUM, MAGIC, Override, VERSION};
+use crate::interface::{CHECKSUM, MAGIC, VERSION};
 
 /// Reads the interfaces of all models in a binary, without duplicates: a universal binary has several
 /// copies of each.
@@ -42,9 +42,7 @@ fn description(copy: &[u8], header: usize) -> Result<Description> {
     let is_whole = checksum(content).to_le_bytes() == *sum;
     ensure!(is_whole, "its checksum is wrong");
     let content = content.get(header..).context("it ends too early")?;
-    // Value reference, type and text of each start value of a variant.
-    type Start = (usize, u8, String);
-    let (mut model, overrides): (Description, Vec<Start>) = postcard::from_bytes(content)?;
+    let model: Description = postcard::from_bytes(content)?;
     let mut reference = 0_u32;
     for v in &model.variables {
         ensure!(v.reference == reference, "a value reference is wrong");
@@ -56,19 +54,6 @@ fn description(copy: &[u8], header: usize) -> Result<Description> {
         let mut start = v.start.iter();
         let fits = start.all(|value| value.of_type() == v.of_type);
         ensure!(fits, "a start value does not fit its type");
-    }
-    for (reference, kind, text) in &overrides {
-        let start = Override {
-            reference: *reference,
-            kind: *kind,
-            text,
-        };
-        let variable = model.variable_mut(*reference);
-        let (variable, element) = variable.context("an override of no variable")?;
-        let value = start.value(variable.of_type);
-        let start = variable.start.get_mut(element);
-        let start = start.context("an override of a variable without a start value")?;
-        *start = value.context("an override does not fit its variable")?;
     }
     Ok(model)
 }

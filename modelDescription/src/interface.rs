@@ -41,8 +41,8 @@ pub struct Overrides(&'static str);
 pub struct Override<'a> {
     /// The value reference of the variable.
     pub reference: usize,
-    pub(crate) kind: u8,
-    pub(crate) text: &'a str,
+    kind: u8,
+    text: &'a str,
 }
 
 impl Overrides {
@@ -75,6 +75,17 @@ impl Overrides {
             text,
         };
         Some((first, Self(rest)))
+    }
+
+    /// The override of a variable, if there is one.
+    const fn find(mut self, reference: usize) -> Option<Override<'static>> {
+        while let Some((first, rest)) = self.next() {
+            if first.reference == reference {
+                return Some(first);
+            }
+            self = rest;
+        }
+        None
     }
 }
 
@@ -244,15 +255,13 @@ const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
     // The first pass, which computes the length, does not know it.
     writer.raw(&(N as u32).to_le_bytes());
     writer.description(interface);
-    writer.overrides(interface.overrides);
     let (content, _) = writer.bytes.split_at(N.saturating_sub(CHECKSUM));
     let sum = checksum(content);
     writer.raw(&sum.to_le_bytes());
     writer
 }
 
-/// Writes the first `N` bytes of a copy, and counts the others: a `Description` and the overrides, as
-/// postcard reads them.
+/// Writes the first `N` bytes of a copy, and counts the others: a `Description`, as postcard reads it.
 struct Writer<const N: usize> {
     bytes: [u8; N],
     length: usize,
@@ -340,22 +349,6 @@ impl<const N: usize> Writer<N> {
         self.text(&guid(interface));
     }
 
-    const fn overrides(&mut self, all: Overrides) {
-        let (mut rest, mut count) = (all, 0);
-        while let Some((_, others)) = rest.next() {
-            rest = others;
-            count += 1;
-        }
-        self.number(count);
-        rest = all;
-        while let Some((start, others)) = rest.next() {
-            self.number(start.reference as u128);
-            self.raw(&[start.kind]);
-            self.text(start.text.as_bytes());
-            rest = others;
-        }
-    }
-
     /// Adds a `Variable`.
     const fn variable(&mut self, reference: usize, interface: &Interface) {
         let (scalar, scalars) = (&interface.scalars[reference], interface.scalars);
@@ -395,7 +388,7 @@ impl<const N: usize> Writer<N> {
         self.some_text(field.unit);
         self.some_text(field.mime_type);
         self.bounds(field);
-        self.start(&field.start);
+        self.start(&field.start, reference, interface.overrides);
         self.declared_type(&field.start);
     }
 
@@ -461,25 +454,51 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    const fn start(&mut self, start: &Start) {
+    /// Adds the start values, those of a variant instead of those that it replaces.
+    const fn start(&mut self, start: &Start, reference: usize, overrides: Overrides) {
         let of_type = start.of_type();
         self.number(start.len() as u128);
         let mut i = 0;
         while i < start.len() {
-            match start {
-                Start::Float32(_) | Start::Float64(_) => self.real(of_type, start.real(i)),
-                Start::Boolean(values) => self.raw(&[of_type as u8, values[i] as u8]),
-                Start::String(values) => {
+            match (overrides.find(reference + i), start) {
+                (Some(start), _) => self.replaced(of_type, start),
+                (None, Start::Float32(_) | Start::Float64(_)) => {
+                    self.real(of_type, start.real(i));
+                }
+                (None, Start::Boolean(values)) => self.raw(&[of_type as u8, values[i] as u8]),
+                (None, Start::String(values)) => {
                     self.raw(&[of_type as u8]);
                     self.text(values[i].as_bytes());
                 }
-                Start::Binary(values) => {
+                (None, Start::Binary(values)) => {
                     self.raw(&[of_type as u8]);
                     self.text(values[i]);
                 }
-                _ => self.whole(of_type, start.whole(i)),
+                (None, _) => self.whole(of_type, start.whole(i)),
             }
             i += 1;
+        }
+    }
+
+    /// Adds the start value of a variant as a `Value` of a type.
+    const fn replaced(&mut self, of_type: Type, start: Override<'static>) {
+        match start.kind {
+            b'r' => self.real(of_type, f64::from_bits(number(start.text, 16) as u64)),
+            b'i' => self.whole(of_type, number(start.text, 10)),
+            b'b' => self.raw(&[of_type as u8, number(start.text, 10) as u8]),
+            b'x' => {
+                self.raw(&[of_type as u8]);
+                self.number(start.text.len() as u128 / 2);
+                let mut rest = start.text;
+                while let Some((byte, others)) = rest.split_at_checked(2) {
+                    self.raw(&[number(byte, 16) as u8]);
+                    rest = others;
+                }
+            }
+            _ => {
+                self.raw(&[of_type as u8]);
+                self.text(start.text.as_bytes());
+            }
         }
     }
 

@@ -30,6 +30,7 @@ mod variable;
 mod variables;
 mod vocabulary;
 pub mod words;
+#[cfg(feature = "xml")]
 pub mod xml;
 
 #[cfg(feature = "xml")]

@@ -13,7 +13,7 @@ use crate::{Type, Value};
 ///
 /// # Safety
 /// The offsets in the table are those of the fields: the derive macros take them from the compiler. At the
-/// offset of a variable is a value of the type that its [`Start`] has, or an array of them: an `f64` for a
+/// offset of a variable is a value of the type that its [`Start`](crate::table::Start) has, or an array of them: an `f64` for a
 /// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
 #[allow(
     unsafe_code,

@@ -31,7 +31,7 @@ impl<'a> Model<'a> {
     ) -> Result<Self> {
         let xml = description
             .to_xml(version, &library.origin)
-            .and_then(|xml| Ok(xml.document()?))
+            .and_then(|xml| xml.document())
             .with_context(|| format!("the model {} cannot be described", description.name))?;
         Ok(Self {
             library,

@@ -1,18 +1,15 @@
 //! XML as a tree of elements, to build and write, or to read within limits.
 
-#[cfg(feature = "xml")]
 mod encoding;
-#[cfg(feature = "xml")]
 mod parse;
 
 use std::borrow::Cow;
-use std::fmt;
+
+use anyhow::{Result, ensure};
 
 use crate::value;
 
-#[cfg(feature = "xml")]
 pub use encoding::{Decoded, decode};
-#[cfg(feature = "xml")]
 pub use parse::parse;
 
 /// An element.
@@ -118,13 +115,13 @@ impl<'a> Element<'a> {
     ///
     /// # Errors
     /// An attribute has a character that is not allowed in XML.
-    pub fn document(&self) -> Result<String, InvalidText> {
+    pub fn document(&self) -> Result<String> {
         let mut xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
         self.write(&mut xml, 0)?;
         Ok(xml)
     }
 
-    fn write(&self, xml: &mut String, depth: usize) -> Result<(), InvalidText> {
+    fn write(&self, xml: &mut String, depth: usize) -> Result<()> {
         let indent = "  ".repeat(depth);
         *xml += &format!("{indent}<{}", self.name);
         for (name, value) in &self.attributes {
@@ -147,10 +144,12 @@ impl<'a> Element<'a> {
 
 /// Writes a text as the value of an attribute, so that a parser returns it unchanged. White space is
 /// written as references because parsers normalize it to spaces.
-fn write_value(xml: &mut String, text: &str) -> Result<(), InvalidText> {
-    if text.contains(is_forbidden) {
-        return Err(InvalidText(text.to_owned()));
-    }
+fn write_value(xml: &mut String, text: &str) -> Result<()> {
+    ensure!(
+        !text.contains(is_forbidden),
+        "{} has a character that is not allowed in XML",
+        quote(text)
+    );
     for c in text.chars() {
         match c {
             '&' => *xml += "&amp;",
@@ -170,19 +169,6 @@ fn write_value(xml: &mut String, text: &str) -> Result<(), InvalidText> {
 fn is_forbidden(c: char) -> bool {
     matches!(c, '\0'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' | '\u{fffe}' | '\u{ffff}')
 }
-
-/// A text with a character that is not allowed in XML.
-#[derive(Debug)]
-pub struct InvalidText(String);
-
-impl fmt::Display for InvalidText {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let text = quote(&self.0);
-        write!(f, "{text} has a character that is not allowed in XML")
-    }
-}
-
-impl std::error::Error for InvalidText {}
 
 /// Quotes untrusted text safely: on one line, and truncated if it is long.
 pub fn quote(text: &str) -> String {
@@ -211,7 +197,6 @@ mod tests {
         );
     }
 
-    #[cfg(feature = "xml")]
     #[test]
     fn any_text_round_trips() {
         let text = "<&>\"' \u{e9}\u{1f600} 1\n2\t3\r";

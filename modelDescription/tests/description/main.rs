@@ -128,44 +128,6 @@ fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
 }
 
 #[test]
-fn the_xml_of_fmi_2_reads_back_as_the_scalars_that_it_can_express() {
-    let listed = |copy| -> Vec<_> {
-        let variables = read(&xml(&description(copy), FmiVersion::Fmi2)).into_iter();
-        variables
-            .map(|v| (v.name, v.reference, v.of_type, v.start))
-            .collect()
-    };
-    let float = |value| vec![Value::Float64(value)];
-    let integer = |value| vec![Value::Int32(value)];
-    // Without largest and smallest, which need 64 bits, and the binaries.
-    let sizes = [
-        ("single".into(), 0, Type::Float64, float(0.1)),
-        ("signed[1,1]".into(), 1, Type::Int32, integer(-128)),
-        ("signed[1,2]".into(), 2, Type::Int32, integer(127)),
-        ("unsigned[1]".into(), 3, Type::Int32, integer(0)),
-        ("unsigned[2]".into(), 4, Type::Int32, integer(0)),
-        ("sum".into(), 10, Type::Float64, vec![]),
-    ];
-    assert_eq!(listed(&SIZES_COPY), sizes);
-    // Without the structural parameter, and the elements that are not in use.
-    let lists: Vec<_> = listed(&LISTS_COPY)
-        .into_iter()
-        .map(|v| (v.0, v.1))
-        .collect();
-    let expected = [
-        ("offset", 0),
-        ("net.w[1]", 2),
-        ("net.w[2]", 3),
-        ("net.names[1]", 5),
-        ("net.names[2]", 6),
-        ("net.levels[1]", 8),
-        ("net.levels[2]", 9),
-        ("sum", 11),
-    ];
-    assert_eq!(lists, expected.map(|(name, r)| (name.to_owned(), r)));
-}
-
-#[test]
 fn descriptions_that_no_importer_could_read_are_errors() {
     let error = |change: fn(&mut Description), version| {
         let mut tank = description(&TANK_COPY);
@@ -298,15 +260,6 @@ identities! {
     Binary: Vec<u8>, (start = b"a"), "a value";
     OtherBinary: Vec<u8>, (start = b"b"), "a value";
     Picture: Vec<u8>, (start = b"a", mime_type = "image/png"), "a value";
-}
-
-#[test]
-fn the_guid_is_a_version_8_uuid() {
-    let guid = String::from_utf8(guid(&TANK).to_vec()).unwrap();
-    assert_eq!(&guid[15..16], "8");
-    assert!("89ab".contains(&guid[20..21]), "{guid}");
-    let shape = guid.replace(|c: char| c.is_ascii_hexdigit(), "0");
-    assert_eq!(shape, "{00000000-0000-0000-0000-000000000000}");
 }
 
 macro_rules! table {
