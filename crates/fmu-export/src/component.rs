@@ -415,28 +415,6 @@ impl Component {
         Ok(())
     }
 
-    pub(crate) fn get_continuous_states(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
-        self.get_numbers(Numbers::States, values)
-    }
-
-    pub(crate) fn get_continuous_state_derivatives(
-        &mut self,
-        values: &mut [f64],
-    ) -> Result<(), ModelError> {
-        self.get_numbers(Numbers::Derivatives, values)
-    }
-
-    pub(crate) fn get_event_indicators(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
-        self.get_numbers(Numbers::EventIndicators, values)
-    }
-
-    pub(crate) fn get_nominals_of_continuous_states(
-        &mut self,
-        values: &mut [f64],
-    ) -> Result<(), ModelError> {
-        self.get_numbers(Numbers::Nominals, values)
-    }
-
     fn get_numbers(&mut self, which: Numbers, values: &mut [f64]) -> Result<(), ModelError> {
         self.check_length(which, values.len())?;
         if which != Numbers::Nominals {
@@ -713,6 +691,24 @@ impl Component {
         shared.lifecycle.stale = false;
         Ok(())
     }
+}
+
+/// Defines methods that get the numbers which a host integrates, or locates events with.
+macro_rules! get_numbers {
+    ($($name:ident: $which:ident;)*) => {
+        impl Component {
+            $(pub(crate) fn $name(&mut self, values: &mut [f64]) -> Result<(), ModelError> {
+                self.get_numbers(Numbers::$which, values)
+            })*
+        }
+    };
+}
+
+get_numbers! {
+    get_continuous_states: States;
+    get_continuous_state_derivatives: Derivatives;
+    get_event_indicators: EventIndicators;
+    get_nominals_of_continuous_states: Nominals;
 }
 
 /// The tolerance of the integration, as the host wants it, or as the model says.

@@ -1,5 +1,6 @@
-//! A method for each function of an instance, made from the rows of `fmi-abi`: its arrays are slices, from
-//! which the method takes the lengths; where a length counts several slices, the shortest one decides.
+//! A method for each function of an instance, made from the rows of `fmi-abi` and named by the operation that
+//! it performs. Its arrays are slices, from which the method takes the lengths; where a length counts several
+//! slices, the shortest one decides.
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
@@ -8,44 +9,51 @@ use fmi_abi::{Version, fmi2_functions, fmi3_functions};
 use crate::instance::{Instance, State};
 use crate::{Cause, Failure, Result};
 
+/// An instance as FMI 2.0 sees it.
+pub(crate) struct Fmi2<'a>(pub(crate) &'a mut Instance);
+
+/// An instance as FMI 3.0 sees it.
+pub(crate) struct Fmi3<'a>(pub(crate) &'a mut Instance);
+
 /// Defines the methods of a version: the type of each argument first, without the lengths.
 macro_rules! methods {
     (
         $inline:ident $version:ident $functions:ident
         Free { $($_0:tt)* }
-        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $_2:ident in $($_3:ident)|+;)* })*
+        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
     ) => {
-        #[allow(non_snake_case, dead_code, clippy::too_many_arguments, reason = "as in the standard")]
-        impl Instance {
-            $($(method!($inline $version $functions $name [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
+        #[allow(dead_code, clippy::too_many_arguments, reason = "as in the standard")]
+        impl $version<'_> {
+            $($(method!($inline $version $functions $name $operation [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
         }
     };
 }
 
 macro_rules! method {
-    ($inline:ident $v:ident $f:ident $name:ident $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name $done [$($rest)*] $($all)*);
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op $done [$($rest)*] $($all)*);
     };
-    ($inline:ident $v:ident $f:ident $name:ident [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
     };
-    ($inline:ident $v:ident $f:ident $name:ident [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
         #[inline($inline)]
-        pub(crate) fn $name(&mut self, $($param: $type),*) -> Result {
-            if self.version != Version::$v {
+        pub(crate) fn $op(self, $($param: $type),*) -> Result {
+            let instance = self.0;
+            if instance.version != Version::$v {
                 return Err(Failure::new(stringify!($name), Cause::OtherVersion));
             }
             $(prepare!($arg $kind);)*
             $(measure!($arg $kind);)*
-            let library = &*self.library;
+            let library = &*instance.library;
             // SAFETY: the type is that of the standard, the instance is one of this version and not freed,
             // and every pointer is valid for the length passed with it. The rest depends on the foreign
             // binary, as described in the crate documentation.
             let status = unsafe {
                 let function = library.function(library.$f.$name, stringify!($name))?;
-                function(self.pointer, $(c_value!($arg $kind)),*)
+                function(instance.pointer, $(c_value!($arg $kind)),*)
             };
-            self.library.outcome(stringify!($name), status.0)
+            library.outcome(stringify!($name), status.0)
         }
     };
 }

@@ -12,16 +12,21 @@ use fmi_abi::fmi2::{
 };
 use fmi_abi::fmi3::{fmi3Boolean, fmi3Clock, fmi3False};
 
+use crate::call::{Fmi2, Fmi3};
 use crate::logger::{Registered, text};
 use crate::{Cause, Failure, Library, Result, Success};
 
-/// Calls the function of the instance's version: `call!(self, fmi2Reset() / fmi3Reset())`.
+/// Calls the function that performs an operation: of the instance's version, or of the only version that has
+/// it.
 macro_rules! call {
-    ($instance:ident, $name_2:ident $values_2:tt / $name_3:ident $values_3:tt) => {
+    (both $instance:ident.$operation:ident $values:tt) => {
         match $instance.version {
-            Version::Fmi2 => $instance.$name_2 $values_2,
-            Version::Fmi3 => $instance.$name_3 $values_3,
+            Version::Fmi2 => Fmi2($instance).$operation $values,
+            Version::Fmi3 => Fmi3($instance).$operation $values,
         }
+    };
+    ($version:ident $instance:ident.$operation:ident $values:tt) => {
+        $version($instance).$operation $values
     };
 }
 
@@ -44,8 +49,8 @@ pub struct Instance {
 // `&mut self` ensures.
 unsafe impl Send for Instance {}
 
-/// Start and stop time (s), and the relative tolerance.
-type Experiment = (f64, Option<f64>, Option<f64>);
+/// The relative tolerance, the start time and the stop time (s), optional ones with whether they are given.
+type Experiment = ((bool, f64), f64, (bool, f64));
 
 /// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
 pub struct State(pub(crate) *mut c_void);
@@ -107,10 +112,10 @@ pub trait Number: Copy + Default {
     fn set(instance: &mut Instance, references: &[u32], values: &[Self]) -> Result;
 }
 
-/// Defines methods that get and set numbers. In FMI 2.0, a variable has one element, and if the slices differ
-/// in length, the rest of the longer one is ignored.
+/// Defines methods that get and set numbers, with the versions that have the type. In FMI 2.0, a variable has
+/// one element, and if the slices differ in length, the rest of the longer one is ignored.
 macro_rules! numbers {
-    ($($type:ty: $get:ident $set:ident = $get_3:ident $set_3:ident $(or $get_2:ident $set_2:ident)?;)*) => {
+    ($($type:ty: $get:ident $set:ident in $versions:ident;)*) => {
         $(
             impl Number for $type {
                 #[inline(always)]
@@ -124,109 +129,79 @@ macro_rules! numbers {
                 }
             }
 
-            impl Instance {
-                #[doc = concat!("`", stringify!($get_3), "`", $(", `", stringify!($get_2), "`",)? ": gets all elements.")]
+            methods! {
                 #[inline(always)]
-                pub fn $get(&mut self, references: &[u32], values: &mut [$type]) -> Result {
-                    $(if self.version == Version::Fmi2 {
-                        return self.$get_2(references, values);
-                    })?
-                    self.$get_3(references, values)
-                }
-
-                #[doc = concat!("`", stringify!($set_3), "`", $(", `", stringify!($set_2), "`",)? ": sets all elements.")]
+                $versions $get(references: &[u32], values: &mut [$type]);
                 #[inline(always)]
-                pub fn $set(&mut self, references: &[u32], values: &[$type]) -> Result {
-                    $(if self.version == Version::Fmi2 {
-                        return self.$set_2(references, values);
-                    })?
-                    self.$set_3(references, values)
-                }
+                $versions $set(references: &[u32], values: &[$type]);
             }
         )*
     };
 }
 
-numbers! {
-    f64: get_float64 set_float64 = fmi3GetFloat64 fmi3SetFloat64 or fmi2GetReal fmi2SetReal;
-    f32: get_float32 set_float32 = fmi3GetFloat32 fmi3SetFloat32;
-    i8: get_int8 set_int8 = fmi3GetInt8 fmi3SetInt8;
-    u8: get_uint8 set_uint8 = fmi3GetUInt8 fmi3SetUInt8;
-    i16: get_int16 set_int16 = fmi3GetInt16 fmi3SetInt16;
-    u16: get_uint16 set_uint16 = fmi3GetUInt16 fmi3SetUInt16;
-    i32: get_int32 set_int32 = fmi3GetInt32 fmi3SetInt32 or fmi2GetInteger fmi2SetInteger;
-    u32: get_uint32 set_uint32 = fmi3GetUInt32 fmi3SetUInt32;
-    i64: get_int64 set_int64 = fmi3GetInt64 fmi3SetInt64;
-    u64: get_uint64 set_uint64 = fmi3GetUInt64 fmi3SetUInt64;
-}
-
-/// Defines methods that only call the function of the instance's version.
+/// Defines methods that only call the function of the instance's version, or fail if only the other version
+/// has it.
 macro_rules! methods {
-    ($($method:ident $args:tt = $($function:ident $values:tt)/+;)*) => {
-        impl Instance {
-            $(method!($method $args $($function $values)/+);)*
-        }
+    ($($(#[$attribute:meta])* $versions:ident $method:ident($($arg:ident: $type:ty),*);)*) => {
+        impl Instance { $(
+            #[doc = concat!("The function of the instance's version for `", stringify!($method), "`.")]
+            ///
+            /// # Errors
+            /// The version has no such function, it is missing or returned a failure status.
+            $(#[$attribute])*
+            pub fn $method(&mut self, $($arg: $type),*) -> Result {
+                call!($versions self.$method($($arg),*))
+            }
+        )* }
     };
 }
 
-macro_rules! method {
-    ($method:ident($($arg:ident: $type:ty),*) $name_2:ident $values_2:tt / $name_3:ident $values_3:tt) => {
-        #[doc = concat!("`", stringify!($name_2), "`, `", stringify!($name_3), "`")]
-        pub fn $method(&mut self, $($arg: $type),*) -> Result {
-            call!(self, $name_2 $values_2 / $name_3 $values_3)
-        }
-    };
-    ($method:ident($($arg:ident: $type:ty),*) $name:ident $values:tt) => {
-        #[doc = concat!("`", stringify!($name), "`, which the other version does not have")]
-        pub fn $method(&mut self, $($arg: $type),*) -> Result {
-            self.$name $values
-        }
-    };
+numbers! {
+    f64: get_float64 set_float64 in both;
+    f32: get_float32 set_float32 in Fmi3;
+    i8: get_int8 set_int8 in Fmi3;
+    u8: get_uint8 set_uint8 in Fmi3;
+    i16: get_int16 set_int16 in Fmi3;
+    u16: get_uint16 set_uint16 in Fmi3;
+    i32: get_int32 set_int32 in both;
+    u32: get_uint32 set_uint32 in Fmi3;
+    i64: get_int64 set_int64 in Fmi3;
+    u64: get_uint64 set_uint64 in Fmi3;
 }
 
 methods! {
-    exit_initialization_mode() = fmi2ExitInitializationMode() / fmi3ExitInitializationMode();
-    enter_event_mode() = fmi2EnterEventMode() / fmi3EnterEventMode();
-    enter_continuous_time_mode() = fmi2EnterContinuousTimeMode() / fmi3EnterContinuousTimeMode();
-    enter_step_mode() = fmi3EnterStepMode();
-    enter_configuration_mode() = fmi3EnterConfigurationMode();
-    exit_configuration_mode() = fmi3ExitConfigurationMode();
-    evaluate_discrete_states() = fmi3EvaluateDiscreteStates();
-    terminate() = fmi2Terminate() / fmi3Terminate();
-    reset() = fmi2Reset() / fmi3Reset();
-    set_time(time: f64) = fmi2SetTime(time) / fmi3SetTime(time);
-    set_continuous_states(states: &[f64])
-        = fmi2SetContinuousStates(states) / fmi3SetContinuousStates(states);
-    get_continuous_states(states: &mut [f64])
-        = fmi2GetContinuousStates(states) / fmi3GetContinuousStates(states);
-    get_continuous_state_derivatives(derivatives: &mut [f64])
-        = fmi2GetDerivatives(derivatives) / fmi3GetContinuousStateDerivatives(derivatives);
-    get_event_indicators(values: &mut [f64])
-        = fmi2GetEventIndicators(values) / fmi3GetEventIndicators(values);
-    get_nominals_of_continuous_states(values: &mut [f64])
-        = fmi2GetNominalsOfContinuousStates(values) / fmi3GetNominalsOfContinuousStates(values);
-    get_directional_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64])
-        = fmi2GetDirectionalDerivative(unknowns, knowns, seed, values)
-        / fmi3GetDirectionalDerivative(unknowns, knowns, seed, values);
-    get_adjoint_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64])
-        = fmi3GetAdjointDerivative(unknowns, knowns, seed, values);
-    set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64])
-        = fmi2SetRealInputDerivatives(references, orders, values);
-    get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64])
-        = fmi2GetRealOutputDerivatives(references, orders, values)
-        / fmi3GetOutputDerivatives(references, orders, values);
-    get_clock(references: &[u32], values: &mut [fmi3Clock]) = fmi3GetClock(references, values);
-    set_clock(references: &[u32], values: &[fmi3Clock]) = fmi3SetClock(references, values);
-    save_to(state: &mut State) = fmi2GetFMUstate(state) / fmi3GetFMUState(state);
-    set_fmu_state(state: &State) = fmi2SetFMUstate(state) / fmi3SetFMUState(state);
-    get_number_of_continuous_states(n: &mut usize) = fmi3GetNumberOfContinuousStates(n);
-    get_number_of_event_indicators(n: &mut usize) = fmi3GetNumberOfEventIndicators(n);
-    cancel_step() = fmi2CancelStep();
-    get_status(kind: fmi2StatusKind, value: &mut fmi2Status) = fmi2GetStatus(kind, value);
-    get_real_status(kind: fmi2StatusKind, value: &mut f64) = fmi2GetRealStatus(kind, value);
-    get_integer_status(kind: fmi2StatusKind, value: &mut i32) = fmi2GetIntegerStatus(kind, value);
-    get_boolean_status(kind: fmi2StatusKind, value: &mut fmi2Boolean) = fmi2GetBooleanStatus(kind, value);
-    get_string_status(kind: fmi2StatusKind, value: &mut fmi2String) = fmi2GetStringStatus(kind, value);
+    both exit_initialization_mode();
+    both enter_event_mode();
+    both enter_continuous_time_mode();
+    Fmi3 enter_step_mode();
+    Fmi3 enter_configuration_mode();
+    Fmi3 exit_configuration_mode();
+    Fmi3 evaluate_discrete_states();
+    both terminate();
+    both reset();
+    both set_time(time: f64);
+    both set_continuous_states(states: &[f64]);
+    both get_continuous_states(states: &mut [f64]);
+    both get_continuous_state_derivatives(derivatives: &mut [f64]);
+    both get_event_indicators(values: &mut [f64]);
+    both get_nominals_of_continuous_states(values: &mut [f64]);
+    both get_directional_derivative(
+        unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64]
+    );
+    Fmi3 get_adjoint_derivative(unknowns: &[u32], knowns: &[u32], seed: &[f64], values: &mut [f64]);
+    Fmi2 set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64]);
+    both get_output_derivatives(references: &[u32], orders: &[i32], values: &mut [f64]);
+    Fmi3 get_clock(references: &[u32], values: &mut [fmi3Clock]);
+    Fmi3 set_clock(references: &[u32], values: &[fmi3Clock]);
+    both set_fmu_state(state: &State);
+    Fmi3 get_number_of_continuous_states(n: &mut usize);
+    Fmi3 get_number_of_event_indicators(n: &mut usize);
+    Fmi2 cancel_step();
+    Fmi2 get_status(kind: fmi2StatusKind, value: &mut fmi2Status);
+    Fmi2 get_real_status(kind: fmi2StatusKind, value: &mut f64);
+    Fmi2 get_integer_status(kind: fmi2StatusKind, value: &mut i32);
+    Fmi2 get_boolean_status(kind: fmi2StatusKind, value: &mut fmi2Boolean);
+    Fmi2 get_string_status(kind: fmi2StatusKind, value: &mut fmi2String);
 }
 
 impl Instance {
@@ -276,12 +251,9 @@ impl Instance {
         self.pointer
     }
 
-    /// The failure of a function that returned success.
-    fn broke<T>(&self, name_2: &'static str, name_3: &'static str, cause: Cause) -> Result<T> {
-        let function = match self.version {
-            Version::Fmi2 => name_2,
-            Version::Fmi3 => name_3,
-        };
+    /// The failure of a function that returned success, by the operation that it performs.
+    fn broke<T>(&self, operation: &'static str, cause: Cause) -> Result<T> {
+        let function = self.version.function(operation).unwrap_or(operation);
         Err(Failure::new(function, cause))
     }
 
@@ -302,10 +274,7 @@ impl Instance {
     /// `fmi2SetDebugLogging`, `fmi3SetDebugLogging`
     pub fn set_debug_logging(&mut self, on: bool, categories: &[CString]) -> Result {
         let names: Vec<fmi2String> = categories.iter().map(|name| name.as_ptr()).collect();
-        call!(
-            self,
-            fmi2SetDebugLogging(on, &names) / fmi3SetDebugLogging(on, &names)
-        )
+        call!(both self.set_debug_logging(on, &names))
     }
 
     /// `fmi2SetupExperiment`: start and stop time in s, and the relative tolerance. FMI 3.0 passes them
@@ -316,12 +285,12 @@ impl Instance {
         stop: Option<f64>,
         tolerance: Option<f64>,
     ) -> Result {
-        self.experiment = (start, stop, tolerance);
-        let (has_tolerance, has_stop) = (tolerance.is_some(), stop.is_some());
-        let (tolerance, stop) = (tolerance.unwrap_or_default(), stop.unwrap_or_default());
+        let flagged = |value: Option<f64>| (value.is_some(), value.unwrap_or_default());
+        self.experiment = (flagged(tolerance), start, flagged(stop));
+        let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
         match self.version {
             Version::Fmi2 => {
-                self.fmi2SetupExperiment(has_tolerance, tolerance, start, has_stop, stop)
+                Fmi2(self).setup_experiment(has_tolerance, tolerance, start, has_stop, stop)
             }
             Version::Fmi3 => Ok(Success::Ok),
         }
@@ -329,24 +298,27 @@ impl Instance {
 
     /// `fmi2EnterInitializationMode`, `fmi3EnterInitializationMode`
     pub fn enter_initialization_mode(&mut self) -> Result {
-        let (start, stop, tolerance) = self.experiment;
-        let (has_tolerance, has_stop) = (tolerance.is_some(), stop.is_some());
-        let (tolerance, stop) = (tolerance.unwrap_or_default(), stop.unwrap_or_default());
-        call!(
-            self,
-            fmi2EnterInitializationMode()
-                / fmi3EnterInitializationMode(has_tolerance, tolerance, start, has_stop, stop)
-        )
+        let ((has_tolerance, tolerance), start, (has_stop, stop)) = self.experiment;
+        match self.version {
+            Version::Fmi2 => Fmi2(self).enter_initialization_mode(),
+            Version::Fmi3 => Fmi3(self).enter_initialization_mode(
+                has_tolerance,
+                tolerance,
+                start,
+                has_stop,
+                stop,
+            ),
+        }
     }
 
     /// `fmi2GetBoolean`, `fmi3GetBoolean`; as integers, since a foreign FMU may return values other than
     /// 0 and 1.
     pub fn get_boolean(&mut self, references: &[u32], values: &mut [fmi2Boolean]) -> Result {
         if self.version == Version::Fmi2 {
-            return self.fmi2GetBoolean(references, values);
+            return Fmi2(self).get_boolean(references, values);
         }
         let mut bytes = vec![fmi3False; values.len()];
-        let got = self.fmi3GetBoolean(references, &mut bytes)?;
+        let got = Fmi3(self).get_boolean(references, &mut bytes)?;
         for (value, byte) in values.iter_mut().zip(bytes) {
             *value = byte.into();
         }
@@ -356,10 +328,10 @@ impl Instance {
     /// `fmi2SetBoolean`, `fmi3SetBoolean`; in FMI 3.0 every value but 0 is true.
     pub fn set_boolean(&mut self, references: &[u32], values: &[fmi2Boolean]) -> Result {
         if self.version == Version::Fmi2 {
-            return self.fmi2SetBoolean(references, values);
+            return Fmi2(self).set_boolean(references, values);
         }
         let bytes: Vec<_> = values.iter().map(|v| fmi3Boolean::from(*v != 0)).collect();
-        self.fmi3SetBoolean(references, &bytes)
+        Fmi3(self).set_boolean(references, &bytes)
     }
 
     /// `fmi2GetString`, `fmi3GetString` of variables with `n` elements in total.
@@ -368,7 +340,7 @@ impl Instance {
         let cause = Cause::Broke("returned NULL for a string");
         match texts.into_iter().collect() {
             Some(texts) => Ok(texts),
-            None => self.broke("fmi2GetString", "fmi3GetString", cause),
+            None => self.broke("get_string", cause),
         }
     }
 
@@ -381,10 +353,7 @@ impl Instance {
         between: impl FnOnce(),
     ) -> Result<Vec<Option<String>>> {
         let mut values = vec![ptr::null(); n];
-        call!(
-            self,
-            fmi2GetString(references, &mut values) / fmi3GetString(references, &mut values)
-        )?;
+        call!(both self.get_string(references, &mut values))?;
         between();
         // SAFETY: by the standard, the FMU's strings are valid until its next call.
         let texts = values.into_iter().map(|value| unsafe { text(value) });
@@ -394,16 +363,13 @@ impl Instance {
     /// `fmi2SetString`, `fmi3SetString`
     pub fn set_string(&mut self, references: &[u32], values: &[CString]) -> Result {
         let values: Vec<fmi2String> = values.iter().map(|value| value.as_ptr()).collect();
-        call!(
-            self,
-            fmi2SetString(references, &values) / fmi3SetString(references, &values)
-        )
+        call!(both self.set_string(references, &values))
     }
 
     /// `fmi3GetBinary` of variables with `n` elements in total.
     pub fn get_binary(&mut self, references: &[u32], n: usize) -> Result<Vec<Vec<u8>>> {
         let (mut sizes, mut values) = (vec![0; n], vec![ptr::null(); n]);
-        self.fmi3GetBinary(references, &mut sizes, &mut values)?;
+        Fmi3(self).get_binary(references, &mut sizes, &mut values)?;
         let copied = values.iter().zip(sizes).map(|(value, size)| match size {
             0 => Some(Vec::new()),
             _ if value.is_null() => None,
@@ -419,7 +385,7 @@ impl Instance {
     pub fn set_binary(&mut self, references: &[u32], values: &[&[u8]]) -> Result {
         let sizes: Vec<usize> = values.iter().map(|value| value.len()).collect();
         let pointers: Vec<_> = values.iter().map(|value| value.as_ptr()).collect();
-        self.fmi3SetBinary(references, &sizes, &pointers)
+        Fmi3(self).set_binary(references, &sizes, &pointers)
     }
 
     /// Gets and sets no variables of type Float64, with NULL for all arrays.
@@ -457,20 +423,22 @@ impl Instance {
         let cause = Cause::Broke("returned success and no state");
         match state.0.is_null() {
             false => Ok(state),
-            true => self.broke("fmi2GetFMUstate", "fmi3GetFMUState", cause),
+            true => self.broke("get_fmu_state", cause),
         }
+    }
+
+    /// `fmi2GetFMUstate`, `fmi3GetFMUState` with a state that exists, which the FMU overwrites.
+    pub fn save_to(&mut self, state: &mut State) -> Result {
+        call!(both self.get_fmu_state(state))
     }
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState`
     pub fn free_fmu_state(&mut self, mut state: State) -> Result {
-        let freed = call!(
-            self,
-            fmi2FreeFMUstate(&mut state) / fmi3FreeFMUState(&mut state)
-        )?;
+        let freed = call!(both self.free_fmu_state(&mut state))?;
         let cause = Cause::Broke("did not set the state to NULL");
         match state.0.is_null() {
             true => Ok(freed),
-            false => self.broke("fmi2FreeFMUstate", "fmi3FreeFMUState", cause),
+            false => self.broke("free_fmu_state", cause),
         }
     }
 
@@ -485,24 +453,17 @@ impl Instance {
         // An FMU that writes more than it announced damages these bytes only.
         const GUARD: [u8; 64] = [0xa5; 64];
         let mut n = 0;
-        call!(
-            self,
-            fmi2SerializedFMUstateSize(state, &mut n) / fmi3SerializedFMUStateSize(state, &mut n)
-        )?;
+        call!(both self.serialized_fmu_state_size(state, &mut n))?;
         if n > max {
-            let (name_2, name_3) = ("fmi2SerializedFMUstateSize", "fmi3SerializedFMUStateSize");
-            return self.broke(name_2, name_3, Cause::TooLarge(n));
+            return self.broke("serialized_fmu_state_size", Cause::TooLarge(n));
         }
         let mut bytes = vec![0_u8; n];
         bytes.extend_from_slice(&GUARD);
         let to = &mut bytes[..n];
-        call!(
-            self,
-            fmi2SerializeFMUstate(state, to) / fmi3SerializeFMUState(state, to)
-        )?;
+        call!(both self.serialize_fmu_state(state, to))?;
         if bytes.split_off(n) != GUARD {
             let cause = Cause::Broke("wrote more bytes than the size that it returned before");
-            return self.broke("fmi2SerializeFMUstate", "fmi3SerializeFMUState", cause);
+            return self.broke("serialize_fmu_state", cause);
         }
         Ok(bytes)
     }
@@ -510,10 +471,7 @@ impl Instance {
     /// `fmi2DeSerializeFMUstate`, `fmi3DeserializeFMUState`
     pub fn deserialize_fmu_state(&mut self, bytes: &[u8]) -> Result<State> {
         let mut state = State(ptr::null_mut());
-        call!(
-            self,
-            fmi2DeSerializeFMUstate(bytes, &mut state) / fmi3DeserializeFMUState(bytes, &mut state)
-        )?;
+        call!(both self.deserialize_fmu_state(bytes, &mut state))?;
         Ok(state)
     }
 
@@ -522,7 +480,7 @@ impl Instance {
     #[inline(always)]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         match self.version {
-            Version::Fmi2 => self.fmi2DoStep(time, step, true),
+            Version::Fmi2 => Fmi2(self).do_step(time, step, true),
             Version::Fmi3 => self.step_to_the_end(time, step),
         }
     }
@@ -550,20 +508,14 @@ impl Instance {
             Version::Fmi2 => time + step,
             Version::Fmi3 => time,
         };
-        let (of_event, of_end, of_last) = (&mut event, &mut terminate, &mut last);
-        let done = call!(
-            self,
-            fmi2DoStep(time, step, no_set_state)
-                / fmi3DoStep(
-                    time,
-                    step,
-                    no_set_state,
-                    of_event,
-                    of_end,
-                    &mut early,
-                    of_last
-                )
-        )?;
+        let (of_event, of_end, of_early) = (&mut event, &mut terminate, &mut early);
+        let done = match self.version {
+            Version::Fmi2 => Fmi2(self).do_step(time, step, no_set_state),
+            Version::Fmi3 => {
+                let (flag, last) = (no_set_state, &mut last);
+                Fmi3(self).do_step(time, step, flag, of_event, of_end, of_early, last)
+            }
+        }?;
         let stepped = Stepped {
             event_handling_needed: event != fmi3False,
             terminate: terminate != fmi3False,
@@ -592,7 +544,7 @@ impl Instance {
                     nextEventTimeDefined: UNWRITTEN,
                     nextEventTime: 0.0,
                 };
-                self.fmi2NewDiscreteStates(&mut info)?;
+                Fmi2(self).update_discrete_states(&mut info)?;
                 let flags = [
                     info.newDiscreteStatesNeeded,
                     info.terminateSimulation,
@@ -602,8 +554,10 @@ impl Instance {
                 (flags.map(flag), info.nextEventTime)
             }
             Version::Fmi3 => {
-                let ([mut a, mut t, mut n, mut s, mut d], mut next) = ([UNWRITTEN_3; 5], 0.0);
-                self.fmi3UpdateDiscreteStates(&mut a, &mut t, &mut n, &mut s, &mut d, &mut next)?;
+                let (mut flags, mut next) = ([UNWRITTEN_3; 5], 0.0);
+                let [a, t, n, s, d] = &mut flags;
+                Fmi3(self).update_discrete_states(a, t, n, s, d, &mut next)?;
+                let [a, t, _, s, d] = flags;
                 ([a, t, s, d].map(flag_3), next)
             }
         };
@@ -622,12 +576,12 @@ impl Instance {
         let flags = match self.version {
             Version::Fmi2 => {
                 let [mut event, mut terminate] = [UNWRITTEN; 2];
-                self.fmi2CompletedIntegratorStep(true, &mut event, &mut terminate)?;
+                Fmi2(self).completed_integrator_step(true, &mut event, &mut terminate)?;
                 [event, terminate].map(flag)
             }
             Version::Fmi3 => {
                 let [mut event, mut terminate] = [UNWRITTEN_3; 2];
-                self.fmi3CompletedIntegratorStep(true, &mut event, &mut terminate)?;
+                Fmi3(self).completed_integrator_step(true, &mut event, &mut terminate)?;
                 [event, terminate].map(flag_3)
             }
         };

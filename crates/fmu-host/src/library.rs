@@ -26,8 +26,7 @@ pub enum Kind {
 
 /// An FMU binary of one version of FMI. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
-    /// `None` if its functions are linked to this program.
-    binary: Option<libloading::Library>,
+    binary: libloading::Library,
     pub(crate) version: Version,
     /// Those of its version. All are empty if calls are traced, which then take the slow path, so that the
     /// fast path has no overhead.
@@ -115,13 +114,12 @@ impl Library {
     /// # Errors
     /// The dynamic loader's reason.
     pub fn load(file: &Path, version: Version) -> std::result::Result<Arc<Self>, LoadError> {
-        let binary = open(file)?;
-        let mut library = Self::new(version);
+        let mut library = Self::new(open(file)?, version);
+        let binary = &library.binary;
         match version {
             Version::Fmi2 => library.fmi2 = fmi2_functions!(look_up! fmi2 binary),
             Version::Fmi3 => library.fmi3 = fmi3_functions!(look_up! fmi3 binary),
         }
-        library.binary = Some(binary);
         Ok(Arc::new(library))
     }
 
@@ -136,31 +134,14 @@ impl Library {
     ) -> std::result::Result<Arc<Self>, LoadError> {
         trace("loading it");
         Ok(Arc::new(Self {
-            binary: Some(open(file)?),
             trace: Some(Box::new(trace)),
-            ..Self::new(version)
+            ..Self::new(open(file)?, version)
         }))
     }
 
-    /// An FMU of FMI 2.0 whose functions are linked to this program.
-    pub fn linked_fmi2(functions: fmi2::Functions) -> Arc<Self> {
-        Arc::new(Self {
-            fmi2: functions,
-            ..Self::new(Version::Fmi2)
-        })
-    }
-
-    /// An FMU of FMI 3.0 whose functions are linked to this program.
-    pub fn linked_fmi3(functions: fmi3::Functions) -> Arc<Self> {
-        Arc::new(Self {
-            fmi3: functions,
-            ..Self::new(Version::Fmi3)
-        })
-    }
-
-    fn new(version: Version) -> Self {
+    fn new(binary: libloading::Library, version: Version) -> Self {
         Self {
-            binary: None,
+            binary,
             version,
             fmi2: fmi2::Functions::default(),
             fmi3: fmi3::Functions::default(),
@@ -201,7 +182,7 @@ impl Library {
     /// `F` is the type of the symbol.
     unsafe fn symbol<F: Copy>(&self, name: &str) -> Option<F> {
         // SAFETY: the caller's promise.
-        let found = unsafe { self.binary.as_ref()?.get::<F>(name) };
+        let found = unsafe { self.binary.get::<F>(name) };
         found.ok().map(|symbol| *symbol)
     }
 
@@ -335,16 +316,8 @@ impl Library {
                 (Version::Fmi3, Kind::ModelExchange) => {
                     let found = self.fmi3.fmi3InstantiateModelExchange;
                     let instantiate = self.function(found, function)?;
-                    let logging_on = logging_on.into();
-                    instantiate(
-                        name,
-                        guid,
-                        resources,
-                        0,
-                        logging_on,
-                        environment,
-                        log_message,
-                    )
+                    let (on, log) = (logging_on.into(), log_message);
+                    instantiate(name, guid, resources, 0, on, environment, log)
                 }
                 (Version::Fmi3, Kind::CoSimulation) => {
                     let found = self.fmi3.fmi3InstantiateCoSimulation;

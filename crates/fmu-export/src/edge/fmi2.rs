@@ -8,6 +8,7 @@
     reason = "names, arguments and safety requirements are defined by the standard"
 )]
 
+use std::borrow::BorrowMut;
 use std::ffi::{CStr, c_int};
 
 pub use fmi_abi::fmi2::*;
@@ -126,74 +127,21 @@ pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
     unsafe { free(instance) }
 }
 
-/// `fmi2GetReal`
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2GetReal(
-    instance: fmi2Component,
-    references: *const u32,
-    n: usize,
-    values: *mut f64,
-) -> fmi2Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let outcome = unsafe {
-        match shared(instance) {
-            Some(shared) => (shared.hot.get_elements)(instance, references, n, values),
-            None => Outcome::Error,
-        }
-    };
-    fmi2Status(outcome as c_int)
-}
-
-/// `fmi2SetReal`
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2SetReal(
-    instance: fmi2Component,
-    references: *const u32,
-    n: usize,
-    values: *const f64,
-) -> fmi2Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let outcome = unsafe {
-        match shared(instance) {
-            Some(shared) => (shared.hot.set_elements)(instance, references, n, values),
-            None => Outcome::Error,
-        }
-    };
-    fmi2Status(outcome as c_int)
-}
-
-/// `fmi2DoStep`
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2DoStep(
-    instance: fmi2Component,
-    time: f64,
-    step: f64,
-    _no_set_state: fmi2Boolean,
-) -> fmi2Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let outcome = unsafe {
-        match shared(instance) {
-            Some(shared) => (shared.hot.step)(instance, time, step),
-            None => Outcome::Error,
-        }
-    };
-    fmi2Status(outcome as c_int)
+hot! { fmi2Component fmi2Status
+    fmi2GetReal(references: *const u32, n: usize, values: *mut f64) = get_elements;
+    fmi2SetReal(references: *const u32, n: usize, values: *const f64) = set_elements;
+    fmi2DoStep(time: f64, step: f64) = step, but not of _no_set_state: fmi2Boolean;
 }
 
 /// The operations whose arguments differ between the versions.
-trait Operations {
-    fn enter_initialization_mode(&mut self) -> Result<(), ModelError>;
-    fn update_discrete_states(&mut self, info: &mut fmi2EventInfo) -> Result<(), ModelError>;
-}
-
-impl Operations for Component {
+trait Operations: BorrowMut<Component> {
     fn enter_initialization_mode(&mut self) -> Result<(), ModelError> {
-        self.enter(State::Initialization);
+        self.borrow_mut().enter(State::Initialization);
         Ok(())
     }
 
     fn update_discrete_states(&mut self, info: &mut fmi2EventInfo) -> Result<(), ModelError> {
-        let update = self.handle_events()?;
+        let update = self.borrow_mut().handle_events()?;
         *info = fmi2EventInfo {
             newDiscreteStatesNeeded: fmi2False,
             terminateSimulation: fmi2False,
@@ -205,6 +153,8 @@ impl Operations for Component {
         Ok(())
     }
 }
+
+impl Operations for Component {}
 
 /// The operations that only this version has.
 impl Component {

@@ -11,6 +11,7 @@
     reason = "names, arguments and safety requirements are defined by the standard"
 )]
 
+use std::borrow::BorrowMut;
 use std::ffi::{CStr, c_int};
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -228,42 +229,9 @@ pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
     unsafe { free(instance) }
 }
 
-/// `fmi3GetFloat64`
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi3GetFloat64(
-    instance: fmi3Instance,
-    references: *const u32,
-    n: usize,
-    values: *mut f64,
-    n_values: usize,
-) -> fmi3Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let outcome = unsafe {
-        match shared(instance) {
-            Some(shared) => (shared.hot.get_variables)(instance, references, n, values, n_values),
-            None => Outcome::Error,
-        }
-    };
-    fmi3Status(outcome as c_int)
-}
-
-/// `fmi3SetFloat64`
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi3SetFloat64(
-    instance: fmi3Instance,
-    references: *const u32,
-    n: usize,
-    values: *const f64,
-    n_values: usize,
-) -> fmi3Status {
-    // SAFETY: the host's promises, as for all entry points.
-    let outcome = unsafe {
-        match shared(instance) {
-            Some(shared) => (shared.hot.set_variables)(instance, references, n, values, n_values),
-            None => Outcome::Error,
-        }
-    };
-    fmi3Status(outcome as c_int)
+hot! { fmi3Instance fmi3Status
+    fmi3GetFloat64(references: *const u32, n: usize, values: *mut f64, n_values: usize) = get_variables;
+    fmi3SetFloat64(references: *const u32, n: usize, values: *const f64, n_values: usize) = set_variables;
 }
 
 /// `fmi3DoStep`
@@ -389,27 +357,7 @@ unsafe fn call_back(
 }
 
 /// The operations whose arguments differ between the versions.
-trait Operations {
-    fn enter_initialization_mode(
-        &mut self,
-        tolerance_defined: bool,
-        tolerance: f64,
-        start: f64,
-        stop_defined: bool,
-        stop: f64,
-    ) -> Result<(), ModelError>;
-    fn update_discrete_states(
-        &mut self,
-        needs_update: &mut fmi3Boolean,
-        terminate: &mut fmi3Boolean,
-        nominals_changed: &mut fmi3Boolean,
-        states_changed: &mut fmi3Boolean,
-        next_event_defined: &mut fmi3Boolean,
-        next_event: &mut f64,
-    ) -> Result<(), ModelError>;
-}
-
-impl Operations for Component {
+trait Operations: BorrowMut<Component> {
     fn enter_initialization_mode(
         &mut self,
         tolerance_defined: bool,
@@ -418,9 +366,10 @@ impl Operations for Component {
         stop_defined: bool,
         stop: f64,
     ) -> Result<(), ModelError> {
+        let c = self.borrow_mut();
         let tolerance = tolerance_defined.then_some(tolerance);
-        self.set_experiment(start, stop_defined.then_some(stop), tolerance)?;
-        self.enter(State::Initialization);
+        c.set_experiment(start, stop_defined.then_some(stop), tolerance)?;
+        c.enter(State::Initialization);
         Ok(())
     }
 
@@ -433,16 +382,16 @@ impl Operations for Component {
         next_event_defined: &mut fmi3Boolean,
         next_event: &mut f64,
     ) -> Result<(), ModelError> {
-        let update = self.handle_events()?;
-        *needs_update = fmi3False;
-        *terminate = fmi3False;
-        *nominals_changed = fmi3False;
+        let update = self.borrow_mut().handle_events()?;
+        (*needs_update, *terminate, *nominals_changed) = (fmi3False, fmi3False, fmi3False);
         *states_changed = update.states_changed.into();
         *next_event_defined = update.next_event.is_some().into();
         *next_event = update.next_event.unwrap_or_default();
         Ok(())
     }
 }
+
+impl Operations for Component {}
 
 /// The operations that only this version has.
 impl Component {

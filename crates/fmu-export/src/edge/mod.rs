@@ -75,6 +75,29 @@ macro_rules! entry {
     };
 }
 
+/// Defines the entry points that hosts call at every step, each by a function of
+/// [`Hot`](crate::instance::Hot) with the same arguments.
+macro_rules! hot {
+    ($instance:ident $status:ident $(
+        $name:ident($($arg:ident: $type:ty),*) = $fast:ident $(, but not of $ignored:ident: $other:ty)?;
+    )*) => { $(
+        #[doc = concat!("`", stringify!($name), "`")]
+        #[unsafe(no_mangle)]
+        pub unsafe extern "C" fn $name(
+            instance: $instance $(, $arg: $type)* $(, $ignored: $other)?
+        ) -> $status {
+            // SAFETY: the host's promises, as for all entry points.
+            let outcome = unsafe {
+                match shared(instance) {
+                    Some(shared) => (shared.hot.$fast)(instance $(, $arg)*),
+                    None => Outcome::Error,
+                }
+            };
+            $status(outcome as c_int)
+        }
+    )* };
+}
+
 /// The argument of a host as a Rust type, or why it is refused.
 macro_rules! convert {
     ($arg:ident [in? fmi2String; $n:ident]) => {
