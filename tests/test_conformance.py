@@ -32,7 +32,7 @@ DEFECTS = {
     for name, kind, rule in re.findall(r'\nPLANT\((\w+), (\w+), (?:NULL|"(.+?)"), ".+"\)', ROWS)
 }
 assert len(DEFECTS) == ROWS.count("PLANT")
-"""A kind of FMU that shows each defect, and the rule by which `validate` must find it, if it can."""
+"""A kind of FMU that shows each defect, and the rule by which `validate` finds it, if it can."""
 
 FOUND = [name for name, (_, rule) in DEFECTS.items() if rule]
 

@@ -25,13 +25,13 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from copy import copy
 from ctypes import byref, c_double, c_uint, sizeof
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self
+from typing import Any
 
 import fmpy
 import numpy as np
@@ -76,7 +76,7 @@ addLoggerProxy(byref(CALLBACKS))  # formats variadic messages
 # --- one FMU ------------------------------------------------------------------------------------
 
 
-class Component:
+class Component(AbstractContextManager):
     """An instance of an FMU, from instantiation to `close`.
 
     Parameters
@@ -276,9 +276,6 @@ class Component:
         self._running = False
         self._resources.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_exception) -> None:
         self.close()
 
@@ -368,7 +365,7 @@ class Reals:
 # --- coupled FMUs -------------------------------------------------------------------------------
 
 
-class System:
+class System(AbstractContextManager):
     """Components and the connections between them.
 
     Parameters
@@ -421,9 +418,6 @@ class System:
         """Close all components."""
         for component in self.components.values():
             component.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_exception) -> None:
         self.close()
