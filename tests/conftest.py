@@ -3,9 +3,11 @@
 import fcntl
 import os
 import pickle
+import shlex
 import shutil
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -27,8 +29,48 @@ FLAGS = """--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-ba
 
 
 @pytest.fixture(scope="session")
-def fmus() -> Path:
-    """Export the FMUs from the current sources, once; return their folder.
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[..., Path]:
+    """Return a function that makes a folder once for all processes that run tests."""
+    base = tmp_path_factory.getbasetemp()
+    base = base if worker_id == "master" else base.parent
+
+    def make(name: str, write: Callable[[Path], object]) -> Path:
+        folder, finished = base / name, base / f"{name}.finished"
+        with (base / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not finished.exists():
+                folder.mkdir(exist_ok=True)
+                write(folder)
+                finished.touch()
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def export(once: Callable[..., Path]) -> Callable[..., Path]:
+    """Return a function that exports FMUs once with the current program to a folder."""
+
+    def run(folder: Path, *options: str) -> Path:
+        once(f"export-{zlib.crc32(shlex.join(options).encode())}", lambda _: write(folder, options))
+        return folder
+
+    def write(folder: Path, options: tuple[str, ...]) -> None:
+        once("program", lambda _: call("make", "program"))
+        call(str(PROGRAM), "export", *options, "--out", str(folder))
+
+    def call(*command: str) -> None:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if done.returncode:
+            message = f"{shlex.join(command)} failed:\n{done.stdout}{done.stderr}"
+            pytest.fail(message, pytrace=False)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def fmus(export: Callable[..., Path]) -> Path:
+    """Export the FMUs from the current sources; return their folder.
 
     The environment variable FMUS can name a folder of FMUs to test instead.
     """
@@ -37,29 +79,21 @@ def fmus() -> Path:
     if shutil.which("cargo") is None:
         pytest.fail("`cargo` is not on the PATH: the FMUs cannot be exported", pytrace=False)
     # The default output folder depends on cargo's target folder.
-    command = ["cargo", "fmu", "export", "--fmi", "2.0,3.0", "--out", str(FMUS)]
-    export = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    if export.returncode:
-        pytest.fail(f"`cargo fmu export` failed:\n{export.stdout}{export.stderr}", pytrace=False)
-    return FMUS
+    return export(FMUS, "--fmi", "2.0,3.0")
 
 
 @pytest.fixture(scope="session")
-def variant(fmus: Path) -> Path:
+def variant(fmus: Path, export: Callable[..., Path]) -> Path:
     """Export the variant that `examples/ssp/supervised.toml` uses; return its file."""
-    name, folder = "SupervisedIpidRbf", ROOT / "target" / "variants"
-    options = ["--name", name, "--set", "rbf.target=supervisor", "--out", str(folder)]
-    export = [PROGRAM, "export", "IpidRbf", *options]
-    subprocess.run(export, cwd=ROOT, check=True, capture_output=True)
-    return folder / f"{name}.fmu"
+    name = "SupervisedIpidRbf"
+    options = ["IpidRbf", "--name", name, "--set", "rbf.target=supervisor"]
+    return export(ROOT / "target" / "variants", *options) / f"{name}.fmu"
 
 
 @pytest.fixture(scope="session")
-def sensor(fmus: Path) -> Path:
+def sensor(fmus: Path, export: Callable[..., Path]) -> Path:
     """Export the example of a sensor; return its file."""
-    command = [PROGRAM, "export", "--package", "sensor", "--out", str(SENSOR.parent)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    return SENSOR
+    return export(SENSOR.parent, "--package", "sensor") / SENSOR.name
 
 
 @pytest.fixture(scope="session")
@@ -81,25 +115,6 @@ def instance(fmus: Path) -> Iterator[Callable[..., Component]]:
             return component
 
         yield instantiate
-
-
-@pytest.fixture(scope="session")
-def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[..., Path]:
-    """Return a function that makes a folder once for all processes that run tests."""
-    base = tmp_path_factory.getbasetemp()
-    base = base if worker_id == "master" else base.parent
-
-    def make(name: str, write: Callable[[Path], object]) -> Path:
-        folder, finished = base / name, base / f"{name}.finished"
-        with (base / f"{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not finished.exists():
-                folder.mkdir(exist_ok=True)
-                write(folder)
-                finished.touch()
-        return folder
-
-    return make
 
 
 @pytest.fixture(scope="session")

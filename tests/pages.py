@@ -1,5 +1,6 @@
 """The commands of the documentation, and packages outside the repository."""
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -8,18 +9,27 @@ from pathlib import Path
 
 from pendulum_fmus.project import PROGRAM, ROOT
 
-TARGET = ROOT / "target" / f"outside-{os.environ.get('PYTEST_XDIST_WORKER', 'gw0')}"
-"""The target folder of all packages of a test process: dependencies are built once."""
+TARGET = ROOT / "target" / "outside"
+"""The target folder of all packages outside the repository: dependencies are built once."""
+
+
+def call(command: list, folder: Path, **options) -> subprocess.CompletedProcess:
+    """Run a command in a folder; of those outside the repository, one at a time."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
+    if folder == ROOT:
+        return subprocess.run(command, cwd=folder, env=env, **options)
+    env["CARGO_TARGET_DIR"] = str(TARGET)
+    TARGET.mkdir(parents=True, exist_ok=True)
+    with (TARGET / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return subprocess.run(command, cwd=folder, env=env, **options)
 
 
 def run(command: str, folder: Path = ROOT) -> Path:
     """Run shell commands in a folder, and return the folder in which they end."""
     command = command.replace("target/venv/bin/python", sys.executable)
-    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
-    if folder != ROOT:
-        env["CARGO_TARGET_DIR"] = str(TARGET)
     shell = ["bash", "-exc", f"{command}\npwd"]
-    output = subprocess.run(shell, cwd=folder, env=env, check=True, stdout=subprocess.PIPE).stdout
+    output = call(shell, folder, check=True, stdout=subprocess.PIPE).stdout
     return Path(output.decode().splitlines()[-1])
 
 
@@ -30,7 +40,6 @@ def new(name: str, folder: Path) -> Path:
 
 def prepare(package: Path) -> Path:
     """Let a new package use the versions in Cargo.lock, and find its FMUs in `target`."""
-    TARGET.mkdir(exist_ok=True)
     shutil.copy(ROOT / "Cargo.lock", package)
     (package / "target").symlink_to(TARGET)
     return package

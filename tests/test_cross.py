@@ -14,7 +14,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import fmpy
-import lief
 import pytest
 
 from machines import CROSS
@@ -52,6 +51,7 @@ MACOS_EXPORTS = re.compile(r"__mh_dylib_header|___dso_handle|_rust_eh_personalit
 # Magic numbers of CS_SuperBlob and CS_CodeDirectory in Apple's headers
 SUPER_BLOB, CODE_DIRECTORY, AD_HOC, SHA256 = 0xFADE0CC0, 0xFADE0C02, 0x2, 2
 
+lief = pytest.importorskip("lief")
 lief.logging.disable()  # it warns about every table that a stripped library lacks
 
 pytestmark = pytest.mark.elsewhere
@@ -89,13 +89,7 @@ def functions(model: str) -> set[str]:
 
 
 @pytest.fixture
-def windows(model: str) -> lief.PE.Binary:
-    """Return the library for Windows."""
-    return lief.PE.parse(list(read(fmu(model), "win64")))
-
-
-@pytest.fixture
-def macos(model: str) -> lief.MachO.FatBinary:
+def macos(model: str):
     """Return the universal library for macOS."""
     return lief.MachO.parse(list(read(fmu(model), "darwin64")))
 
@@ -202,18 +196,11 @@ def test_linux_binary_is_for_its_processor_and_an_old_glibc(model, folder, proce
 
 
 @each_model
-def test_windows_binary_is_a_library_for_x86_64(windows):
+def test_windows_binary_has_the_functions_of_the_standard_and_needs_only_system_libraries(model):
+    windows = lief.PE.parse(list(read(fmu(model), "win64")))
     assert windows.header.machine == lief.PE.Header.MACHINE_TYPES.AMD64
     assert windows.header.has_characteristic(lief.PE.Header.CHARACTERISTICS.DLL)
-
-
-@each_model
-def test_windows_binary_exports_the_functions_of_the_standard_and_nothing_else(windows, model):
     assert {entry.name for entry in windows.get_export().entries} == functions(model)
-
-
-@each_model
-def test_windows_binary_needs_only_system_libraries(windows):
     names = {library.name.lower() for library in windows.imports}
     assert names
     assert {name for name in names if not WINDOWS_API_SET.fullmatch(name)} <= WINDOWS_LIBRARIES
@@ -223,32 +210,17 @@ def test_windows_binary_needs_only_system_libraries(windows):
 
 
 @each_model
-def test_macos_binary_is_a_library_for_both_processors(macos):
+def test_macos_binary_is_for_both_processors_and_needs_only_the_system_library(macos, model):
     processors = [part.header.cpu_type for part in macos]
     assert processors == [lief.MachO.Header.CPU_TYPE.X86_64, lief.MachO.Header.CPU_TYPE.ARM64]
     for part in macos:
         assert part.header.file_type == lief.MachO.Header.FILE_TYPE.DYLIB
-
-
-@each_model
-def test_macos_binary_runs_on_macos_11(macos):
-    for part in macos:
         assert part.build_version.platform == lief.MachO.BuildVersion.PLATFORMS.MACOS
         assert part.build_version.minos == [11, 0, 0]
-
-
-@each_model
-def test_macos_binary_is_named_and_needs_only_the_system_library(macos):
-    for part in macos:
         (own, *needed) = part.libraries
         assert own.command == lief.MachO.LoadCommand.TYPE.ID_DYLIB
         assert re.fullmatch(r"@rpath/fmu_\w+\.dylib", own.name)
         assert [library.name for library in needed] == [MACOS_LIBRARY]
-
-
-@each_model
-def test_macos_binary_exports_the_functions_of_the_standard(macos, model):
-    for part in macos:
         names = {entry.symbol.name for entry in part.dyld_info.exports if entry.symbol}
         expected = {f"_{name}" for name in functions(model)}
         assert names >= expected

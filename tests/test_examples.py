@@ -11,7 +11,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from native import ROOT, run, simulate
-from pendulum_fmus.project import PROGRAM
 
 OWN = ROOT / "examples" / "own-fmu"
 
@@ -70,12 +69,9 @@ def simulated(request, equations: Path):
 
 
 @pytest.fixture(scope="module")
-def equations(fmus: Path) -> Path:
+def equations(fmus: Path, export) -> Path:
     """Export the examples of models with equations for both versions; return their folder."""
-    folder = ROOT / "target" / "examples"
-    options = ["--package", "equations", "--fmi", "2.0,3.0", "--out", str(folder)]
-    subprocess.run([PROGRAM, "export", *options], cwd=ROOT, check=True, capture_output=True)
-    return folder
+    return export(ROOT / "target" / "examples", "--package", "equations", "--fmi", "2.0,3.0")
 
 
 def height(times: np.ndarray, g: float = 9.81, e: float = 0.7) -> np.ndarray:

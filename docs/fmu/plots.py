@@ -132,78 +132,50 @@ def run(system: System, start: float, stop: float) -> Columns:
         return simulate(system, start=start, step=TS, steps=round((stop - start) / TS) + 1)
 
 
+Axis = tuple[float, float, Sequence[float]]
+"""Lower end, upper end and ticks of an axis."""
+
+TURN: Axis = (-0.1, 1.3, (0, 0.5, 1))
+FULL: Axis = (-110, 110, (-100, 0, 100))
+
+
+def controlled(
+    loop: Loop,
+    stop: float,
+    times: Sequence[float],
+    angle: Axis,
+    force: Axis,
+    names: str,
+    about: str,
+) -> str:
+    """Draw the angle with its set-point, and forces of the controller, until `stop` [s]."""
+    results = run(loop.system(), TS, stop)
+    angles = {"theta": results["plant.theta"], "r": results["source.r"]}
+    forces = {name: results[f"controller.{name}"] for name in names.split()}
+    panels = [Panel("angle [rad]", *angle, angles), Panel("force [N]", *force, forces)]
+    return draw(results["time"], times, panels, about)
+
+
 def pid() -> str:
     """Draw a step and a disturbance of the measured angle."""
-    results = run(Loop("Pid", "step", 1.0).system(), TS, 9.0)
-    return draw(
-        results["time"],
-        range(10),
-        [
-            Panel(
-                "angle [rad]",
-                -0.1,
-                1.3,
-                (0, 0.5, 1),
-                {"theta": results["plant.theta"], "r": results["source.r"]},
-            ),
-            Panel("force [N]", -110, 110, (-100, 0, 100), {"u": results["controller.u"]}),
-        ],
-        "The angle overshoots the step to 1.25 rad and returns within 4 s; a disturbance of "
-        "1 rad from 5 s to 5.5 s throws it back to 0 rad. The force is at its limit at the jumps.",
-    )
+    about = """The angle overshoots the step to 1.25 rad and returns within 4 s; a disturbance of \
+1 rad from 5 s to 5.5 s throws it back to 0 rad. The force is at its limit at the jumps."""
+    return controlled(Loop("Pid", "step", 1.0), 9.0, range(10), TURN, FULL, "u", about)
 
 
 def pid_rbf() -> str:
     """Draw the network taking over the force from the PID."""
-    results = run(Loop("PidRbf", "step").system(), TS, 2.0)
-    return draw(
-        results["time"],
-        (0, 0.5, 1, 1.5, 2),
-        [
-            Panel(
-                "angle [rad]",
-                -0.1,
-                1.3,
-                (0, 0.5, 1),
-                {"theta": results["plant.theta"], "r": results["source.r"]},
-            ),
-            Panel(
-                "force [N]",
-                -110,
-                110,
-                (-100, 0, 100),
-                {"u_n": results["controller.u_n"], "u_p": results["controller.u_p"]},
-            ),
-        ],
-        "The angle overshoots the step to 1.22 rad. The network's and the PID's force ring "
-        "against each other at 50 Hz for 0.4 s; then the network gives all of the force.",
-    )
+    about = """The angle overshoots the step to 1.22 rad. The network's and the PID's force ring \
+against each other at 50 Hz for 0.4 s; then the network gives all of the force."""
+    times = (0, 0.5, 1, 1.5, 2)
+    return controlled(Loop("PidRbf", "step"), 2.0, times, TURN, FULL, "u_n u_p", about)
 
 
 def ipid_rbf() -> str:
     """Draw a sine, which the network learns within the first quarter period."""
-    results = run(Loop("IpidRbf", "sine").system(), TS, 5.0)
-    return draw(
-        results["time"],
-        range(6),
-        [
-            Panel(
-                "angle [rad]",
-                -1.1,
-                1.1,
-                (-1, 0, 1),
-                {"theta": results["plant.theta"], "r": results["source.r"]},
-            ),
-            Panel(
-                "force [N]",
-                -15,
-                15,
-                (-10, 0, 10),
-                {"u_n": results["controller.u_n"], "u_p": results["controller.u_p"]},
-            ),
-        ],
-        "The angle lies on the sine. After 0.2 s the network gives all of the force.",
-    )
+    about = "The angle lies on the sine. After 0.2 s the network gives all of the force."
+    angle, force = (-1.1, 1.1, (-1, 0, 1)), (-15, 15, (-10, 0, 10))
+    return controlled(Loop("IpidRbf", "sine"), 5.0, range(6), angle, force, "u_n u_p", about)
 
 
 def pendulum() -> str:

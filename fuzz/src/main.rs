@@ -409,5 +409,5 @@ fn main() {
 
 #[test]
 fn no_damaged_fmu_stops_info_or_validate() {
-    fuzz(1, |count| count < 1000);
+    fuzz(1, |count| count < 300);
 }

@@ -8,15 +8,11 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
 use fmu_description::{FmiVersion, ModelDescription, xml};
-use fmu_file::archive::{DOCUMENTATION, ICON};
+use fmu_file::archive::{DOCUMENTATION, ICON, ICON_3, TERMINALS};
 
 use crate::library::Library;
 use crate::model::Model;
 use crate::page;
-
-/// The icon and the terminals of an FMU of FMI 3.0.
-const ICON_OF_FMI_3: &str = "terminalsAndIcons/icon.png";
-const TERMINALS: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 
 /// An HTML fragment in the folder of a model, the middle of the page. `<!-- include FILE -->` is replaced by
 /// a file of the same folder.
@@ -46,7 +42,7 @@ pub fn files(model: &Model<'_>, metadata: &Metadata) -> Result<Vec<File>> {
         add_entry_point(&mut licenses, model.library.origin.license.as_deref());
     }
     let root = xml::parse(&model.xml)?;
-    let icon_path = if is_fmi_3 { ICON_OF_FMI_3 } else { ICON };
+    let icon_path = if is_fmi_3 { ICON_3 } else { ICON };
     let icon = documentation.icon.map(|icon| (icon_path.to_owned(), icon));
     let page = page::html(
         &ModelDescription::new(&root),

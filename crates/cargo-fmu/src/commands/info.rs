@@ -7,7 +7,7 @@ use anyhow::{Error, Result};
 use fmu_build::table;
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
-use fmu_file::archive::{Archive, DOCUMENTATION, ICON, MODEL_DESCRIPTION};
+use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION, TERMINALS};
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
 
@@ -15,9 +15,6 @@ use fmu_file::text::{about, plain};
 const MAX_WIDTH: usize = 200;
 /// Maximum length of the items of an enumeration.
 const MAX_ITEMS: usize = 2000;
-/// The icon and the terminals of an FMU of FMI 3.0.
-const ICON_3: &str = "terminalsAndIcons/icon.png";
-const TERMINALS: &str = "terminalsAndIcons/terminalsAndIcons.xml";
 /// Maximum number of bytes that are read of the terminals.
 const MAX_TERMINALS: u64 = 64 << 20;
 
