@@ -199,7 +199,7 @@ impl Written {
         typed.with_context(|| {
             format!(
                 "{name} = {self} is invalid; expected {}",
-                expected(variable)
+                variable.expected()
             )
         })
     }
@@ -211,15 +211,6 @@ impl Written {
             Self::Text(text) => text.parse().ok(),
             Self::Boolean(_) => None,
         }
-    }
-}
-
-fn expected(variable: &Variable) -> String {
-    match variable.of_type {
-        kind @ (Type::Binary | Type::Clock) => {
-            format!("nothing, as a {} cannot be set", kind.as_str())
-        }
-        _ => variable.expected(),
     }
 }
 

@@ -64,17 +64,10 @@ impl Failure {
 
     /// What failed, without the words of the FMU, which may differ from run to run.
     pub fn event(&self) -> String {
-        let Self {
-            component,
-            fmu,
-            what,
-            function,
-            outcome,
-            ..
-        } = self;
         let time = self.time.map(|time| format!(" at t = {time:?} s"));
-        let time = time.unwrap_or_default();
-        format!("{component} ({fmu}), {what}{time}: {function} {outcome}")
+        let (what, time) = (&self.what, time.unwrap_or_default());
+        let call = format!("{} {}", self.function, self.outcome);
+        format!("{} ({}), {what}{time}: {call}", self.component, self.fmu)
     }
 
     /// Adds the communication point.

@@ -184,9 +184,7 @@ impl Simulation<'_> {
     }
 
     fn steps(&mut self, mut observe: impl FnMut(&Row) -> bool) -> Called {
-        let Plan {
-            experiment, wiring, ..
-        } = self.plan;
+        let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
         let last = match self.plan.steps_from_stop() {

@@ -186,12 +186,7 @@ fn warn(messages: &[Message]) {
 }
 
 fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
-    let Summary {
-        ready,
-        last,
-        duration,
-        ..
-    } = finished;
+    let (ready, last) = (&finished.ready, &finished.last);
     let time = last.time;
     let mut cells = vec![["output".into(), format!("at t = {time} s"), "unit".into()]];
     let columns = &ready.columns;
@@ -206,7 +201,7 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     }));
     table::print(&cells, out)?;
     let simulated = ready.end - ready.experiment.start;
-    let seconds = duration.as_secs_f64();
+    let seconds = finished.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
     writeln!(out, "{simulated:.6} s in {milliseconds:.3} ms: {speed}")?;
     Ok(())

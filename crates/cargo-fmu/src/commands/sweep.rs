@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use fmu_master::sweep::{Progress, Study, Workers};
+use fmu_master::sweep::{Study, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -122,13 +122,7 @@ fn write(
     })?;
     let elapsed = begin.elapsed().as_secs_f64();
     bar.finish_and_clear();
-    let Progress {
-        runs,
-        before,
-        done,
-        failed,
-        first_failure,
-    } = progress;
+    let (runs, before, done) = (progress.runs, progress.before, progress.done);
     let file = file.display();
     if !is_complete {
         let all = before + done;
@@ -137,15 +131,13 @@ fn write(
         );
         return Ok(false);
     }
-    writeln!(
-        out,
-        "{done} runs in {elapsed:.3} s: {:.0} a second",
-        done as f64 / elapsed
-    )?;
+    let rate = done as f64 / elapsed;
+    writeln!(out, "{done} runs in {elapsed:.3} s: {rate:.0} a second")?;
     if before > 0 {
         writeln!(out, "{before} runs were already done")?;
     }
-    if let Some((run, failure)) = first_failure {
+    if let Some((run, failure)) = progress.first_failure {
+        let failed = progress.failed;
         writeln!(
             out,
             "{failed} runs failed, the first was run {run}: {failure}"

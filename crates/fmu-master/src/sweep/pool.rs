@@ -152,9 +152,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
     }
 
     fn start(&mut self) -> Result<()> {
-        let Workers {
-            session, limits, ..
-        } = *self.setup;
+        let (session, limits) = (self.setup.session, self.setup.limits);
         let command = (self.setup.command)();
         let worker = command.and_then(|mut command| Worker::start(&mut command, session, limits));
         self.busy.push(Busy {

@@ -154,13 +154,13 @@ impl Study {
         description.stop = file.stop.unwrap_or(description.stop);
         description.step = file.step.unwrap_or(description.step);
         description.order = file.order.unwrap_or(description.order);
-        let Signals {
-            reference,
-            output,
-            error,
-            control,
-        } = &file.signals;
-        let signals = [reference, output, error, control];
+        let signals = &file.signals;
+        let signals = [
+            &signals.reference,
+            &signals.output,
+            &signals.error,
+            &signals.control,
+        ];
         let mut seen = HashSet::new();
         let outputs = signals.iter().filter(|name| seen.insert(**name));
         description.outputs = outputs.map(|name| name.to_string()).collect();
