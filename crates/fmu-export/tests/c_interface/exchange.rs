@@ -1,572 +1,529 @@
-//! Model exchange of FMI 2.0.
+//! Model exchange, and derivatives with respect to other variables and to time.
 
-use fmu_export::fmi2::*;
-use fmu_export::fmi2::{fmi2Discard, fmi2Error, fmi2Fatal, fmi2OK, fmi2Status};
+use std::ptr::{null, null_mut};
 
-use crate::host::{Arguments, MODEL_EXCHANGE, Slave, guid};
+use fmu_description::Type;
+use fmu_export::{fmi2::*, fmi3::*};
+
+use crate::driver::*;
 use crate::models::*;
 
-const STATES: [&str; 7] = [
-    "instantiated",
-    "initialization mode",
-    "event mode",
-    "continuous-time mode",
-    "terminated",
-    "error",
-    "fatal",
-];
-
-/// A new instance for model exchange.
-fn exchanged(model: usize) -> Slave {
-    let guid = guid(model);
-    Slave::with(&Arguments {
-        kind: MODEL_EXCHANGE,
-        guid: Some(&guid),
-        ..Arguments::default()
-    })
-}
-
-/// An instance in continuous-time mode at the start.
-fn moving() -> Slave {
-    let mut slave = exchanged(BALL);
-    slave.start(0.0, None);
-    update(&mut slave);
-    assert_eq!(slave.enter_continuous_time_mode(), fmi2OK);
-    slave
-}
-
-/// Brings a ball to a state.
-fn bring(state: &str) -> Slave {
-    let fail_by = |trouble, status| {
-        let mut slave = moving();
-        assert_eq!(slave.set(Ball::TROUBLE, trouble), fmi2OK);
-        assert_eq!(slave.get_derivatives(&mut [0.0; 2]), status);
-        slave
-    };
-    let mut slave = exchanged(BALL);
-    match state {
-        "instantiated" => {}
-        "initialization mode" => assert_eq!(slave.enter_initialization_mode(), fmi2OK),
-        "event mode" => drop(slave.start(0.0, None)),
-        "continuous-time mode" => return moving(),
-        "terminated" => assert_eq!(slave.start(0.0, None).terminate(), fmi2OK),
-        "error" => return fail_by(BREAK, fmi2Error),
-        _ => return fail_by(PANIC, fmi2Fatal),
-    }
-    slave
-}
-
-fn new_info() -> fmi2EventInfo {
-    fmi2EventInfo {
-        newDiscreteStatesNeeded: -7,
-        terminateSimulation: -7,
-        nominalsOfContinuousStatesChanged: -7,
-        valuesOfContinuousStatesChanged: -7,
-        nextEventTimeDefined: -7,
-        nextEventTime: f64::NAN,
-    }
-}
-
-/// Handles an event; returns whether states changed, and the time of the next event.
-#[track_caller]
-fn update(slave: &mut Slave) -> (bool, Option<f64>) {
-    let mut info = new_info();
-    assert_eq!(slave.new_discrete_states(&mut info), fmi2OK);
-    let never = [
-        info.newDiscreteStatesNeeded,
-        info.terminateSimulation,
-        info.nominalsOfContinuousStatesChanged,
-    ];
-    assert_eq!(never, [fmi2False; 3]);
-    (
-        info.valuesOfContinuousStatesChanged == 1,
-        (info.nextEventTimeDefined == 1).then_some(info.nextEventTime),
-    )
-}
-
-/// Reads two numbers by one of the functions of model exchange.
-#[track_caller]
-fn two(slave: &mut Slave, read: fn(&mut Slave, &mut [f64]) -> fmi2Status) -> [f64; 2] {
-    let mut values = [f64::NAN; 2];
-    assert_eq!(read(slave, &mut values), fmi2OK);
-    values
+/// A ball in continuous-time mode.
+fn moving(kind: Kind) -> Instance {
+    Instance::running(kind, BALL)
 }
 
 /// A call with valid arguments.
-type Call = fn(&mut Slave) -> fmi2Status;
-
-/// The calls of model exchange (FMI 2.0.5, section 3.2.3), and whether they are allowed (x) or not (.) in
-/// each state except the last, which allows none.
-#[rustfmt::skip]
-const TABLE: &[(&str, &str, Call)] = &[
-    ("fmi2SetDebugLogging", "xxxxxx", |s| s.switch_log(true, &[c"logAll"])),
-    ("fmi2SetupExperiment", "x.....", |s| s.setup(0.0, None)),
-    ("fmi2EnterInitializationMode", "x.....", Slave::enter_initialization_mode),
-    ("fmi2ExitInitializationMode", ".x....", Slave::exit_initialization_mode),
-    ("fmi2Terminate", "..xx..", Slave::terminate),
-    ("fmi2Reset", "xxxxxx", Slave::reset),
-    ("fmi2GetReal", ".xxxxx", |s| s.get_reals(&[Ball::H], &mut [0.0])),
-    ("fmi2GetInteger", ".xxxxx", |s| s.get_integers(&[Ball::EVENTS], &mut [0])),
-    ("fmi2SetReal", "xxxx..", |s| s.set(Ball::DRIVE, 1.0)),
-    ("fmi2SetInteger", "xxx...", |s| s.set_integers(&[Ball::SWITCH], &[1])),
-    ("fmi2SetBoolean", "xxx...", |s| s.set_booleans(&[], &[])),
-    ("fmi2GetDirectionalDerivative", ".xxxxx",
-        |s| s.directional_derivative(&[Ball::ENERGY], &[Ball::H], &[1.0], &mut [0.0])),
-    ("fmi2EnterEventMode", "..xx..", Slave::enter_event_mode),
-    ("fmi2NewDiscreteStates", "..x...", |s| s.new_discrete_states(&mut new_info())),
-    ("fmi2EnterContinuousTimeMode", "..x...", Slave::enter_continuous_time_mode),
-    ("fmi2CompletedIntegratorStep", "...x..", |s| s.completed_integrator_step(&mut 0, &mut 0)),
-    ("fmi2SetTime", "..xx..", |s| s.set_time(0.25)),
-    ("fmi2SetContinuousStates", "...x..", |s| s.set_states(&[1.0, 2.0])),
-    ("fmi2GetDerivatives", ".xxxxx", |s| s.get_derivatives(&mut [0.0; 2])),
-    ("fmi2GetEventIndicators", ".xxxxx", |s| s.get_indicators(&mut [0.0])),
-    ("fmi2GetContinuousStates", ".xxxxx", |s| s.get_states(&mut [0.0; 2])),
-    ("fmi2GetNominalsOfContinuousStates", "xxxxxx", |s| s.get_nominals(&mut [0.0; 2])),
-];
-
-/// The functions of co-simulation.
-const FOREIGN: &[(&str, Call)] = &[
-    ("fmi2SetRealInputDerivatives", |s| {
-        s.set_input_derivatives(&[], &[], &[])
-    }),
-    ("fmi2GetRealOutputDerivatives", |s| {
-        s.get_output_derivatives(&[], &[], &mut [])
-    }),
-    ("fmi2DoStep", |s| s.step(0.0, 0.5)),
-    ("fmi2GetRealStatus", |s| {
-        s.real_status(fmi2LastSuccessfulTime, &mut 0.0)
-    }),
-    ("fmi2GetBooleanStatus", |s| {
-        s.boolean_status(fmi2Terminated, &mut 0)
-    }),
-];
-
-#[test]
-fn calls_are_allowed_according_to_the_table() {
-    for &(name, allowed, call) in TABLE {
-        for (state, allowed) in STATES.into_iter().zip(allowed.bytes().chain([b'.'])) {
-            println!("{name} in {state}");
-            let mut slave = bring(state);
-            match (state, allowed) {
-                ("fatal", _) => assert_eq!(call(&mut slave), fmi2Fatal),
-                (_, b'x') => assert_eq!(call(&mut slave), fmi2OK, "{:?}", slave.messages()),
-                _ => slave.refuses(&[name, state], call),
-            }
-        }
-    }
-}
-
-#[test]
-fn functions_of_the_other_kind_are_refused() {
-    for (name, call) in FOREIGN {
-        for state in &STATES[..6] {
-            let words = [name, "it is a function of co-simulation"];
-            bring(state).refuses(&words, call);
-        }
-    }
-    for &(name, _, call) in &TABLE[12..] {
-        let mut slave = Slave::of(BALL);
-        let words = [name, "it is a function of model exchange"];
-        slave.start(0.0, None).refuses(&words, call);
-    }
-}
-
-#[test]
-fn a_model_without_equations_and_samples_is_not_for_model_exchange() {
-    let slave = exchanged(WIDE);
-    assert!(slave.c.is_null());
-    assert!(
-        slave
-            .last_message()
-            .contains("Wide is for co-simulation, not for model exchange")
-    );
-}
+type Call = fn(Fmu) -> Status;
 
 #[test]
 fn the_equations_hold_at_any_time_state_and_input() {
-    let mut slave = moving();
-    assert_eq!(two(&mut slave, Slave::get_states), [1.0, 0.0]);
-    assert_eq!(two(&mut slave, Slave::get_nominals), [10.0, 1.0]);
-    assert_eq!(slave.set_time(0.25), fmi2OK);
-    assert_eq!(slave.set_states(&[2.0, -3.0]), fmi2OK);
-    assert_eq!(slave.set(Ball::DRIVE, 1.5), fmi2OK);
-    assert_eq!(two(&mut slave, Slave::get_states), [2.0, -3.0]);
-    assert_eq!(two(&mut slave, Slave::get_derivatives), [-3.0, -8.25]);
-    let mut indicator = [0.0];
-    assert_eq!(slave.get_indicators(&mut indicator), fmi2OK);
-    assert_eq!(indicator, [2.0]);
-    // States and derivatives are variables, too.
-    assert_eq!(
-        slave.get([Ball::H, Ball::V, Ball::H_DOT, Ball::V_DOT, Ball::CONTACT]),
-        [2.0, -3.0, -3.0, -8.25, 2.0]
-    );
-    assert_eq!(slave.get([Ball::ENERGY]), [19.5 + 4.5 + 0.1875]);
-    // CasADi sets states one by one.
-    assert_eq!(slave.set(Ball::H, 5.0), fmi2OK);
-    assert_eq!(two(&mut slave, Slave::get_states), [5.0, -3.0]);
-    assert_eq!(slave.get_indicators(&mut indicator), fmi2OK);
-    assert_eq!(indicator, [5.0]);
-    slave.refuses(&["is a local variable"], |s| s.set(Ball::H_DOT, 0.0));
+    for kind in EXCHANGED {
+        let instance = moving(kind);
+        assert_eq!(instance.two(Fmu::get_states), [1.0, 0.0]);
+        assert_eq!(instance.two(Fmu::get_nominals), [10.0, 1.0]);
+        assert_eq!(instance.set_time(0.25), OK);
+        assert_eq!(instance.set_states(&[2.0, -3.0]), OK);
+        assert_eq!(instance.set(Ball::DRIVE, 1.5), OK);
+        assert_eq!(instance.two(Fmu::get_states), [2.0, -3.0]);
+        assert_eq!(instance.two(Fmu::get_derivatives), [-3.0, -8.25]);
+        let mut indicator = [0.0];
+        assert_eq!(
+            (instance.get_indicators(&mut indicator), indicator),
+            (OK, [2.0])
+        );
+        // States and derivatives are variables, too.
+        let references = [Ball::H, Ball::V, Ball::H_DOT, Ball::V_DOT, Ball::CONTACT];
+        assert_eq!(instance.get(references), [2.0, -3.0, -3.0, -8.25, 2.0]);
+        assert_eq!(instance.get([Ball::ENERGY]), [19.5 + 4.5 + 0.1875]);
+        // CasADi sets states one by one.
+        assert_eq!(instance.set(Ball::H, 5.0), OK);
+        assert_eq!(instance.two(Fmu::get_states), [5.0, -3.0]);
+        assert_eq!(
+            (instance.get_indicators(&mut indicator), indicator),
+            (OK, [5.0])
+        );
+        instance.refuses("is a local variable", |f| f.set(Ball::H_DOT, 0.0));
+        instance.refuses("restitution is not a continuous input", |f| {
+            f.set(Ball::RESTITUTION, 0.5)
+        });
+        // A model without states has none.
+        let sampled = Instance::running(kind, SAMPLED);
+        for read in [
+            Fmu::get_states,
+            Fmu::get_derivatives,
+            Fmu::get_nominals,
+            Fmu::get_indicators,
+        ] {
+            assert_eq!(read(*sampled, &mut []), OK);
+        }
+    }
+    let (instance, mut states, mut indicators) = (moving(EXCHANGED[1]), 7, 7);
+    assert_eq!(instance.count_states(&mut states), OK);
+    assert_eq!(instance.count_indicators(&mut indicators), OK);
+    assert_eq!((states, indicators), (2, 1));
 }
 
 #[test]
 fn the_equations_are_evaluated_only_if_something_changed() {
-    let mut slave = moving();
-    let read = |slave: &mut Slave| {
-        let before = EVALUATIONS.get();
-        two(slave, Slave::get_derivatives);
-        slave.get([Ball::ENERGY, Ball::V_DOT]);
-        assert_eq!(slave.get_indicators(&mut [0.0]), fmi2OK);
-        EVALUATIONS.get() - before
-    };
-    assert_eq!(read(&mut slave), 1);
-    assert_eq!(read(&mut slave), 0);
-    let changes: [Call; 4] = [
-        |s| s.set_time(0.125),
-        |s| s.set_states(&[1.0, 0.0]),
-        |s| s.set(Ball::DRIVE, 0.0),
-        |s| {
-            assert_eq!(s.enter_event_mode(), fmi2OK);
-            update(s);
-            s.enter_continuous_time_mode()
-        },
-    ];
-    for change in changes {
-        assert_eq!(change(&mut slave), fmi2OK);
-        assert_eq!(read(&mut slave), 1);
+    for kind in EXCHANGED {
+        let instance = moving(kind);
+        let read = || {
+            let before = EVALUATIONS.get();
+            instance.two(Fmu::get_derivatives);
+            instance.get([Ball::ENERGY, Ball::V_DOT]);
+            assert_eq!(instance.get_indicators(&mut [0.0]), OK);
+            EVALUATIONS.get() - before
+        };
+        assert_eq!([read(), read()], [1, 0]);
+        let changes: [Call; 4] = [
+            |f| f.set_time(0.125),
+            |f| f.set_states(&[1.0, 0.0]),
+            |f| f.set(Ball::DRIVE, 0.0),
+            |f| {
+                assert_eq!(f.enter_event_mode(), OK);
+                f.update();
+                f.enter_continuous_time_mode()
+            },
+        ];
+        for change in changes {
+            assert_eq!((change(*instance), read()), (OK, 1));
+        }
+        assert_eq!((instance.set_time(0.125), read()), (OK, 0), "the same time");
+        assert_eq!(instance.set_states(&[5.0, 2.0]), OK);
+        assert_eq!((instance.terminate(), read()), (OK, 1));
+        assert_eq!(
+            instance.get([Ball::H_DOT]),
+            [2.0],
+            "that of the final states"
+        );
     }
-    assert_eq!(slave.set_time(0.125), fmi2OK, "the same time");
-    assert_eq!(read(&mut slave), 0);
-    assert_eq!(slave.set_states(&[5.0, 2.0]), fmi2OK);
-    assert_eq!(slave.terminate(), fmi2OK);
-    assert_eq!(read(&mut slave), 1);
-    assert_eq!(
-        slave.get([Ball::H_DOT]),
-        [2.0],
-        "the final values are those of the final states"
-    );
 }
 
 #[test]
 fn events_change_states_and_announce_the_next() {
-    let mut slave = exchanged(BALL);
-    slave.start(0.0, None);
-    assert_eq!(update(&mut slave), (false, Some(Ball::KICK)));
-    assert_eq!(slave.enter_continuous_time_mode(), fmi2OK);
-    assert_eq!(slave.set_time(0.25), fmi2OK);
-    assert_eq!(slave.set_states(&[-0.125, -4.0]), fmi2OK);
-    let (mut event, mut terminate) = (-7, -7);
-    let status = slave.completed_integrator_step(&mut event, &mut terminate);
-    assert_eq!((status, event, terminate), (fmi2OK, fmi2False, fmi2False));
-    assert_eq!(slave.enter_event_mode(), fmi2OK);
-    assert_eq!(update(&mut slave), (true, Some(Ball::KICK)));
-    assert_eq!(two(&mut slave, Slave::get_states), [-0.125, 2.0]);
-    assert_eq!(two(&mut slave, Slave::get_derivatives)[0], 2.0);
-    assert_eq!(update(&mut slave), (false, Some(Ball::KICK)), "once");
-    assert_eq!(slave.set_time(Ball::KICK), fmi2OK);
-    assert_eq!(update(&mut slave), (true, None), "infinity is no time");
-    assert_eq!(two(&mut slave, Slave::get_states), [-0.125, 3.0]);
+    for kind in EXCHANGED {
+        let (instance, kick) = (Instance::of(kind, BALL), Some(Ball::KICK));
+        instance.start(0.0, None);
+        assert_eq!(instance.update(), (false, kick));
+        assert_eq!(instance.enter_continuous_time_mode(), OK);
+        assert_eq!(instance.set_time(0.25), OK);
+        assert_eq!(instance.set_states(&[-0.125, -4.0]), OK);
+        let mut flags = [7; 2];
+        assert_eq!((instance.completed_step(&mut flags), flags), (OK, [0; 2]));
+        assert_eq!(instance.enter_event_mode(), OK);
+        assert_eq!(instance.update(), (true, kick));
+        assert_eq!(instance.two(Fmu::get_states), [-0.125, 2.0]);
+        assert_eq!(instance.two(Fmu::get_derivatives)[0], 2.0);
+        assert_eq!(instance.update(), (false, kick), "once");
+        assert_eq!(instance.set_time(Ball::KICK), OK);
+        assert_eq!(instance.update(), (true, None), "infinity is no time");
+        assert_eq!(instance.two(Fmu::get_states), [-0.125, 3.0]);
+    }
 }
 
 #[test]
 fn invalid_times_states_and_lengths_are_refused() {
-    let mut slave = moving();
-    for time in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        slave.refuses(&["fmi2SetTime", "expected a finite number"], |s| {
-            s.set_time(time)
-        });
-        slave.refuses(&["a state is", "expected finite numbers"], |s| {
-            s.set_states(&[1.0, time])
-        });
+    for kind in EXCHANGED {
+        let instance = moving(kind);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            instance.refuses("expected a finite number", |f| f.set_time(bad));
+            instance.refuses("expected finite numbers", |f| f.set_states(&[1.0, bad]));
+        }
+        for n in [0, 1, 3] {
+            let values = &mut [7.0; 3][..n];
+            let words = format!("has {n} elements; expected 2, the number of continuous states");
+            instance.refuses(&words, |f| f.set_states(values));
+            for read in [Fmu::get_states, Fmu::get_derivatives, Fmu::get_nominals] {
+                instance.refuses(&words, |f| read(f, values));
+            }
+            assert_eq!(values, &[7.0; 3][..n]);
+        }
+        let words = "expected 1, the number of event indicators";
+        instance.refuses(words, |f| f.get_indicators(&mut [0.0; 2]));
     }
-    for n in [0, 1, 3] {
-        let values = &mut [7.0; 3][..n];
-        let words = [&*format!(
-            "has {n} elements; expected 2, the number of continuous states"
-        )];
-        slave.refuses(&words, |s| s.set_states(values));
-        slave.refuses(&words, |s| s.get_states(values));
-        slave.refuses(&words, |s| s.get_derivatives(values));
-        slave.refuses(&words, |s| s.get_nominals(values));
-        assert_eq!(values, &[7.0; 3][..n]);
-    }
-    slave.refuses(&["expected 1, the number of event indicators"], |s| {
-        s.get_indicators(&mut [0.0; 2])
-    });
-    let c = slave.c;
-    // SAFETY: the instance lives, and NULL is refused.
+    let nothing = "a pointer to a result is NULL";
+    // SAFETY: the instances live, and NULL is refused.
     unsafe {
-        use std::ptr::{null, null_mut};
-        slave.refuses(&["an array is NULL"], |_| {
-            fmi2SetContinuousStates(c, null(), 2)
+        let (two, n) = (moving(EXCHANGED[0]), null_mut());
+        two.refuses("an array is NULL", |f| {
+            Status(fmi2SetContinuousStates(f.c, null(), 2).0)
         });
-        slave.refuses(&["an array is NULL"], |_| {
-            fmi2GetDerivatives(c, null_mut(), 2)
+        two.refuses("an array is NULL", |f| {
+            Status(fmi2GetDerivatives(f.c, null_mut(), 2).0)
         });
-        slave.refuses(&["NULL"], |_| {
-            fmi2CompletedIntegratorStep(c, 1, null_mut(), &mut 0)
+        two.refuses(nothing, |f| {
+            Status(fmi2CompletedIntegratorStep(f.c, 1, null_mut(), &mut 0).0)
         });
-        slave.refuses(&["NULL"], |_| fmi2NewDiscreteStates(c, null_mut()));
-    }
-    slave.refuses(&["restitution is not a continuous input"], |s| {
-        s.set(Ball::RESTITUTION, 0.5)
-    });
-}
-
-#[test]
-fn a_model_without_states_has_none() {
-    let mut slave = exchanged(SAMPLED);
-    slave.start(0.0, None);
-    for read in [
-        Slave::get_states,
-        Slave::get_derivatives,
-        Slave::get_nominals,
-        Slave::get_indicators,
-    ] {
-        assert_eq!(read(&mut slave, &mut []), fmi2OK);
+        two.refuses(nothing, |f| {
+            Status(fmi2NewDiscreteStates(f.c, null_mut()).0)
+        });
+        let three = moving(EXCHANGED[1]);
+        three.refuses(nothing, |f| {
+            Status(fmi3GetNumberOfContinuousStates(f.c, null_mut()).0)
+        });
+        three.refuses(nothing, |f| {
+            Status(fmi3CompletedIntegratorStep(f.c, 1, &mut 0, n).0)
+        });
+        assert_eq!(three.enter_event_mode(), OK);
+        three.refuses(nothing, |f| {
+            Status(fmi3UpdateDiscreteStates(f.c, &mut 0, n, &mut 0, &mut 0, &mut 0, &mut 0.0).0)
+        });
+        three.refuses(nothing, |f| {
+            let next = null_mut();
+            Status(fmi3UpdateDiscreteStates(f.c, &mut 0, &mut 0, &mut 0, &mut 0, &mut 0, next).0)
+        });
     }
 }
 
 #[test]
 fn a_discarded_or_refused_evaluation_can_be_repeated_with_other_values() {
-    let mut slave = moving();
-    for (trouble, status, word) in [
-        (DISCARD, fmi2Discard, "discarded by the ball"),
-        (DIVERGE, fmi2Discard, "der(v) became NaN"),
-        (REFUSE, fmi2Error, "refused by the ball"),
-    ] {
-        assert_eq!(slave.set(Ball::TROUBLE, trouble), fmi2OK);
-        assert_eq!(slave.get_derivatives(&mut [0.0; 2]), status);
-        assert!(
-            slave.last_message().contains(word),
-            "{}",
-            slave.last_message()
-        );
-        let mut values = [7.0; 2];
-        assert_eq!(
-            slave.get_reals(&[Ball::ENERGY, Ball::V_DOT], &mut values),
-            status
-        );
-        assert_eq!(values, [7.0; 2]);
-        assert_eq!(slave.set(Ball::TROUBLE, 0.0), fmi2OK);
-        assert_eq!(two(&mut slave, Slave::get_derivatives), [0.0, -Ball::G]);
-    }
-}
-
-#[test]
-fn a_discarded_event_can_be_repeated() {
-    let mut slave = bring("event mode");
-    assert_eq!(slave.set(Ball::TROUBLE, DISCARD), fmi2OK);
-    let mut info = new_info();
-    assert_eq!(slave.new_discrete_states(&mut info), fmi2Discard);
-    assert_eq!(info.newDiscreteStatesNeeded, -7, "nothing is returned");
-    assert_eq!(slave.set(Ball::TROUBLE, 0.0), fmi2OK);
-    update(&mut slave);
-}
-
-#[test]
-fn derivatives_that_are_not_finite_at_the_start_are_refused() {
-    let mut slave = exchanged(BALL);
-    assert_eq!(slave.set(Ball::TROUBLE, DIVERGE), fmi2OK);
-    assert_eq!(slave.enter_initialization_mode(), fmi2OK);
-    let words = ["at t = 0.0 s: der(v) became NaN"];
-    slave.refuses(&words, |s| s.get_derivatives(&mut [0.0; 2]));
-    slave.refuses(&words, Slave::exit_initialization_mode);
-    assert_eq!(slave.set(Ball::TROUBLE, 0.0), fmi2OK);
-    assert_eq!(slave.exit_initialization_mode(), fmi2OK);
-}
-
-#[test]
-fn a_panic_of_equations_or_events_is_caught() {
-    let calls: [Call; 6] = [
-        |s| s.get_derivatives(&mut [0.0; 2]),
-        |s| s.get_reals(&[Ball::ENERGY], &mut [0.0]),
-        |s| s.get_indicators(&mut [0.0]),
-        |s| s.get_states(&mut [0.0; 2]),
-        |s| s.directional_derivative(&[Ball::ENERGY], &[Ball::H], &[1.0], &mut [0.0]),
-        |s| {
-            s.enter_event_mode();
-            s.new_discrete_states(&mut new_info())
-        },
-    ];
-    for call in calls {
-        let mut slave = moving();
-        assert_eq!(slave.set(Ball::TROUBLE, PANIC), fmi2OK);
-        assert_eq!(call(&mut slave), fmi2Fatal);
-        assert!(slave.last_message().ends_with("the bug shows in the ball"));
-        assert_eq!(slave.reset(), fmi2Fatal);
-    }
-}
-
-#[test]
-fn directional_derivatives_are_those_of_the_equations() {
-    let mut slave = exchanged(BALL);
-    assert_eq!(slave.set(Ball::DRAG, 0.25), fmi2OK);
-    slave.start(0.0, None);
-    assert_eq!(slave.enter_continuous_time_mode(), fmi2OK);
-    let unknowns = [
-        Ball::H_DOT,
-        Ball::V_DOT,
-        Ball::CONTACT,
-        Ball::ENERGY,
-        Ball::H,
-        Ball::V,
-    ];
-    let (point, drive) = ([2.0, -3.0], 1.5);
-    let mut at = |point: [f64; 2], drive: f64| {
-        assert_eq!(slave.set_states(&point), fmi2OK);
-        assert_eq!(slave.set(Ball::DRIVE, drive), fmi2OK);
-        slave.get(unknowns)
-    };
-    // Central differences, which are exact for polynomials of degree 2.
-    let e = 0.125;
-    let differences = [
-        (
-            Ball::H,
-            at([2.0 + e, -3.0], drive),
-            at([2.0 - e, -3.0], drive),
-        ),
-        (
-            Ball::V,
-            at([2.0, -3.0 + e], drive),
-            at([2.0, -3.0 - e], drive),
-        ),
-        (Ball::DRIVE, at(point, drive + e), at(point, drive - e)),
-    ];
-    at(point, drive);
-    for (known, above, below) in differences {
-        let expected: [f64; 6] = std::array::from_fn(|k| (above[k] - below[k]) / (2.0 * e));
-        let mut derivatives = [f64::NAN; 6];
-        let status = slave.directional_derivative(&unknowns, &[known], &[1.0], &mut derivatives);
-        assert_eq!((status, derivatives), (fmi2OK, expected), "{known}");
-    }
-    let mut sum = [f64::NAN];
-    let knowns = [Ball::H, Ball::V, Ball::DRIVE];
-    let status = slave.directional_derivative(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
-    assert_eq!((status, sum), (fmi2OK, [2.0 * Ball::G - 3.0 + 1.0]));
-    for (unknown, known, word) in [
-        (
-            Ball::DRIVE,
-            Ball::H,
-            "drive is not an output, a derivative or an event indicator",
-        ),
-        (
-            Ball::H_DOT,
-            Ball::H_DOT,
-            "der(h) is not an input or a state",
-        ),
-        (
-            Ball::H_DOT,
-            Ball::ENERGY,
-            "energy is not an input or a state",
-        ),
-        (Ball::EVENTS, Ball::H, "events is of type Integer, not Real"),
-    ] {
-        slave.refuses(&[word], |s| {
-            s.directional_derivative(&[unknown], &[known], &[1.0], &mut [0.0])
-        });
-    }
-}
-
-#[test]
-fn saved_states_continue_bit_for_bit_in_model_exchange_only() {
-    let run = |slave: &mut Slave| {
-        let mut rows = Vec::new();
-        for k in 0..5 {
-            let time = 0.25 + f64::from(k) * 0.1;
-            let [h, v] = two(slave, Slave::get_states);
-            let [h_dot, v_dot] = two(slave, Slave::get_derivatives);
-            assert_eq!(slave.set_time(time), fmi2OK);
+    for kind in EXCHANGED {
+        let instance = moving(kind);
+        for (trouble, status, words) in [
+            (DISCARD, DISCARDED, "discarded by the model"),
+            (DIVERGE, DISCARDED, "der(v) became NaN"),
+            (REFUSE, ERROR, "refused by the model"),
+            (BREAK, ERROR, "broken by the model"),
+        ] {
+            assert_eq!(instance.set(Ball::TROUBLE, trouble), OK);
+            assert_eq!(instance.get_derivatives(&mut [0.0; 2]), status);
+            instance.says(words);
+            if trouble == BREAK {
+                assert_eq!(
+                    (instance.set(Ball::TROUBLE, 0.0), instance.reset()),
+                    (ERROR, OK)
+                );
+                continue;
+            }
+            let mut values = [7.0; 2];
             assert_eq!(
-                slave.set_states(&[h + 0.1 * h_dot, v + 0.1 * v_dot]),
-                fmi2OK
+                instance.get_f64(&[Ball::ENERGY, Ball::V_DOT], &mut values),
+                status
             );
-            assert_eq!(slave.enter_event_mode(), fmi2OK);
-            rows.push((
-                update(slave),
-                two(slave, Slave::get_states),
-                slave.snapshot(),
-            ));
-            assert_eq!(slave.enter_continuous_time_mode(), fmi2OK);
+            assert_eq!(values, [7.0; 2]);
+            assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
+            assert_eq!(instance.two(Fmu::get_derivatives), [0.0, -Ball::G]);
         }
-        rows
-    };
-    let mut slave = moving();
-    assert_eq!(slave.set_states(&[0.25, -1.0]), fmi2OK);
-    let bytes = slave.snapshot();
-    let expected = run(&mut slave);
-    assert_eq!(run(slave.resume(&bytes)), expected);
-    let mut other = exchanged(BALL);
-    assert_eq!(other.resume(&bytes).snapshot(), bytes);
-    assert_eq!(run(&mut other), expected);
-    let fresh = exchanged(BALL).snapshot();
-    assert_eq!(other.reset(), fmi2OK);
-    assert_eq!(other.snapshot(), fresh);
-
-    let mut stepped = Slave::of(BALL);
-    let mut state = stepped.start(0.0, None).save();
-    let words =
-        ["the state is that of an instance for co-simulation; expected one for model exchange"];
-    other.refuses(&words, |s| s.set_state(state));
-    let mut exchange = other.save();
-    stepped.refuses(&["expected one for co-simulation"], |s| {
-        s.set_state(exchange)
-    });
-    assert_eq!(stepped.free_state(&mut exchange), fmi2OK);
-    assert_eq!(other.free_state(&mut state), fmi2OK);
-}
-
-/// The time of the last sample, and the number of samples.
-fn samples(slave: &mut Slave) -> (f64, f64) {
-    let [last] = slave.get([5]);
-    (last, slave.get_all(Kind::Integer, &[6]).1[0])
+        let instance = moving(kind);
+        assert_eq!(instance.enter_event_mode(), OK);
+        assert_eq!(instance.set(Ball::TROUBLE, DISCARD), OK);
+        assert_eq!(instance.try_update(&mut (false, None)), DISCARDED);
+        assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
+        instance.update();
+    }
 }
 
 #[test]
 fn samples_are_taken_at_their_instants_and_not_between() {
-    let mut slave = exchanged(SAMPLED);
-    // 0.1 is no binary fraction.
-    assert_eq!(slave.set(0, 0.1), fmi2OK);
-    slave.start(0.0, None);
-    assert_eq!(samples(&mut slave).1, 0.0, "none at the initialization");
-    let (_, mut next) = update(&mut slave);
-    assert_eq!(samples(&mut slave), (0.0, 1.0));
-    for k in 1..1000 {
-        let instant = f64::from(k) * 0.1;
-        assert_eq!(next, Some(instant));
-        assert_eq!(slave.enter_continuous_time_mode(), fmi2OK);
-        assert_eq!(slave.set_time(instant - 0.05), fmi2OK);
-        assert_eq!(slave.enter_event_mode(), fmi2OK);
-        assert_eq!(update(&mut slave), (false, Some(instant)), "not due");
-        // Hosts compute times with different rounding errors.
-        let jitter = if k % 2 == 0 { 1e-9 } else { -1e-9 };
-        assert_eq!(slave.set_time(instant + jitter), fmi2OK);
-        next = update(&mut slave).1;
-        assert_eq!(samples(&mut slave), (instant, f64::from(k + 1)));
-        assert_eq!(update(&mut slave).1, next, "once");
+    for kind in EXCHANGED {
+        let last = match kind.0 {
+            Fmi2 => |f: &Instance| f.get([Sampled::TIMES + 2])[0],
+            Fmi3 => |f: &Instance| f.get_all(Type::Float64, &[Sampled::TIMES], 3).1[2],
+        };
+        let samples = |f: &Instance| (last(f), f.read(Type::Int32, [Sampled::SAMPLES])[0]);
+        let new = |ts, start| {
+            let instance = Instance::of(kind, SAMPLED);
+            assert_eq!(instance.set(Sampled::TS, ts), OK);
+            instance.start(start, None);
+            instance
+        };
+        // 0.1 is no binary fraction.
+        let instance = new(0.1, 0.0);
+        assert_eq!(samples(&instance).1, 0.0, "none at the initialization");
+        let (_, mut next) = instance.update();
+        assert_eq!(samples(&instance), (0.0, 1.0));
+        for k in 1..500 {
+            let instant = f64::from(k) * 0.1;
+            assert_eq!(next, Some(instant));
+            assert_eq!(instance.enter_continuous_time_mode(), OK);
+            assert_eq!(instance.set_time(instant - 0.05), OK);
+            assert_eq!(instance.enter_event_mode(), OK);
+            assert_eq!(instance.update(), (false, Some(instant)), "not due");
+            // Hosts compute times with different rounding errors.
+            let jitter = if k % 2 == 0 { 1e-9 } else { -1e-9 };
+            assert_eq!(instance.set_time(instant + jitter), OK);
+            next = instance.update().1;
+            assert_eq!(samples(&instance), (instant, f64::from(k + 1)));
+            assert_eq!(instance.update().1, next, "once");
+        }
+        let missed = new(0.5, 1.0);
+        missed.update();
+        assert_eq!(missed.set_time(2.25), OK);
+        assert_eq!(missed.update(), (false, Some(2.5)));
+        assert_eq!(samples(&missed), (2.0, 3.0), "taken at the next event");
+        let late = new(0.001, 1e9);
+        let (_, mut next) = late.update();
+        for k in 1..100 {
+            let time = next.unwrap();
+            assert_eq!(late.set_time(time), OK);
+            next = late.update().1;
+            assert_eq!(
+                samples(&late),
+                (time, f64::from(k + 1)),
+                "though instants are rounded"
+            );
+        }
+    }
+}
+
+// --- derivatives --------------------------------------------------------------------------------
+
+#[test]
+fn directional_derivatives_are_those_of_the_equations() {
+    for kind in EXCHANGED {
+        let instance = Instance::of(kind, BALL);
+        assert_eq!(instance.set(Ball::DRAG, 0.25), OK);
+        let instance = instance.run(0.0);
+        let unknowns = [
+            Ball::H_DOT,
+            Ball::V_DOT,
+            Ball::CONTACT,
+            Ball::ENERGY,
+            Ball::H,
+            Ball::V,
+        ];
+        let at = |[h, v, drive]: [f64; 3]| {
+            assert_eq!(instance.set_states(&[h, v]), OK);
+            assert_eq!(instance.set(Ball::DRIVE, drive), OK);
+            instance.get(unknowns)
+        };
+        let point = [2.0, -3.0, 1.5];
+        for (k, known) in [Ball::H, Ball::V, Ball::DRIVE].into_iter().enumerate() {
+            // Central differences, which are exact for polynomials of degree 2.
+            let ends = [0.125, -0.125].map(|change| {
+                let mut end = point;
+                end[k] += change;
+                at(end)
+            });
+            assert_eq!(instance.set_states(&point[..2]), OK);
+            assert_eq!(instance.set(Ball::DRIVE, point[2]), OK);
+            let expected: [f64; 6] = std::array::from_fn(|i| (ends[0][i] - ends[1][i]) / 0.25);
+            let mut found = [f64::NAN; 6];
+            let status = instance.directional(&unknowns, &[known], &[1.0], &mut found);
+            assert_eq!((status, found), (OK, expected), "{known}");
+        }
+        let (knowns, mut sum) = ([Ball::H, Ball::V, Ball::DRIVE], [f64::NAN]);
+        let status = instance.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
+        assert_eq!((status, sum), (OK, [2.0 * Ball::G - 3.0 + 1.0]));
+        for (unknown, known, words) in [
+            (
+                Ball::DRIVE,
+                Ball::H,
+                "drive is not an output, a derivative or an event indicator",
+            ),
+            (
+                Ball::H_DOT,
+                Ball::H_DOT,
+                "der(h) is not an input or a state",
+            ),
+            (
+                Ball::H_DOT,
+                Ball::ENERGY,
+                "energy is not an input or a state",
+            ),
+            (Ball::EVENTS, Ball::H, "events is of type"),
+        ] {
+            instance.refuses(words, |f| {
+                f.directional(&[unknown], &[known], &[1.0], &mut [0.0])
+            });
+        }
     }
 }
 
 #[test]
-fn samples_that_a_host_missed_are_taken_at_the_next_event() {
-    let mut slave = exchanged(SAMPLED);
-    slave.start(1.0, None);
-    update(&mut slave);
-    assert_eq!(slave.set_time(2.25), fmi2OK);
-    assert_eq!(update(&mut slave), (false, Some(2.5)));
-    assert_eq!(slave.get([3, 4, 5]), [1.0, 1.5, 2.0]);
+fn directional_derivatives_of_steps_refer_to_the_last_step_despite_values_set_since() {
+    for kind in PLAIN {
+        let instance = Instance::running(kind, EVERY);
+        assert_eq!(instance.set(U, 3.0), OK);
+        let derivative = |f: Fmu| {
+            let mut derivative = [f64::NAN];
+            assert_eq!(f.directional(&[Y], &[U], &[1.0], &mut derivative), OK);
+            derivative[0]
+        };
+        assert_eq!(derivative(*instance), 0.0);
+        instance.steps(0.0, 0.25);
+        let bytes = instance.snapshot();
+        assert_eq!(derivative(*instance), 0.5);
+        assert_eq!(instance.snapshot(), bytes, "reading changes nothing");
+        assert_eq!(instance.set(U, 7.0), OK);
+        instance.steps(0.25, 0.0);
+        assert_eq!(derivative(*instance), 0.5);
+        instance.steps(0.25, 2.0);
+        assert_eq!(derivative(*instance), 4.0);
+        assert_eq!(derivative(instance.resume(&bytes)), 0.5);
+        // An omitted input counts as zero.
+        let (mut found, seeds) = ([f64::NAN; 3], [2.0, -8.0, 100.0]);
+        let parts = if kind.0 == Fmi2 { PARTS } else { BIAS };
+        let (unknowns, knowns) = ([Y, Y, Y], [U, U, V]);
+        let status = instance.directional(&unknowns, &knowns, &seeds, &mut found);
+        assert_eq!((status, found), (OK, [-3.0; 3]));
+        let mut none = [f64::NAN];
+        assert_eq!(
+            (instance.directional(&[Y], &[], &[], &mut none), none),
+            (OK, [0.0])
+        );
+        if kind.0 == Fmi2 {
+            let status = instance.directional(&[parts], &[U], &[1.0], &mut none);
+            assert_eq!((status, none), (OK, [0.0]));
+        }
+        assert_eq!(instance.directional(&[], &[U], &[1.0], &mut []), OK);
+        let mut result = [7.0; 2];
+        for (unknown, known, seed, words) in [
+            (U, U, 1.0, "u is not an output"),
+            (GAIN, U, 1.0, "gain is not an output"),
+            (LAW, U, 1.0, "law is not an output"),
+            (COUNT, U, 1.0, "is unknown"),
+            (Y, Y, 1.0, "y is not an input"),
+            (Y, LIMIT, 1.0, "limit is not an input"),
+            (Y, u32::MAX, 1.0, "is unknown"),
+            (Y, U, f64::NAN, "the direction contains NaN"),
+            (Y, U, f64::INFINITY, "inf"),
+        ] {
+            instance.refuses(words, |f| {
+                f.directional(&[Y, unknown], &[U, known], &[1.0, seed], &mut result)
+            });
+        }
+        assert_eq!(result, [7.0; 2]);
+        assert_eq!(instance.terminate(), OK);
+        assert_eq!(derivative(*instance), 0.5);
+        assert_eq!(instance.reset(), OK);
+        instance.start(0.0, None);
+        assert_eq!(derivative(*instance), 0.0);
+        let lists = Instance::running(kind, LISTS);
+        lists.refuses("the model has no derivatives", |f| {
+            f.directional(&[Lists::SUM], &[Lists::SUM], &[1.0], &mut [0.0])
+        });
+    }
+    let (two, y, u, one, to) = (Instance::running(PLAIN[0], EVERY), &Y, &U, &1.0, &mut 0.0);
+    // SAFETY: the instance lives, and arrays are NULL or have one element.
+    for status in unsafe {
+        [
+            fmi2GetDirectionalDerivative(two.c, null(), 1, u, 1, one, to),
+            fmi2GetDirectionalDerivative(two.c, y, 1, null(), 1, one, to),
+            fmi2GetDirectionalDerivative(two.c, y, 1, u, 1, null(), to),
+            fmi2GetDirectionalDerivative(two.c, y, 1, u, 1, one, null_mut()),
+        ]
+    } {
+        assert_eq!(status.0, ERROR.0);
+    }
 }
 
 #[test]
-fn a_late_start_has_as_many_samples_though_their_instants_are_rounded() {
-    let mut slave = exchanged(SAMPLED);
-    assert_eq!(slave.set(0, 0.001), fmi2OK);
-    slave.start(1e9, None);
-    let (_, mut next) = update(&mut slave);
-    for k in 1..100 {
-        let time = next.unwrap();
-        assert_eq!(slave.set_time(time), fmi2OK);
-        next = update(&mut slave).1;
-        assert_eq!(samples(&mut slave), (time, f64::from(k + 1)));
+fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
+    let exchange = Instance::of(EXCHANGED[1], BALL);
+    assert_eq!(exchange.set(Ball::DRAG, 0.5), OK);
+    let exchange = exchange.run(0.0);
+    assert_eq!(exchange.set_states(&[1.0, -3.0]), OK);
+    let stepped = Instance::running(PLAIN[1], BALL);
+    stepped.steps(0.0, 0.25);
+    let of_exchange = [
+        Ball::ENERGY,
+        Ball::H_DOT,
+        Ball::V_DOT,
+        Ball::CONTACT,
+        Ball::V,
+    ];
+    for (instance, unknowns, knowns) in [
+        (
+            exchange,
+            &of_exchange[..],
+            &[Ball::V, Ball::DRIVE, Ball::H][..],
+        ),
+        (stepped, &[Ball::ENERGY, Ball::H], &[Ball::DRIVE]),
+    ] {
+        let unit = |n: usize, k: usize| {
+            let mut unit = vec![0.0; n];
+            unit[k] = 1.0;
+            unit
+        };
+        let (n, m) = (unknowns.len(), knowns.len());
+        let mut sum = 0.0;
+        for (row, column) in (0..n).flat_map(|row| (0..m).map(move |column| (row, column))) {
+            let (mut forward, mut back) = (vec![f64::NAN; n], vec![f64::NAN; m]);
+            let seed = unit(m, column);
+            assert_eq!(
+                instance.directional(unknowns, knowns, &seed, &mut forward),
+                OK
+            );
+            assert_eq!(
+                instance.adjoint(unknowns, knowns, &unit(n, row), &mut back),
+                OK
+            );
+            assert_eq!(forward[row], back[column]);
+            sum += forward[row].abs();
+        }
+        assert!(sum > 0.0);
+        for (unknown, known, words) in [
+            (Ball::DRIVE, Ball::DRIVE, "drive is not an output"),
+            (Ball::ENERGY, Ball::ENERGY, "energy is not an input"),
+            (Ball::TIME, Ball::DRIVE, "is unknown"),
+            (Ball::ENERGY, Ball::TIME, "is unknown"),
+        ] {
+            instance.refuses(words, |f| {
+                f.directional(&[unknown], &[known], &[1.0], &mut [0.0])
+            });
+            instance.refuses(words, |f| {
+                f.adjoint(&[unknown], &[known], &[1.0], &mut [0.0])
+            });
+        }
+        let (energy, drive) = ([Ball::ENERGY], [Ball::DRIVE]);
+        let words = "the direction contains NaN";
+        instance.refuses(words, |f| {
+            f.adjoint(&energy, &drive, &[f64::NAN], &mut [0.0])
+        });
+        for n in [0, 2] {
+            let (seed, words) = (
+                &mut [1.0; 2][..n],
+                format!("there are {n} values; expected 1"),
+            );
+            instance.refuses(&words, |f| f.directional(&energy, &drive, seed, &mut [0.0]));
+            instance.refuses(&words, |f| f.adjoint(&energy, &drive, &[1.0], seed));
+        }
     }
+}
+
+#[test]
+fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
+    for kind in PLAIN {
+        let instance = Instance::running(kind, BALL);
+        instance.steps(0.0, 0.125);
+        assert_eq!(instance.set(Ball::DRIVE, 2.0), OK);
+        let before = instance.snapshot();
+        let expected = [2.0 - Ball::G, 1.0 - Ball::G / 128.0];
+        assert_eq!(instance.get([Ball::V_DOT, Ball::CONTACT]), expected);
+        let slopes =
+            |f: Fmu, to: &mut [f64]| f.get_output_derivatives(&[Ball::V, Ball::H], &[1, 1], to);
+        assert_eq!(instance.two(slopes), [2.0 - Ball::G, -Ball::G / 8.0]);
+        assert_eq!(instance.snapshot(), before);
+        for (trouble, words) in [
+            (DIVERGE, "der(v) became NaN"),
+            (DISCARD, "discarded by the model"),
+        ] {
+            assert_eq!(instance.set(Ball::TROUBLE, trouble), OK);
+            instance.refuses(words, |f| f.get_f64(&[Ball::V_DOT], &mut [0.0]));
+            instance.refuses(words, |f| slopes(f, &mut [0.0; 2]));
+            assert_eq!(instance.get([Ball::V]), [-Ball::G / 8.0]);
+        }
+        assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
+        for (reference, order, words) in [
+            (Ball::H, 0, "the derivative of h is of order 0; expected 1"),
+            (Ball::H, 2, "of order 2"),
+            (Ball::DRIVE, 1, "drive is not an output"),
+            (Ball::ENERGY, 1, "the derivative of energy is not known"),
+            (Ball::TIME, 1, "is unknown"),
+        ] {
+            let (references, orders) = ([Ball::V, reference], [1, order]);
+            instance.refuses(words, |f| {
+                f.get_output_derivatives(&references, &orders, &mut [0.0; 2])
+            });
+        }
+        instance.steps(0.125, 0.125);
+        assert_eq!(instance.terminate(), OK);
+        assert_eq!(instance.get([Ball::H_DOT]), instance.get([Ball::V]));
+    }
+    let three = Instance::running(PLAIN[1], BALL);
+    three.refuses("there are 2 values; expected 1", |f| {
+        f.get_output_derivatives(&[Ball::V], &[1], &mut [0.0; 2])
+    });
 }

@@ -1,104 +1,142 @@
 //! The models under test in one binary.
 
 use std::cell::Cell;
-use std::f64::consts;
+use std::f64::consts::TAU;
 
-use fmu_description::{Value, ValueMut};
+use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(
-    Probe, Wide, Sampled, Reader, Sizes, Ball, Every, Lists, Hopper
-);
+fmu_export::export!(Every, Sampled, Ball, Hopper, Lists);
 
 // Indices of the models.
-pub const PROBE: usize = 0;
-pub const WIDE: usize = 1;
-pub const SAMPLED: usize = 2;
-pub const READER: usize = 3;
-pub const SIZES: usize = 4;
-pub const BALL: usize = 5;
-pub const EVERY: usize = 6;
-pub const LISTS: usize = 7;
-pub const HOPPER: usize = 8;
+pub const EVERY: usize = 0;
+pub const SAMPLED: usize = 1;
+pub const BALL: usize = 2;
+pub const HOPPER: usize = 3;
+pub const LISTS: usize = 4;
+
+/// Defines a constant for each value reference, in order: of the first element of an array with so many.
+macro_rules! references {
+    ($($name:ident $(* $count:literal)?),*) => { references!(@ 0; $($name $(* $count)?),*); };
+    (@ $next:expr; $name:ident $(, $($rest:tt)*)?) => {
+        #[allow(dead_code, reason = "not every test needs all")]
+        pub const $name: u32 = $next;
+        references!(@ $next + 1; $($($rest)*)?);
+    };
+    (@ $next:expr; $name:ident * $count:literal $(, $($rest:tt)*)?) => {
+        #[allow(dead_code, reason = "not every test needs all")]
+        pub const $name: u32 = $next;
+        references!(@ $next + $count; $($($rest)*)?);
+    };
+    (@ $next:expr;) => {
+        /// The number of scalar variables; in FMI 3.0, the reference of the independent variable.
+        #[allow(dead_code, reason = "as above")]
+        pub const COUNT: u32 = $next;
+    };
+}
 
 /// Every type and role, and failures on demand
-#[derive(Debug, Clone, Model)]
-pub struct Probe {
+#[derive(Model)]
+pub struct Every {
     /// is integrated
     #[input(derivative = self.u_rate)]
-    pub u: f64,
-    pub u_rate: f64,
+    u: f64,
+    u_rate: f64,
     /// is bounded
     #[input(min = -10, max = 10)]
-    pub v: f64,
+    v: f64,
     /// how the step fails
-    #[input(min = 0, max = PANIC)]
-    pub trouble: f64,
+    #[input(min = 0, max = BUG)]
+    trouble: f64,
     /// of u
     #[parameter(start = 2, min = 0)]
     gain: f64,
     /// of y
     #[parameter(tunable, start = 1e6, min = 0)]
     limit: f64,
-    /// array
-    #[parameter(start = [1, 2, 3])]
-    weights: [f64; 3],
+    /// vector
+    #[input(min = -10, max = 10, unit = "kg")]
+    vector: [f64; 3],
+    /// matrix
+    #[parameter(tunable, start = [[1, 2], [3, 6.5]])]
+    matrix: [[f64; 2]; 2],
+    /// fixed
+    #[parameter(start = [1, 2])]
+    weights: [f64; 2],
+    /// f32
+    #[input(min = 0.1, max = 16777216, start = 0.3)]
+    f32: f32,
+    /// i8
+    #[input]
+    i8: i8,
+    /// u8
+    #[parameter(tunable, start = [1, 2])]
+    u8: [u8; 2],
+    /// i16
+    #[input(start = -1, min = -2)]
+    i16: i16,
+    /// u16
+    #[input]
+    u16: u16,
+    /// i32
+    #[input(start = 3, min = -5, max = 5)]
+    i32: i32,
+    /// u32
+    #[input]
+    u32: u32,
+    /// i64
+    #[input]
+    i64: i64,
+    /// u64
+    #[input(start = 4294967295)]
+    u64: u64,
     /// whole number
     #[parameter(start = 1, min = 1, max = 4)]
     order: i32,
+    /// truths
+    #[parameter(tunable, start = [false, true])]
+    flags: [bool; 2],
     /// whether y is limited
     #[parameter(start = true)]
     limited: bool,
     /// item
     #[parameter]
     law: Law,
+    /// items
+    #[input(start = [Law::Added, Law::Ignored])]
+    laws: [Law; 2],
+    /// text
+    #[input(start = "12")]
+    label: String,
+    /// texts
+    #[parameter(start = ["7", "8"])]
+    names: [String; 2],
+    /// bytes
+    #[input(start = b"\x00\xff")]
+    bytes: Vec<u8>,
+    #[nested]
+    part: Part,
     /// integral of u
     #[output(initially_from("weights"), derivative_by(u = self.y_by_u))]
     y: f64,
     /// weighted y
     #[output(unit = "N.m")]
     parts: [f64; 2],
-    /// whole number
-    #[input(start = 3, min = -5, max = 5)]
-    mode: i32,
-    /// truth
-    #[input(start = true)]
-    enabled: bool,
-    /// text
-    #[input(start = "12")]
-    label: String,
-    /// item
-    #[input(start = Law::Ignored)]
-    shape: Law,
-    /// matrix
-    #[parameter(tunable, start = [[1, 2, 3], [4, 5, 6.5]], unit = "kg")]
-    table: [[f64; 3]; 2],
-    /// texts
-    #[parameter(start = ["7", "8"])]
-    names: [String; 2],
-    /// truths
-    #[parameter(tunable, start = [false, true])]
-    flags: [bool; 2],
-    /// items
-    #[parameter(tunable, start = [[Law::Added, Law::Ignored]])]
-    laws: [[Law; 2]; 1],
-    /// whole numbers
-    #[input(start = -1, min = -2)]
-    counts: [[i32; 2]; 2],
-    #[nested]
-    part: Part,
-    /// number of steps and mode
+    /// half of the f32
     #[output]
-    steps: i32,
+    half: f32,
+    /// large number
+    #[output]
+    long: i64,
     /// whether it is enabled
     #[output]
     done: bool,
-    /// the steps as text
+    /// the number of steps as text
     #[output]
     report: String,
     /// the other item
     #[output]
-    next: [Law; 2],
+    next: Law,
     /// sum of the last 40 values
     #[local]
     sum: f64,
@@ -106,18 +144,18 @@ pub struct Probe {
     #[local(discrete)]
     label_length: i32,
     /// a number
-    #[constant(start = consts::TAU)]
+    #[constant(start = TAU)]
     tau: f64,
     /// a text
     #[constant(start = "9")]
     version: String,
-    pub y_by_u: f64,
+    y_by_u: f64,
     ticks: u64,
     history: [f64; 40],
 }
 
 /// What the step does with v
-#[derive(Debug, Clone, Copy, PartialEq, Choice)]
+#[derive(Clone, Copy, PartialEq, Choice)]
 pub enum Law {
     /// y + v
     Added,
@@ -126,7 +164,7 @@ pub enum Law {
 }
 
 /// A nested struct
-#[derive(Debug, Clone, Variables)]
+#[derive(Variables)]
 pub struct Part {
     /// added to y
     #[input(start = 0.0)]
@@ -137,25 +175,36 @@ pub struct Part {
     uses: u32,
 }
 
-/// Values of the input `trouble`.
+references! {
+    U, V, TROUBLE, GAIN, LIMIT, VECTOR * 3, MATRIX * 4, WEIGHTS * 2, F32, I8, U8 * 2, I16, U16, I32, U32, I64,
+    U64, ORDER, FLAGS * 2, LIMITED, LAW, LAWS * 2, LABEL, NAMES * 2, BYTES, BIAS, SCALE, Y, PARTS * 2, HALF,
+    LONG, DONE, REPORT, NEXT, SUM, LENGTH, TAU_OF, TEXT_OF
+}
+
+// Values of inputs that make a model fail: the step or the evaluation is refused, is discarded, breaks the
+// instance, has infinite results, or panics.
 pub const REFUSE: f64 = 1.0;
 pub const DISCARD: f64 = 2.0;
 pub const BREAK: f64 = 3.0;
-/// An output becomes infinite.
 pub const DIVERGE: f64 = 4.0;
-pub const PANIC: f64 = 5.0;
+pub const BUG: f64 = 5.0;
 
-impl Simulate for Probe {
+/// Fails as an input says; the first word says what.
+fn fail(trouble: f64) -> Result<(), ModelError> {
+    assert!(trouble != BUG, "the bug shows");
+    match trouble {
+        REFUSE => Err(ModelError::refuse("refused by the model")),
+        DISCARD => Err(ModelError::discard("discarded by the model")),
+        BREAK => Err(ModelError::new("broken by the model")),
+        _ => Ok(()),
+    }
+}
+
+impl Simulate for Every {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        assert!(self.trouble != PANIC, "the bug shows early");
-        if self.trouble == BREAK {
-            return Err(ModelError::new("the parameters do not fit together"));
-        }
+        fail(self.trouble)?;
         self.y = start.time;
-        self.parts = [
-            self.weights[0] * self.y,
-            self.weights[1] * f64::from(self.order),
-        ];
+        self.parts = [self.weights[0] * self.y, self.weights[1]];
         // Fresh at each initialization.
         self.ticks += 1;
         self.part.uses += 1;
@@ -164,13 +213,7 @@ impl Simulate for Probe {
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        assert!(self.trouble != PANIC, "the bug shows in a step");
-        if self.trouble == REFUSE {
-            return Err(ModelError::refuse("such a step is never taken"));
-        }
-        if self.trouble == DISCARD {
-            return Err(ModelError::discard("the step is too long here"));
-        }
+        fail(self.trouble)?;
         self.y_by_u = self.gain * step;
         self.y += self.y_by_u * (self.u + self.u_rate * step / 2.0);
         self.y += self.part.bias * self.part.scale;
@@ -180,46 +223,42 @@ impl Simulate for Probe {
         if self.limited {
             self.y = self.y.min(self.limit).max(-self.limit);
         }
-        self.parts = [self.weights[0] * self.y, self.weights[2] * (time + step)];
+        self.parts = [self.weights[0] * self.y, self.weights[1] * (time + step)];
         self.ticks += 1;
         self.update();
         Ok(())
     }
 }
 
-impl Probe {
+impl Every {
+    /// The value of `limit` with which the destructor panics.
+    pub const LAST_BUG: f64 = 1234.5;
+
     fn update(&mut self) {
-        if self.trouble == BREAK {
-            self.y = f64::NAN;
-        }
         if self.trouble == DIVERGE {
             self.parts[1] = f64::INFINITY;
         }
         self.history[self.ticks as usize % 40] = self.y;
         self.sum = self.history.iter().sum();
-        self.steps = self.ticks as i32 + self.mode;
-        self.done = self.enabled && self.flags[1];
-        self.report = self.steps.to_string();
-        let [[first, _]] = self.laws;
-        self.next = match self.shape {
-            Law::Added => [Law::Ignored, first],
-            Law::Ignored => [Law::Added, first],
+        self.half = f32::from(self.u8[0]) / self.f32;
+        self.long = -i64::from(self.i8) << 24;
+        self.done = self.flags[1];
+        self.report = (self.ticks + u64::from(self.part.uses)).to_string();
+        self.next = match self.laws[0] {
+            Law::Added => Law::Ignored,
+            Law::Ignored => Law::Added,
         };
         self.label_length = self.label.len() as i32;
     }
 }
 
-/// The type with which a variable is accessed from C.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kind {
-    Real,
-    Integer,
-    Boolean,
-    /// In these tests, the text of a number.
-    String,
+impl Drop for Every {
+    fn drop(&mut self) {
+        assert!(self.limit != Self::LAST_BUG, "the bug shows at the end");
+    }
 }
 
-/// When a variable can be set.
+/// When a host can set a variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Role {
     Always,
@@ -229,246 +268,87 @@ pub enum Role {
     Constant,
 }
 
-/// The expected properties of a variable of [`Probe`].
+/// The expected properties of a variable of [`Every`].
 pub struct Fact {
     pub reference: u32,
     pub name: &'static str,
-    pub kind: Kind,
+    pub of: Type,
     pub role: Role,
     /// Minimum and maximum.
     pub bounds: (f64, f64),
-    pub start: f64,
+    /// The start values of all elements; of a String the number, of a Binary the length.
+    pub start: &'static [f64],
 }
 
-// Value references of the variables of `Probe`.
-pub const U: u32 = 0;
-pub const V: u32 = 1;
-pub const TROUBLE: u32 = 2;
-pub const GAIN: u32 = 3;
-pub const LIMIT: u32 = 4;
-pub const ORDER: u32 = 8;
-pub const LIMITED: u32 = 9;
-pub const LAW: u32 = 10;
-pub const Y: u32 = 11;
-pub const LABEL: u32 = 16;
-pub const NAMES: u32 = 24;
-pub const STEPS: u32 = 36;
-pub const REPORT: u32 = 38;
-pub const SUM: u32 = 41;
-pub const TAU: u32 = 43;
-pub const VERSION: u32 = 44;
-/// The number of its scalar variables.
-pub const COUNT: u32 = 45;
-
-/// The scalar variables of [`Probe`], defined independently of its table.
-pub const FACTS: [Fact; COUNT as usize] = {
-    use {Kind::*, Role::*};
+/// The variables of [`Every`], defined independently of its table.
+#[rustfmt::skip]
+pub const FACTS: &[Fact] = {
+    use {Role::*, Type::*};
     const ANY: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
     const POSITIVE: (f64, f64) = (0.0, f64::INFINITY);
-    const INTEGER: (f64, f64) = (i32::MIN as f64, i32::MAX as f64);
-    const COUNTS: (f64, f64) = (-2.0, i32::MAX as f64);
-    const TRUTH: (f64, f64) = (0.0, 1.0);
+    const TEN: (f64, f64) = (-10.0, 10.0);
     const ITEM: (f64, f64) = (1.0, 2.0);
+    const BIT: (f64, f64) = (0.0, 1.0);
     const fn fact(
-        reference: u32,
-        name: &'static str,
-        kind: Kind,
-        role: Role,
-        bounds: (f64, f64),
-        start: f64,
+        reference: u32, name: &'static str, of: Type, role: Role, bounds: (f64, f64), start: &'static [f64],
     ) -> Fact {
-        Fact {
-            reference,
-            name,
-            kind,
-            role,
-            bounds,
-            start,
-        }
+        Fact { reference, name, of, role, bounds, start }
     }
-    [
-        fact(U, "u", Real, Always, ANY, 0.0),
-        fact(V, "v", Real, Always, (-10.0, 10.0), 0.0),
-        fact(TROUBLE, "trouble", Real, Always, (0.0, PANIC), 0.0),
-        fact(GAIN, "gain", Real, BeforeSteps, POSITIVE, 2.0),
-        fact(LIMIT, "limit", Real, Always, POSITIVE, 1e6),
-        fact(5, "weights[1]", Real, BeforeSteps, ANY, 1.0),
-        fact(6, "weights[2]", Real, BeforeSteps, ANY, 2.0),
-        fact(7, "weights[3]", Real, BeforeSteps, ANY, 3.0),
-        fact(ORDER, "order", Integer, BeforeSteps, (1.0, 4.0), 1.0),
-        fact(LIMITED, "limited", Boolean, BeforeSteps, TRUTH, 1.0),
-        fact(LAW, "law", Integer, BeforeSteps, ITEM, 1.0),
-        fact(Y, "y", Real, Output, ANY, 0.0),
-        fact(12, "parts[1]", Real, Output, ANY, 0.0),
-        fact(13, "parts[2]", Real, Output, ANY, 0.0),
-        fact(14, "mode", Integer, Always, (-5.0, 5.0), 3.0),
-        fact(15, "enabled", Boolean, Always, TRUTH, 1.0),
-        fact(LABEL, "label", String, Always, ANY, 12.0),
-        fact(17, "shape", Integer, Always, ITEM, 2.0),
-        fact(18, "table[1,1]", Real, Always, ANY, 1.0),
-        fact(19, "table[1,2]", Real, Always, ANY, 2.0),
-        fact(20, "table[1,3]", Real, Always, ANY, 3.0),
-        fact(21, "table[2,1]", Real, Always, ANY, 4.0),
-        fact(22, "table[2,2]", Real, Always, ANY, 5.0),
-        fact(23, "table[2,3]", Real, Always, ANY, 6.5),
-        fact(NAMES, "names[1]", String, BeforeSteps, ANY, 7.0),
-        fact(25, "names[2]", String, BeforeSteps, ANY, 8.0),
-        fact(26, "flags[1]", Boolean, Always, TRUTH, 0.0),
-        fact(27, "flags[2]", Boolean, Always, TRUTH, 1.0),
-        fact(28, "laws[1,1]", Integer, Always, ITEM, 1.0),
-        fact(29, "laws[1,2]", Integer, Always, ITEM, 2.0),
-        fact(30, "counts[1,1]", Integer, Always, COUNTS, -1.0),
-        fact(31, "counts[1,2]", Integer, Always, COUNTS, -1.0),
-        fact(32, "counts[2,1]", Integer, Always, COUNTS, -1.0),
-        fact(33, "counts[2,2]", Integer, Always, COUNTS, -1.0),
-        fact(34, "part.bias", Real, Always, ANY, 0.0),
-        fact(35, "part.scale", Real, BeforeSteps, ANY, 0.5),
-        fact(STEPS, "steps", Integer, Output, INTEGER, 0.0),
-        fact(37, "done", Boolean, Output, TRUTH, 0.0),
-        fact(REPORT, "report", String, Output, ANY, f64::NAN),
-        fact(39, "next[1]", Integer, Output, ITEM, 1.0),
-        fact(40, "next[2]", Integer, Output, ITEM, 1.0),
-        fact(SUM, "sum", Real, Local, ANY, 0.0),
-        fact(42, "label_length", Integer, Local, INTEGER, 0.0),
-        fact(TAU, "tau", Real, Constant, ANY, consts::TAU),
-        fact(VERSION, "version", String, Constant, ANY, 9.0),
+    &[
+        fact(U, "u", Float64, Always, ANY, &[0.0]),
+        fact(V, "v", Float64, Always, TEN, &[0.0]),
+        fact(TROUBLE, "trouble", Float64, Always, (0.0, BUG), &[0.0]),
+        fact(GAIN, "gain", Float64, BeforeSteps, POSITIVE, &[2.0]),
+        fact(LIMIT, "limit", Float64, Always, POSITIVE, &[1e6]),
+        fact(VECTOR, "vector", Float64, Always, TEN, &[0.0; 3]),
+        fact(MATRIX, "matrix", Float64, Always, ANY, &[1.0, 2.0, 3.0, 6.5]),
+        fact(WEIGHTS, "weights", Float64, BeforeSteps, ANY, &[1.0, 2.0]),
+        fact(F32, "f32", Float32, Always, (0.1f32 as f64, 16777216.0), &[0.3f32 as f64]),
+        fact(I8, "i8", Int8, Always, (-128.0, 127.0), &[0.0]),
+        fact(U8, "u8", UInt8, Always, (0.0, 255.0), &[1.0, 2.0]),
+        fact(I16, "i16", Int16, Always, (-2.0, 32767.0), &[-1.0]),
+        fact(U16, "u16", UInt16, Always, (0.0, 65535.0), &[0.0]),
+        fact(I32, "i32", Int32, Always, (-5.0, 5.0), &[3.0]),
+        fact(U32, "u32", UInt32, Always, (0.0, 4294967295.0), &[0.0]),
+        fact(I64, "i64", Int64, Always, ANY, &[0.0]),
+        fact(U64, "u64", UInt64, Always, POSITIVE, &[4294967295.0]),
+        fact(ORDER, "order", Int32, BeforeSteps, (1.0, 4.0), &[1.0]),
+        fact(FLAGS, "flags", Boolean, Always, BIT, &[0.0, 1.0]),
+        fact(LIMITED, "limited", Boolean, BeforeSteps, BIT, &[1.0]),
+        fact(LAW, "law", Enumeration, BeforeSteps, ITEM, &[1.0]),
+        fact(LAWS, "laws", Enumeration, Always, ITEM, &[1.0, 2.0]),
+        fact(LABEL, "label", String, Always, ANY, &[12.0]),
+        fact(NAMES, "names", String, BeforeSteps, ANY, &[7.0, 8.0]),
+        fact(BYTES, "bytes", Binary, Always, ANY, &[2.0]),
+        fact(BIAS, "part.bias", Float64, Always, ANY, &[0.0]),
+        fact(SCALE, "part.scale", Float64, BeforeSteps, ANY, &[0.5]),
+        fact(Y, "y", Float64, Output, ANY, &[0.0]),
+        fact(PARTS, "parts", Float64, Output, ANY, &[0.0, 2.0]),
+        fact(HALF, "half", Float32, Output, ANY, &[(1.0 / 0.3f32) as f64]),
+        fact(LONG, "long", Int64, Output, ANY, &[0.0]),
+        fact(DONE, "done", Boolean, Output, BIT, &[1.0]),
+        fact(REPORT, "report", String, Output, ANY, &[2.0]),
+        fact(NEXT, "next", Enumeration, Output, ITEM, &[2.0]),
+        fact(SUM, "sum", Float64, Local, ANY, &[0.0]),
+        fact(LENGTH, "label_length", Int32, Local, ANY, &[2.0]),
+        fact(TAU_OF, "tau", Float64, Constant, ANY, &[TAU]),
+        fact(TEXT_OF, "version", String, Constant, ANY, &[9.0]),
     ]
 };
 
 impl Fact {
-    /// Whether the host may set the variable; `running` is true after initialization.
-    pub fn settable(&self, running: bool) -> bool {
-        self.role == Role::Always || self.role == Role::BeforeSteps && !running
-    }
-
-    /// Whether the value is within the bounds.
-    pub fn allows(&self, value: f64) -> bool {
-        match self.kind {
-            Kind::String => true,
-            _ => value.is_finite() && self.bounds.0 <= value && value <= self.bounds.1,
-        }
+    /// Whether the host may set the variable; `is_running` after the initialization.
+    pub fn is_settable(&self, is_running: bool) -> bool {
+        self.role == Role::Always || self.role == Role::BeforeSteps && !is_running
     }
 
     /// A valid value other than the start value.
     pub fn other_value(&self) -> f64 {
-        match (self.kind, self.bounds) {
-            (Kind::Boolean, _) | (Kind::Integer, (1.0, 2.0)) => {
-                self.bounds.0 + self.bounds.1 - self.start
-            }
-            (Kind::Integer, _) => 2.0,
-            _ => 0.125 * f64::from(1 + self.reference),
+        match self.bounds {
+            (min, max) if max - min == 1.0 => min + max - self.start[0],
+            _ if self.of == Type::Float64 => 0.125 * f64::from(1 + self.reference),
+            _ => 4.0,
         }
-    }
-}
-
-impl Probe {
-    /// The model with its start values, independent of its table.
-    pub fn start() -> Self {
-        let mut probe = Self::unset();
-        for fact in FACTS.iter().filter(|fact| !fact.start.is_nan()) {
-            probe.set(fact.reference, fact.start);
-        }
-        probe
-    }
-
-    /// The variables in the order of their value references.
-    fn variables(&mut self) -> Vec<ValueMut<'_>> {
-        use ValueMut::{Boolean, Enumeration, Float64, Int32, String};
-        let [w1, w2, w3] = &mut self.weights;
-        let [part1, part2] = &mut self.parts;
-        let [[t11, t12, t13], [t21, t22, t23]] = &mut self.table;
-        let [name1, name2] = &mut self.names;
-        let [flag1, flag2] = &mut self.flags;
-        let [[law1, law2]] = &mut self.laws;
-        let [[c11, c12], [c21, c22]] = &mut self.counts;
-        let [next1, next2] = &mut self.next;
-        vec![
-            Float64(&mut self.u),
-            Float64(&mut self.v),
-            Float64(&mut self.trouble),
-            Float64(&mut self.gain),
-            Float64(&mut self.limit),
-            Float64(w1),
-            Float64(w2),
-            Float64(w3),
-            Int32(&mut self.order),
-            Boolean(&mut self.limited),
-            Enumeration(&mut self.law),
-            Float64(&mut self.y),
-            Float64(part1),
-            Float64(part2),
-            Int32(&mut self.mode),
-            Boolean(&mut self.enabled),
-            String(&mut self.label),
-            Enumeration(&mut self.shape),
-            Float64(t11),
-            Float64(t12),
-            Float64(t13),
-            Float64(t21),
-            Float64(t22),
-            Float64(t23),
-            String(name1),
-            String(name2),
-            Boolean(flag1),
-            Boolean(flag2),
-            Enumeration(law1),
-            Enumeration(law2),
-            Int32(c11),
-            Int32(c12),
-            Int32(c21),
-            Int32(c22),
-            Float64(&mut self.part.bias),
-            Float64(&mut self.part.scale),
-            Int32(&mut self.steps),
-            Boolean(&mut self.done),
-            String(&mut self.report),
-            Enumeration(next1),
-            Enumeration(next2),
-            Float64(&mut self.sum),
-            Int32(&mut self.label_length),
-            Float64(&mut self.tau),
-            String(&mut self.version),
-        ]
-    }
-
-    /// The value of a variable.
-    pub fn value(&mut self, reference: u32) -> f64 {
-        match self.variables()[reference as usize].get() {
-            Value::Boolean(value) => f64::from(u8::from(value)),
-            Value::String(text) => number(&text),
-            value => (value.as_real())
-                .or(value.as_whole().map(|number| number as f64))
-                .unwrap(),
-        }
-    }
-
-    /// Sets a variable.
-    pub fn set(&mut self, reference: u32, value: f64) {
-        let variable = self.variables().swap_remove(reference as usize);
-        let of_type = variable.of_type();
-        let value = match FACTS[reference as usize].kind {
-            Kind::Real => Value::real(of_type, value),
-            Kind::Integer => Value::whole(of_type, value as i128),
-            Kind::Boolean => Some(Value::Boolean(value == 1.0)),
-            Kind::String => Some(Value::String(value.to_string())),
-        };
-        assert!(value.is_some_and(|value| variable.set(value)));
-    }
-
-    /// The outcome of an initialization at `time` with the values that were set.
-    pub fn initialized(&mut self, time: f64) -> Option<Self> {
-        let mut fresh = Self::start();
-        for fact in FACTS.iter().filter(|fact| fact.settable(false)) {
-            fresh.set(fact.reference, self.value(fact.reference));
-        }
-        fresh.u_rate = self.u_rate;
-        let outcome = fresh.initialize(&Start::new(time, "nowhere"));
-        (outcome.is_ok() && fresh.is_finite()).then_some(fresh)
-    }
-
-    /// Whether all outputs are finite.
-    pub fn is_finite(&self) -> bool {
-        self.y.is_finite() && self.parts.iter().all(|part| part.is_finite())
     }
 }
 
@@ -477,67 +357,7 @@ pub fn number(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }
 
-/// Many variables, without those of other types between them
-#[derive(Model)]
-pub struct Wide {
-    /// input
-    #[input]
-    u0: f64,
-    /// input
-    #[input(max = 10)]
-    u1: f64,
-    /// input
-    #[input(min = -1)]
-    u2: f64,
-    /// input
-    #[input]
-    u3: f64,
-    /// input
-    #[input]
-    u4: f64,
-    /// input
-    #[input]
-    u5: f64,
-    /// fixed
-    #[parameter(start = 1)]
-    fixed: f64,
-    /// flag
-    #[parameter]
-    flag: bool,
-    /// output
-    #[output]
-    many: [f64; 60],
-    /// tunable
-    #[parameter(tunable, start = 5)]
-    last: f64,
-}
-
-impl Simulate for Wide {
-    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
-        self.many = std::array::from_fn(|k| k as f64);
-        Ok(())
-    }
-
-    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-        Ok(())
-    }
-}
-
-impl Wide {
-    /// The value of `last` that makes the destructor panic.
-    pub const LAST_BUG: f64 = 1234.5;
-}
-
-impl Drop for Wide {
-    fn drop(&mut self) {
-        assert!(
-            self.last != Self::LAST_BUG,
-            "the bug shows in the destructor"
-        );
-    }
-}
-
-/// Acts at its sample instants, and fails in a chosen one
+/// Acts at its sample instants, fails in a chosen one, and reads a resource
 #[derive(Model)]
 #[model(sample_time = self.ts, stop_time = 5, step_size = 0.01)]
 pub struct Sampled {
@@ -549,7 +369,7 @@ pub struct Sampled {
     fails_at: i32,
     /// how it fails
     #[parameter(tunable)]
-    failure: Failure,
+    failure: f64,
     /// times of the last samples
     #[output(unit = "s")]
     times: [f64; 3],
@@ -562,97 +382,41 @@ pub struct Sampled {
     /// inverse of u
     #[output(derivative_by(u = self.slope()))]
     y: f64,
-}
-
-/// How a sample fails
-#[derive(Clone, Copy, Choice)]
-pub enum Failure {
-    /// the step is discarded
-    Discard,
-    /// the step is refused
-    Refuse,
-    /// the model is broken
-    Break,
-}
-
-impl Simulate for Sampled {
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        assert_eq!(step, self.ts);
-        if self.count + 1 == self.fails_at {
-            return Err(match self.failure {
-                Failure::Discard => ModelError::discard("a sample is discarded"),
-                Failure::Refuse => ModelError::refuse("a sample is refused"),
-                Failure::Break => ModelError::new("a sample breaks"),
-            });
-        }
-        self.count += 1;
-        self.times = [self.times[1], self.times[2], time];
-        self.y = 1.0 / self.u;
-        Ok(())
-    }
-}
-
-impl Sampled {
-    fn slope(&self) -> f64 {
-        assert!(self.u != 0.0, "the bug shows in a derivative");
-        -1.0 / (self.u * self.u)
-    }
-}
-
-/// Reads a table from a file
-#[derive(Model)]
-pub struct Reader {
-    /// file in the resources
-    #[parameter(start = "weights.txt")]
+    /// file in the resources, if any
+    #[parameter]
     file: String,
     /// sum of its numbers
     #[output]
     sum: f64,
 }
 
-impl Simulate for Reader {
+impl Sampled {
+    references! { TS, FAILS_AT, FAILURE, TIMES * 3, SAMPLES, U, Y, FILE, SUM }
+
+    fn slope(&self) -> f64 {
+        assert!(self.u != 0.0, "the bug shows in a derivative");
+        -1.0 / (self.u * self.u)
+    }
+}
+
+impl Simulate for Sampled {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        for line in start.read_resource(&self.file)?.lines() {
-            self.sum += line.parse::<f64>()?;
+        if !self.file.is_empty() {
+            for line in start.read_resource(&self.file)?.lines() {
+                self.sum += line.parse::<f64>()?;
+            }
         }
         Ok(())
     }
 
-    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-        Ok(())
-    }
-}
-
-/// Variables of types that FMI 2.0 does not have
-#[derive(Model)]
-pub struct Sizes {
-    /// single precision
-    #[input(min = 0.1, max = 16777216, start = 0.3)]
-    single: f32,
-    /// signed byte
-    #[input]
-    signed: i8,
-    /// bytes
-    #[parameter(tunable, start = [1, 2])]
-    bytes: [u8; 2],
-    /// large number
-    #[input(start = 4294967295)]
-    large: u64,
-    /// long number
-    #[output]
-    long: i64,
-    /// what was received
-    #[output]
-    message: Vec<u8>,
-    /// half of the single
-    #[output]
-    half: f32,
-}
-
-impl Simulate for Sizes {
-    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-        self.long = -i64::from(self.signed) << 24;
-        self.half = f32::from(self.bytes[0]) / self.single;
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        assert_eq!(step, self.ts);
+        if self.count + 1 == self.fails_at {
+            fail(self.failure)?;
+        }
+        self.count += 1;
+        self.times = [self.times[1], self.times[2], time];
+        self.y = 1.0 / self.u;
         Ok(())
     }
 }
@@ -665,10 +429,10 @@ pub struct Ball {
     #[input]
     drive: f64,
     /// how the equations and events fail
-    #[input(min = 0, max = PANIC)]
+    #[input(min = 0, max = BUG)]
     trouble: f64,
     /// how steps after 0.15 s fail
-    #[input(min = 0, max = PANIC)]
+    #[input(min = 0, max = BUG)]
     fault: f64,
     /// height
     #[output(state, nominal = 10, initially_from("h0"))]
@@ -705,21 +469,11 @@ pub struct Ball {
 }
 
 impl Ball {
-    pub const DRIVE: u32 = 0;
-    pub const TROUBLE: u32 = 1;
-    pub const FAULT: u32 = 2;
-    pub const H: u32 = 3;
-    pub const V: u32 = 4;
-    pub const H_DOT: u32 = 5;
-    pub const V_DOT: u32 = 6;
-    pub const CONTACT: u32 = 7;
-    pub const ENERGY: u32 = 8;
-    pub const RESTITUTION: u32 = 10;
-    pub const DRAG: u32 = 11;
-    pub const EVENTS: u32 = 12;
-    pub const SWITCH: u32 = 13;
+    references! {
+        DRIVE, TROUBLE, FAULT, H, V, H_DOT, V_DOT, CONTACT, ENERGY, H0, RESTITUTION, DRAG, EVENTS, SWITCH
+    }
     /// The reference of the independent variable in FMI 3.0.
-    pub const TIME: u32 = 14;
+    pub const TIME: u32 = Self::COUNT;
     /// Acceleration by gravity (m/s2).
     pub const G: f64 = 9.75;
     /// Time of the kick (s).
@@ -728,7 +482,7 @@ impl Ball {
     /// Exact without drag; without events.
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if time > 0.15 {
-            Self::fail(self.fault)?;
+            fail(self.fault)?;
         }
         let acceleration = self.drive - Self::G;
         self.h += (self.v + acceleration * step / 2.0) * step;
@@ -739,16 +493,6 @@ impl Ball {
 
     fn energy(&self) -> f64 {
         Self::G * self.h + self.v * self.v / 2.0 + self.drive / 8.0
-    }
-
-    fn fail(trouble: f64) -> Result<(), ModelError> {
-        assert!(trouble != PANIC, "the bug shows in the ball");
-        match trouble {
-            REFUSE => Err(ModelError::refuse("refused by the ball")),
-            DISCARD => Err(ModelError::discard("discarded by the ball")),
-            BREAK => Err(ModelError::new("broken by the ball")),
-            _ => Ok(()),
-        }
     }
 }
 
@@ -765,7 +509,7 @@ impl Continuous for Ball {
 
     fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
         EVALUATIONS.set(EVALUATIONS.get() + 1);
-        Self::fail(self.trouble)?;
+        fail(self.trouble)?;
         self.h_dot = self.v;
         self.v_dot = self.drive - Self::G - self.drag * self.v * self.v.abs();
         self.contact = self.h;
@@ -777,7 +521,7 @@ impl Continuous for Ball {
     }
 
     fn event(&mut self, time: f64) -> Result<(), ModelError> {
-        Self::fail(self.trouble)?;
+        fail(self.trouble)?;
         self.events += 1;
         if self.h <= 0.0 && self.v < 0.0 {
             self.v *= -self.restitution;
@@ -790,7 +534,7 @@ impl Continuous for Ball {
     }
 
     fn next_event(&self, _time: f64) -> Option<f64> {
-        assert!(self.trouble != PANIC, "the bug shows in the next event");
+        assert!(self.trouble != BUG, "the bug shows in the next event");
         Some(if self.kicked {
             f64::INFINITY
         } else {
@@ -807,7 +551,7 @@ pub struct Hopper {
     #[input]
     drive: f64,
     /// how the equations fail
-    #[input(min = 0, max = PANIC)]
+    #[input(min = 0, max = BUG)]
     trouble: f64,
     /// from when on
     #[parameter(tunable)]
@@ -859,18 +603,10 @@ pub struct Hopper {
 }
 
 impl Hopper {
-    pub const DRIVE: u32 = 0;
-    pub const TROUBLE: u32 = 1;
-    pub const TROUBLE_TIME: u32 = 2;
-    pub const H: u32 = 3;
-    pub const V: u32 = 4;
-    pub const DRAG: u32 = 9;
-    pub const PERIOD: u32 = 11;
-    pub const RESTS: u32 = 12;
-    pub const BOUNCES: u32 = 13;
-    pub const BOUNCED: u32 = 14;
-    pub const CHANGES: u32 = 15;
-    pub const CHANGED: u32 = 16;
+    references! {
+        DRIVE, TROUBLE, TROUBLE_TIME, H, V, H_DOT, V_DOT, GAP, RESTITUTION, DRAG, SLOWEST, PERIOD, RESTS,
+        BOUNCES, BOUNCED, CHANGES, CHANGED, LABEL
+    }
     /// Acceleration by gravity (m/s2).
     pub const G: f64 = 9.75;
 }
@@ -892,7 +628,7 @@ impl Continuous for Hopper {
         };
         self.gap = if self.rests { -1.0 } else { self.h };
         if time >= self.trouble_time {
-            Ball::fail(self.trouble)?;
+            fail(self.trouble)?;
             if self.trouble == DIVERGE {
                 self.v_dot = f64::NAN;
             }
@@ -921,94 +657,6 @@ impl Continuous for Hopper {
     }
 }
 
-/// Inputs of all types, and an output
-#[derive(Model)]
-pub struct Every {
-    /// vector
-    #[input(min = -10, max = 10)]
-    vector: [f64; 3],
-    /// f32
-    #[input(max = 10)]
-    f32: f32,
-    /// i8
-    #[input]
-    i8: i8,
-    /// u8
-    #[input]
-    u8: u8,
-    /// i16
-    #[input]
-    i16: i16,
-    /// u16
-    #[input]
-    u16: u16,
-    /// i32
-    #[input]
-    i32: i32,
-    /// u32
-    #[input]
-    u32: u32,
-    /// i64
-    #[input]
-    i64: i64,
-    /// u64
-    #[input]
-    u64: u64,
-    /// bool
-    #[input]
-    bool: bool,
-    /// text
-    #[input(start = "text")]
-    text: String,
-    /// bytes
-    #[input(start = b"\x00\xff")]
-    bytes: Vec<u8>,
-    /// matrix
-    #[input(start = [[1, 2], [3, 4]])]
-    matrix: [[f64; 2]; 2],
-    /// flags
-    #[input]
-    flags: [bool; 2],
-    /// texts
-    #[input(start = ["a", "b"])]
-    texts: [String; 2],
-    /// scalar
-    #[input]
-    scalar: f64,
-    /// fixed
-    #[parameter(start = 7)]
-    fixed: f64,
-    /// item
-    #[input]
-    law: Law,
-    /// sum of the vector, the matrix and the scalar
-    #[output]
-    sum: f64,
-}
-
-impl Every {
-    pub const VECTOR: u32 = 0;
-    pub const F32: u32 = 3;
-    pub const BOOL: u32 = 12;
-    pub const TEXT: u32 = 13;
-    pub const BYTES: u32 = 14;
-    pub const MATRIX: u32 = 15;
-    pub const FLAGS: u32 = 19;
-    pub const TEXTS: u32 = 21;
-    pub const SCALAR: u32 = 23;
-    pub const FIXED: u32 = 24;
-    pub const LAW: u32 = 25;
-    pub const SUM: u32 = 26;
-}
-
-impl Simulate for Every {
-    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-        let numbers = self.vector.iter().chain(self.matrix.iter().flatten());
-        self.sum = numbers.sum::<f64>() + self.scalar;
-        Ok(())
-    }
-}
-
 /// Arrays whose sizes are set in configuration mode
 #[derive(Model)]
 #[model(sample_time = 0.5)]
@@ -1034,12 +682,7 @@ pub struct Lists {
 }
 
 impl Lists {
-    pub const N: u32 = 0;
-    pub const M: u32 = 1;
-    pub const GAINS: u32 = 2;
-    pub const NAMES: u32 = 5;
-    pub const SUM: u32 = 7;
-    pub const CHANGES: u32 = 8;
+    references! { N, M, GAINS * 3, NAMES * 2, SUM, CHANGES }
     /// A number of gains with which the model cannot continue.
     pub const BAD: u64 = 1;
 }

@@ -1,0 +1,872 @@
+//! A driver for all edges: instances, what they call back, and a method for each operation, which calls the
+//! linked function of the instance's version. Methods of one version fail for the other.
+
+use std::cell::{Cell, RefCell};
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::ops::Deref;
+use std::ptr::{null, null_mut};
+use std::sync::Once;
+
+use fmu_description::Type;
+pub use fmu_export::abi::Version::{self, Fmi2, Fmi3};
+use fmu_export::{Entry, fmi2::*, fmi3::*};
+
+use crate::models::{MODELS, fmi2Instantiate, number};
+
+/// What an instance is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    Stepped,
+    /// Co-simulation with event mode.
+    Events,
+    Exchanged,
+}
+pub use Mode::*;
+
+/// The edge and the mode of an instance.
+pub type Kind = (Version, Mode);
+pub const PLAIN: [Kind; 2] = [(Fmi2, Stepped), (Fmi3, Stepped)];
+pub const EXCHANGED: [Kind; 2] = [(Fmi2, Exchanged), (Fmi3, Exchanged)];
+pub const EVENTS: Kind = (Fmi3, Events);
+pub const KINDS: [Kind; 5] = [PLAIN[0], PLAIN[1], EVENTS, EXCHANGED[0], EXCHANGED[1]];
+
+/// The status that a function returned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Status(pub c_int);
+pub const OK: Status = Status(0);
+pub const WARNING: Status = Status(1);
+pub const DISCARDED: Status = Status(2);
+pub const ERROR: Status = Status(3);
+pub const FATAL: Status = Status(4);
+
+/// The arguments of a function that instantiates, and the models of the library.
+#[derive(Clone)]
+pub struct Arguments<'a> {
+    pub models: &'static [Entry],
+    pub kind: Kind,
+    pub name: Option<&'a CStr>,
+    pub token: Option<CString>,
+    pub resources: Option<&'a CStr>,
+    pub debug: bool,
+    pub has_logger: bool,
+    pub early_return: bool,
+    /// The required intermediate variables; without, there is no callback.
+    pub intermediate: Option<&'a [u32]>,
+}
+
+impl Arguments<'_> {
+    pub fn of(kind: Kind, model: usize) -> Self {
+        Self {
+            models: MODELS,
+            kind,
+            name: Some(c"instance"),
+            token: Some(token(model)),
+            resources: None,
+            debug: false,
+            has_logger: true,
+            early_return: false,
+            intermediate: None,
+        }
+    }
+}
+
+/// The GUID of a model.
+pub fn token(model: usize) -> CString {
+    CString::new(MODELS[model].guid()).unwrap()
+}
+
+/// The arguments of a call of the logger; only FMI 2.0 has the name of the instance and a format.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    pub status: Status,
+    pub category: String,
+    pub text: String,
+    pub instance: CString,
+    pub format: CString,
+}
+
+/// The arguments of the callback for intermediate updates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intermediate {
+    pub time: f64,
+    pub set_requested: bool,
+    pub get_allowed: bool,
+    pub step_finished: bool,
+    pub can_return: bool,
+}
+
+/// What a host does in an intermediate update; it may request an early return at a time.
+type OnUpdate = Box<dyn FnMut(Fmu, Intermediate) -> Option<f64>>;
+
+/// What the callbacks use.
+#[derive(Default)]
+pub struct Host {
+    instance: Cell<Option<Fmu>>,
+    messages: RefCell<Vec<Message>>,
+    pub updates: RefCell<Vec<Intermediate>>,
+    on_update: RefCell<Option<OnUpdate>>,
+}
+
+unsafe extern "C" fn receive_2(
+    host: *mut c_void,
+    instance: *const c_char,
+    status: c_int,
+    category: *const c_char,
+    format: *const c_char,
+    text: *const c_char,
+) {
+    // SAFETY: the host is that of `Instance::with`, and the others are strings of the FMU.
+    let (host, [instance, category, format, text]) = unsafe {
+        let texts = [instance, category, format, text].map(|text| CStr::from_ptr(text));
+        (&*host.cast::<Host>(), texts)
+    };
+    host.messages.borrow_mut().push(Message {
+        status: Status(status),
+        category: category.to_str().unwrap().to_owned(),
+        text: text.to_str().unwrap().to_owned(),
+        instance: instance.to_owned(),
+        format: format.to_owned(),
+    });
+}
+
+pub unsafe extern "C" fn receive_3(
+    host: *mut c_void,
+    status: c_int,
+    category: *const c_char,
+    text: *const c_char,
+) {
+    let none = c"".as_ptr();
+    // SAFETY: passed on.
+    unsafe { receive_2(host, none, status, category, none, text) };
+}
+
+unsafe extern "C" fn update(
+    host: *mut c_void,
+    time: f64,
+    set_requested: fmi3Boolean,
+    get_allowed: fmi3Boolean,
+    step_finished: fmi3Boolean,
+    can_return: fmi3Boolean,
+    requested: *mut fmi3Boolean,
+    return_time: *mut f64,
+) {
+    // SAFETY: the host is that of `Instance::with`.
+    let host = unsafe { &*host.cast::<Host>() };
+    let update = Intermediate {
+        time,
+        set_requested: set_requested == fmi3True,
+        get_allowed: get_allowed == fmi3True,
+        step_finished: step_finished == fmi3True,
+        can_return: can_return == fmi3True,
+    };
+    host.updates.borrow_mut().push(update);
+    let mut act = host.on_update.borrow_mut().take();
+    let fmu = host.instance.get().unwrap();
+    if let Some(end) = act.as_mut().and_then(|act| act(fmu, update)) {
+        // SAFETY: the pointers are those of the FMU.
+        unsafe { (*requested, *return_time) = (fmi3True, end) };
+    }
+    *host.on_update.borrow_mut() = act;
+}
+
+/// Restores the panic hook, which the library replaces at the first instance, to see failed tests.
+fn keep_messages_of_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        // SAFETY: NULL is allowed for all of these.
+        unsafe { fmi2Instantiate(null(), 1, null(), null(), null(), 0, 0) };
+        drop(std::panic::take_hook());
+    });
+}
+
+/// The host's pointer to an instance.
+#[derive(Debug, Clone, Copy)]
+pub struct Fmu {
+    pub kind: Kind,
+    pub c: *mut c_void,
+}
+
+/// An instance that is freed at its end.
+pub struct Instance {
+    fmu: Fmu,
+    pub host: Box<Host>,
+    _callbacks: Box<fmi2CallbackFunctions>,
+}
+
+impl Deref for Instance {
+    type Target = Fmu;
+
+    fn deref(&self) -> &Fmu {
+        &self.fmu
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        self.fmu.free();
+    }
+}
+
+impl Instance {
+    pub fn of(kind: Kind, model: usize) -> Self {
+        Self::with(&Arguments::of(kind, model))
+    }
+
+    /// An instance that runs, from 0 s: in step mode or continuous-time mode.
+    #[track_caller]
+    pub fn running(kind: Kind, model: usize) -> Self {
+        Self::of(kind, model).run(0.0)
+    }
+
+    #[track_caller]
+    pub fn run(self, time: f64) -> Self {
+        self.start(time, None);
+        match self.kind.1 {
+            Stepped => {}
+            Events => {
+                self.update();
+                assert_eq!(self.enter_step_mode(), OK);
+            }
+            Exchanged => {
+                self.update();
+                assert_eq!(self.enter_continuous_time_mode(), OK);
+            }
+        }
+        self
+    }
+
+    /// A new instance, which is NULL if instantiation fails.
+    pub fn with(arguments: &Arguments) -> Self {
+        keep_messages_of_panics();
+        type Logger = unsafe extern "C" fn(
+            *mut c_void,
+            fmi2String,
+            c_int,
+            fmi2String,
+            fmi2String,
+            fmi2String,
+        );
+        let host = Box::<Host>::default();
+        let environment: *mut c_void = (&raw const *host).cast_mut().cast();
+        // SAFETY: with one pointer as the variable argument, both have the same calling convention on the
+        // platforms of this test.
+        let logger = unsafe { std::mem::transmute::<Logger, fmi2CallbackLogger>(receive_2) };
+        let callbacks = Box::new(fmi2CallbackFunctions {
+            logger: arguments.has_logger.then_some(logger),
+            allocateMemory: None,
+            freeMemory: None,
+            stepFinished: None,
+            componentEnvironment: environment,
+        });
+        let text = |text: Option<&CStr>| text.map_or(null(), CStr::as_ptr);
+        let (kind, models, debug) = (arguments.kind, arguments.models, arguments.debug);
+        let (name, path) = (text(arguments.name), text(arguments.resources));
+        let token = text(arguments.token.as_deref());
+        let log = arguments.has_logger.then_some(receive_3 as _);
+        // SAFETY: strings outlive the call, and host and callbacks outlive the instance.
+        let c = unsafe {
+            match kind {
+                (Fmi2, mode) => {
+                    let mode = (mode != Exchanged).into();
+                    instantiate(
+                        models,
+                        name,
+                        mode,
+                        token,
+                        path,
+                        &*callbacks,
+                        0,
+                        debug.into(),
+                    )
+                }
+                (Fmi3, Exchanged) => instantiate_model_exchange(
+                    models,
+                    name,
+                    token,
+                    path,
+                    0,
+                    debug.into(),
+                    environment,
+                    log,
+                ),
+                (Fmi3, mode) => instantiate_co_simulation(
+                    models,
+                    name,
+                    token,
+                    path,
+                    0,
+                    debug.into(),
+                    (mode == Events).into(),
+                    arguments.early_return.into(),
+                    arguments.intermediate.unwrap_or_default().as_ptr(),
+                    arguments.intermediate.unwrap_or_default().len(),
+                    environment,
+                    log,
+                    arguments.intermediate.map(|_| update as _),
+                ),
+            }
+        };
+        let fmu = Fmu { kind, c };
+        host.instance.set(Some(fmu));
+        Self {
+            fmu,
+            host,
+            _callbacks: callbacks,
+        }
+    }
+
+    pub fn messages(&self) -> Vec<Message> {
+        self.host.messages.borrow().clone()
+    }
+
+    pub fn forget_messages(&self) {
+        self.host.messages.borrow_mut().clear();
+    }
+
+    #[track_caller]
+    pub fn last_message(&self) -> String {
+        let message = self.messages().pop();
+        message.expect("nothing was logged").text
+    }
+
+    /// Checks that the last message has the words.
+    #[track_caller]
+    pub fn says(&self, words: &str) {
+        let message = self.last_message();
+        assert!(message.contains(words), "{words}: {message}");
+    }
+
+    /// Checks that a call fails with one message that contains the words and changes nothing.
+    #[track_caller]
+    pub fn refuses(&self, words: &str, call: impl FnOnce(Fmu) -> Status) {
+        let before = self.snapshot();
+        self.forget_messages();
+        assert_eq!(call(self.fmu), ERROR, "{words}");
+        let messages = self.messages();
+        assert_eq!(messages.len(), 1, "{words}: {messages:?}");
+        assert_eq!(messages[0].category, "logStatusError");
+        assert_eq!(messages[0].status, ERROR);
+        self.says(words);
+        assert_eq!(self.snapshot(), before, "{words}");
+    }
+
+    /// What the host does in intermediate updates.
+    pub fn on_update(&self, act: impl FnMut(Fmu, Intermediate) -> Option<f64> + 'static) {
+        *self.host.on_update.borrow_mut() = Some(Box::new(act));
+    }
+
+    /// The times of the intermediate updates since the last call.
+    pub fn update_times(&self) -> Vec<f64> {
+        let updates = self.host.updates.take();
+        updates.iter().map(|update| update.time).collect()
+    }
+}
+
+/// What `fmi3DoStep` returns besides its status; without it, the step ends where the host wants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Results {
+    pub event: bool,
+    pub early: bool,
+    pub time: f64,
+}
+
+pub fn results(event: bool, early: bool, time: f64) -> Results {
+    Results { event, early, time }
+}
+
+/// What an update of discrete states returns: whether states changed, and the time of the next event.
+pub type Discrete = (bool, Option<f64>);
+
+/// Defines methods that pass their arguments to the function of FMI 2.0, of FMI 3.0, or of the version.
+macro_rules! calls {
+    ($($method:ident $arguments:tt = $($two:ident $of_2:tt)? / $($three:ident $of_3:tt)?;)*) => {
+        impl Fmu {
+            $(calls!(@ $method $arguments [$($two $of_2)?] [$($three $of_3)?]);)*
+        }
+    };
+    (@ $method:ident($($argument:ident: $type:ty),*) [$($two:ident($($a:expr),*))?] [$($three:ident($($b:expr),*))?]) => {
+        pub fn $method(self, $($argument: $type),*) -> Status {
+            // SAFETY: the instance lives or is NULL, and pointers and lengths are from slices.
+            unsafe {
+                match self.kind.0 {
+                    $(Fmi2 => Status($two(self.c, $($a),*).0),)?
+                    $(Fmi3 => Status($three(self.c, $($b),*).0),)?
+                    #[allow(unreachable_patterns, reason = "unless one version lacks it")]
+                    version => panic!("{version:?} has no {}", stringify!($method)),
+                }
+            }
+        }
+    };
+}
+
+calls! {
+    exit_initialization_mode() = fmi2ExitInitializationMode() / fmi3ExitInitializationMode();
+    enter_event_mode() = fmi2EnterEventMode() / fmi3EnterEventMode();
+    enter_continuous_time_mode() = fmi2EnterContinuousTimeMode() / fmi3EnterContinuousTimeMode();
+    enter_step_mode() = / fmi3EnterStepMode();
+    enter_configuration_mode() = / fmi3EnterConfigurationMode();
+    exit_configuration_mode() = / fmi3ExitConfigurationMode();
+    terminate() = fmi2Terminate() / fmi3Terminate();
+    reset() = fmi2Reset() / fmi3Reset();
+    get_state(state: *mut *mut c_void) = fmi2GetFMUstate(state) / fmi3GetFMUState(state);
+    set_state(state: *mut c_void) = fmi2SetFMUstate(state) / fmi3SetFMUState(state);
+    free_state(state: *mut *mut c_void) = fmi2FreeFMUstate(state) / fmi3FreeFMUState(state);
+    serialized_size(state: *mut c_void, size: *mut usize)
+        = fmi2SerializedFMUstateSize(state, size) / fmi3SerializedFMUStateSize(state, size);
+    serialize_to(state: *mut c_void, bytes: *mut u8, n: usize)
+        = fmi2SerializeFMUstate(state, bytes.cast(), n) / fmi3SerializeFMUState(state, bytes, n);
+    deserialize_from(bytes: *const u8, n: usize, state: *mut *mut c_void)
+        = fmi2DeSerializeFMUstate(bytes.cast(), n, state) / fmi3DeserializeFMUState(bytes, n, state);
+    set_time(time: f64) = fmi2SetTime(time) / fmi3SetTime(time);
+    set_states(states: &[f64])
+        = fmi2SetContinuousStates(states.as_ptr(), states.len())
+        / fmi3SetContinuousStates(states.as_ptr(), states.len());
+    get_states(to: &mut [f64])
+        = fmi2GetContinuousStates(to.as_mut_ptr(), to.len())
+        / fmi3GetContinuousStates(to.as_mut_ptr(), to.len());
+    get_derivatives(to: &mut [f64])
+        = fmi2GetDerivatives(to.as_mut_ptr(), to.len())
+        / fmi3GetContinuousStateDerivatives(to.as_mut_ptr(), to.len());
+    get_nominals(to: &mut [f64])
+        = fmi2GetNominalsOfContinuousStates(to.as_mut_ptr(), to.len())
+        / fmi3GetNominalsOfContinuousStates(to.as_mut_ptr(), to.len());
+    get_indicators(to: &mut [f64])
+        = fmi2GetEventIndicators(to.as_mut_ptr(), to.len())
+        / fmi3GetEventIndicators(to.as_mut_ptr(), to.len());
+    count_states(count: &mut usize) = / fmi3GetNumberOfContinuousStates(count);
+    count_indicators(count: &mut usize) = / fmi3GetNumberOfEventIndicators(count);
+    directional(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64])
+        = fmi2GetDirectionalDerivative(
+            unknowns.as_ptr(), same(unknowns, to), knowns.as_ptr(), same(knowns, seed),
+            seed.as_ptr(), to.as_mut_ptr())
+        / fmi3GetDirectionalDerivative(
+            unknowns.as_ptr(), unknowns.len(), knowns.as_ptr(), knowns.len(),
+            seed.as_ptr(), seed.len(), to.as_mut_ptr(), to.len());
+    adjoint(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64])
+        = / fmi3GetAdjointDerivative(
+            unknowns.as_ptr(), unknowns.len(), knowns.as_ptr(), knowns.len(),
+            seed.as_ptr(), seed.len(), to.as_mut_ptr(), to.len());
+    set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64])
+        = fmi2SetRealInputDerivatives(
+            references.as_ptr(), same(references, orders), orders.as_ptr(), values.as_ptr()) /;
+    get_output_derivatives(references: &[u32], orders: &[i32], to: &mut [f64])
+        = fmi2GetRealOutputDerivatives(
+            references.as_ptr(), same(references, orders).min(same(references, to)),
+            orders.as_ptr(), to.as_mut_ptr())
+        / fmi3GetOutputDerivatives(
+            references.as_ptr(), same(references, orders), orders.as_ptr(), to.as_mut_ptr(), to.len());
+    setup(start: f64, stop: Option<f64>)
+        = fmi2SetupExperiment(0, f64::NAN, start, stop.is_some().into(), stop.unwrap_or(f64::NAN)) /;
+    real_status(kind: c_int, value: &mut f64) = fmi2GetRealStatus(kind, value) /;
+    boolean_status(kind: c_int, value: &mut i32) = fmi2GetBooleanStatus(kind, value) /;
+    get_f64(references: &[u32], to: &mut [f64])
+        = fmi2GetReal(references.as_ptr(), same(references, to), to.as_mut_ptr())
+        / fmi3GetFloat64(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
+    set_f64(references: &[u32], values: &[f64])
+        = fmi2SetReal(references.as_ptr(), same(references, values), values.as_ptr())
+        / fmi3SetFloat64(references.as_ptr(), references.len(), values.as_ptr(), values.len());
+    get_strings(references: &[u32], to: &mut [*const c_char])
+        = fmi2GetString(references.as_ptr(), same(references, to), to.as_mut_ptr())
+        / fmi3GetString(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
+    set_strings(references: &[u32], values: &[*const c_char])
+        = fmi2SetString(references.as_ptr(), same(references, values), values.as_ptr())
+        / fmi3SetString(references.as_ptr(), references.len(), values.as_ptr(), values.len());
+    get_i32(references: &[u32], to: &mut [i32])
+        = fmi2GetInteger(references.as_ptr(), same(references, to), to.as_mut_ptr())
+        / fmi3GetInt32(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
+    set_i32(references: &[u32], values: &[i32])
+        = fmi2SetInteger(references.as_ptr(), same(references, values), values.as_ptr())
+        / fmi3SetInt32(references.as_ptr(), references.len(), values.as_ptr(), values.len());
+    get_binaries(references: &[u32], sizes: &mut [usize], to: &mut [*const u8])
+        = / fmi3GetBinary(
+            references.as_ptr(), references.len(), sizes.as_mut_ptr(), to.as_mut_ptr(), to.len());
+    set_binaries(references: &[u32], sizes: &[usize], values: &[*const u8])
+        = / fmi3SetBinary(
+            references.as_ptr(), references.len(), sizes.as_ptr(), values.as_ptr(), values.len());
+}
+
+/// The common length of two arrays.
+fn same<T, U>(one: &[T], other: &[U]) -> usize {
+    assert_eq!(one.len(), other.len());
+    one.len()
+}
+
+/// The numbers of FMI 3.0.
+macro_rules! numbers {
+    ($($get:ident($get_function:ident) $set:ident($set_function:ident): $type:ty as $name:ident;)*) => {
+        calls! {
+            $(
+                $get(references: &[u32], to: &mut [$type])
+                    = / $get_function(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
+                $set(references: &[u32], values: &[$type])
+                    = / $set_function(references.as_ptr(), references.len(), values.as_ptr(), values.len());
+            )*
+        }
+
+        impl Fmu {
+            fn set_3(self, of: Type, references: &[u32], values: &[f64]) -> Status {
+                match of {
+                    $(Type::$name => {
+                        let values: Vec<_> = values.iter().map(|value| *value as $type).collect();
+                        self.$set(references, &values)
+                    })*
+                    _ => panic!("{of:?} is no other number"),
+                }
+            }
+
+            fn get_3(self, of: Type, references: &[u32], to: &mut [f64]) -> Status {
+                match of {
+                    $(Type::$name => {
+                        let mut values: Vec<_> = to.iter().map(|value| *value as $type).collect();
+                        let status = self.$get(references, &mut values);
+                        for (to, value) in to.iter_mut().zip(values) {
+                            *to = value as f64;
+                        }
+                        status
+                    })*
+                    _ => panic!("{of:?} is no other number"),
+                }
+            }
+        }
+    };
+}
+
+numbers! {
+    get_f32(fmi3GetFloat32) set_f32(fmi3SetFloat32): f32 as Float32;
+    get_i8(fmi3GetInt8) set_i8(fmi3SetInt8): i8 as Int8;
+    get_u8(fmi3GetUInt8) set_u8(fmi3SetUInt8): u8 as UInt8;
+    get_i16(fmi3GetInt16) set_i16(fmi3SetInt16): i16 as Int16;
+    get_u16(fmi3GetUInt16) set_u16(fmi3SetUInt16): u16 as UInt16;
+    get_u32(fmi3GetUInt32) set_u32(fmi3SetUInt32): u32 as UInt32;
+    get_i64(fmi3GetInt64) set_i64(fmi3SetInt64): i64 as Int64;
+    get_u64(fmi3GetUInt64) set_u64(fmi3SetUInt64): u64 as UInt64;
+    get_booleans(fmi3GetBoolean) set_booleans(fmi3SetBoolean): fmi3Boolean as Boolean;
+}
+
+impl Fmu {
+    /// Whether the version accesses a type as another.
+    pub fn accessed_as(self, of: Type) -> Type {
+        match (self.kind.0, of) {
+            (Fmi2, Type::Float32) => Type::Float64,
+            (Fmi2, Type::Boolean | Type::String | Type::Float64 | Type::Binary) => of,
+            (Fmi2, _) => Type::Int32,
+            (Fmi3, Type::Enumeration) => Type::Int64,
+            (Fmi3, _) => of,
+        }
+    }
+
+    /// Sets variables of a type to numbers; Strings to their texts, Binaries to as many bytes.
+    pub fn set_all(self, of: Type, references: &[u32], values: &[f64]) -> Status {
+        let integers: Vec<i32> = values.iter().map(|&value| value as i32).collect();
+        match (self.kind.0, self.accessed_as(of)) {
+            (_, Type::Float64) => self.set_f64(references, values),
+            (_, Type::Int32) => self.set_i32(references, &integers),
+            (_, Type::String) => {
+                let texts = values.iter().map(|v| CString::new(v.to_string()).unwrap());
+                let texts: Vec<_> = texts.collect();
+                let texts: Vec<_> = texts.iter().map(|text| text.as_ptr()).collect();
+                self.set_strings(references, &texts)
+            }
+            (Fmi3, Type::Binary) => {
+                let sizes: Vec<_> = values.iter().map(|&value| value as usize).collect();
+                self.set_binaries(references, &sizes, &vec![[0; 256].as_ptr(); values.len()])
+            }
+            // SAFETY: the instance lives or is NULL.
+            (Fmi2, Type::Boolean) => Status(unsafe {
+                let n = same(references, values);
+                fmi2SetBoolean(self.c, references.as_ptr(), n, integers.as_ptr()).0
+            }),
+            (_, other) => self.set_3(other, references, values),
+        }
+    }
+
+    /// Gets variables of a type as numbers, see [`set_all`](Self::set_all); what is not returned is 77.
+    pub fn get_all(self, of: Type, references: &[u32], n: usize) -> (Status, Vec<f64>) {
+        let (mut found, mut integers) = (vec![77.0; n], vec![77; n]);
+        let status = match (self.kind.0, self.accessed_as(of)) {
+            (_, Type::Float64) => self.get_f64(references, &mut found),
+            (_, Type::Int32) => {
+                let status = self.get_i32(references, &mut integers);
+                found = integers.into_iter().map(f64::from).collect();
+                status
+            }
+            (_, Type::String) => {
+                let mut texts = vec![c"77".as_ptr(); n];
+                let status = self.get_strings(references, &mut texts);
+                // SAFETY: strings of the FMU, valid until its next call, or the literal.
+                let texts = texts.iter().map(|&text| unsafe { CStr::from_ptr(text) });
+                found = texts.map(|text| number(text.to_str().unwrap())).collect();
+                status
+            }
+            (Fmi3, Type::Binary) => {
+                let mut sizes = vec![77; n];
+                let status = self.get_binaries(references, &mut sizes, &mut vec![null(); n]);
+                found = sizes.into_iter().map(|size| size as f64).collect();
+                status
+            }
+            // SAFETY: the instance lives or is NULL.
+            (Fmi2, Type::Boolean) => unsafe {
+                let (from, to) = (references.as_ptr(), integers.as_mut_ptr());
+                let status = fmi2GetBoolean(self.c, from, references.len(), to);
+                found = integers.into_iter().map(f64::from).collect();
+                Status(status.0)
+            },
+            (_, other) => self.get_3(other, references, &mut found),
+        };
+        (status, found)
+    }
+
+    /// The values of scalars of a type.
+    #[track_caller]
+    pub fn read<const N: usize>(self, of: Type, references: [u32; N]) -> [f64; N] {
+        let (status, values) = self.get_all(of, &references, N);
+        assert_eq!(status, OK);
+        values.try_into().unwrap()
+    }
+
+    pub fn set(self, reference: u32, value: f64) -> Status {
+        self.set_f64(&[reference], &[value])
+    }
+
+    /// Gets scalars of type Float64.
+    #[track_caller]
+    pub fn get<const N: usize>(self, references: [u32; N]) -> [f64; N] {
+        self.read(Type::Float64, references)
+    }
+
+    /// Reads two numbers by one of the functions of model exchange.
+    #[track_caller]
+    pub fn two(self, read: fn(Self, &mut [f64]) -> Status) -> [f64; 2] {
+        let mut values = [f64::NAN; 2];
+        assert_eq!(read(self, &mut values), OK);
+        values
+    }
+
+    /// Reads Strings.
+    #[track_caller]
+    pub fn texts(self, references: &[u32], n: usize) -> Vec<CString> {
+        let mut values = vec![null(); n];
+        assert_eq!(self.get_strings(references, &mut values), OK);
+        // SAFETY: strings of the FMU, valid until its next call.
+        let texts = values.iter().map(|&text| unsafe { CStr::from_ptr(text) });
+        texts.map(CStr::to_owned).collect()
+    }
+
+    /// The name of the function that performs an operation.
+    pub fn name(self, operation: &str) -> &'static str {
+        self.kind.0.function(operation).unwrap()
+    }
+
+    pub fn free(self) {
+        // SAFETY: the instance lives until here, or is NULL.
+        unsafe {
+            match self.kind.0 {
+                Fmi2 => fmi2FreeInstance(self.c),
+                Fmi3 => fmi3FreeInstance(self.c),
+            }
+        }
+    }
+
+    /// Sets the experiment and enters initialization mode; in FMI 2.0 by two functions.
+    pub fn enter(self, start: f64, stop: Option<f64>, tolerance: Option<f64>) -> Status {
+        let [ends, is_tolerated] = [stop, tolerance].map(|value| value.is_some());
+        let [stop, tolerance] = [stop, tolerance].map(|value| value.unwrap_or(f64::NAN));
+        // SAFETY: the instance lives or is NULL.
+        Status(unsafe {
+            match self.kind.0 {
+                Fmi2 => match fmi2SetupExperiment(
+                    self.c,
+                    is_tolerated.into(),
+                    tolerance,
+                    start,
+                    ends.into(),
+                    stop,
+                ) {
+                    fmi2Status(0) => fmi2EnterInitializationMode(self.c).0,
+                    failed => failed.0,
+                },
+                Fmi3 => {
+                    let (is_tolerated, ends) = (is_tolerated.into(), ends.into());
+                    fmi3EnterInitializationMode(self.c, is_tolerated, tolerance, start, ends, stop)
+                        .0
+                }
+            }
+        })
+    }
+
+    /// Enters initialization mode by one function.
+    pub fn enter_only(self) -> Status {
+        match self.kind.0 {
+            // SAFETY: the instance lives or is NULL.
+            Fmi2 => Status(unsafe { fmi2EnterInitializationMode(self.c).0 }),
+            Fmi3 => self.enter(0.0, None, None),
+        }
+    }
+
+    /// Goes to the end of the initialization.
+    #[track_caller]
+    pub fn start(self, time: f64, stop: Option<f64>) {
+        assert_eq!(self.enter(time, stop, None), OK);
+        assert_eq!(self.exit_initialization_mode(), OK);
+    }
+
+    pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {
+        let names: Vec<_> = categories.iter().map(|name| name.as_ptr()).collect();
+        let (n, names) = (names.len(), names.as_ptr());
+        // SAFETY: the instance lives or is NULL, and the names live through the call.
+        Status(unsafe {
+            match self.kind.0 {
+                Fmi2 => fmi2SetDebugLogging(self.c, on.into(), n, names).0,
+                Fmi3 => fmi3SetDebugLogging(self.c, on.into(), n, names).0,
+            }
+        })
+    }
+
+    /// Takes a step; in FMI 2.0, a failed step ends where it started.
+    pub fn step_to(self, time: f64, step: f64) -> (Status, Results) {
+        let (mut event, mut terminate, mut early, mut last) = (7, 7, 7, f64::NAN);
+        // SAFETY: the instance lives or is NULL.
+        let status = Status(unsafe {
+            match self.kind.0 {
+                Fmi2 => fmi2DoStep(self.c, time, step, 1).0,
+                Fmi3 => {
+                    let (event, terminate, early) = (&mut event, &mut terminate, &mut early);
+                    fmi3DoStep(self.c, time, step, 1, event, terminate, early, &mut last).0
+                }
+            }
+        });
+        match self.kind.0 {
+            Fmi2 if status == OK => (status, results(false, false, time + step)),
+            Fmi2 => (status, results(false, false, time)),
+            Fmi3 => {
+                assert!(event <= 1 && early <= 1 && terminate == 0);
+                (status, results(event == 1, early == 1, last))
+            }
+        }
+    }
+
+    pub fn step(self, time: f64, step: f64) -> Status {
+        self.step_to(time, step).0
+    }
+
+    /// Takes a step that succeeds.
+    #[track_caller]
+    pub fn steps(self, time: f64, step: f64) -> Results {
+        let (status, results) = self.step_to(time, step);
+        assert_eq!(status, OK);
+        results
+    }
+
+    pub fn completed_step(self, flags: &mut [i32; 2]) -> Status {
+        let [event, terminate] = flags;
+        let mut small = [7; 2];
+        let [small_event, small_terminate] = &mut small;
+        // SAFETY: the instance lives or is NULL.
+        Status(unsafe {
+            match self.kind.0 {
+                Fmi2 => fmi2CompletedIntegratorStep(self.c, 1, event, terminate).0,
+                Fmi3 => {
+                    let done = fmi3CompletedIntegratorStep(self.c, 1, small_event, small_terminate);
+                    *flags = small.map(i32::from);
+                    done.0
+                }
+            }
+        })
+    }
+
+    /// Handles an event. After a failure, nothing is written.
+    pub fn try_update(self, result: &mut Discrete) -> Status {
+        let (mut flags, mut next) = ([7; 5], f64::NAN);
+        let [needed, terminate, nominals, values, defined] = &mut flags;
+        let mut info = fmi2EventInfo {
+            newDiscreteStatesNeeded: 7,
+            terminateSimulation: 7,
+            nominalsOfContinuousStatesChanged: 7,
+            valuesOfContinuousStatesChanged: 7,
+            nextEventTimeDefined: 7,
+            nextEventTime: f64::NAN,
+        };
+        // SAFETY: the instance lives or is NULL.
+        let status = Status(unsafe {
+            match self.kind.0 {
+                Fmi2 => fmi2NewDiscreteStates(self.c, &mut info).0,
+                Fmi3 => {
+                    let next = &mut next;
+                    fmi3UpdateDiscreteStates(
+                        self.c, needed, terminate, nominals, values, defined, next,
+                    )
+                    .0
+                }
+            }
+        });
+        if self.kind.0 == Fmi2 {
+            flags = [
+                info.newDiscreteStatesNeeded,
+                info.terminateSimulation,
+                info.nominalsOfContinuousStatesChanged,
+                info.valuesOfContinuousStatesChanged,
+                info.nextEventTimeDefined,
+            ]
+            .map(|flag| flag as u8);
+            next = info.nextEventTime;
+        }
+        if status == OK {
+            assert_eq!(flags[..3], [0; 3]);
+            assert!(flags[3] <= 1 && flags[4] <= 1);
+            *result = (flags[3] == 1, (flags[4] == 1).then_some(next));
+        } else {
+            assert_eq!(flags, [7; 5], "nothing is returned");
+        }
+        status
+    }
+
+    #[track_caller]
+    pub fn update(self) -> Discrete {
+        let mut result = (false, None);
+        assert_eq!(self.try_update(&mut result), OK);
+        result
+    }
+
+    /// A new FMU state; NULL if the call fails.
+    pub fn save(self) -> *mut c_void {
+        let mut state = null_mut();
+        self.get_state(&mut state);
+        state
+    }
+
+    pub fn serialize_into(self, state: *mut c_void, bytes: &mut [u8]) -> Status {
+        self.serialize_to(state, bytes.as_mut_ptr(), bytes.len())
+    }
+
+    pub fn deserialize(self, bytes: &[u8], state: *mut *mut c_void) -> Status {
+        self.deserialize_from(bytes.as_ptr(), bytes.len(), state)
+    }
+
+    #[track_caller]
+    pub fn serialize(self, state: *mut c_void) -> Vec<u8> {
+        let mut size = 0;
+        assert_eq!(self.serialized_size(state, &mut size), OK);
+        let mut bytes = vec![0; size];
+        assert_eq!(self.serialize_into(state, &mut bytes), OK);
+        bytes
+    }
+
+    /// The serialized state of the instance.
+    #[track_caller]
+    pub fn snapshot(self) -> Vec<u8> {
+        let mut state = self.save();
+        let bytes = self.serialize(state);
+        assert_eq!(self.free_state(&mut state), OK);
+        bytes
+    }
+
+    /// Restores a serialized state.
+    #[track_caller]
+    pub fn resume(self, bytes: &[u8]) -> Self {
+        let mut state = null_mut();
+        assert_eq!(self.deserialize(bytes, &mut state), OK);
+        assert_eq!(self.set_state(state), OK);
+        assert_eq!(self.free_state(&mut state), OK);
+        self
+    }
+}

@@ -1,0 +1,480 @@
+//! Instances: how they are made, their logs, resources and variants, and many of them.
+
+use std::collections::BTreeSet;
+use std::ffi::{CStr, CString};
+use std::ptr::{null, null_mut};
+use std::sync::Barrier;
+
+use fmu_description::{Interface, Type};
+use fmu_export::{Entry, Variables, fmi2::*, fmi3::*, interface};
+
+use crate::driver::*;
+use crate::models::*;
+
+// --- instantiation ------------------------------------------------------------------------------
+
+/// Text that crashes a logger that uses it as a format.
+const HOSTILE: &CStr = c"%s%n%d%*d %%";
+
+#[test]
+fn wrong_arguments_are_reported() {
+    for kind in KINDS {
+        let function = match kind {
+            (Fmi2, _) => "fmi2Instantiate: ",
+            (Fmi3, Exchanged) => "fmi3InstantiateModelExchange: ",
+            (Fmi3, _) => "fmi3InstantiateCoSimulation: ",
+        };
+        let good = || Arguments::of(kind, BALL);
+        let name = |name: Option<&'static CStr>| Arguments { name, ..good() };
+        let token = |token: Option<&CStr>| Arguments {
+            token: token.map(CStr::to_owned),
+            ..good()
+        };
+        let of_every = Arguments::of(kind, EVERY);
+        let events = "eventModeUsed is true, but Every has no event mode: hasEventMode is false";
+        for (arguments, reason) in [
+            (name(None), "the instance name is missing"),
+            (name(Some(c"")), "the instance name is missing"),
+            (
+                name(Some(c"pend\xfful\xc3")),
+                "the instance name is not UTF-8",
+            ),
+            (token(None), "the GUID is missing"),
+            (token(Some(c"")), "is that of another FMU"),
+            (token(Some(c"{another}")), "this binary has: Every {"),
+            (token(Some(c"\xff\xfe")), "is that of another FMU"),
+            (token(Some(HOSTILE)), HOSTILE.to_str().unwrap()),
+            match kind.1 {
+                Stepped => (name(None), ""),
+                Events => (of_every, events),
+                Exchanged => (
+                    of_every,
+                    "Every is for co-simulation, not for model exchange",
+                ),
+            },
+        ] {
+            let instance = Instance::with(&arguments);
+            assert!(instance.c.is_null(), "{reason}");
+            let messages = instance.messages();
+            assert_eq!(messages.len(), 1, "{reason}");
+            assert_eq!(
+                (&*messages[0].category, messages[0].status),
+                ("logStatusError", ERROR)
+            );
+            assert!(messages[0].text.starts_with(function), "{messages:?}");
+            instance.says(reason);
+            let silent = Arguments {
+                has_logger: false,
+                ..arguments
+            };
+            assert!(Instance::with(&silent).c.is_null());
+        }
+        // A resource location may be anything; without logger, all works.
+        let long = CString::new(vec![b'x'; 100_000]).unwrap();
+        for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
+            let instance = Instance::with(&Arguments {
+                resources,
+                debug: true,
+                has_logger: false,
+                ..good()
+            });
+            let instance = instance.run(0.0);
+            assert_eq!(instance.set(Ball::COUNT, 0.0), ERROR);
+        }
+    }
+    let (token, name, none) = (token(BALL), c"name".as_ptr(), null());
+    // SAFETY: the strings outlive the calls, and NULL is allowed or refused.
+    unsafe {
+        let c = fmi2Instantiate(name, 1, token.as_ptr(), null(), null(), 1, 1);
+        assert!(!c.is_null(), "without callbacks");
+        fmi2FreeInstance(c);
+        assert!(fmi2Instantiate(name, 7, token.as_ptr(), null(), null(), 0, 0).is_null());
+        let update = None;
+        let environment = null_mut();
+        let c = fmi3InstantiateCoSimulation(
+            name,
+            token.as_ptr(),
+            null(),
+            0,
+            0,
+            0,
+            0,
+            none,
+            1,
+            environment,
+            None,
+            update,
+        );
+        assert!(c.is_null(), "the intermediate variables are NULL");
+        let host = Instance::of(PLAIN[1], BALL);
+        let (log, environment) = (
+            Some(receive_3 as _),
+            (&raw const *host.host).cast_mut().cast(),
+        );
+        let token = token.as_ptr();
+        let c = fmi3InstantiateScheduledExecution(
+            name,
+            token,
+            null(),
+            0,
+            0,
+            environment,
+            log,
+            None,
+            None,
+            None,
+        );
+        assert!(c.is_null());
+        host.says("fmi3InstantiateScheduledExecution: the FMU is not for scheduled execution");
+        let texts = [fmi2GetVersion(), fmi2GetTypesPlatform(), fmi3GetVersion()];
+        assert_eq!(
+            texts.map(|text| CStr::from_ptr(text)),
+            [c"2.0", c"default", c"3.0"]
+        );
+    }
+}
+
+// --- logging ------------------------------------------------------------------------------------
+
+const ERRORS: &CStr = c"logStatusError";
+const WARNINGS: &CStr = c"logStatusWarning";
+const DISCARDS: &CStr = c"logStatusDiscard";
+const FATALS: &CStr = c"logStatusFatal";
+const EVENT: &CStr = c"logEvents";
+const ALL: &CStr = c"logAll";
+
+fn debugged(kind: Kind, name: &CStr) -> Instance {
+    let arguments = Arguments::of(kind, BALL);
+    Instance::with(&Arguments {
+        name: Some(name),
+        debug: true,
+        ..arguments
+    })
+}
+
+/// Causes an event, a warning, an error, a discarded step and a panic; returns the logged categories.
+fn provoke(f: &Instance) -> BTreeSet<String> {
+    f.forget_messages();
+    f.start(0.0, None);
+    f.step(0.2, 0.2);
+    let now = f.snapshot();
+    for trouble in [DISCARD, BREAK, BUG] {
+        f.resume(&now).set(Ball::FAULT, trouble);
+        f.step(0.4, 0.1);
+    }
+    f.messages()
+        .into_iter()
+        .map(|message| message.category)
+        .collect()
+}
+
+fn set(categories: &[&CStr]) -> BTreeSet<String> {
+    categories
+        .iter()
+        .map(|name| name.to_str().unwrap().to_owned())
+        .collect()
+}
+
+#[test]
+fn categories_are_switched_by_name() {
+    const TROUBLES: [&CStr; 4] = [ERRORS, WARNINGS, DISCARDS, FATALS];
+    const EVERY: [&CStr; 5] = [ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
+    for kind in PLAIN {
+        assert_eq!(provoke(&Instance::of(kind, BALL)), set(&TROUBLES));
+        assert_eq!(provoke(&debugged(kind, c"x")), set(&EVERY));
+        type Switch<'a> = (bool, &'a [&'a CStr]);
+        let cases: [(&[Switch], &[&CStr]); 16] = [
+            (&[(false, &[])], &[]),
+            (&[(true, &[])], &EVERY),
+            (&[(false, &[]), (true, &[])], &EVERY),
+            (&[(true, &[EVENT])], &[EVENT]),
+            (&[(true, &[ERRORS])], &[ERRORS]),
+            (&[(true, &[WARNINGS])], &[WARNINGS]),
+            (&[(true, &[DISCARDS])], &[DISCARDS]),
+            (&[(true, &[FATALS])], &[FATALS]),
+            (&[(true, &[ALL])], &EVERY),
+            (&[(true, &[ERRORS, EVENT, ERRORS])], &[ERRORS, EVENT]),
+            (&[(true, &[ERRORS]), (true, &[EVENT])], &[EVENT]),
+            (&[(false, &[EVENT])], &TROUBLES),
+            (&[(true, &[]), (false, &[EVENT])], &TROUBLES),
+            (
+                &[(true, &[]), (false, &[ERRORS, WARNINGS])],
+                &[DISCARDS, FATALS, EVENT],
+            ),
+            (&[(true, &[]), (false, &[ALL])], &[]),
+            (&[(true, &[]), (false, &[]), (false, &[EVENT])], &[]),
+        ];
+        for (switches, expected) in cases {
+            let instance = Instance::of(kind, BALL);
+            for (on, names) in switches {
+                assert_eq!(instance.switch_log(*on, names), OK);
+            }
+            assert_eq!(provoke(&instance), set(expected), "{switches:?}");
+        }
+    }
+}
+
+#[test]
+fn unknown_categories_are_refused_and_change_nothing() {
+    for kind in PLAIN {
+        let bad = [
+            c"nonsense",
+            c"",
+            c"logall",
+            c"logStatusPending",
+            c" logAll",
+            HOSTILE,
+            c"logAll\xc3",
+        ];
+        for name in bad {
+            let instance = debugged(kind, c"x");
+            let words = "is unknown; expected one of logStatusError, ";
+            instance.refuses(words, |f| f.switch_log(true, &[EVENT, name]));
+            instance.refuses(words, |f| f.switch_log(false, &[EVENT, name]));
+            assert_eq!(provoke(&instance).len(), 5);
+        }
+        let instance = Instance::of(kind, BALL);
+        for (n, names) in [(1, null()), (2, [ALL.as_ptr(), null()].as_ptr())] {
+            instance.refuses("NULL", |f| {
+                // SAFETY: the instance lives, and the array is NULL or has two elements.
+                Status(unsafe {
+                    match f.kind.0 {
+                        Fmi2 => fmi2SetDebugLogging(f.c, 1, n, names).0,
+                        Fmi3 => fmi3SetDebugLogging(f.c, 1, n, names).0,
+                    }
+                })
+            });
+        }
+    }
+}
+
+#[test]
+fn messages_are_well_formed_and_text_from_the_host_is_forwarded_unchanged() {
+    for kind in PLAIN {
+        let name = CString::from(c"Pendel ϑ %n");
+        let instance = debugged(kind, &name);
+        name.into_bytes().fill(b'x');
+        assert_eq!(provoke(&instance).len(), 5);
+        for message in instance.messages() {
+            let status = match &*message.category {
+                "logStatusError" => ERROR,
+                "logStatusWarning" => WARNING,
+                "logStatusDiscard" => DISCARDED,
+                "logStatusFatal" => FATAL,
+                _ => OK,
+            };
+            assert_eq!(message.status, status);
+            if kind.0 == Fmi2 {
+                assert_eq!(
+                    (&*message.instance, &*message.format),
+                    (c"Pendel ϑ %n", c"%s")
+                );
+            }
+            assert!(!message.text.contains('\n') && message.text.trim() == message.text);
+        }
+        let instance = debugged(kind, c"x");
+        instance.refuses(HOSTILE.to_str().unwrap(), |f| {
+            f.switch_log(true, &[HOSTILE])
+        });
+        // In FMI 3.0, `#` introduces a value reference.
+        let escaped = ["\"#1#\" is unknown", "\"##1##\" is unknown"][usize::from(kind.0 == Fmi3)];
+        instance.refuses(escaped, |f| f.switch_log(true, &[c"#1#"]));
+    }
+}
+
+#[test]
+fn every_change_of_the_state_is_an_event_and_states_do_not_include_log_settings() {
+    for kind in KINDS {
+        let instance = debugged(kind, c"x").run(0.0);
+        assert_eq!((instance.terminate(), instance.reset()), (OK, OK));
+        let last = if kind.1 == Exchanged {
+            "continuous-time mode"
+        } else {
+            "step complete"
+        };
+        let event = (kind.1 != Stepped).then_some("event mode");
+        let states = (["initialization mode"].into_iter().chain(event)).chain([
+            last,
+            "terminated",
+            "instantiated",
+        ]);
+        let states: Vec<String> = states.map(|state| format!("state: {state}")).collect();
+        let events = instance.messages().into_iter().map(|message| message.text);
+        assert_eq!(events.collect::<Vec<_>>(), states);
+        let silent = Instance::of(kind, BALL);
+        assert_eq!(silent.switch_log(false, &[]), OK);
+        let bytes = instance.snapshot();
+        assert_eq!(bytes, silent.snapshot());
+        assert_eq!(silent.resume(&bytes).terminate(), ERROR);
+        assert_eq!(silent.messages(), []);
+    }
+}
+
+// --- resources and variants ---------------------------------------------------------------------
+
+#[test]
+fn a_model_reads_the_resource_that_a_parameter_names() {
+    let folder = tempfile::Builder::new().prefix("a b").tempdir().unwrap();
+    for (name, text) in [
+        ("weights.txt", "1\n2.5\n"),
+        ("other.txt", "-1"),
+        ("bad", "x"),
+    ] {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let path = folder.path().to_str().unwrap().replace('\\', "/");
+    let uri = format!("file:///{}", path.trim_start_matches('/')).replace(' ', "%20");
+    for (kind, location) in PLAIN.into_iter().zip([uri, path]) {
+        let name = |f: &Instance, name: &CStr| {
+            assert_eq!(f.set_strings(&[Sampled::FILE], &[name.as_ptr()]), OK);
+        };
+        let initializing = |resources: Option<&CStr>| {
+            let instance = Instance::with(&Arguments {
+                resources,
+                ..Arguments::of(kind, SAMPLED)
+            });
+            name(&instance, c"weights.txt");
+            assert_eq!(instance.enter(0.0, None, None), OK);
+            instance
+        };
+        let instance = initializing(Some(&CString::new(location).unwrap()));
+        assert_eq!(instance.get([Sampled::SUM]), [3.5]);
+        name(&instance, c"other.txt");
+        assert_eq!(instance.get([Sampled::SUM]), [-1.0]);
+        for (file, words) in [
+            (c"missing.txt", "missing.txt: "),
+            (c"bad", "invalid float literal"),
+        ] {
+            name(&instance, file);
+            instance.refuses(words, Fmu::exit_initialization_mode);
+        }
+        name(&instance, c"weights.txt");
+        assert_eq!(instance.exit_initialization_mode(), OK);
+        assert_eq!(instance.get([Sampled::SUM]), [3.5]);
+        let place = if kind.0 == Fmi2 { "location" } else { "path" };
+        let none = format!("weights.txt cannot be found: the host passed no resource {place}");
+        for (resources, reason) in [
+            (None, &*none),
+            (Some(c""), &none),
+            (Some(c"/a\xff"), "is not UTF-8"),
+        ] {
+            initializing(resources).refuses(reason, Fmu::exit_initialization_mode);
+        }
+    }
+}
+
+const N: usize = <Every as Variables>::COUNT;
+/// gain = 3, order = 4, law = ignored, label = "slow", matrix[2,1] = -0.5, flags[1] = true
+const FAST: Interface = interface::<Every, N>(Some(
+    "Every=Fast;3:r16:400800000000000010:r16:bfe000000000000024:i1:425:b1:128:i1:231:s4:slow",
+));
+static VARIANTS: &[Entry] = &[Entry::of::<Every, N>(FAST, &[])];
+
+#[test]
+fn a_variant_is_another_model_that_starts_with_its_own_values() {
+    for kind in PLAIN {
+        let variant = |token: &str| {
+            Instance::with(&Arguments {
+                models: VARIANTS,
+                token: Some(CString::new(token).unwrap()),
+                ..Arguments::of(kind, EVERY)
+            })
+        };
+        let instance = variant(VARIANTS[0].guid());
+        for _ in 0..2 {
+            instance.start(0.0, None);
+            assert_eq!(instance.get([GAIN, LIMIT]), [3.0, 1e6]);
+            assert_eq!(instance.read(Type::Int32, [ORDER, I32]), [4.0, 3.0]);
+            assert_eq!(instance.read(Type::Enumeration, [LAW]), [2.0]);
+            assert_eq!(instance.texts(&[LABEL], 1), [c"slow".to_owned()]);
+            if kind.0 == Fmi2 {
+                assert_eq!(instance.get([MATRIX + 1, MATRIX + 2]), [2.0, -0.5]);
+                assert_eq!(instance.read(Type::Boolean, [FLAGS, FLAGS + 1]), [1.0, 1.0]);
+            }
+            assert_eq!((instance.set(LIMIT, 7.0), instance.reset()), (OK, OK));
+        }
+        let own = variant(MODELS[EVERY].guid());
+        assert!(own.c.is_null());
+        own.says("this binary has: Fast {");
+        let bytes = Instance::of(kind, EVERY).snapshot();
+        instance.refuses("are a state of the model {", |f| {
+            f.deserialize(&bytes, &mut null_mut())
+        });
+    }
+}
+
+// --- several instances --------------------------------------------------------------------------
+
+/// A whole simulation, with FMU states in between.
+fn run(kind: Kind, seed: u32) -> Vec<Vec<u8>> {
+    let instance = Instance::running(kind, EVERY);
+    let step = |k| {
+        assert_eq!(instance.set(U, f64::from((seed + 1) * k % 17)), OK);
+        instance.steps(0.01 * f64::from(k), 0.01);
+        let now = instance.snapshot();
+        if k % 50 == seed {
+            instance.resume(&now);
+        }
+        now
+    };
+    (0..200).map(step).collect()
+}
+
+#[test]
+fn instances_in_threads_give_the_same_results_as_alone() {
+    for kind in PLAIN {
+        let alone: Vec<_> = (0..4).map(|seed| run(kind, seed)).collect();
+        assert_ne!(alone[1], alone[2], "the inputs matter");
+        let gate = Barrier::new(4);
+        let work = |seed| {
+            gate.wait();
+            run(kind, seed)
+        };
+        let together: Vec<_> = std::thread::scope(|scope| {
+            let work = &work;
+            let threads: Vec<_> = (0..4).map(|seed| scope.spawn(move || work(seed))).collect();
+            threads
+                .into_iter()
+                .map(|thread| thread.join().unwrap())
+                .collect()
+        });
+        assert_eq!(together, alone);
+    }
+}
+
+#[test]
+fn instances_are_independent_and_leave_nothing_behind() {
+    for kind in PLAIN {
+        let mut instances: Vec<_> = (0..50).map(|_| Instance::of(kind, EVERY)).collect();
+        for (k, instance) in (0..).zip(&instances) {
+            assert_eq!(instance.set(GAIN, f64::from(k)), OK);
+            instance.start(0.0, None);
+        }
+        for k in (0..25).rev() {
+            instances.remove(2 * k);
+        }
+        assert_eq!(instances[0].step(7.0, 0.1), ERROR);
+        for (k, instance) in (0..).zip(&instances) {
+            instance.steps(0.0, 0.1);
+            assert_eq!(instance.get([GAIN]), [f64::from(2 * k + 1)]);
+            assert_eq!(instance.messages().len(), usize::from(k == 0));
+        }
+        let life = || {
+            let instance = Instance::running(kind, EVERY);
+            let now = instance.snapshot();
+            instance.steps(0.0, 0.1);
+            assert_eq!(instance.step(7.0, 0.1), ERROR);
+            instance.resume(&now).steps(0.0, 0.1);
+            assert_eq!(instance.deserialize(b"nonsense", &mut null_mut()), ERROR);
+            assert_eq!(instance.reset(), OK);
+        };
+        life();
+        let left = allocation_counter::measure(life);
+        assert_eq!((left.bytes_current, left.count_current), (0, 0));
+        // A panic in the destructor is caught.
+        let instance = Instance::running(kind, EVERY);
+        assert_eq!(instance.set(LIMIT, Every::LAST_BUG), OK);
+        drop(instance);
+        Instance::running(kind, EVERY).steps(0.0, 0.1);
+    }
+}

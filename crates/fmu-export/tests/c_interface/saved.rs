@@ -1,0 +1,401 @@
+//! FMU states (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.10): contents, ownership, serialization, and
+//! damaged or forged bytes.
+
+use std::ptr::{null, null_mut};
+
+use fmu_description::Type;
+use fmu_export::fmi2::fmi2LastSuccessfulTime;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+
+use crate::driver::*;
+use crate::models::*;
+
+const H: f64 = 0.25;
+
+/// Steps with inputs that change at every step; returns outputs after each.
+fn drive(f: Fmu, first: u32, steps: u32) -> Vec<[f64; 2]> {
+    let step = |k| {
+        let k = f64::from(k);
+        assert_eq!(f.set_f64(&[U, V], &[0.1 * k, -0.15 * k]), OK);
+        assert!(f.kind.0 == Fmi3 || f.set_input_derivatives(&[U], &[1], &[0.7 - k]) == OK);
+        f.steps(k * H, H);
+        f.get([Y, SUM])
+    };
+    (first..first + steps).map(step).collect()
+}
+
+/// An instance after five steps, with values of all types.
+fn moving(version: Version) -> Instance {
+    let instance = Instance::of((version, Stepped), EVERY);
+    let settable =
+        |fact: &&Fact| fact.is_settable(false) && ![U, V, TROUBLE].contains(&fact.reference);
+    for fact in FACTS.iter().filter(settable) {
+        let n = if version == Fmi2 { 1 } else { fact.start.len() };
+        let is_missing = (version, fact.of) == (Fmi2, Type::Binary);
+        let set = || instance.set_all(fact.of, &[fact.reference], &vec![fact.other_value(); n]);
+        assert!(is_missing || set() == OK, "{}", fact.name);
+    }
+    instance.start(0.0, None);
+    drive(*instance, 0, 5);
+    instance
+}
+
+#[test]
+fn restored_states_continue_bit_for_bit_in_any_instance() {
+    for version in [Fmi2, Fmi3] {
+        let instance = moving(version);
+        let kind = instance.kind;
+        let mut state = instance.save();
+        let bytes = instance.serialize(state);
+        // More values than the history of the model keeps.
+        let expected = drive(*instance, 5, 50);
+        assert_eq!(instance.set_state(state), OK);
+        assert_eq!(instance.snapshot(), bytes);
+        assert_eq!(drive(*instance, 5, 50), expected);
+        drop(instance);
+        // A state outlives the instance it was taken from.
+        let other = Instance::of(kind, EVERY);
+        assert_eq!(other.set_state(state), OK);
+        assert_eq!(other.free_state(&mut state), OK);
+        assert!(state.is_null());
+        assert_eq!(drive(*other, 5, 50), expected);
+        let other = Instance::of(kind, EVERY);
+        assert_eq!(drive(other.resume(&bytes), 5, 50), expected);
+        // States include the phase, the time and the stop time.
+        let made = Instance::of(kind, EVERY).snapshot();
+        other.reset();
+        other.start(1.0, Some(2.0));
+        other.steps(1.0, H);
+        let running = other.snapshot();
+        assert_eq!(other.terminate(), OK);
+        let ended = other.snapshot();
+        other.resume(&running);
+        other.refuses("communication point", |f| f.step(0.5, H));
+        other.refuses("stop time", |f| f.step(1.0 + H, 1.0));
+        other.steps(1.0 + H, H);
+        other.resume(&ended);
+        other.refuses("terminated", |f| f.step(1.0 + H, H));
+        other.resume(&made);
+        other.refuses("instantiated", |f| f.step(1.0 + H, H));
+        other.start(0.0, None);
+        other.steps(0.0, 5.0);
+    }
+}
+
+#[test]
+fn states_of_model_exchange_continue_bit_for_bit() {
+    for kind in EXCHANGED {
+        let run = |f: Fmu| {
+            let mut rows = Vec::new();
+            for k in 0..5 {
+                let [h, v] = f.two(Fmu::get_states);
+                let [h_dot, v_dot] = f.two(Fmu::get_derivatives);
+                assert_eq!(f.set_time(0.25 + f64::from(k) * 0.1), OK);
+                assert_eq!(f.set_states(&[h + 0.1 * h_dot, v + 0.1 * v_dot]), OK);
+                assert_eq!(f.enter_event_mode(), OK);
+                rows.push((f.update(), f.two(Fmu::get_states), f.snapshot()));
+                assert_eq!(f.enter_continuous_time_mode(), OK);
+            }
+            rows
+        };
+        let instance = Instance::running(kind, BALL);
+        assert_eq!(instance.set_states(&[0.25, -1.0]), OK);
+        let bytes = instance.snapshot();
+        let expected = run(*instance);
+        assert_eq!(run(instance.resume(&bytes)), expected);
+        assert_eq!(run(Instance::of(kind, BALL).resume(&bytes)), expected);
+    }
+}
+
+#[test]
+fn states_are_independent_copies_that_can_be_overwritten() {
+    for version in [Fmi2, Fmi3] {
+        let instance = moving(version);
+        let mut states: Vec<_> = (5..10)
+            .map(|k| {
+                drive(*instance, k, 1);
+                (instance.save(), instance.snapshot())
+            })
+            .collect();
+        for k in [3, 0, 3, 4, 2, 1] {
+            let (state, expected) = &states[k];
+            assert_eq!(instance.set_state(*state), OK);
+            assert_eq!(&instance.snapshot(), expected);
+        }
+        let (state, fresh) = (
+            &mut states[0].0,
+            Instance::of(instance.kind, EVERY).snapshot(),
+        );
+        let address = *state;
+        drive(*instance, 7, 1);
+        assert_eq!(instance.get_state(state), OK);
+        assert_eq!(
+            (*state, instance.serialize(*state)),
+            (address, instance.snapshot())
+        );
+        assert_eq!(instance.deserialize(&fresh[1..], state), ERROR);
+        assert_eq!(
+            (*state, instance.serialize(*state)),
+            (address, instance.snapshot())
+        );
+        assert_eq!(instance.deserialize(&fresh, state), OK);
+        assert_eq!((*state, instance.serialize(*state)), (address, fresh));
+        for (state, _) in &mut states {
+            assert_eq!(instance.free_state(state), OK);
+            assert!(state.is_null());
+            assert_eq!(instance.free_state(state), OK, "it is NULL now");
+        }
+    }
+}
+
+#[test]
+fn a_state_of_another_model_or_mode_is_refused() {
+    for from in KINDS {
+        let source = Instance::running(from, BALL);
+        let (mut state, bytes) = (source.save(), source.snapshot());
+        for to in KINDS.into_iter().filter(|to| to.0 == from.0) {
+            let target = Instance::running(to, BALL);
+            match from == to {
+                true => {
+                    assert_eq!(target.set_state(state), OK);
+                    assert_eq!(target.snapshot(), bytes);
+                }
+                false => target.refuses("the state is that of an instance for", |f| {
+                    let status = f.set_state(state);
+                    target.says("; expected one for ");
+                    status
+                }),
+            }
+            let other = Instance::running(to, SAMPLED);
+            other.refuses("the state", |f| f.set_state(state));
+            other.refuses("another model", |f| f.serialized_size(state, &mut 0));
+            other.refuses("another model", |f| f.serialize_into(state, &mut [0; 999]));
+            let mut none = null_mut();
+            let words = "the bytes are a state of the model {";
+            other.refuses(words, |f| f.deserialize(&bytes, &mut none));
+            assert!(none.is_null());
+        }
+        assert_eq!(source.free_state(&mut state), OK);
+    }
+}
+
+#[test]
+fn buffers_and_pointers_are_checked() {
+    for version in [Fmi2, Fmi3] {
+        let instance = moving(version);
+        let (mut state, mut none) = (instance.save(), null_mut());
+        let bytes = instance.serialize(state);
+        let size = bytes.len();
+        for room in [0, 1, 10, size / 2, size - 1] {
+            let mut buffer = vec![0xaa; room];
+            let words = format!("its size {room} is too small; expected {size} bytes");
+            instance.refuses(&words, |f| f.serialize_into(state, &mut buffer));
+            assert_eq!(buffer, vec![0xaa; room]);
+        }
+        // A buffer may be larger, and the instance may have advanced.
+        assert_eq!(instance.reset(), OK);
+        let mut buffer = vec![0xaa; size + 50];
+        assert_eq!(instance.serialize_into(state, &mut buffer), OK);
+        assert_eq!(buffer, [&bytes[..], &[0xaa; 50]].concat());
+        let words = "the FMU state is NULL";
+        instance.refuses(words, |f| f.set_state(null_mut()));
+        instance.refuses(words, |f| f.serialized_size(null_mut(), &mut 5));
+        instance.refuses(words, |f| f.serialize_into(null_mut(), &mut buffer));
+        let words = "a pointer is NULL";
+        instance.refuses(words, |f| f.get_state(null_mut()));
+        instance.refuses(words, |f| f.serialized_size(state, null_mut()));
+        instance.refuses(words, |f| f.deserialize(&bytes, null_mut()));
+        instance.refuses("the buffer is NULL", |f| {
+            f.serialize_to(state, null_mut(), size)
+        });
+        instance.refuses("the bytes are NULL", |f| {
+            f.deserialize_from(null(), size, &mut none)
+        });
+        instance.refuses("damaged", |f| f.deserialize_from(null(), 0, &mut none));
+        assert_eq!(
+            (none.is_null(), instance.free_state(null_mut())),
+            (true, OK)
+        );
+        let mut memory = [0u128; 64];
+        for offset in [0, 1] {
+            let foreign = memory.as_mut_ptr().cast::<u8>().wrapping_add(offset).cast();
+            let words = "the pointer does not point to an FMU state";
+            instance.refuses(words, |f| f.set_state(foreign));
+            instance.refuses(words, |f| f.free_state(&mut { foreign }));
+            instance.refuses(words, |f| f.get_state(&mut { foreign }));
+            instance.refuses(words, |f| f.serialized_size(foreign, &mut 0));
+            instance.refuses(words, |f| f.serialize_into(foreign, &mut [0; 8]));
+        }
+        assert_eq!(memory, [0; 64]);
+        assert_eq!(instance.free_state(&mut none), OK);
+        assert_eq!(instance.free_state(&mut state), OK);
+    }
+}
+
+// --- damaged and forged bytes -------------------------------------------------------------------
+
+/// Checks that bytes are refused with a reason and no state is created.
+fn assert_refused(instance: &Instance, bytes: &[u8]) {
+    let mut state = null_mut();
+    instance.forget_messages();
+    assert_eq!(instance.deserialize(bytes, &mut state), ERROR, "{bytes:?}");
+    assert!(state.is_null());
+    assert_eq!(instance.messages().len(), 1);
+    assert!(
+        instance
+            .last_message()
+            .starts_with(instance.name("deserialize_fmu_state"))
+    );
+}
+
+/// The content followed by a valid checksum: 128-bit FNV-1a.
+fn sealed(content: &[u8]) -> Vec<u8> {
+    let sum = content.iter().fold(
+        0x6c62_272e_07bb_0142_62b8_2175_6295_c58d,
+        |sum: u128, &byte| (sum ^ u128::from(byte)).wrapping_mul(0x0100_0000_0000_0000_0000_013b),
+    );
+    [content, &sum.to_le_bytes()].concat()
+}
+
+/// A serialized state without its checksum.
+fn content(bytes: &[u8]) -> &[u8] {
+    &bytes[..bytes.len() - 16]
+}
+
+/// Length of the header: magic number, version and GUID.
+const HEADER: usize = 8 + 4 + 38;
+
+#[test]
+fn damaged_bytes_are_refused() {
+    let instance = moving(Fmi2);
+    let bytes = instance.snapshot();
+    for place in 0..bytes.len() {
+        let (head, tail) = bytes.split_at(place);
+        assert_refused(&instance, head);
+        assert_refused(&instance, &[head, &[0], tail].concat());
+        assert_refused(&instance, &tail[1..]);
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1 << (place % 8);
+        assert_refused(&instance, &damaged);
+    }
+    for added in [&[0][..], &[0; 16], &bytes] {
+        assert_refused(&instance, &[&bytes, added].concat());
+    }
+    assert_eq!(instance.snapshot(), bytes);
+    // With a valid checksum: magic number, version, both ends of the GUID, an invalid mode, and phases that
+    // are fatal, of a callback, of model exchange, or invalid.
+    assert_eq!(sealed(content(&bytes)), bytes);
+    for (place, byte) in [
+        (0, b'f'),
+        (8, 1),
+        (12, b'<'),
+        (49, b'>'),
+        (50, 3),
+        (51, 6),
+        (51, 12),
+        (51, 8),
+        (51, 13),
+    ] {
+        let mut forged = content(&bytes).to_vec();
+        forged[place] = byte;
+        assert_refused(&instance, &sealed(&forged));
+    }
+    assert_refused(&instance, &sealed(&[content(&bytes), &[0]].concat()));
+    for end in 0..bytes.len() - 16 {
+        assert_refused(&instance, &sealed(&bytes[..end]));
+    }
+}
+
+/// Makes the usual calls; each may be refused, but none may panic unless the model is set to.
+fn uses(f: Fmu, model: usize) {
+    let (mut time, mut trouble, mut fault) = ([0.0], [0.0], [0.0]);
+    let mut statuses = vec![match (f.kind.0, model) {
+        (Fmi3, EVERY) => f.get_f64(&[COUNT], &mut time),
+        (Fmi3, SAMPLED) => f.get_f64(&[Sampled::COUNT], &mut time),
+        (Fmi3, _) => f.get_f64(&[Ball::TIME], &mut time),
+        (Fmi2, _) if f.kind.1 == Stepped => f.real_status(fmi2LastSuccessfulTime, &mut time[0]),
+        (Fmi2, _) => OK,
+    }];
+    let reference = [TROUBLE, Sampled::FAILURE, Ball::TROUBLE][model];
+    f.get_f64(&[reference], &mut trouble);
+    f.get_f64(
+        &[if model == BALL {
+            Ball::FAULT
+        } else {
+            reference
+        }],
+        &mut fault,
+    );
+    if trouble == [BUG] || fault == [BUG] {
+        return;
+    }
+    let event = |f: Fmu| f.try_update(&mut (false, None));
+    let calls: &[&dyn Fn(Fmu) -> Status] = match f.kind.1 {
+        Stepped => &[],
+        Events => &[&event, &Fmu::enter_step_mode],
+        Exchanged => &[&event, &Fmu::enter_continuous_time_mode, &|f| {
+            f.get_derivatives(&mut [0.0; 2])
+        }],
+    };
+    statuses.push(f.exit_initialization_mode());
+    statuses.push(f.get_f64(&[Y.min(Ball::V_DOT)], &mut [0.0]));
+    statuses.extend(calls.iter().map(|call| call(f)));
+    statuses.extend([
+        f.step(time[0], 0.1),
+        f.step(time[0] + 0.1, 1e9),
+        f.terminate(),
+    ]);
+    assert!(!statuses.contains(&FATAL), "{statuses:?}");
+    assert_eq!(f.reset(), OK);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn noise_is_refused(noise in prop::collection::vec(any::<u8>(), 0..1000), keep in 0..70usize) {
+        let instance = moving(Fmi3);
+        let bytes = instance.snapshot();
+        assert_refused(&instance, &noise);
+        assert_refused(&instance, &sealed(&noise));
+        assert_refused(&instance, &[&bytes[..keep], &noise].concat());
+    }
+
+    /// A forged state with a valid checksum may be accepted, but using it must not crash or hang.
+    #[test]
+    fn forged_states_do_not_crash_or_hang(
+        kind in select(KINDS.to_vec()),
+        model in EVERY..=BALL,
+        fresh: bool,
+        edits in prop::collection::vec((any::<Index>(), 0..2usize, prop_oneof![
+            4 => prop::collection::vec(any::<u8>(), 0..4),
+            1 => select(vec![f64::NAN, f64::INFINITY, f64::MAX, -0.0, 5e-324])
+                .prop_map(|number| number.to_le_bytes().to_vec()),
+        ]), 1..4),
+    ) {
+        // With events, a step of 1e9 s would have very many samples.
+        let model = if kind.1 == Stepped { model } else { BALL };
+        let instance = if fresh { Instance::of(kind, model) } else { Instance::running(kind, model) };
+        let mut forged = content(&instance.snapshot()).to_vec();
+        for (place, change, new) in edits {
+            // Written over others, or with a change of the length.
+            let start = HEADER + place.index(forged.len() - HEADER + 1);
+            let end = (start + (1 - change) * new.len()).min(forged.len());
+            forged.splice(start..end, new);
+        }
+        let mut state = null_mut();
+        if instance.deserialize(&sealed(&forged), &mut state) == OK {
+            if instance.set_state(state) == OK {
+                let (mut again, bytes) = (null_mut(), instance.snapshot());
+                assert_eq!(instance.deserialize(&bytes, &mut again), OK);
+                assert_eq!(instance.serialize(again), bytes);
+                assert_eq!(instance.free_state(&mut again), OK);
+                uses(*instance, model);
+            } else {
+                instance.says("the state is that of an instance for");
+            }
+            assert_eq!(Instance::of(kind, model).free_state(&mut state), OK);
+        }
+    }
+}
