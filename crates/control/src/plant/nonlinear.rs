@@ -43,21 +43,19 @@ pub fn advance(
     step: f64,
 ) -> Result<(), StepFailure> {
     let u = u.into();
-    *state = into_state(integrate(from_state(state), step, |tau, y| {
-        slope(p, y, u.value + u.slope * tau)
-    })?);
+    let force = |tau| u.value + u.slope * tau;
+    *state = integrate((*state).into(), step, |tau, y| slope(p, y, force(tau)))?.into();
     Ok(())
 }
 
 /// The derivative (x', v', theta', omega') of `state` under the force `u` (N).
 pub fn derivative(p: &Parameters, state: &State, u: f64) -> State {
-    into_state(slope(p, &from_state(state), u))
+    slope(p, &(*state).into(), u).into()
 }
 
 /// The partial derivatives of [`derivative`] at `state` under the force `u` (N).
 pub fn jacobian(p: &Parameters, state: &State, u: f64) -> Jacobian {
-    let y = from_state(state);
-    let by = |dy, du| into_state(variation(p, &y, u, &dy, du));
+    let by = |dy, du| variation(p, &(*state).into(), u, &dy, du).into();
     Jacobian {
         x: by([1.0, 0.0, 0.0, 0.0], 0.0),
         v: by([0.0, 1.0, 0.0, 0.0], 0.0),
@@ -79,8 +77,16 @@ pub fn sensitivity(
     step: f64,
 ) -> Result<State, StepFailure> {
     let u = u.into();
-    let [x, v, theta, omega] = from_state(state);
-    let start = [x, v, theta, omega, 0.0, 0.0, 0.0, 0.0];
+    let start = [
+        state.x,
+        state.v,
+        state.theta,
+        state.omega,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ];
     let [.., x, v, theta, omega] = integrate(
         start,
         step,
@@ -93,14 +99,6 @@ pub fn sensitivity(
         },
     )?;
     Ok(State { x, v, theta, omega })
-}
-
-fn from_state(s: &State) -> [f64; 4] {
-    [s.x, s.v, s.theta, s.omega]
-}
-
-fn into_state([x, v, theta, omega]: [f64; 4]) -> State {
-    State { x, v, theta, omega }
 }
 
 /// Terms of the accelerations at a state (x, v, theta, omega) and a force.
@@ -277,7 +275,7 @@ mod tests {
     #[test]
     fn the_method_is_of_fifth_order() {
         let end = |n: u32| {
-            let mut y = from_state(&SWING);
+            let mut y = <[f64; 4]>::from(SWING);
             for _ in 0..n {
                 let slope = |_, y: &[f64; 4]| self::slope(&Parameters::PAPER, y, 1.0);
                 y = substep(&y, 1.0 / f64::from(n), slope).0;
@@ -292,33 +290,18 @@ mod tests {
     #[test]
     fn the_sensitivity_matches_the_central_difference() {
         let (p, step, delta) = (Parameters::PAPER, 0.3, 1e-3);
+        let force = |value| Force { value, slope: 5.0 };
         let end = |value: f64| {
             let mut state = SWING;
-            advance(&p, &mut state, Force { value, slope: 5.0 }, step).unwrap();
-            state
+            advance(&p, &mut state, force(value), step).unwrap();
+            <[f64; 4]>::from(state)
         };
         let (above, below) = (end(2.0 + delta), end(2.0 - delta));
-        let analytic = sensitivity(
-            &p,
-            &SWING,
-            Force {
-                value: 2.0,
-                slope: 5.0,
-            },
-            step,
-        )
-        .unwrap();
-        for (analytic, above, below) in [
-            (analytic.x, above.x, below.x),
-            (analytic.v, above.v, below.v),
-            (analytic.theta, above.theta, below.theta),
-            (analytic.omega, above.omega, below.omega),
-        ] {
-            let difference = (above - below) / (2.0 * delta);
-            assert!(
-                (analytic / difference - 1.0).abs() < 1e-6,
-                "{analytic} {difference}"
-            );
+        let analytic: [f64; 4] = sensitivity(&p, &SWING, force(2.0), step).unwrap().into();
+        for i in 0..4 {
+            let difference = (above[i] - below[i]) / (2.0 * delta);
+            let error = analytic[i] / difference - 1.0;
+            assert!(error.abs() < 1e-6, "{i}: {analytic:?} {difference}");
         }
     }
 
