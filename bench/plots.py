@@ -11,8 +11,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from ratios import node_costs
 from subjects import REFERENCE
+from tables import node_costs
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00"]
@@ -51,12 +51,10 @@ def draw(results: Mapping, folder: Path) -> list[Path]:
         del pictures["nodes"]
     with mpl.rc_context(STYLE):
         for name, picture in pictures.items():
-            figure = picture(results)
-            for suffix, metadata in ((".svg", {"Date": None}), (".png", {})):
-                file = folder / f"speed-{name}{suffix}"
-                figure.savefig(file, dpi=120, metadata=metadata)
+            figure, file = picture(results), folder / f"speed-{name}.svg"
+            figure.savefig(file, dpi=120, metadata={"Date": None})
             plt.close(figure)
-            files.append(folder / f"speed-{name}.svg")
+            files.append(file)
     return files
 
 

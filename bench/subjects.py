@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from math import prod
 from pathlib import Path
-from typing import NamedTuple, Self
 
 import fmpy
 from fmpy.model_description import ModelVariable
@@ -125,7 +124,7 @@ class Host:
         self._files = {file.stem: file for file in FMUS.glob("*.fmu")}
         run([sys.executable, ROOT / "examples" / "own-fmu" / "build.py", folder])
         self._files["CPid"] = folder / "CPid.fmu"
-        self._unpacked: dict[str, Unpacked] = {}
+        self._unpacked: dict[str, tuple[list[str], dict[str, ModelVariable]]] = {}
 
     def build_python_fmu(self) -> bool:
         """Build the FMU of PythonFMU; return false if it cannot run here."""
@@ -153,58 +152,41 @@ class Host:
     def _words(self, case: Case) -> list[str]:
         """Return the arguments that describe a case."""
         if case.model not in self._unpacked:
-            self._unpacked[case.model] = Unpacked.of(self._files[case.model], self.folder)
-        words, references, types = self._unpacked[case.model]
+            self._unpacked[case.model] = unpacked(self._files[case.model], self.folder)
+        words, variables = self._unpacked[case.model]
+
+        def reference(name: str) -> str:
+            shape = variables[name].shape
+            elements = f":{prod(shape)}" if shape else ""
+            return f"{variables[name].valueReference}{elements}"
+
         words = [f"name={case.name}", *words]
         for name, value in case.inputs.items():
-            words.append(f"in={references[name]}" + (f":{value}" if value is not None else ""))
-        words += [f"out={references[name]}" for name in case.outputs]
+            words.append(f"in={reference(name)}" + (f":{value}" if value is not None else ""))
+        words += [f"out={reference(name)}" for name in case.outputs]
+        types = {"Real": "real", "Float64": "real", "Boolean": "boolean"}
         for name, value in case.start.items():
-            words.append(f"{types[name]}={references[name]}:{float(value)}")
+            kind = types.get(variables[name].type, "integer")
+            words.append(f"{kind}={reference(name)}:{float(value)}")
         return words
 
 
-class Unpacked(NamedTuple):
-    """An FMU that was unpacked for the C host."""
-
-    words: list[str]
-    """Arguments of the host: version of FMI, binary, GUID and resources."""
-    references: dict[str, str]
-    types: dict[str, str]
-
-    @classmethod
-    def of(cls, file: Path, folder: Path) -> Self:
-        """Unpack a file into its own folder."""
-        folder = folder / file.stem
-        with zipfile.ZipFile(file) as archive:
-            archive.extractall(folder)
-        description = fmpy.read_model_description(str(folder), validate=False)
-        identifier = description.coSimulation.modelIdentifier
-        binary = f"{identifier}{fmpy.sharedLibraryExtension}"
-        resources = folder / "resources"
-        if description.fmiVersion.startswith("3"):
-            fmi, platform, place = 3, fmpy.platform_tuple, f"{resources}{os.sep}"
-        else:
-            fmi, platform, place = 2, fmpy.platform, resources.as_uri()
-        words = [
-            f"fmi={fmi}",
-            f"binary={folder / 'binaries' / platform / binary}",
-            f"guid={description.guid}",
-        ]
-        words += [f"resources={place}"] if resources.is_dir() else []
-        types = {"Real": "real", "Float64": "real", "Boolean": "boolean"}
-        variables = description.modelVariables
-        return cls(
-            words,
-            {variable.name: reference(variable) for variable in variables},
-            {variable.name: types.get(variable.type, "integer") for variable in variables},
-        )
-
-
-def reference(variable: ModelVariable) -> str:
-    """Return the value reference; REF:COUNT of an array."""
-    elements = f":{prod(variable.shape)}" if variable.shape else ""
-    return f"{variable.valueReference}{elements}"
+def unpacked(file: Path, folder: Path) -> tuple[list[str], dict[str, ModelVariable]]:
+    """Unpack an FMU; return arguments of the host, from the version to the resources; variables."""
+    folder = folder / file.stem
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(folder)
+    description = fmpy.read_model_description(str(folder), validate=False)
+    identifier = description.coSimulation.modelIdentifier
+    resources = folder / "resources"
+    if description.fmiVersion.startswith("3"):
+        fmi, platform, place = 3, fmpy.platform_tuple, f"{resources}{os.sep}"
+    else:
+        fmi, platform, place = 2, fmpy.platform, resources.as_uri()
+    binary = folder / "binaries" / platform / f"{identifier}{fmpy.sharedLibraryExtension}"
+    words = [f"fmi={fmi}", f"binary={binary}", f"guid={description.guid}"]
+    words += [f"resources={place}"] if resources.is_dir() else []
+    return words, {variable.name: variable for variable in description.modelVariables}
 
 
 def python_library() -> Path | None:
