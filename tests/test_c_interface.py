@@ -1,14 +1,13 @@
-"""The C interface of the exported binaries, call by call.
+"""The C interface of each model's binary.
 
-Model-specific parts are tested for each model: the completeness of the saved state, the report of
-a diverging variable, and the derivatives of the pendulum.
+Tested are the completeness of the saved state, the report of a diverging variable, and the
+derivatives of the pendulum. What all models share is in `crates/fmu-export/tests/c_interface`.
 """
 
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from ctypes import c_double, c_int, c_uint
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,9 +23,6 @@ from pendulum_fmus.master import Component, MasterError, Reals
 MODELS = ["Pendulum", "Pid", "PidRbf", "IpidRbf", "Source"]
 
 H = 0.001
-
-HOSTILE = "%s%n%d%*d %%"
-"""Text that crashes code that uses it as a format string."""
 
 
 def snapshot(component: Component) -> bytes:
@@ -47,45 +43,6 @@ def resume(component: Component, serialized: bytes) -> None:
 
 
 # --- the layer, in a binary ---------------------------------------------------------------------
-
-
-def test_forbidden_calls_are_rejected_with_a_message(fmus, capfd):
-    with Component(HOSTILE, fmus / "PidRbf.fmu") as component:
-        slave = component.slave
-        r, value, number = (c_uint * 1)(component.variable("r").valueReference), c_double(), c_int()
-        nan, unknown = c_double(math.nan), (c_uint * 1)(10**6)
-        for call, arguments, reason in [
-            ("fmi2DoStep", (0.0, H, 1), '"instantiated"; it is allowed in: step complete'),
-            ("fmi2ExitInitializationMode", (), '"instantiated"'),
-            ("fmi2GetReal", (r, 1, value), '"instantiated"'),
-            ("fmi2SetReal", (unknown, 1, value), "value reference 1000000 is unknown"),
-            ("fmi2SetReal", (r, 1, nan), "r = NaN is refused"),
-            ("fmi2SetReal", (None, 1, value), "NULL"),
-            ("fmi2SetReal", (r, 1, None), "NULL"),
-            ("fmi2SetInteger", (r, 1, number), "r is of type Real"),
-            ("fmi2SetDebugLogging", (1, 1, None), "NULL"),
-            ("fmi2SetFMUstate", (None,), "NULL"),
-            ("fmi2CancelStep", (), "canRunAsynchronuously"),
-        ]:
-            before = snapshot(component)
-            with pytest.raises(MasterError) as refusal, component.explained("call"):
-                getattr(slave, call)(slave.component, *arguments)
-            function, text = str(refusal.value).split(" returned status 3: ")
-            assert function.endswith(call)
-            assert text.startswith(call)
-            assert reason in text
-            assert snapshot(component) == before
-            assert getattr(slave.dll, call)(None, *arguments) == 3, "NULL for the instance"
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_reset_equals_a_fresh_instance(instance):
-    component, fresh = instance("PidRbf", {"r": 1.0, "rbf.eta": 0.5}, 3.0), instance("PidRbf")
-    component.step(3.0, 10 * H)
-    component.slave.reset()
-    component.initialize(0.0)
-    assert snapshot(component) == snapshot(fresh)
-    component.step(0.0, H)
 
 
 def test_the_library_is_unloaded_after_use(fmus):

@@ -69,7 +69,7 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
         other.steps(1.0, H);
         let running = other.snapshot();
         assert_eq!(other.terminate(), OK);
-        let ended = other.snapshot();
+        let (ended, other) = (other.snapshot(), Instance::of(kind, EVERY));
         other.resume(&running);
         other.refuses("communication point", |f| f.step(0.5, H));
         other.refuses("stop time", |f| f.step(1.0 + H, 1.0));
