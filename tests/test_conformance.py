@@ -1,8 +1,6 @@
 """A correct FMU in C, `tests/c/conformance.c`, and the same FMU with one defect at a time."""
 
-import faulthandler
 import json
-import multiprocessing
 import os
 import re
 import shutil
@@ -10,9 +8,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-import fmpy
 import pytest
-from fmpy.fmi2 import FMU2Model, FMU2Slave
 
 from pendulum_fmus.project import ROOT
 from test_validate import Fmu, cargo_fmu, findings, write
@@ -41,18 +37,6 @@ FEW = list({DEFECTS[name][1]: name for name in reversed(FOUND)}.values())
 
 ALL = "ALL_DEFECTS" in os.environ
 """Whether to test all defects, as `make conformance` does, instead of a few."""
-
-FATAL = (
-    "EXIT_IN_INSTANTIATE",
-    "FREE_CRASHES",
-    "GUID_REFUSED",
-    "MISSING_FUNCTION",
-    "UNLOAD_CRASHES",
-)
-"""Defects that show as soon as FMPy makes an instance and frees it."""
-
-FREED = 42
-"""Exit code of a process that has freed its instance."""
 
 
 def describe(kind: str) -> bytes:
@@ -104,32 +88,6 @@ def conformance(
 @pytest.mark.parametrize("kind", [CS, ME, BOTH])
 def test_the_correct_fmu_has_no_findings(conformance: Callable[..., Path], kind: str) -> None:
     assert findings(conformance(kind=kind)) == []
-
-
-def load(file: Path, kind: str, folder: Path) -> None:
-    """Make an instance of an FMU and free it, and end the process with the code FREED."""
-    faulthandler.disable()
-    fmu_class = FMU2Slave if kind == CS else FMU2Model
-    fmu = fmu_class(
-        guid="{conformance}",
-        unzipDirectory=fmpy.extract(str(file), str(folder)),
-        modelIdentifier="Conformance",
-    )
-    fmu.instantiate()
-    fmu.freeInstance()
-    os._exit(FREED)
-
-
-@pytest.mark.parametrize("defect", DEFECTS if ALL else FEW)
-def test_every_defect_can_be_loaded(
-    conformance: Callable[..., Path], defect: str, tmp_path: Path
-) -> None:
-    kind, _ = DEFECTS[defect]
-    arguments = (conformance(defect, kind), kind, tmp_path / "unpacked")
-    child = multiprocessing.get_context("fork").Process(target=load, args=arguments)
-    child.start()
-    child.join(20)
-    assert (child.exitcode == FREED) == (defect not in FATAL)
 
 
 @pytest.mark.parametrize("defect", FOUND if ALL else FEW)

@@ -82,52 +82,9 @@ def check(found: list[str], *expected: str) -> None:
     assert any(all(words in line for words in expected) for line in found), found
 
 
-TERMINALS = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiTerminalsAndIcons fmiVersion="3.0">
-  <GraphicalRepresentation>
-    <CoordinateSystem x1="-100" y1="-100" x2="100" y2="100" suggestedScalingFactorTo_mm="0.1"/>
-    <Icon x1="-50" y1="-50" x2="50" y2="50"/>
-    <Annotations><Annotation type="a"/></Annotations>
-  </GraphicalRepresentation>
-  <Terminals>
-    <Terminal name="a" matchingRule="plug" terminalKind="k" description="d">
-      <TerminalMemberVariable variableName="y" memberName="f" variableKind="inflow">
-        <Annotations><Annotation type="a"/></Annotations>
-      </TerminalMemberVariable>
-      <TerminalMemberVariable variableName="u[1,2].a" memberName="s" variableKind="signal"/>
-      <TerminalStreamMemberVariable inStreamMemberName="h" outStreamMemberName="g"
-        inStreamVariableName="u[1,2].a" outStreamVariableName="y"/>
-      <Terminal name="a" matchingRule="sequence">
-        <TerminalMemberVariable variableName="w16" variableKind="signal"/>
-      </Terminal>
-      <TerminalGraphicalRepresentation defaultConnectionColor="255 255 0" x1="-1" y1="-1"
-        defaultConnectionStrokeSize="0.5" x2="1" y2="1" iconBaseName="plug"/>
-    </Terminal>
-  </Terminals>
-  <Annotations><Annotation type="a"/></Annotations>
-</fmiTerminalsAndIcons>
-"""
-
-BUILD = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiBuildDescription fmiVersion="3.0">
-  <BuildConfiguration modelIdentifier="Full" platform="x86_64-linux" description="d">
-    <SourceFileSet name="s" language="C99" compiler="gcc" compilerOptions="-O2">
-      <SourceFile name="full.c"><Annotations><Annotation type="a"/></Annotations></SourceFile>
-      <PreprocessorDefinition name="N" optional="true" value="1" description="d">
-        <Option value="1" description="d"/>
-        <Annotations><Annotation type="a"/></Annotations>
-      </PreprocessorDefinition>
-      <IncludeDirectory name="include"/>
-    </SourceFileSet>
-    <Library name="m" version="&gt;=1" external="true" description="d"/>
-    <Annotations><Annotation type="a"/></Annotations>
-  </BuildConfiguration>
-  <BuildConfiguration modelIdentifier="Full">
-    <SourceFileSet><SourceFile name="full.c"/></SourceFileSet>
-  </BuildConfiguration>
-</fmiBuildDescription>
-"""
-
+DATA = ROOT / "tests" / "data"
+TERMINALS = (DATA / "terminalsAndIcons.xml").read_text()
+BUILD = (DATA / "buildDescription.xml").read_text()
 MODEL_FILE = "modelDescription.xml"
 TERMINALS_FILE = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD_FILE = "sources/buildDescription.xml"

@@ -131,20 +131,15 @@ fn unpack(text: &str, archive: &mut Archive, platform: Platform) -> Result<TempD
     Ok(session)
 }
 
-/// The outcome of a test.
 #[derive(Default)]
 pub struct Outcome {
-    /// The findings, with their texts.
     pub found: Vec<(&'static Rule, String)>,
-    /// Variables that cannot be read.
     pub unreadable: Vec<String>,
     /// The number of steps of the default experiment, and their duration in s.
     pub ran: Option<(usize, f64)>,
     /// Whether the FMU refused the excitation.
     pub is_refused: bool,
-    /// The rows of a run.
     pub rows: Trajectory,
-    /// Whether the FMU has logged a problem.
     pub has_message: bool,
     /// Whether the process was killed after its time.
     pub timed_out: bool,
@@ -157,7 +152,6 @@ impl Outcome {
         found.any(|(rule, _)| *rule == probe.rule || *rule == probe.crash())
     }
 
-    /// The rules of the findings.
     pub fn rules(&self) -> Vec<&'static str> {
         self.found.iter().map(|(rule, _)| rule.id).collect()
     }
@@ -176,11 +170,9 @@ impl Outcome {
     }
 }
 
-/// The tests of the binaries.
 struct Checker<'a> {
     model: &'a ModelDescription<'a>,
     probes: &'a Probes,
-    /// The interface type under test.
     element: &'a Element<'a>,
     /// The task, but for the test.
     task: Task,
@@ -344,7 +336,6 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Runs a test and adds what it finds.
     fn test(&mut self, probe: &'static Probe) -> Result<Outcome> {
         self.test_with(probe, &[])
     }
@@ -477,7 +468,6 @@ fn unfinished(now: &Moment, ended: &str) -> String {
     format!("{call}{stage} {how}{when}, expected it to return{logged}")
 }
 
-/// All files in a folder.
 fn list(folder: &Path) -> Result<Files> {
     let mut files = Files::new();
     let mut folders = vec![folder.to_owned()];

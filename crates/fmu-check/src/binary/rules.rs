@@ -168,7 +168,6 @@ rules! {
     }
 }
 
-/// The rule of a name.
 pub fn find(id: &str) -> Option<&'static Rule> {
     BEHAVIOUR.iter().find(|rule| rule.id == id)
 }

@@ -69,23 +69,16 @@ impl<T, E> OrSkip<T> for Result<T, E> {
 
 /// The FMU under test.
 pub struct Subject<'a> {
-    /// The task.
     pub task: &'a Task,
-    /// Its model description.
     pub model: &'a ModelDescription<'a>,
-    /// Its binary.
     pub library: &'a Arc<Library>,
-    /// The interface type under test.
     pub kind: Kind,
-    /// The XML element of that type.
     pub element: &'a Element<'a>,
-    /// The location of the folder `resources`.
     resources: String,
     /// Where findings and the progress of the test go.
     pub report: &'a Arc<Report>,
     /// The variables that the FMU computes and that can be compared between runs.
     pub observed: Observed<'a>,
-    /// The inputs.
     pub inputs: Vec<Input<'a>>,
     /// The usual run, once it was made.
     usual: OnceLock<Trajectory>,
@@ -96,13 +89,11 @@ pub struct Subject<'a> {
 /// Counts of log messages.
 #[derive(Default)]
 pub struct Logged {
-    /// Messages without a category.
     pub uncategorized: AtomicUsize,
     /// Messages with a category that the XML does not list, though it lists some.
     pub undeclared: AtomicUsize,
     /// Messages with a number that is not a status.
     pub invalid: AtomicUsize,
-    /// Messages with the status OK.
     pub ok: AtomicUsize,
     /// Messages with the name of another instance.
     pub misnamed: AtomicUsize,
@@ -111,15 +102,11 @@ pub struct Logged {
 /// What varies between runs of the same FMU.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup<'a> {
-    /// Name of the instance.
     pub name: &'a str,
-    /// Whether logging is on.
     pub logging: bool,
-    /// The stop time passed to the FMU.
     pub stop: Option<f64>,
     /// How the arguments of `fmi2Instantiate` are passed.
     pub treatment: Treatment,
-    /// How strongly inputs are excited.
     pub level: Level,
     /// Selects one of many excitations.
     pub seed: u64,
@@ -136,7 +123,6 @@ pub struct Setup<'a> {
 }
 
 impl Setup<'_> {
-    /// The setup with a change.
     pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
         change(&mut self);
         self
@@ -144,7 +130,6 @@ impl Setup<'_> {
 }
 
 impl<'a> Subject<'a> {
-    /// The FMU in the library, for a task.
     pub fn new(
         task: &'a Task,
         model: &'a ModelDescription<'a>,
@@ -175,7 +160,6 @@ impl<'a> Subject<'a> {
         claims(self.element, flag, self.model.version)
     }
 
-    /// The usual setup.
     pub fn setup(&self) -> Setup<'static> {
         Setup {
             name: "instance",
@@ -202,7 +186,6 @@ impl<'a> Subject<'a> {
         self.setup().with(|s| (s.name, s.seed) = ("other", 3))
     }
 
-    /// Creates an instance.
     pub fn instantiate(&self, setup: &Setup<'_>) -> Result<Instance> {
         let instance = self.try_instantiate(setup, self.model.token())?;
         instance.with_context(|| {
@@ -256,13 +239,11 @@ impl<'a> Subject<'a> {
         Ok(self.library.instantiate(&arguments, sink)?)
     }
 
-    /// Start time of the default experiment.
     pub fn start(&self) -> f64 {
         let start = self.model.experiment("startTime");
         start.filter(|t| t.is_finite()).unwrap_or(0.0)
     }
 
-    /// Stop time of the default experiment.
     pub fn stop(&self) -> Option<f64> {
         let stop = self.model.experiment("stopTime");
         stop.filter(|stop| stop.is_finite() && *stop > self.start())
@@ -280,7 +261,6 @@ impl<'a> Subject<'a> {
             .unwrap_or_else(|| 10_f64.powf(self.span().log10().round() - 3.0))
     }
 
-    /// Number of steps to the end of the default experiment.
     pub fn all_steps(&self) -> usize {
         // Rounding may put the last point just past the stop time.
         (self.span() / self.step() + 1e-6).floor() as usize
@@ -298,7 +278,6 @@ impl<'a> Subject<'a> {
         readable(self.model, &self.task.ignored)
     }
 
-    /// All scalars that can be read.
     pub fn all(&self) -> impl Iterator<Item = &'a Listed<'a>> {
         self.readable().filter(|v| is_tested(v))
     }
@@ -327,12 +306,14 @@ impl<'a> Subject<'a> {
         reals
     }
 
-    /// Number of continuous states.
+    pub fn group(&self, variables: impl Iterator<Item = &'a Listed<'a>>) -> Observed<'a> {
+        Observed::of(variables, self.model.version)
+    }
+
     pub fn states(&self) -> usize {
         self.count(&self.model.derivatives)
     }
 
-    /// Number of event indicators.
     pub fn indicators(&self) -> usize {
         let indicators = self.model.root.attribute("numberOfEventIndicators");
         let in_2 = indicators.and_then(unsigned).unwrap_or(0) as usize;
@@ -352,22 +333,6 @@ impl<'a> Subject<'a> {
         }
         let usual = Run::recorded(self, self.setup())?;
         Ok(self.usual.get_or_init(|| usual))
-    }
-
-    /// Checks that two runs are the same up to a tolerance, relative to the largest value of each variable.
-    /// `when` tells what the actual run does, `like` what the expected run has done.
-    pub fn ensure_same(
-        &self,
-        actual: &[(f64, Row)],
-        expected: &[(f64, Row)],
-        tolerance: f64,
-        when: &str,
-        like: &str,
-    ) -> Result<()> {
-        match self.observed.difference(actual, expected, tolerance) {
-            Some(difference) => bail!(difference.told(when, like)),
-            None => Ok(()),
-        }
     }
 }
 
@@ -401,16 +366,12 @@ pub fn readable<'a>(
     all.filter(move |v| (is_tested(v) || is_array(v)) && !without.contains(&v.name))
 }
 
-/// A running simulation.
 pub struct Run<'a> {
     subject: &'a Subject<'a>,
     /// What differs from other runs.
     pub setup: Setup<'a>,
-    /// The instance.
     pub instance: Instance,
-    /// How far it has got.
     pub place: Place,
-    /// Whether the FMU has ended the simulation.
     pub ended: bool,
     /// Whether unwritten results were reported.
     has_unwritten: bool,
@@ -429,7 +390,6 @@ pub struct Place {
 }
 
 impl<'a> Run<'a> {
-    /// Instantiates.
     pub fn instantiate(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         Ok(Self {
             subject,
@@ -441,14 +401,12 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Instantiates and enters initialization mode.
     pub fn initializing(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         let mut run = Self::instantiate(subject, setup)?;
         run.enter_initialization()?;
         Ok(run)
     }
 
-    /// Instantiates and initializes.
     pub fn begin(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
         let mut run = Self::instantiate(subject, setup)?;
         run.initialize()?;
@@ -474,7 +432,6 @@ impl<'a> Run<'a> {
         Ok(self)
     }
 
-    /// Simulation time.
     pub fn time(&self) -> f64 {
         let (start, step) = (self.subject.start(), self.subject.step());
         match self.setup.summed_times {
@@ -525,7 +482,6 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Reads the elements of a variable.
     pub fn read(&mut self, variable: &Listed<'_>) -> Result<Vec<Value>> {
         self.read_elements(variable, variable.count())
     }
@@ -541,18 +497,15 @@ impl<'a> Run<'a> {
         .with_context(|| format!("{} cannot be read", quote(&variable.name)))
     }
 
-    /// Reads a scalar.
     pub fn value(&mut self, variable: &Listed<'_>) -> Result<Value> {
         self.read(variable)?.pop().context("it has no elements")
     }
 
-    /// Sets the elements of a variable.
     pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
         self.instance
             .set_values(variable.of_type, &[variable.reference], values)
     }
 
-    /// Reads Float64 scalars.
     pub fn reals(&mut self, references: &[u32]) -> fmu_host::Result<Vec<f64>> {
         let get = |i: &mut Instance, values: &mut [f64]| i.get_float64(references, values);
         self.instance.read(references.len(), get)
@@ -566,13 +519,11 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// The continuous states.
     pub fn continuous_states(&mut self) -> fmu_host::Result<Vec<f64>> {
         let n = self.states();
         self.instance.read(n, Instance::get_continuous_states)
     }
 
-    /// The derivatives of the continuous states.
     pub fn derivatives(&mut self) -> fmu_host::Result<Vec<f64>> {
         let n = self.states();
         self.instance
@@ -645,7 +596,6 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Advances to the next communication point.
     pub fn advance(&mut self) -> Result<()> {
         if self.ended {
             return Ok(());
@@ -669,7 +619,6 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Advances by this number of steps.
     pub fn advance_by(&mut self, steps: usize) -> Result<()> {
         (0..steps).try_for_each(|_| self.advance())
     }
@@ -791,7 +740,6 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The event indicators, if there are any.
     pub fn event_indicators(&mut self) -> Result<Vec<f64>> {
         let n = self.subject.indicators();
         ensure!(
@@ -804,7 +752,11 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The values of the observed variables.
+    /// The values of some variables, as a run of one point.
+    pub fn row(&mut self, variables: &Observed<'_>) -> Result<Trajectory> {
+        Ok(vec![(self.time(), variables.read(&mut self.instance)?)])
+    }
+
     pub fn observe(&mut self) -> Result<Row> {
         self.subject.observed.read(&mut self.instance)
     }

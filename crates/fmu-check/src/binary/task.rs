@@ -17,7 +17,6 @@ pub const FMU: &str = "fmu";
 /// What the process is to do.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Task {
-    /// The name of the test.
     pub probe: String,
     /// The element of the interface type under test.
     pub interface: String,
@@ -25,11 +24,8 @@ pub struct Task {
     pub session: PathBuf,
     /// The binary, relative to the folder of the FMU.
     pub binary: String,
-    /// How strongly inputs are excited.
     pub level: Level,
-    /// Number of steps of a short run.
     pub steps: usize,
-    /// Time limit in seconds.
     pub seconds: u64,
     /// Whether the FMU logs more than problems.
     pub logging: bool,
@@ -77,7 +73,6 @@ impl Report {
         }
     }
 
-    /// Records which function is called next.
     pub fn call(&self, name: &str) {
         let function = self.functions.get(name).copied();
         lock(&self.calls).begin(function.or(Some(Function::LOADING)));
@@ -88,17 +83,14 @@ impl Report {
         self.record.stage(&in_version(text.as_ref(), self.version));
     }
 
-    /// Records a message of the FMU.
     pub fn log(&self, text: &str) {
         self.record.log(&text.replace(['\n', '\r'], " "));
     }
 
-    /// Records the simulation time.
     pub fn time(&self, time: f64) {
         self.record.at(time);
     }
 
-    /// Reports a finding.
     pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
         self.found(rule, &in_version(text.as_ref(), self.version));
     }
@@ -118,7 +110,6 @@ impl Report {
         self.reply(&Reply::Found(rule.id.to_owned(), text));
     }
 
-    /// Replies something else.
     pub fn reply(&self, reply: &Reply) {
         lock(&self.service).reply(reply);
     }

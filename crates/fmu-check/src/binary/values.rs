@@ -1,7 +1,7 @@
 //! The values of variables: those of runs, which are compared, and those that tests set, the same in every
 //! run.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use fmu_description::value::real;
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variability};
 use fmu_file::text::quote;
@@ -58,7 +58,6 @@ pub fn shown(value: &Value) -> String {
     }
 }
 
-/// The value references of variables.
 pub fn references(variables: &[&Listed<'_>]) -> Vec<u32> {
     variables.iter().map(|v| v.reference).collect()
 }
@@ -91,7 +90,6 @@ pub struct Difference<'a> {
 }
 
 impl<'a> Observed<'a> {
-    /// Groups variables by their types.
     pub fn of(variables: impl Iterator<Item = &'a Listed<'a>>, version: FmiVersion) -> Self {
         let accessed = |v: &&Listed<'_>| v.of_type.accessed_as(version) as u8;
         let mut variables: Vec<_> = variables.collect();
@@ -107,7 +105,6 @@ impl<'a> Observed<'a> {
         }
     }
 
-    /// The variables.
     pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a Listed<'a>> {
         self.variables.iter().copied()
     }
@@ -124,7 +121,6 @@ impl<'a> Observed<'a> {
         (steps.saturating_mul(values) / MAX_VALUES).max(1)
     }
 
-    /// Reads the variables.
     pub fn read(&self, instance: &mut Instance) -> Result<Row> {
         let mut row = Row::new();
         for (of_type, references, n) in &self.parts {
@@ -168,6 +164,22 @@ impl<'a> Observed<'a> {
     ) -> Option<Difference<'a>> {
         let differences = self.differences(actual, expected, tolerance);
         differences.min_by(|a, b| a.time.total_cmp(&b.time))
+    }
+
+    /// Checks that two runs are the same, as [`Observed::differences`]. `when` tells what the actual run does,
+    /// `like` what the expected run has done.
+    pub fn ensure_same(
+        &self,
+        actual: &[(f64, Row)],
+        expected: &[(f64, Row)],
+        tolerance: f64,
+        when: &str,
+        like: &str,
+    ) -> Result<()> {
+        match self.difference(actual, expected, tolerance) {
+            Some(difference) => bail!(difference.told(when, like)),
+            None => Ok(()),
+        }
     }
 }
 
@@ -216,7 +228,6 @@ pub fn is_tested(variable: &Listed<'_>) -> bool {
 
 /// An input and the range in which it is excited.
 pub struct Input<'a> {
-    /// The variable.
     pub variable: &'a Listed<'a>,
     index: u64,
     signal: Signal,
@@ -296,7 +307,6 @@ impl Input<'_> {
     }
 }
 
-/// The min and max of a real number.
 pub fn real_range(variable: &Listed<'_>) -> (f64, f64) {
     let bound = |bound: &Option<Value>| bound.as_ref()?.as_real();
     (

@@ -2,14 +2,14 @@
 
 use std::collections::{HashMap, HashSet};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use fmu_description::value::integer;
-use fmu_description::{Causality, Listed, Type, Value, Variability};
+use fmu_description::{Causality, Listed, Type, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
 
 use crate::binary::run::{OrSkip, Run, Subject};
-use crate::binary::values::{element_name, is_near, is_tested, other, references, shown};
+use crate::binary::values::{is_tested, other, references};
 
 /// Maximum number of inputs whose effects are tested.
 const MAX_INPUTS: usize = 100;
@@ -375,27 +375,18 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
         let is_real = v.of_type.is_float();
         v.variability == Variability::Discrete || !is_real && v.causality == Causality::Output
     };
-    let discrete: Vec<_> = subject.observed.variables().filter(is_discrete).collect();
-    let values = |run: &mut Run<'_>| -> Result<Vec<Vec<Value>>> {
-        discrete.iter().map(|v| run.read(v)).collect()
-    };
+    let discrete = subject.group(subject.observed.variables().filter(is_discrete));
     let (time, step) = (run.time(), subject.step());
-    let before = values(run)?;
+    let before = run.row(&discrete)?;
     run.instance.set_time(time + 0.1 * step)?;
     let states = run.continuous_states()?;
     run.instance.set_continuous_states(&states)?;
     run.derivatives()?;
-    for ((variable, before), after) in discrete.iter().zip(before).zip(values(run)?) {
-        let mut pairs = before.iter().zip(&after).enumerate();
-        if let Some((element, (before, after))) = pairs.find(|(_, (a, b))| !is_near(a, b, 0.0)) {
-            bail!(
-                "{} changed from {} to {} in continuous-time mode, expected it to change in events only",
-                element_name(variable, element),
-                shown(before),
-                shown(after)
-            );
-        }
-    }
+    let (after, when) = (
+        run.row(&discrete)?,
+        "in continuous-time mode, not at an event",
+    );
+    discrete.ensure_same(&after, &before, 0.0, when, " as before")?;
     run.instance
         .set_time(time + 0.05 * step)
         .context("solvers go back in time when they reject a step, but")?;

@@ -132,7 +132,6 @@ pub fn with_text(subject: &Subject<'_>, what: &str, text: &str) -> Result<()> {
     Ok(())
 }
 
-/// The state of the process.
 struct Process {
     directory: Option<PathBuf>,
     variables: BTreeMap<OsString, OsString>,

@@ -59,7 +59,6 @@ enum At {
 use At::{Begun, Initializing, New, Stepped, Terminated};
 
 impl At {
-    /// An instance there.
     fn run<'a>(self, subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Run<'a>> {
         let mut run = match self {
             New => Run::instantiate(subject, setup)?,
@@ -76,10 +75,8 @@ impl At {
     }
 }
 
-/// Calls that must be refused.
 struct Refused<'a> {
     subject: &'a Subject<'a>,
-    /// The calls that were accepted.
     accepted: Vec<String>,
 }
 
@@ -108,7 +105,6 @@ impl<'a> Refused<'a> {
         Ok(())
     }
 
-    /// Reports the calls that were accepted.
     fn report(self, rule: &Rule) -> Result<()> {
         if !self.accepted.is_empty() {
             let calls = self.accepted.join("; ");

@@ -24,7 +24,6 @@ use crate::rule::Rule;
 
 /// A test.
 pub struct Probe {
-    /// Its name.
     pub name: &'static str,
     /// The rule that it breaks if it fails.
     pub rule: &'static Rule,
@@ -81,7 +80,6 @@ use Trait::{
 };
 
 impl Probe {
-    /// Whether it is one of the quick tests.
     pub fn is_quick(&self) -> bool {
         self.traits.contains(&Quick)
     }
@@ -138,7 +136,9 @@ impl Probe {
                 run,
             } => subject.usual().and_then(|usual| {
                 let actual = run(subject, how)?;
-                subject.ensure_same(&actual, usual, tolerance(subject), how, like)
+                subject
+                    .observed
+                    .ensure_same(&actual, usual, tolerance(subject), how, like)
             }),
         };
         match (outcome, self.claim()) {

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow, bail, ensure};
+use anyhow::{Result, anyhow};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_host::Kind;
 
@@ -12,7 +12,7 @@ use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, VALID_VALUES};
 use crate::binary::run::{OrSkip, Run, Setup, Subject, check, is_refusal, report};
 use crate::binary::task::Reply;
 use crate::binary::values::{
-    Level, Observed, Row, Trajectory, allows, element_name, is_near, other, real_range, shown,
+    Level, Row, Trajectory, allows, element_name, other, real_range, shown,
 };
 use crate::rule::Rule;
 
@@ -65,11 +65,12 @@ impl Watch {
     fn run(&mut self, subject: &Subject<'_>, setup: Setup<'_>) -> Result<(usize, f64)> {
         let begin = Instant::now();
         let mut run = Run::begin(subject, setup)?;
-        let constants: Vec<_> = constants(subject).collect();
-        let values = |run: &mut Run<'_>| -> Result<Vec<Value>> {
-            constants.iter().map(|v| run.value(v)).collect()
-        };
-        let before = values(&mut run)?;
+        let constants = subject.all().filter(|v| {
+            let is_fixed = matches!(v.variability, Variability::Constant | Variability::Fixed);
+            is_fixed && v.causality != Causality::Independent
+        });
+        let constants = subject.group(constants);
+        let before = run.row(&constants)?;
         let elements: Vec<_> = subject.observed.elements().collect();
         let mut times = Vec::new();
         let limit = Duration::from_secs(subject.task.seconds) / 2;
@@ -81,12 +82,10 @@ impl Watch {
             report!(subject, STEADY_TIME, "{text}");
         }
         if !run.ended {
-            for ((variable, before), after) in constants.iter().zip(before).zip(values(&mut run)?) {
-                if !is_near(&after, &before, 0.0) {
-                    let name = element_name(variable, 0);
-                    let (after, before) = (shown(&after), shown(&before));
-                    self.found.push((&CONSTANT, format!("{name} is {after} at the end of the run, expected {before} as after initialization")));
-                }
+            let after = run.row(&constants)?;
+            for changed in constants.differences(&after, &before, 0.0) {
+                let text = changed.told("at the end of the run", " as after initialization");
+                self.found.push((&CONSTANT, text));
             }
         }
         run.instance.terminate()?;
@@ -106,14 +105,6 @@ impl Watch {
             }
         }
     }
-}
-
-/// Constants and fixed parameters.
-fn constants<'a>(subject: &Subject<'a>) -> impl Iterator<Item = &'a Listed<'a>> {
-    subject.all().filter(|v| {
-        let fixed = matches!(v.variability, Variability::Constant | Variability::Fixed);
-        fixed && v.causality != Causality::Independent
-    })
 }
 
 /// The rule that a value in a run breaks, and what was expected.
@@ -228,7 +219,9 @@ pub fn on_threads(subject: &Subject<'_>) -> Result<()> {
         });
         for (actual, expected) in actual.into_iter().zip(&expected) {
             let actual = actual.map_err(|_| anyhow!("a thread has ended early"))??;
-            subject.ensure_same(&actual, expected, 1e-9, HOW, " as alone")?;
+            subject
+                .observed
+                .ensure_same(&actual, expected, 1e-9, HOW, " as alone")?;
         }
     }
     Ok(())
@@ -253,13 +246,11 @@ pub fn reset(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     Ok(rows)
 }
 
-/// Resets a new instance.
 pub fn reset_new(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     let run = Run::instantiate(subject, subject.setup())?;
     reset_and_run(subject, run, how)?.record()
 }
 
-/// Resets an instance in initialization mode.
 pub fn reset_initializing(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     let run = Run::initializing(subject, subject.setup())?;
     reset_and_run(subject, run, how)?.record()
@@ -287,12 +278,13 @@ pub fn end(subject: &Subject<'_>) -> Result<()> {
     let rows = run.record()?;
     run.instance.terminate()?;
     subject.report.stage(HOW);
-    let after = vec![(run.time(), run.observe()?)];
+    let after = run.row(&subject.observed)?;
     let last = &rows[rows.len() - 1..];
-    subject.ensure_same(&after, last, subject.tolerance(), HOW, " as before")
+    subject
+        .observed
+        .ensure_same(&after, last, subject.tolerance(), HOW, " as before")
 }
 
-/// Runs co-simulation with event mode.
 pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup().with(|s| s.event_mode = true))?;
     run.record()?;
@@ -307,8 +299,8 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
     run.record()?;
     let place = run.place;
     let saved = run.instance.get_fmu_state()?;
-    let all = everything(subject);
-    let before = [(run.time(), all.read(&mut run.instance)?)];
+    let all = subject.group(subject.observed.variables().chain(subject.settable()));
+    let before = run.row(&all)?;
     let expected = run.record()?;
     tune(subject, &mut run);
     // A second state must not overwrite the first.
@@ -323,22 +315,16 @@ pub fn restore(subject: &Subject<'_>) -> Result<()> {
         run.place = place;
         let when = "after the state was restored";
         subject.report.stage(when);
-        let after = [(run.time(), all.read(&mut run.instance)?)];
-        if let Some(difference) = all.difference(&after, &before, tolerance) {
-            bail!(difference.told(when, " as when it was saved"));
-        }
+        let after = run.row(&all)?;
+        all.ensure_same(&after, &before, tolerance, when, " as when it was saved")?;
         let actual = run.record()?;
         let when = "after steps from the restored state";
-        subject.ensure_same(&actual, &expected, tolerance, when, " as before")?;
+        subject
+            .observed
+            .ensure_same(&actual, &expected, tolerance, when, " as before")?;
     }
     run.instance.free_fmu_state(saved)?;
     Ok(())
-}
-
-/// The observed variables, the inputs and the parameters.
-fn everything<'a>(subject: &Subject<'a>) -> Observed<'a> {
-    let all = subject.observed.variables().chain(subject.settable());
-    Observed::of(all, subject.model.version)
 }
 
 /// Changes tunable parameters and Strings, which belong to the state.
@@ -382,7 +368,9 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
     let actual = other.record()?;
     let when = "after steps from the state restored from bytes";
     let like = " as in the first instance";
-    subject.ensure_same(&actual, &expected, subject.tolerance(), when, like)
+    subject
+        .observed
+        .ensure_same(&actual, &expected, subject.tolerance(), when, like)
 }
 
 fn bytes(run: &mut Run<'_>) -> Result<Vec<u8>> {
@@ -441,19 +429,12 @@ pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
             run.set(variable, &[value]).or_skip()?;
         }
     }
-    subject.report.stage("after fmi2Reset");
+    const HOW: &str = "after fmi2Reset";
+    subject.report.stage(HOW);
     let mut run = run.reset()?;
     run.enter_initialization()?;
     let mut new = Run::initializing(subject, subject.other())?;
-    for variable in subject.settable() {
-        let (expected, actual) = (new.value(variable)?, run.value(variable)?);
-        ensure!(
-            actual == expected,
-            "after fmi2Reset, {} is {}, expected its start value {}",
-            element_name(variable, 0),
-            shown(&actual),
-            shown(&expected)
-        );
-    }
-    Ok(())
+    let all = subject.group(subject.settable());
+    let (actual, expected) = (run.row(&all)?, new.row(&all)?);
+    all.ensure_same(&actual, &expected, 0.0, HOW, " as its start value")
 }

@@ -84,9 +84,9 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
 pub fn get(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::after(subject, STEPS)?;
     let time = run.time();
-    let together = [(time, run.observe()?)];
+    let together = run.row(&subject.observed)?;
     let same = |row: Row, when: &str, like: &str| {
-        subject.ensure_same(&[(time, row)], &together, 0.0, when, like)
+        (subject.observed).ensure_same(&[(time, row)], &together, 0.0, when, like)
     };
     same(run.observe()?, "when it is read a second time", "")?;
     let mut alone = Vec::new();
@@ -147,7 +147,6 @@ fn unwritten(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Gets and sets no variables.
 pub fn nothing(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage("with 0 value references and NULL");
@@ -258,34 +257,21 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
 pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     let listed = subject.model.initial_unknowns.iter();
     let listed = listed.filter_map(|unknown| subject.model.variable(unknown.index));
-    let listed: Vec<_> = listed
-        .filter(|v| {
-            let is_output = v.causality == Causality::Output && is_tested(v);
-            is_output && v.of_type == Type::Float64 && v.variability == Variability::Continuous
-        })
-        .collect();
+    let listed = listed.filter(|v| {
+        let is_output = v.causality == Causality::Output && is_tested(v);
+        is_output && v.of_type == Type::Float64 && v.variability == Variability::Continuous
+    });
+    let listed = subject.group(listed);
     let mut run = Run::initializing(subject, subject.still())?;
     for variable in subject.reals(Causality::Input) {
         if let Some(value) = other(variable) {
             run.set(variable, &[value]).or_skip()?;
         }
     }
-    let read =
-        |run: &mut Run<'_>| -> Result<Vec<Value>> { listed.iter().map(|v| run.value(v)).collect() };
-    let before = read(&mut run)?;
+    let before = run.row(&listed)?;
     run.instance.exit_initialization_mode()?;
-    for ((variable, before), after) in listed.iter().zip(before).zip(read(&mut run)?) {
-        let scale = size(&before).max(size(&after)).max(1e-9);
-        let is_nan = after.as_real().is_some_and(f64::is_nan);
-        ensure!(
-            is_near(&before, &after, subject.tolerance() * scale) || is_nan,
-            "{} is {} in initialization mode, expected {} as after it",
-            quote(&variable.name),
-            shown(&before),
-            shown(&after)
-        );
-    }
-    Ok(())
+    let (after, when) = (run.row(&listed)?, "in initialization mode");
+    listed.ensure_same(&before, &after, subject.tolerance(), when, " as after it")
 }
 
 /// Sets tunable parameters between two steps, to the values that they have.
