@@ -188,11 +188,11 @@ macro_rules! starts {
                 }
             }
 
-            /// The start value of an element, less than [`len`](Self::len).
-            pub fn value(&self, element: usize) -> Value {
+            /// The first start value, which others follow.
+            pub const fn as_ptr(&self) -> *const u8 {
                 match self {
-                    $(Self::$name(values) => Value::$name(values[element].into()),)*
-                    Self::Enumeration(values, _) => Value::Enumeration(values[element].into()),
+                    $(Self::$name(values) => values.as_ptr().cast(),)*
+                    Self::Enumeration(values, _) => values.as_ptr().cast(),
                 }
             }
 
@@ -444,6 +444,17 @@ pub const fn count(rows: &[Row]) -> usize {
         i += 1;
     }
     sum
+}
+
+/// Calls a function with all variables of some rows and their offsets in the outermost struct, in which that of
+/// the rows is `base`.
+pub fn each_field(rows: &'static [Row], base: usize, call: &mut dyn FnMut(&'static Field, usize)) {
+    for row in rows {
+        match row {
+            Row::Field(field) => call(field, base + field.offset),
+            Row::Group { offset, rows, .. } => each_field(rows, base + offset, call),
+        }
+    }
 }
 
 /// The scalar variables of a table; their indices are their value references. `N` is [`count`] of the

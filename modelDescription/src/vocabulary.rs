@@ -17,12 +17,6 @@ macro_rules! words {
             }
 
             impl $name {
-                /// All variants, in the order of the standard.
-                pub const ALL: &[Self] = &[$(Self::$variant),*];
-
-                /// Their keywords.
-                pub const WORDS: &[&str] = &[$($word),*];
-
                 /// The keyword of the standard.
                 pub const fn as_str(self) -> &'static str {
                     match self {
@@ -209,22 +203,5 @@ impl Type {
             (FmiVersion::Fmi3, Self::Enumeration) => Self::Int64,
             _ => self,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn keywords_round_trip() {
-        for &causality in Causality::ALL {
-            assert_eq!(Causality::parse(causality.as_str()), Some(causality));
-        }
-        assert_eq!(
-            Variability::parse("continuous"),
-            Some(Variability::Continuous)
-        );
-        assert_eq!(Initial::parse("Exact"), None);
     }
 }

@@ -299,6 +299,19 @@ fn either(names: &[&str]) -> String {
     }
 }
 
+/// All results, or the mistakes in all of them.
+pub fn all<T>(results: impl IntoIterator<Item = Result<T>>) -> Result<Vec<T>> {
+    let (mut all, mut errors) = (Vec::new(), None::<Error>);
+    for result in results {
+        match (result, &mut errors) {
+            (Ok(one), _) => all.push(one),
+            (Err(error), Some(errors)) => errors.combine(error),
+            (Err(error), none) => *none = Some(error),
+        }
+    }
+    errors.map_or(Ok(all), Err)
+}
+
 /// An error at a place.
 pub fn error<T>(place: impl ToTokens, text: impl Display) -> Result<T> {
     Err(Error::new_spanned(place, text))

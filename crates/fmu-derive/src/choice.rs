@@ -6,7 +6,7 @@ use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Fields, LitStr, Result, Variant};
 
-use crate::attributes::{CHOICE, Options, error};
+use crate::attributes::{CHOICE, Options, all, error};
 use crate::field::{described, identifier, literal};
 
 /// Implements `Choice`.
@@ -24,7 +24,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let (krate, mut names) = (options.krate(), HashSet::new());
     let items = data.variants.iter();
     let items = items.map(|variant| item(variant, base, &mut names, &krate));
-    let items = items.collect::<Result<Vec<_>>>()?;
+    let items = all(items)?;
     let variants: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
     let [first, ..] = &*variants else {
         return error(ident, "expected at least one variant");

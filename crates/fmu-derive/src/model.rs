@@ -6,7 +6,7 @@ use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
 
-use crate::attributes::{MODEL, Options, Role, VARIABLES, error};
+use crate::attributes::{MODEL, Options, Role, VARIABLES, all, error};
 use crate::expression::Expression;
 use crate::field::{Field, check_positive, described, identifier, length, literal};
 use crate::generate::at;
@@ -144,7 +144,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let krate = &quote!(#krate::derive);
     let is_stub = fields.is_none();
     let fields = fields.unwrap_or_default();
-    let all = |of: fn(&Field) -> TokenStream| fields.iter().map(of).collect::<TokenStream>();
+    let each = |of: fn(&Field) -> TokenStream| fields.iter().map(of).collect::<TokenStream>();
     let unset = match options.has("default") {
         _ if is_stub => quote!(::core::unreachable!()),
         true => quote!(::core::default::Default::default()),
@@ -159,8 +159,8 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let derivatives = fields
         .iter()
         .map(|field| field.directional_derivatives(fields));
-    let copies = all(Field::copy_from);
-    let (saves, loads) = (all(Field::save), all(Field::load));
+    let copies = each(Field::copy_from);
+    let (saves, loads) = (each(Field::save), each(Field::load));
     let checks = checks(input, fields, krate);
     let result = quote!(::core::result::Result<(), #krate::Damaged>);
     let done = quote!(::core::result::Result::Ok(()));
@@ -200,19 +200,12 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     };
     let krate = options.krate();
     let krate = quote!(#krate::derive);
-    let (mut fields, mut errors, mut row) = (Vec::new(), None::<Error>, 0);
-    for field in &named.named {
-        match (Field::of(field, &krate), &mut errors) {
-            (Ok(field), _) => {
-                let is_listed = field.role != Role::Internal;
-                fields.push(Field { row, ..field });
-                row += usize::from(is_listed);
-            }
-            (Err(error), Some(errors)) => errors.combine(error),
-            (Err(error), none) => *none = Some(error),
-        }
+    let mut fields = all(named.named.iter().map(|field| Field::of(field, &krate)))?;
+    let mut row = 0;
+    for field in &mut fields {
+        field.row = row;
+        row += usize::from(field.role != Role::Internal);
     }
-    errors.map_or(Ok(()), Err)?;
     check_names(&fields)?;
     Ok(fields)
 }

@@ -3,7 +3,7 @@
 use std::any::Any;
 
 use fmu_description::table::{self, Field, Scalar as Row, Start as Values};
-use fmu_description::{Causality, Loader, Overrides, Saver, ValueMut, Variables};
+use fmu_description::{Causality, Loader, Overrides, Saver, ValueMut};
 
 use crate::ModelError;
 use crate::clock::SampleClock;
@@ -321,12 +321,24 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     fn renew(&mut self) {
-        let mut fresh = Self {
-            model: M::new(),
-            is_smaller: self.is_smaller,
+        let mut fresh = M::new();
+        // SAFETY: both are models with these rows.
+        unsafe {
+            copy_settable(
+                (&raw mut fresh).cast(),
+                (&raw const self.model).cast(),
+                M::ROWS,
+            )
         };
-        (&mut fresh as &mut dyn AnyModel).copy_settable(self);
-        self.model = fresh.model;
+        if Self::HAS_INPUT_DERIVATIVES {
+            for reference in 0..N {
+                if let Some(derivative) = fresh.input_derivative(reference) {
+                    let set = self.model.input_derivative(reference);
+                    *derivative = set.map_or(0.0, |value| *value);
+                }
+            }
+        }
+        self.model = fresh;
     }
 
     fn input_derivative(&mut self, reference: u32) -> Option<&mut f64> {
@@ -444,22 +456,6 @@ impl dyn AnyModel {
         };
         let mut in_use = (0..).zip(arrays).filter(|(_, array)| array.count > 0);
         in_use.any(|(reference, array)| self.elements(reference) < Some(array.default as usize))
-    }
-
-    /// Copies what the host sets: inputs, their derivatives, and parameters.
-    fn copy_settable(&mut self, from: &mut (dyn AnyModel + 'static)) {
-        use Causality::{Input, Parameter, StructuralParameter};
-        for reference in 0..self.facts().count as u32 {
-            if let (Some(to), Some(from)) = (self.find(reference), from.find(reference))
-                && let Input | Parameter | StructuralParameter = to.variable().causality
-            {
-                to.value.set(from.value.get());
-            }
-            if let Some(derivative) = self.input_derivative(reference) {
-                let set = from.input_derivative(reference);
-                *derivative = set.map_or(0.0, |value| *value);
-            }
-        }
     }
 
     fn row(&self, reference: u32) -> Option<Row> {
@@ -623,29 +619,68 @@ impl dyn AnyModel {
 }
 
 /// Sets all variables that have start values to them.
-pub(crate) fn set_start_values<M: Variables>(model: &mut M) {
-    // SAFETY: the rows are those of the model, which is borrowed mutably.
-    unsafe { set_starts_of((&raw mut *model).cast(), M::ROWS) }
-}
-
+///
 /// # Safety
 /// At the place is a struct with these rows, which is borrowed mutably.
-unsafe fn set_starts_of(place: *mut u8, rows: &'static [table::Row]) {
-    for row in rows {
-        match row {
-            table::Row::Group { offset, rows, .. } => {
-                // SAFETY: `Variables` promises a struct with these rows at this offset.
-                unsafe { set_starts_of(place.byte_add(*offset), rows) }
-            }
-            table::Row::Field(field) => {
-                for element in 0..field.start.len() {
-                    let offset = field.offset + element * field.start.element_size();
-                    // SAFETY: `Variables` promises a value of the type of the table at this offset.
-                    let value = unsafe { access(place.byte_add(offset), field) };
-                    value.set(field.start.value(element));
+pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [table::Row]) {
+    table::each_field(rows, 0, &mut |field, offset| {
+        let count = field.start.len().min(field.count());
+        // SAFETY: `Variables` promises this many values of the type of the table at this offset.
+        unsafe {
+            let place = model.byte_add(offset);
+            match field.start {
+                Values::String(start) => {
+                    let texts = std::slice::from_raw_parts_mut(place.cast::<String>(), count);
+                    (texts.iter_mut().zip(start)).for_each(|(to, text)| *to = (*text).into());
+                }
+                Values::Binary(start) => {
+                    let all = std::slice::from_raw_parts_mut(place.cast::<Vec<u8>>(), count);
+                    (all.iter_mut().zip(start)).for_each(|(to, bytes)| *to = (*bytes).into());
+                }
+                Values::Enumeration(start, of) => {
+                    for (element, number) in start.iter().enumerate().take(count) {
+                        (*(of.item)(place.byte_add(element * of.size))).set(*number);
+                    }
+                }
+                numbers => {
+                    let size = count * numbers.element_size();
+                    numbers.as_ptr().copy_to_nonoverlapping(place, size);
                 }
             }
         }
+    });
+}
+
+/// Copies what the host sets: inputs and parameters.
+///
+/// # Safety
+/// At both places is a struct with these rows; that to which is copied is borrowed mutably.
+unsafe fn copy_settable(to: *mut u8, from: *const u8, rows: &'static [table::Row]) {
+    use Causality::{Input, Parameter, StructuralParameter};
+    table::each_field(rows, 0, &mut |field, offset| {
+        if !matches!(field.causality, Input | Parameter | StructuralParameter) {
+            return;
+        }
+        // SAFETY: `Variables` promises this many values of the type of the table at this offset; all but
+        // texts and bytes can be copied.
+        unsafe {
+            let (to, from, count) = (to.byte_add(offset), from.byte_add(offset), field.count());
+            match field.start {
+                Values::String(_) => clone_all::<String>(to.cast(), from.cast(), count),
+                Values::Binary(_) => clone_all::<Vec<u8>>(to.cast(), from.cast(), count),
+                _ => from.copy_to_nonoverlapping(to, count * field.start.element_size()),
+            }
+        }
+    });
+}
+
+/// # Safety
+/// At both places are this many values; those to which is copied are borrowed mutably.
+unsafe fn clone_all<T: Clone>(to: *mut T, from: *const T, count: usize) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let from = std::slice::from_raw_parts(from, count);
+        std::slice::from_raw_parts_mut(to, count).clone_from_slice(from);
     }
 }
 

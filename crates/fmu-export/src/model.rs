@@ -84,7 +84,8 @@ pub trait Model: Variables + 'static {
     #[inline(never)] // it is small only once
     fn new() -> Self {
         let mut model = Self::unset();
-        crate::bound::set_start_values(&mut model);
+        // SAFETY: the rows are those of the model.
+        unsafe { crate::bound::set_start_values((&raw mut model).cast(), Self::ROWS) };
         model
     }
 }
