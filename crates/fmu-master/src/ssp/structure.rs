@@ -80,7 +80,7 @@ pub fn document(
         .listing("ssd:Enumerations", terms.enumerations())
         .listing("ssd:Units", terms.units())
         .holding(experiment(description));
-    Ok(root.document()?)
+    root.document()
 }
 
 /// A component and its connectors, by side: inputs, outputs, and the parameters that the system sets.
