@@ -3,34 +3,26 @@
 use std::hint::black_box;
 use std::path::Path;
 
-use criterion::measurement::WallTime;
-use criterion::{BatchSize, BenchmarkGroup, Criterion, criterion_group, criterion_main};
-use fmi::fmi2::instance::InstanceCS;
-use fmi_judge::{ClosedLoop, Fmus, Slave, time};
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use fmi_judge::{ClosedLoop, Fmus, time};
 use fmu_master::{Description, Messages, Plan};
 
 const STEPS: u32 = 20_000;
 
-/// The manually coupled loop; loading and instantiating the FMUs is not timed.
-fn manual<S: Slave>(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, fmus: &Fmus) {
-    group.bench_function(name, |b| {
+fn hosts(criterion: &mut Criterion) {
+    let fmus = Fmus::open();
+    let mut group = criterion.benchmark_group("20000 steps");
+    // Loading and instantiating the FMUs is not timed.
+    group.bench_function("fmi", |b| {
         b.iter_batched_ref(
-            || ClosedLoop::<S>::new(fmus),
+            || ClosedLoop::new(&fmus),
             |closed_loop| {
-                (0..STEPS)
-                    .map(|k| closed_loop.step(time(k))[1])
-                    .sum::<f64>()
+                let steps = (0..STEPS).map(|k| closed_loop.step(time(k))[1]);
+                steps.sum::<f64>()
             },
             BatchSize::PerIteration,
         );
     });
-}
-
-fn hosts(criterion: &mut Criterion) {
-    let fmus = Fmus::open();
-    let mut group = criterion.benchmark_group("20000 steps");
-    manual::<InstanceCS>(&mut group, "fmi", &fmus);
-    manual::<fmu_host::Instance>(&mut group, "fmu-host", &fmus);
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let file = root.join("examples/closed-loop/pid-rbf.toml");

@@ -144,14 +144,6 @@ mod tests {
     }
 
     #[test]
-    fn steps_of_one_sample_time_take_one_sample_each() {
-        let mut clock = SampleClock::new(0.001, 0.001).unwrap();
-        for k in 1..=20_000 {
-            assert_eq!(clock.due(f64::from(k) * 0.001, 0.001), Ok(1), "step {k}");
-        }
-    }
-
-    #[test]
     fn steps_of_any_size_take_the_samples_they_cover() {
         assert_eq!(count(0.0, 0.001, 0.01, 100), 1000);
         assert_eq!(count(0.0, 0.001, 0.00025, 4000), 1000);

@@ -273,27 +273,24 @@ mod tests {
     fn received() -> (Received, Registered) {
         let received = Received::default();
         let sink = Arc::clone(&received);
-        let registered = Registered::new(
-            Arc::new(move |logged| sink.lock().unwrap().push(logged)),
-            None,
-        );
-        (received, registered)
+        let sink = Arc::new(move |logged| sink.lock().unwrap().push(logged));
+        (received, Registered::new(sink, None))
     }
 
-    /// Logs a format with arguments, and returns the received message.
+    /// Logs a status and a format with arguments, and returns the received message.
     macro_rules! logged {
-        ($format:expr $(, $argument:expr)*) => {{
+        ($status:literal $category:expr, $format:expr $(, $argument:expr)*) => {{
             let (received, registered) = received();
-            let (log, format): (Logger, &CStr) = (c_logger(), $format);
-            // SAFETY: the strings are zero-terminated, and the arguments match the format.
-            unsafe {
-                log(registered.environment(), c"a".as_ptr(), 1, c"c".as_ptr(), format.as_ptr()
-                    $(, $argument)*);
-            }
+            let (environment, category): (_, *const c_char) = (registered.environment(), $category);
+            // SAFETY: the strings are NULL or zero-terminated, and the arguments match the format.
+            unsafe { c_logger()(environment, ptr::null(), $status, category, $format $(, $argument)*) };
             let mut received = received.lock().unwrap();
             assert_eq!(received.len(), 1);
             received.remove(0)
         }};
+        ($format:expr $(, $argument:expr)*) => {
+            logged!(1 c"c".as_ptr(), CStr::as_ptr($format) $(, $argument)*)
+        };
     }
 
     #[test]
@@ -346,34 +343,10 @@ mod tests {
 
     #[test]
     fn the_status_may_be_any_integer_and_strings_may_be_null() {
-        let (received, registered) = received();
-        let log = c_logger();
-        // SAFETY: the format needs no arguments; NULL is allowed.
-        unsafe {
-            log(
-                registered.environment(),
-                ptr::null(),
-                42,
-                ptr::null(),
-                c"m".as_ptr(),
-            );
-            log(
-                registered.environment(),
-                ptr::null(),
-                -1,
-                ptr::null(),
-                ptr::null(),
-            );
-        }
-        let received = received.lock().unwrap();
-        assert_eq!(
-            (received[0].status, received[0].text.as_str()),
-            (Status::Unknown(42), "m")
-        );
-        assert_eq!(
-            (received[1].status, received[1].text.as_str()),
-            (Status::Unknown(-1), "")
-        );
+        let known = logged!(42 ptr::null(), c"m".as_ptr());
+        assert_eq!((known.status, &*known.text), (Status::Unknown(42), "m"));
+        let null = logged!(-1 ptr::null(), ptr::null());
+        assert_eq!((null.status, &*null.text), (Status::Unknown(-1), ""));
     }
 
     #[test]
@@ -394,15 +367,8 @@ mod tests {
     #[test]
     fn a_panic_in_the_sink_does_not_reach_the_fmu() {
         let registered = Registered::new(Arc::new(|_| panic!("in the sink")), None);
+        let (environment, none) = (registered.environment(), ptr::null());
         // SAFETY: the format needs no arguments.
-        unsafe {
-            c_logger()(
-                registered.environment(),
-                ptr::null(),
-                0,
-                ptr::null(),
-                c"m".as_ptr(),
-            );
-        }
+        unsafe { c_logger()(environment, none, 0, none, c"m".as_ptr()) };
     }
 }
