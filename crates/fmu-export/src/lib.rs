@@ -84,6 +84,12 @@ pub use edge::fmi3;
 pub use entry::{Entry, interface};
 #[doc(hidden)]
 pub use fmi_abi as abi;
+#[doc(hidden)]
+#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+pub use fmi_abi::fmi2_functions as functions_of_fmi2;
+#[doc(hidden)]
+#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+pub use fmi_abi::fmi3_functions as functions_of_fmi3;
 #[doc(inline)]
 pub use fmu_derive::{Choice, Model, Variables};
 pub use fmu_description::{Choice, Variables};
@@ -92,6 +98,12 @@ pub use fmu_description::{derive, interface as embedded};
 #[doc(hidden)]
 pub use model::Stepped;
 pub use model::{Continuous, Model, ModelError, Simulate, Start};
+#[doc(hidden)]
+#[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
+pub use no_functions as functions_of_fmi2;
+#[doc(hidden)]
+#[cfg(all(feature = "fmi2", not(feature = "fmi3")))]
+pub use no_functions as functions_of_fmi3;
 
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {
@@ -121,8 +133,8 @@ macro_rules! export {
         mod fmi {
             use super::MODELS;
 
-            $crate::instantiate_fmi2!();
-            $crate::instantiate_fmi3!();
+            $crate::functions_of_fmi2!($crate::instantiate! fmi2);
+            $crate::functions_of_fmi3!($crate::instantiate! fmi3);
         }
         pub use fmi::*;
     };
@@ -155,38 +167,9 @@ macro_rules! instantiate {
     };
 }
 
-/// Defines `fmi2Instantiate`, if the binary is for FMI 2.0.
-#[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+/// Ignores the rows of a version that the binary is not for.
 #[doc(hidden)]
 #[macro_export]
-macro_rules! instantiate_fmi2 {
-    () => {
-        $crate::abi::fmi2_functions!($crate::instantiate! fmi2);
-    };
-}
-
-/// Defines `fmi2Instantiate`, if the binary is for FMI 2.0.
-#[cfg(all(feature = "fmi3", not(feature = "fmi2")))]
-#[doc(hidden)]
-#[macro_export]
-macro_rules! instantiate_fmi2 {
-    () => {};
-}
-
-/// Defines `fmi3InstantiateModelExchange` and the like, if the binary is for FMI 3.0.
-#[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-#[doc(hidden)]
-#[macro_export]
-macro_rules! instantiate_fmi3 {
-    () => {
-        $crate::abi::fmi3_functions!($crate::instantiate! fmi3);
-    };
-}
-
-/// Defines `fmi3InstantiateModelExchange` and the like, if the binary is for FMI 3.0.
-#[cfg(all(feature = "fmi2", not(feature = "fmi3")))]
-#[doc(hidden)]
-#[macro_export]
-macro_rules! instantiate_fmi3 {
-    () => {};
+macro_rules! no_functions {
+    ($($_0:tt)*) => {};
 }
