@@ -14,11 +14,14 @@ use crate::{Component, Connection, Description, Experiment, Fmu, Order, Place, S
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
-    pub(crate) components: Vec<Planned>,
+    /// The components, in their order.
+    pub components: Vec<Planned>,
+    /// The recorded variables, in the order of a row.
+    pub columns: Vec<Column>,
+    /// The times of a run.
+    pub experiment: Experiment,
     pub(crate) order: Order,
-    pub(crate) experiment: Experiment,
     pub(crate) wiring: Wiring,
-    columns: Vec<Column>,
 }
 
 /// A start value that fits its variable.
@@ -97,22 +100,13 @@ impl Plan {
         })
     }
 
-    /// The components, in their order.
-    pub fn components(&self) -> &[Planned] {
-        &self.components
-    }
-
     /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).
     pub fn names(&self) -> Vec<(String, String)> {
-        let components = self.components.iter();
-        components
-            .map(|c| (c.name.clone(), c.fmu.file_name()))
-            .collect()
-    }
-
-    /// The recorded variables, in the order of a row.
-    pub fn columns(&self) -> &[Column] {
-        &self.columns
+        let names = self
+            .components
+            .iter()
+            .map(|c| (c.name.clone(), c.fmu.file_name()));
+        names.collect()
     }
 
     /// The place in a row of a recorded variable.
@@ -122,14 +116,8 @@ impl Plan {
     pub fn place(&self, name: &str) -> Result<Place> {
         let places = places(self.columns.iter().map(|column| column.kind));
         let mut named = self.columns.iter().zip(places);
-        named
-            .find_map(|(column, place)| (column.name == name).then_some(place))
-            .with_context(|| format!("{name} is not recorded"))
-    }
-
-    /// The times of a run.
-    pub fn experiment(&self) -> Experiment {
-        self.experiment
+        let place = named.find_map(|(column, place)| (column.name == name).then_some(place));
+        place.with_context(|| format!("{name} is not recorded"))
     }
 
     /// A start value for `component.variable` that replaces the one of the description.

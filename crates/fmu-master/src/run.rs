@@ -60,9 +60,9 @@ pub fn work(
     };
     service.reply(&Report::Ready(Ready {
         components: plan.names(),
-        experiment: plan.experiment(),
+        experiment: plan.experiment,
         end: plan.end(),
-        columns: plan.columns().to_vec(),
+        columns: plan.columns.clone(),
     }));
     // The file for the rows can be written.
     let Some(()) = service.task()? else {

@@ -91,7 +91,7 @@ impl Plan {
             plan: self,
             components: components.collect::<Result<_>>()?,
             outputs: Store::new(self.wiring.counts),
-            row: Row::new(self.columns()),
+            row: Row::new(&self.columns),
             messages: messages.clone(),
         };
         simulation.initialize(starts).map_err(|failure| *failure)?;

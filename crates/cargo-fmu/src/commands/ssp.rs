@@ -42,17 +42,17 @@ pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
         }
         let package = Package::new(system, &description, &args.out)?;
         ensure!(
-            packages.iter().all(|other| other.file() != package.file()),
+            packages.iter().all(|other| other.file != package.file),
             "two of the systems would be written to {}",
-            package.file().display()
+            package.file.display()
         );
         packages.push(package);
     }
     for package in &packages {
         let size = package.write()?;
-        let file = package.file().display();
+        let file = package.file.display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
-        for warning in package.warnings() {
+        for warning in &package.warnings {
             anstream::eprintln!("{WARNING}warning:{WARNING:#} {file} {warning}");
         }
     }

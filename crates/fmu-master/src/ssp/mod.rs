@@ -15,10 +15,12 @@ use crate::{Description, Messages, Order, Plan, Planned};
 
 /// A package that is ready to be written.
 pub struct Package {
-    file: PathBuf,
+    /// The file that it is written to.
+    pub file: PathBuf,
+    /// What tools may do differently from this system, to follow the name of the file in a message.
+    pub warnings: Vec<String>,
     structure: String,
     resources: Resources,
-    warnings: Vec<String>,
 }
 
 impl Package {
@@ -29,7 +31,7 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
-            let components = plan.components();
+            let components = &plan.components;
             for Planned { fmu, .. } in components {
                 ensure!(
                     fmu.version == FmiVersion::Fmi2,
@@ -53,16 +55,6 @@ impl Package {
             })
         };
         pack().with_context(|| system.display().to_string())
-    }
-
-    /// The file that it is written to.
-    pub fn file(&self) -> &Path {
-        &self.file
-    }
-
-    /// What tools may do differently from this system, to follow the name of the file in a message.
-    pub fn warnings(&self) -> &[String] {
-        &self.warnings
     }
 
     /// Writes the package and returns its size in bytes.

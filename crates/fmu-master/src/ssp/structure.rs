@@ -34,7 +34,7 @@ pub fn document(
     identifiers: &[String],
     places: &[String],
 ) -> Result<String> {
-    let components = plan.components().iter().zip(identifiers);
+    let components = plan.components.iter().zip(identifiers);
     let faces: Vec<Face<'_>> = components.map(|(c, name)| Face::new(c, name)).collect();
     let links = links(description, &faces)?;
     let part = |face: &Face<'_>| Part {

@@ -52,7 +52,8 @@ pub struct Journal {
     /// The index of the run, then its values and results.
     columns: Vec<Column>,
     runs: u64,
-    done: BTreeSet<u64>,
+    /// The runs that were finished when the journal was opened.
+    pub done: BTreeSet<u64>,
     length: u64,
     synced: Instant,
     /// The last sync, on a thread of its own, as a disk may take long.
@@ -105,16 +106,10 @@ impl Journal {
             synced: Instant::now(),
             sync: None,
         };
-        journal.cut_torn_line()?;
         let text = journal.read()?;
-        journal.done = journal.rows(&text, true)?.into_keys().collect();
+        journal.done = journal.rows(&text)?.into_keys().collect();
         journal.length = text.len() as u64;
         Ok(journal)
-    }
-
-    /// The runs that were finished when the journal was opened.
-    pub fn done(&self) -> &BTreeSet<u64> {
-        &self.done
     }
 
     /// Appends a row, a line of CSV, in one write.
@@ -123,7 +118,6 @@ impl Journal {
     /// The line does not match the columns or the number of runs, or cannot be written; nothing of it is
     /// left in the file.
     pub fn append(&mut self, line: &str) -> Result<()> {
-        table::parse(&self.columns, line)?;
         self.index(line)?;
         let written = match self.file.write_all(line.as_bytes()) {
             Ok(()) => {
@@ -173,9 +167,9 @@ impl Journal {
     /// # Errors
     /// Runs are missing or appear twice with different values, or a file cannot be read or written; the
     /// journal is then kept.
-    pub fn finish(self) -> Result<()> {
+    pub fn finish(mut self) -> Result<()> {
         let text = self.read()?;
-        let rows = self.rows(&text, false)?;
+        let rows = self.rows(&text)?;
         let missing = self.runs - rows.len() as u64;
         let first = (0..self.runs).find(|index| !rows.contains_key(index));
         ensure!(
@@ -192,50 +186,44 @@ impl Journal {
         fs::remove_file(&self.path).with_context(|| self.cannot("remove"))
     }
 
-    /// Cuts the file after its last whole line, and writes the header if it was torn or missing.
-    fn cut_torn_line(&mut self) -> Result<()> {
+    /// The whole lines. Cuts the file after the last of them, and writes the header if it was torn or missing.
+    fn read(&mut self) -> Result<String> {
         let mut bytes = Vec::new();
-        let read = self.file.read_to_end(&mut bytes);
+        let read = self
+            .file
+            .rewind()
+            .and_then(|()| self.file.read_to_end(&mut bytes));
         read.with_context(|| self.cannot("read"))?;
         let header = self.header.as_bytes();
-        let mut cut = Ok(());
-        if bytes.starts_with(header) {
+        let cut = if bytes.starts_with(header) {
             let last = bytes.iter().rposition(|&byte| byte == b'\n');
-            let whole = last.map_or(0, |last| last + 1);
-            if whole < bytes.len() {
-                cut = self.file.set_len(whole as u64);
+            let length = bytes.len();
+            bytes.truncate(last.map_or(0, |last| last + 1));
+            match bytes.len() < length {
+                true => self.file.set_len(bytes.len() as u64),
+                false => Ok(()),
             }
         } else if header.starts_with(&bytes) {
-            cut = self
-                .file
+            bytes = header.to_vec();
+            self.file
                 .set_len(0)
-                .and_then(|()| self.file.write_all(header));
+                .and_then(|()| self.file.write_all(&bytes))
         } else {
             bail!(
                 "{} belongs to another sweep: delete it or give another --out",
                 self.path.display()
             );
-        }
-        cut.with_context(|| self.cannot("write"))
+        };
+        cut.with_context(|| self.cannot("write"))?;
+        String::from_utf8(bytes).with_context(|| self.cannot("read"))
     }
 
-    fn read(&self) -> Result<String> {
-        let (mut text, mut file) = (String::new(), &self.file);
-        let read = file.rewind().and_then(|()| file.read_to_string(&mut text));
-        read.with_context(|| self.cannot("read"))?;
-        Ok(text)
-    }
-
-    /// The lines of the runs, without duplicates. They are parsed if they are checked; later, each is parsed
-    /// when it is written.
-    fn rows<'a>(&self, text: &'a str, are_checked: bool) -> Result<BTreeMap<u64, &'a str>> {
+    /// The lines of the runs, without duplicates.
+    fn rows<'a>(&self, text: &'a str) -> Result<BTreeMap<u64, &'a str>> {
         let mut rows = BTreeMap::new();
         let headers = self.header.lines().count();
         for (number, line) in text.lines().enumerate().skip(headers) {
             let mut add = || {
-                if are_checked {
-                    table::parse(&self.columns, line)?;
-                }
                 let index = self.index(line)?;
                 if let Some(other) = rows.insert(index, line) {
                     // Compared as text, since NaN differs from itself.
@@ -257,10 +245,12 @@ impl Journal {
         Ok(rows)
     }
 
-    /// The index of the run of a line.
+    /// Checks a line, and returns the index of its run.
     fn index(&self, line: &str) -> Result<u64> {
-        let (index, _) = line.split_once(',').unwrap_or((line, ""));
-        let (index, runs) = (index.parse().unwrap_or(u64::MAX), self.runs);
+        let (cells, _) = table::parse(&self.columns, line)?;
+        let index = cells.first().and_then(|cell| cell.as_ref()?.as_whole());
+        let index = index.and_then(|index| u64::try_from(index).ok());
+        let (index, runs) = (index.unwrap_or(u64::MAX), self.runs);
         ensure!(index < runs, "{line:?}, expected one of the runs 0..{runs}");
         Ok(index)
     }
@@ -337,7 +327,7 @@ mod tests {
         assert!(error.ends_with("a.csv.part: 2 of 4 runs are missing, the first is 1"));
 
         let mut journal = open(&output).unwrap();
-        assert_eq!(Vec::from_iter(journal.done()), [&0, &2]);
+        assert_eq!(Vec::from_iter(&journal.done), [&0, &2]);
         for run in [3, 1, 3] {
             journal.append(LINES[run]).unwrap();
         }
@@ -356,8 +346,8 @@ mod tests {
             fs::write(&part, torn).unwrap();
             let mut journal = open(&output).unwrap();
             let lines = torn.iter().filter(|&&byte| byte == b'\n').count();
-            assert_eq!(journal.done().len(), lines.saturating_sub(2), "{cut}");
-            for line in &LINES[journal.done().len()..] {
+            assert_eq!(journal.done.len(), lines.saturating_sub(2), "{cut}");
+            for line in &LINES[journal.done.len()..] {
                 journal.append(line).unwrap();
             }
             assert_eq!(fs::read_to_string(&part).unwrap(), whole, "{cut}");

@@ -26,7 +26,8 @@ pub struct Parameters {
     seed: u64,
     draws: u64,
     all: Vec<Parameter>,
-    runs: u64,
+    /// The number of runs, from 1 to 10^9.
+    pub runs: u64,
 }
 
 impl Parameters {
@@ -62,11 +63,6 @@ impl Parameters {
             all,
             runs,
         })
-    }
-
-    /// The number of runs, from 1 to 10^9.
-    pub fn runs(&self) -> u64 {
-        self.runs
     }
 
     /// A column for every variable.
@@ -477,7 +473,7 @@ mod tests {
     }
 
     fn values(parameters: &Parameters, place: usize) -> Vec<Value> {
-        let runs = (0..parameters.runs()).map(|k| parameters.run(k).unwrap());
+        let runs = (0..parameters.runs).map(|k| parameters.run(k).unwrap());
         runs.map(|run| run[place].1.clone()).collect()
     }
 
@@ -491,7 +487,7 @@ mod tests {
         let text = "draws = 2; [a]; values = [1, 2]; [b]; uniform = [0, 1]; \
                     []; variables = ['c', 'd']; values = ['x', 'y', 'z']";
         let parameters = read(text).unwrap();
-        assert_eq!(parameters.runs(), 12);
+        assert_eq!(parameters.runs, 12);
         let all = |place| values(&parameters, place);
         let real = |number| vec![Value::Float64(number); 6];
         assert_eq!(all(0), [real(1.0), real(2.0)].concat());
@@ -635,6 +631,6 @@ mod tests {
             );
         }
         let many = "[p]; from = 0; to = 1; count = 1000; [q]; from = 0; to = 1; count = 1000000";
-        assert_eq!(read(many).unwrap().runs(), MAX_RUNS);
+        assert_eq!(read(many).unwrap().runs, MAX_RUNS);
     }
 }

@@ -170,7 +170,7 @@ impl Study {
         file.metrics.check()?;
         let plan = Plan::new(&description)?;
         let parameters = Parameters::new(file.seed, file.draws, file.parameter)?;
-        for column in plan.columns() {
+        for column in &plan.columns {
             if let kind @ (Type::String | Type::Binary) = column.kind {
                 let (name, kind) = (&column.name, kind.as_str());
                 bail!("{name} cannot be a signal: it is a {kind}");
@@ -278,7 +278,7 @@ impl Study {
         let mut failure = None;
         if let Err(error) = ended {
             let failed: Failure = error.downcast()?;
-            metrics.diverge(failed.time.unwrap_or(self.plan.experiment().start));
+            metrics.diverge(failed.time.unwrap_or(self.plan.experiment.start));
             failure = Some(failed);
         }
         let event = failure.as_ref().map(Failure::event);
@@ -290,7 +290,7 @@ impl Study {
 
     /// The row of a run whose process an FMU has ended, and with it the metrics until then.
     fn crashed(&self, index: u64, crash: Crash) -> Result<Done> {
-        let time = crash.time.unwrap_or(self.plan.experiment().start);
+        let time = crash.time.unwrap_or(self.plan.experiment.start);
         let summary = Summary {
             iae: f64::NAN,
             ise: f64::NAN,
@@ -365,9 +365,9 @@ impl Study {
     ) -> Result<(bool, Progress)> {
         let pool = &mut self.pool(workers);
         self.try_corners(pool)?;
-        let runs = self.parameters.runs();
+        let runs = self.parameters.runs;
         let mut journal = Journal::open(file, &self.fingerprint, self.columns.clone(), runs)?;
-        let is_pending = |run: &u64| !journal.done().contains(run);
+        let is_pending = |run: &u64| !journal.done.contains(run);
         let pending = Vec::from_iter((0..runs).filter(is_pending));
         let mut progress = Progress {
             runs,
@@ -402,7 +402,7 @@ impl Study {
     pub fn outline(&self, workers: &Workers<'_>) -> Result<Outline<'_>> {
         self.try_corners(&mut self.pool(workers))?;
         Ok(Outline {
-            runs: self.parameters.runs(),
+            runs: self.parameters.runs,
             header: journal::header(&self.fingerprint, &self.columns),
             system: &self.files[0],
             fmus: &self.files[1..],
