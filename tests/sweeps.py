@@ -7,9 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pendulum_fmus.project import PROGRAM, ROOT
-
-SYSTEMS = ROOT / "examples" / "closed-loop"
+from native import LOOPS, run
 
 TIMEOUT = 300
 """Time limit for something that takes a second on an idle machine [s]."""
@@ -60,21 +58,21 @@ control = "controller.u"
 def written(folder: Path, text: str, system: str = "pid-rbf", signals: str = SIGNALS) -> Path:
     """Write a sweep of an example system."""
     file = folder / "sweep.toml"
-    text = f'system = "{SYSTEMS / system}.toml"\n{text}\n{signals}'
+    text = f'system = "{LOOPS / system}.toml"\n{text}\n{signals}'
     file.write_text(text, encoding="utf-8")
     return file
 
 
 def local(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
     """Run a sweep with `cargo fmu sweep`, whatever its exit code."""
-    command = [PROGRAM, "sweep", sweep, "--out", out, *map(str, options)]
-    return subprocess.run(command, cwd=out.parent, capture_output=True, text=True, check=False)
+    return run("sweep", sweep, "--out", out, *options, cwd=out.parent)
 
 
 def printed(sweep: Path, *options: str) -> str:
     """Return the output of `cargo fmu sweep` for a coordinator."""
-    command = [PROGRAM, "sweep", sweep, *options]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    result = run("sweep", sweep, *options)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 def table(out: Path) -> list[dict[str, str]]:

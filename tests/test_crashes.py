@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from native import compiled, pack, read_csv, run
-from pendulum_fmus.project import PROGRAM
+from pendulum_fmus.project import PROGRAM, ROOT
 from sweeps import table, wait_until
 
 LIMIT = 3
@@ -21,40 +21,13 @@ FAULTS = [
 ]
 """The faults of tests/c/faulty.c, by number."""
 
-REALS = ["y", "r", "e", "u"]
-
-DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="Faulty" guid="{faulty}"
-    numberOfEventIndicators="0">
-  <CoSimulation modelIdentifier="Faulty" canHandleVariableCommunicationStepSize="true"/>
-  <ModelVariables>
-    %s
-    <ScalarVariable name="at" valueReference="4" causality="parameter" variability="fixed">
-      <Real start="0"/>
-    </ScalarVariable>
-    <ScalarVariable name="fault" valueReference="0" causality="parameter" variability="fixed">
-      <Integer start="0"/>
-    </ScalarVariable>
-  </ModelVariables>
-  <ModelStructure>
-    <Outputs>%s</Outputs>
-  </ModelStructure>
-</fmiModelDescription>
-"""
-
 
 @pytest.fixture(scope="session")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the FMU of tests/c/faulty.c."""
+    """Return the FMU of tests/c/faulty.c and faulty.xml."""
     folder = tmp_path_factory.mktemp("faulty")
-    variables = "".join(
-        f'<ScalarVariable name="{name}" valueReference="{i}" causality="output"><Real/>'
-        "</ScalarVariable>"
-        for i, name in enumerate(REALS)
-    )
-    outputs = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in range(1, 5))
-    binary = compiled(folder, source="faulty.c")
-    return pack(folder / "Faulty.fmu", DESCRIPTION % (variables, outputs), binary)
+    description = (ROOT / "tests" / "c" / "faulty.xml").read_text(encoding="utf-8")
+    return pack(folder / "Faulty.fmu", description, compiled(folder, source="faulty.c"))
 
 
 @pytest.fixture
@@ -145,12 +118,8 @@ def lines(file: Path) -> int:
     return file.read_bytes().count(b"\n") if file.exists() else 0
 
 
-HANG = (
-    "simulate",
-    "system.toml",
-    f"--set=plant.fault={FAULTS.index('HANG')}",
-    "--set=plant.at=0.5",
-)
+FAULT = f"--set=plant.fault={FAULTS.index('HANG')}"
+HANG = ("simulate", "system.toml", FAULT, "--set=plant.at=0.5")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -19,7 +19,8 @@ from dask.distributed import KilledWorker
 
 import sweeps
 from pendulum_fmus import sweep as driver
-from sweeps import PROGRAM, SHORT, done, expected, journal_of, local
+from pendulum_fmus.project import PROGRAM
+from sweeps import SHORT, done, expected, journal_of, local
 
 
 def options(sweep: Path, out: Path, *given: object) -> list[str]:
@@ -232,7 +233,7 @@ def test_a_journal_of_another_sweep_or_in_use_is_not_changed(tmp_path):
 
 
 def test_different_fmus_with_the_same_name_are_rejected(fmus, program, tmp_path, refused):
-    text = (sweeps.SYSTEMS / "supervised.toml").read_text()
+    text = (sweeps.LOOPS / "supervised.toml").read_text()
     for folder, model in (("a", "PidRbf"), ("b", "IpidRbf")):
         (tmp_path / folder).mkdir()
         text = text.replace(f"../../target/fmu/{model}.fmu", f"{folder}/Controller.fmu")

@@ -18,7 +18,8 @@ import pytest
 import sweeps
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import MasterError, simulate, steps_until
-from sweeps import LONG, PROGRAM, ROOT, SHORT, done, expected, journal_of, local, table, wait_until
+from pendulum_fmus.project import PROGRAM, ROOT
+from sweeps import LONG, SHORT, done, expected, journal_of, local, table, wait_until
 
 
 def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
