@@ -20,7 +20,7 @@ WITH_CLANG = LIBCLANG_PATH="$$($(RUN) -c 'import clang; print(*clang.__path__)')
 	C_INCLUDE_PATH="$$($(CC) -print-file-name=include)"
 RUST_SOURCES := lib/rustlib/src/rust/library
 MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
-# It reads an unstable format of the compiler; this version knows that of the minimum Rust version.
+# It reads an unstable format of the compiler; this version knows the format of the minimum Rust version.
 SEMVER_CHECKS := 0.45.0
 FMI_SIM := 0.7.0
 BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
@@ -86,7 +86,7 @@ report: fmus $(VENV)/.test
 bench: fmus native $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
-## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and that of the example of a sensor to target/examples
+## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and the example of a sensor to target/examples
 fmus: program
 	$(FMU) export --fmi 2.0,3.0
 	$(FMU) export --package sensor --out target/examples

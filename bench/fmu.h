@@ -37,7 +37,7 @@ enum { MAX_REFERENCES = 64, MAX_FMUS = 64 };
 
 typedef struct {
     unsigned reference;
-    double value;     /* NAN: the signal, or that of the source; of an output: its elements */
+    double value;     /* NAN: the signal, or the source's period; of an output: its elements */
     const char *from; /* the source, NAME.I, or NULL */
 } Assignment;
 

@@ -20,7 +20,7 @@ AIMS = {
     ("Pendulum, linear", "stand"): 2.0,
     ("Pendulum, linear", "move"): 2.0,
 }
-"""Upper limits of a cycle, as multiples of that of the bare PID in C."""
+"""Upper limits of a cycle, as multiples of a cycle of the bare PID in C."""
 
 VERSIONS_AIM = 1.2
 """Upper limit of a cycle in FMI 3.0, as a multiple of that in FMI 2.0."""
@@ -347,7 +347,7 @@ def last_cells(ratio: Ratio) -> list[str]:
 
 
 def code(name: str) -> str:
-    """Return the name of a case with that of its FMU as code."""
+    """Return the name of a case with the name of its FMU as code."""
     if name == REFERENCE.name:
         return name
     fmu, comma, rest = name.partition(",")

@@ -173,7 +173,7 @@ class Controller:
             self._learn(u_supervisor if self.target == "supervisor" else self.u)
 
     def _sum(self, e: float) -> float:
-        """Return the integral term [rad s]; that of IPID-RBF leaks, (25)."""
+        """Return the integral term [rad s]; the term of IPID-RBF leaks, (25)."""
         x3 = self.terms[2]
         return (x3 + e) * TS if self.kind == "IpidRbf" else x3 + e * TS
 
@@ -223,7 +223,7 @@ def closed_loop(
     supervisor_w0: Sequence[float] = (0, 0, 0, 0),
     previous_sample_terms: bool | None = None,
 ) -> dict[str, np.ndarray]:
-    """Run a loop of the paper; `amplitude` is that of the disturbance [rad].
+    """Run a loop of the paper; `amplitude` is the disturbance's [rad].
 
     Returns columns of shape (steps,), named as in the FMU loop.
     """

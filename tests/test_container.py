@@ -1,6 +1,6 @@
 """The loops in a third-party master: FMPy's compiled container, which steps in parallel.
 
-The container is an FMU itself. Its variables are those of its FMUs, named "component.variable".
+The container is an FMU itself. It has the variables of its FMUs, named "component.variable".
 """
 
 import copy

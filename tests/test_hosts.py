@@ -69,7 +69,7 @@ def _letter(variable: ModelVariable) -> str:
 
 
 def _kind(fmu: Fmu, variable: ModelVariable) -> str:
-    """Return the letter of a variable: that of its type, or of its part in equations."""
+    """Return the letter of a variable: of its type, or of its part in equations."""
     states = [v.derivative for v in fmu.variables.values() if v.derivative is not None]
     if variable in states:
         return "x"

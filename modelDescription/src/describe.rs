@@ -195,7 +195,7 @@ impl Description {
         self.is_continuous || self.is_sampled
     }
 
-    /// Whether the derivatives of all that a host integrates are known: those of the state derivatives and
+    /// Whether the derivatives of all that a host integrates are known: of the state derivatives and
     /// the continuous outputs.
     pub(crate) fn has_all_derivatives(&self) -> bool {
         let is_unknown =
@@ -223,7 +223,7 @@ impl Description {
     /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions
     /// of variables, and FMI 3.0 their value references.
     ///
-    /// Where all dependencies are the default, they are listed all the same, of FMI 2.0 those of initial
+    /// Where all dependencies are the default, they are listed all the same, of FMI 2.0 the initial
     /// unknowns: CasADi demands it. All of FMI 3.0 include the independent variable.
     fn structure(&self, version: FmiVersion, entries: &[Entry<'_>]) -> Element<'static> {
         let is_2 = version == FmiVersion::Fmi2;
@@ -266,7 +266,7 @@ impl Description {
     }
 
     /// Value references of the inputs and states that an entry depends on at a communication point or an
-    /// event, in ascending order. Of an array, that of the first element.
+    /// event, in ascending order. An array has the one of its first element.
     ///
     /// Outputs of a model without equations change in steps and at sample instants only, and never
     /// depend on an input at the same instant, so that importers see no false algebraic loops.

@@ -9,7 +9,7 @@ use crate::{Causality, Dynamics, FmiVersion, Type, Variability};
 /// Name and unit of the independent variable.
 pub(crate) const TIME: (&str, &str) = ("time", "s");
 
-/// The variables; the value reference of an array is that of its first element.
+/// The variables; an array has the value reference of its first element.
 pub(crate) fn entries(model: &Description) -> Result<Vec<Entry<'_>>> {
     ensure!(
         model.variables.iter().all(|v| v.name != TIME.0),
@@ -72,7 +72,7 @@ fn variable(model: &Description, entry: &Entry<'_>) -> Element<'static> {
     let is_intermediate = model.is_continuous
         && v.variability == Variability::Continuous
         && matches!(v.causality, Causality::Input | Causality::Output);
-    // A dimension of constant size, or that of a structural parameter.
+    // A dimension of constant size, or the size of a structural parameter.
     let dimension = |size: &usize| match v.exported.size {
         Some(reference) => Element::new("Dimension").with("valueReference", reference),
         None => Element::new("Dimension").with("start", size),
@@ -95,7 +95,7 @@ fn variable(model: &Description, entry: &Entry<'_>) -> Element<'static> {
         .holding_all(elements.into_iter().map(start_element))
 }
 
-/// The value reference of the independent variable follows those of all scalars.
+/// The value reference of the independent variable comes after all scalars.
 pub(crate) fn time_reference(model: &Description) -> usize {
     model.scalars().count()
 }

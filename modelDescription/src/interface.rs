@@ -1,7 +1,7 @@
 //! The interface of a model: its table with a name, its GUID, and its copy in the FMU binary.
 //!
 //! The copy is written at compile time and found by its first bytes, so that a binary for any platform can
-//! be read without running it. Its format is that of postcard, so that serde reads it. The GUID is the hash of
+//! be read without running it. Its format is postcard, so that serde reads it. The GUID is the hash of
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
@@ -31,7 +31,7 @@ pub struct Interface {
 
 /// Start values of a variant by value reference, in the text that the exporter passes to the compiler: for
 /// each, `REFERENCE:TYPE LENGTH:VALUE` without spaces, where the type is `r`, `i`, `b`, `s` or `x`: a real
-/// number as 16 hexadecimal digits, its bits; a whole number or that of an item; 0 or 1; a text; bytes as
+/// number as 16 hexadecimal digits, its bits; a whole number or the number of an item; 0 or 1; a text; bytes as
 /// hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overrides(&'static str);
@@ -428,7 +428,7 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    /// Adds the smallest and the largest value, or none if it is that of the type.
+    /// Adds the smallest and the largest value, or none if the type has the same.
     const fn bounds(&mut self, field: &Field) {
         let of_type = field.start.of_type();
         let both = match (field.bounds, field.start) {
@@ -454,7 +454,7 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    /// Adds the start values, those of a variant instead of those that it replaces.
+    /// Adds the start values; a variant replaces some.
     const fn start(&mut self, start: &Start, reference: usize, overrides: Overrides) {
         let of_type = start.of_type();
         self.number(start.len() as u128);

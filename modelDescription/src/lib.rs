@@ -6,7 +6,7 @@
 //! it is the GUID, and a copy of it in the binary becomes the `modelDescription.xml`, so that the three
 //! cannot drift apart.
 //!
-//! The feature `xml` adds reading and writing model descriptions, also those of FMUs from any vendor:
+//! The feature `xml` adds reading and writing model descriptions, also of FMUs from any vendor:
 //! `xml::parse` returns a tree of elements, and `ModelDescription` is a typed view of it.
 #![deny(unsafe_code)]
 

@@ -411,7 +411,7 @@ impl Scalar {
     }
 }
 
-/// The name of an element, with an index as FMI writes it: `w[1,2]`, `der(x[2])`; that of a scalar has none.
+/// The name of an element, with an index as FMI writes it: `w[1,2]`, `der(x[2])`; a scalar has no index.
 pub(crate) fn element_name(name: &str, dimensions: &[usize], element: usize) -> String {
     let mut rest = element;
     let mut indices: Vec<String> = Vec::new();

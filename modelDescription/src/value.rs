@@ -66,7 +66,7 @@ macro_rules! whole_numbers {
 whole_numbers!(Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Enumeration);
 
 impl Value {
-    /// A real number as a value of a type of real numbers, that of a Float32 rounded; `None` for other types,
+    /// A real number as a value of a type of real numbers, rounded for a Float32; `None` for other types,
     /// and if rounding makes it infinite.
     pub fn real(of_type: Type, number: f64) -> Option<Self> {
         match of_type {

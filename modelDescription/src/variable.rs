@@ -55,7 +55,7 @@ pub struct Exported {
     /// Its part in the differential equations; a derivative has the value reference of its state.
     pub dynamics: Dynamics<usize>,
     /// Value reference of the structural parameter that is the number of elements in use, the first ones
-    /// of an array; `None` if all are. The dimensions and start values are those of all elements.
+    /// of an array; `None` if all are. The dimensions and start values cover all elements.
     pub size: Option<usize>,
     /// Value references of the variables that its value after initialization depends on.
     pub initially_from: Vec<usize>,

@@ -12,7 +12,7 @@ use crate::{Type, Value};
 /// as they have scalars. The numbers of a model are its value references.
 ///
 /// # Safety
-/// The offsets in the table are those of the fields: the derive macros take them from the compiler. At the
+/// The table has the offsets of the fields: the derive macros take them from the compiler. At the
 /// offset of a variable is a value of the type that its [`Start`](crate::table::Start) has, or an array of them: an `f64` for a
 /// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
 #[allow(
@@ -61,7 +61,7 @@ pub unsafe trait Variables: Sized {
     /// Loads all fields.
     ///
     /// # Errors
-    /// The bytes are not those of a saved struct. Some fields may be loaded.
+    /// The bytes are not a saved struct. Some fields may be loaded.
     fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
 }
 
@@ -227,7 +227,7 @@ types! {
     Binary Vec<u8>;
 }
 
-/// The bytes are not those of a saved struct, or a field cannot be saved.
+/// The bytes are not a saved struct, or a field cannot be saved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Damaged;
 
@@ -266,7 +266,7 @@ impl<'a> Loader<'a> {
     /// Reads the next field.
     ///
     /// # Errors
-    /// The bytes are not those of a value of this type.
+    /// The bytes are not a value of this type.
     #[inline(never)]
     pub fn take<T: DeserializeOwned>(&mut self) -> Result<T, Damaged> {
         let (field, rest) = postcard::take_from_bytes(self.0).map_err(|_| Damaged)?;
@@ -347,7 +347,7 @@ pub mod derive {
         start
     }
 
-    /// Checks that the variables of a group have other names than those of all other rows.
+    /// Checks that the variables of a group have other names than all other rows.
     #[track_caller]
     pub const fn unique(rows: &'static [Row], group: usize, message: &str) {
         let mut i = 0;

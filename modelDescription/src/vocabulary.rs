@@ -174,7 +174,7 @@ impl Type {
         matches!(self, Self::Float32 | Self::Float64)
     }
 
-    /// Whether it is a type of whole numbers; that of an Enumeration is none.
+    /// Whether it is a type of whole numbers; an Enumeration is none.
     pub const fn is_integer(self) -> bool {
         self as u8 >= Self::Int8 as u8 && self as u8 <= Self::UInt64 as u8
     }

@@ -16,7 +16,7 @@ There are two orders of stepping. At every communication point t,
 - parallel (Jacobi): all components fetch their inputs, then all step. The plant receives u(t) one
   step later. Most tools use this order.
 
-FMUs of FMI 2.0 and 3.0 can be coupled. Elements of the arrays of FMI 3.0 have names like those of
+FMUs of FMI 2.0 and 3.0 can be coupled. Elements of the arrays of FMI 3.0 have names like
 the scalar variables of FMI 2.0: `rbf.w[2]`.
 """
 
@@ -110,7 +110,7 @@ def simulate(
 
     Returns the time [s] and the variables `record` (all Real outputs by default), each of shape
     (steps,). Row k belongs to t(k) = start + k step: the outputs of plants and sources at t(k),
-    and those of the sample that a controller takes at t(k).
+    and the outputs of the sample that a controller takes at t(k).
     """
     record = system.outputs() if record is None else record
     inputs, outputs = (

@@ -1,6 +1,6 @@
 """Run a sweep on many processes or machines with Dask.
 
-The rows are those of `cargo fmu sweep`, byte for byte. With one process per core:
+The rows are the same as from `cargo fmu sweep`, byte for byte. With one process per core:
 
     python -m pendulum_fmus.sweep examples/sweep/gains.toml --out target/gains.csv
 

@@ -357,7 +357,7 @@ static void exchange(void)
     FreeInstance(c);
 }
 
-/* The columns and the rows are those of the same matrix. */
+/* The columns and the rows belong to the same matrix. */
 static void matrix(Component c, const List *unknowns, const List *knowns)
 {
     const size_t n = unknowns->size, m = knowns->size;

@@ -1,6 +1,6 @@
 """Runs the FMUs in other importers and writes the table of docs/importers.md: `make importers`.
 
-FMPy is that of the test environment, as are the importers of SSP packages, and `fmi-sim` is in
+FMPy comes from the test environment, as do the importers of SSP packages, and `fmi-sim` is in
 target/tools. All others run in an environment of their own, which `uv` installs, since they require
 conflicting packages.
 """
@@ -289,7 +289,7 @@ def without_units(fmu: Path, folder: Path) -> Path:
 
 
 def by_packages(importer: Callable, folder: Path) -> str:
-    """Run the SSP packages and compare the angles with those of `cargo fmu simulate`."""
+    """Run the SSP packages and compare the angles with `cargo fmu simulate`."""
     systems = [ROOT / "examples" / "ssp" / f"{name}.toml" for name in PACKAGES]
     written = run("ssp", *systems, "--out", folder)
     assert written.returncode == 0, written.stderr

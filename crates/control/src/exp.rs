@@ -67,7 +67,7 @@ pub(crate) fn exp_to_highest(x: f64) -> f64 {
     let half = biased >> 1;
     let power = f64::from_bits(half << 52);
     let other_power = f64::from_bits((biased - half) << 52);
-    // Estrin's scheme, whose operations wait for each other less than those of Horner's.
+    // Estrin's scheme, whose operations wait for each other less than in Horner's scheme.
     let r2 = r * r;
     let r4 = r2 * r2;
     let q0 = (Q[0] + r * Q[1]) + r2 * (Q[2] + r * Q[3]);

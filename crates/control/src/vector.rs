@@ -22,7 +22,7 @@ pub(crate) fn gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[
     if values.len() > FEW {
         many_gaussians(values, x, centres, factors);
     } else {
-        // The compiler vectorizes loops, but unrolls those of few iterations if it knows their number.
+        // The compiler vectorizes loops, but unrolls loops of few iterations if it knows their number.
         let (values, centres, factors) = black_box((values, centres, factors));
         few_gaussians(values, x, centres, factors);
     }

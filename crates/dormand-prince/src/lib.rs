@@ -12,7 +12,7 @@ pub const STAGES: usize = 7;
 /// Nodes: the time of each stage as a fraction of the step.
 pub const NODES: [f64; STAGES] = [0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0];
 
-/// The weights of the slopes before each stage. The last ones are those of the fifth-order result.
+/// The weights of the slopes before each stage. The last ones give the fifth-order result.
 pub const WEIGHTS: [&[f64]; STAGES] = [
     &[],
     &[1.0 / 5.0],

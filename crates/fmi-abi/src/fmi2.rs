@@ -1,5 +1,5 @@
 //! FMI 2.0.5: the C types of `fmi2TypesPlatform.h` and `fmi2FunctionTypes.h` (section 2.1), and the functions
-//! with the states in which they are allowed, those of co-simulation (section 4.2.4) and model exchange
+//! with the states in which they are allowed, in co-simulation (section 4.2.4) and model exchange
 //! (section 3.2.3).
 #![allow(
     non_camel_case_types,

@@ -1,5 +1,5 @@
 //! FMI 3.0.2: the C types of `fmi3PlatformTypes.h` and `fmi3FunctionTypes.h` (section 2.2), and the functions
-//! with the states in which they are allowed, those that all interface types share (section 2.3) and those of
+//! with the states in which they are allowed: the states that all interface types share (section 2.3) and the states of
 //! model exchange (section 3.2) and co-simulation (section 4.2).
 #![allow(
     non_camel_case_types,

@@ -8,7 +8,7 @@
 //! fmi2GetReal(references: [in u32; n], n: [len], values: [out f64; n]) => get_float64 in READABLE;
 //! ```
 //!
-//! The operations are those of FMI 3.0: `fmi2GetReal` and `fmi3GetFloat64` both perform `get_float64`. The
+//! The operations have the names of FMI 3.0: `fmi2GetReal` and `fmi3GetFloat64` both perform `get_float64`. The
 //! macros [`fmi2_functions!`] and [`fmi3_functions!`] pass all rows to another macro, which turns them into
 //! whatever it needs: entry points, function pointers, names. [`fmi2::Functions`], [`fmi2::calls`] and
 //! [`fmi2::FUNCTIONS`] are made in this way, and those in [`fmi3`].

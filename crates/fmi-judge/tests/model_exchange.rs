@@ -1,4 +1,4 @@
-//! The crate `fmi` integrates the pendulum of both versions of FMI, and steps that of FMI 3.0. Requires the
+//! The crate `fmi` integrates the pendulum of both versions of FMI, and steps the pendulum of FMI 3.0. Requires the
 //! FMUs of `cargo fmu export`.
 
 use std::path::{Path, PathBuf};

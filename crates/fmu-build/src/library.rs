@@ -9,7 +9,7 @@ use fmu_description::{FmiVersion, Origin};
 
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 
-/// Which packages to build, and how; the meaning is that of cargo's options.
+/// Which packages to build, and how; the options mean the same as cargo's.
 #[derive(Debug, Clone)]
 pub struct Selection {
     /// `--manifest-path`

@@ -59,7 +59,7 @@ impl<'a> Model<'a> {
 /// A variant of a model: another name, and other start values.
 #[derive(Debug, Default)]
 pub struct Variant {
-    /// Its name; by default, that of the model.
+    /// Its name; by default, the name of the model.
     pub name: Option<String>,
     /// Names of variables, and their start values as text.
     pub settings: Vec<(String, String)>,

@@ -108,7 +108,7 @@ const DESCRIBED: &[Role] = &[
     Constant,
     EventIndicator,
 ];
-/// The name of a derivative follows from that of its state.
+/// The name of a derivative follows from the name of its state.
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];
 /// Options for a few types only, which messages do not list.

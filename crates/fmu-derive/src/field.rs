@@ -20,7 +20,7 @@ pub struct Field {
     pub description: String,
     /// The type of a variable, or of the elements of an array.
     pub of_type: FmiType,
-    /// The index of its row in the table; of an internal field, that of the next.
+    /// The index of its row in the table; an internal field has the index of the next row.
     pub row: usize,
     /// The path of the traits.
     pub krate: TokenStream,
@@ -137,7 +137,7 @@ impl Field {
         }
     }
 
-    /// The name of a variable; that of a derivative is `der(state)`.
+    /// The name of a variable; a derivative has the name `der(state)`.
     fn variable_name(&self) -> Result<LitStr> {
         if self.role != Role::Derivative {
             let name = self.options.text("name").unwrap_or(&self.name);

@@ -14,7 +14,7 @@ use syn::{DeriveInput, Error, parse_macro_input};
 /// Turns a struct into a model: its fields are the variables of an FMU.
 ///
 /// The doc comment of the struct is the description of the model, up to the first empty line. The
-/// attributes of the fields are those of [`derive@Variables`]. What the model does is an
+/// fields have the attributes of [`derive@Variables`]. What the model does is an
 /// implementation of `Simulate`, or of `Continuous`, and `export!` makes an FMU of it.
 ///
 /// | `#[model(...)]` | Meaning | Default |
@@ -126,7 +126,7 @@ pub fn model(input: TokenStream) -> TokenStream {
 ///
 /// | Option | For | Meaning |
 /// |---|---|---|
-/// | `name = "valve.flow"` | all | name of the variable instead of that of the field: letters, digits and underscores, with periods between parts |
+/// | `name = "valve.flow"` | all | name of the variable instead of the field's name: letters, digits and underscores, with periods between parts |
 /// | `description = "..."` | all | description instead of the doc comment, of which it is the text up to the first empty line, without backticks and the unit in parentheses |
 /// | `unit = "N.s/m"` | `f64`, `f32` | a [`Unit`](fmu_description::unit) |
 /// | `start = 0.5` | all | start value, a constant expression; of an array, an array or one value for all elements |

@@ -22,7 +22,7 @@ pub(crate) trait AnyModel {
     fn facts(&self) -> &'static Facts;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
-    /// Sets all values to their start values, those of a variant included.
+    /// Sets all values to their start values, also of a variant.
     fn reset(&mut self, overrides: Overrides);
     /// Becomes a fresh model with the values that the host has set.
     fn renew(&mut self);
@@ -86,7 +86,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     }
 
     /// Gets scalars and elements of arrays. Returns false and writes nothing to `values` if a reference is
-    /// not that of a Float64 in use.
+    /// not of a Float64 in use.
     #[inline(always)]
     pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
         !self.is_smaller() && self.get_each(Self::ELEMENTS, references, values)
@@ -132,7 +132,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
             return false;
         }
         for (&reference, value) in references.iter().zip(values) {
-            // SAFETY: the reference is that of a Real, by the check.
+            // SAFETY: the reference belongs to a Real, by the check.
             *value = unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) };
         }
         true
@@ -155,13 +155,13 @@ impl<M: Model, const N: usize> Bound<M, N> {
             return false;
         }
         for (&reference, &value) in all {
-            // SAFETY: the reference is that of a Real, by the check.
+            // SAFETY: the reference belongs to a Real, by the check.
             unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) = value };
         }
         true
     }
 
-    /// As [`get_elements`](Self::get_elements), where a reference is that of a variable with all its
+    /// As [`get_elements`](Self::get_elements), where a reference stands for a variable with all its
     /// elements. Some values may have been written if it returns false: they are undefined after an error,
     /// and a loop that checks all references before would take 5 ns.
     #[inline(always)]
@@ -172,7 +172,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
                 Some(place) if place.offset != Place::NONE => {}
                 _ => return false,
             }
-            // SAFETY: the reference is that of Reals, by the check.
+            // SAFETY: the reference belongs to Reals, by the check.
             let array = unsafe { self.reals(reference) };
             let Some((values, others)) = rest.split_at_mut_checked(array.len()) else {
                 return false;
@@ -183,7 +183,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         rest.is_empty()
     }
 
-    /// As [`set_elements`](Self::set_elements), where a reference is that of a variable with all its
+    /// As [`set_elements`](Self::set_elements), where a reference stands for a variable with all its
     /// elements.
     #[inline(always)]
     pub(crate) fn set_arrays(&mut self, references: &[u32], values: &[f64]) -> bool {
@@ -208,7 +208,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
         let mut rest = values;
         for &reference in references {
-            // SAFETY: the reference is that of Reals, by the check.
+            // SAFETY: the reference belongs to Reals, by the check.
             let array = unsafe { self.reals(reference) };
             let Some((values, others)) = rest.split_at_checked(array.len()) else {
                 return false;
@@ -232,7 +232,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     /// The Reals of the variable with the given reference.
     ///
     /// # Safety
-    /// The reference is that of a Float64 in the table of variables.
+    /// The reference belongs to a Float64 in the table of variables.
     #[inline(always)]
     unsafe fn reals(&mut self, reference: u32) -> &mut [f64] {
         // SAFETY: the caller's promise; `Variables` promises an array of `f64` at this offset.
@@ -521,20 +521,20 @@ impl dyn AnyModel {
                 Numbers::Derivatives => facts.states[i].derivative_offset,
                 Numbers::States => facts.states[i].state_offset,
             };
-            // SAFETY: the offsets are those of the table.
+            // SAFETY: the offsets come from the table.
             *value = unsafe { *self.real_at(offset) };
         }
     }
 
     pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
-        // SAFETY: the offsets are those of the table.
+        // SAFETY: the offsets come from the table.
         unsafe { *self.real_at(self.facts().event_indicators[index]) }
     }
 
     /// Sets the first states.
     pub(crate) fn set_states(&mut self, states: &[f64]) {
         for (state, value) in self.facts().states.iter().zip(states) {
-            // SAFETY: the offsets are those of the table.
+            // SAFETY: the offsets come from the table.
             unsafe { *self.real_at(state.state_offset) = *value };
         }
     }
@@ -586,7 +586,7 @@ impl dyn AnyModel {
     pub(crate) fn are_equations_finite(&mut self) -> bool {
         let mut sum = 0.0 * self.sum_of_outputs();
         for offset in self.evaluated() {
-            // SAFETY: the offsets are those of the table.
+            // SAFETY: the offsets come from the table.
             sum += 0.0 * unsafe { *self.real_at(offset) };
         }
         sum == 0.0
@@ -596,7 +596,7 @@ impl dyn AnyModel {
     pub(crate) fn check_equations(&mut self) -> Result<(), ModelError> {
         self.check_outputs()?;
         for offset in self.evaluated() {
-            // SAFETY: the offsets are those of the table.
+            // SAFETY: the offsets come from the table.
             let value = unsafe { *self.real_at(offset) };
             if !value.is_finite() {
                 let mut rows = (0..self.facts().count as u32).filter_map(|r| self.row(r));

@@ -104,7 +104,7 @@ impl SampleClock {
     /// # Errors
     /// As [`due`](Self::due).
     pub(crate) fn due_until(&mut self, time: f64) -> Result<u32, ModelError> {
-        // The time may be that of `next_instant`, whose rounding error exceeds the tolerance if the time
+        // The time may come from `next_instant`, whose rounding error exceeds the tolerance if the time
         // is long compared to the sample time.
         let rounding = f64::EPSILON * (time.abs() + self.start.abs()) * self.rate;
         let end = libm::floor(self.samples_to(time) + 2.0 * TOLERANCE + rounding) + 1.0;

@@ -449,7 +449,7 @@ impl Component {
         })
     }
 
-    /// The time of the event to handle: the current time, or that of a time event which the end of a step
+    /// The time of the event to handle: the current time, or the time of a time event which the end of a step
     /// has reached but for rounding errors.
     fn event_time(&self) -> f64 {
         let (facts, now) = (self.model.facts(), self.shared.lifecycle.time);
@@ -581,7 +581,7 @@ impl Component {
 
     /// Evaluates the equations between steps if any of the variables is computed only when a host asks for it:
     /// derivatives and event indicators. Otherwise, computes what is not up to date. Returns the model before
-    /// an evaluation, to which it is to return: outputs are those of the last step.
+    /// an evaluation, to which it is to return: outputs have the values of the last step.
     pub(crate) fn prepare(
         &mut self,
         references: &[u32],

@@ -157,7 +157,7 @@ impl Component {
         Ok(())
     }
 
-    /// Time derivatives of outputs that are states, of first order. In FMI 3.0, each order is that of all
+    /// Time derivatives of outputs that are states, of first order. In FMI 3.0, each order is the same for all
     /// elements of a variable.
     pub(crate) fn get_output_derivatives(
         &mut self,

@@ -48,7 +48,7 @@ pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a m
 /// A pointer to an instance, which begins with its [`Shared`] part.
 pub(crate) type Pointer = *mut c_void;
 
-/// The functions that depend on the model. The pointer is that of an instance of this model, which is not
+/// The functions that depend on the model. The pointer is to an instance of this model, which is not
 /// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
 /// follow them. A binary for one version of FMI does not contain the functions of the other.
 pub(crate) struct Hot {
@@ -86,7 +86,7 @@ pub(crate) unsafe fn shared<'a>(instance: Pointer) -> Option<&'a Shared> {
 /// # Safety
 /// As [`shared`].
 pub(crate) unsafe fn component<'a>(instance: Pointer) -> Option<&'a mut Component> {
-    // SAFETY: the caller's promise; the functions are those of the instance.
+    // SAFETY: the caller's promise; the functions belong to the instance.
     unsafe { shared(instance).map(|shared| &mut *(shared.hot.component)(instance)) }
 }
 
@@ -95,7 +95,7 @@ pub(crate) unsafe fn component<'a>(instance: Pointer) -> Option<&'a mut Componen
 /// # Safety
 /// As [`shared`], and the pointer is not used again.
 pub(crate) unsafe fn free(instance: Pointer) {
-    // SAFETY: the caller's promise; the functions are those of the instance.
+    // SAFETY: the caller's promise; the functions belong to the instance.
     if let Some(free) = unsafe { shared(instance) }.map(|shared| shared.hot.free) {
         // SAFETY: as above.
         let _ = catch_unwind(AssertUnwindSafe(|| unsafe { free(instance) }));

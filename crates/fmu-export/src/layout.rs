@@ -49,7 +49,7 @@ impl Place {
 /// The elements of a variable.
 #[derive(Clone, Copy)]
 pub(crate) struct Array {
-    /// Number of elements; 0 if the reference is not that of a first element.
+    /// Number of elements; 0 if the reference does not belong to a first element.
     pub(crate) count: u32,
     /// Number of elements that are in use by default.
     pub(crate) default: u32,

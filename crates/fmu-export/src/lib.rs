@@ -113,7 +113,7 @@ pub mod prelude {
 /// Turns the library into an FMU binary with one or more [`Model`]s, which the host selects by GUID,
 /// and lists them in `MODELS`.
 ///
-/// The binary exports the functions of FMI 2.0 and 3.0, or those of one version, if only its feature
+/// The binary exports the functions of FMI 2.0 and 3.0, or of one version, if only its feature
 /// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it.
 #[macro_export]
 macro_rules! export {

@@ -1,7 +1,7 @@
 //! The integrator of models with equations in co-simulation: the method of [`dormand_prince`], and the
 //! location of events.
 //!
-//! It remembers nothing between steps, so that a saved state is that of the model alone. All memory is in
+//! It remembers nothing between steps, so that a saved state is the state of the model alone. All memory is in
 //! a [`Workspace`].
 
 use dormand_prince::{ERROR, MAX_SHRINKAGE, NODES, STAGES, WEIGHTS, factor, interpolate, weighted};

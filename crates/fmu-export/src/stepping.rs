@@ -52,7 +52,7 @@ pub(crate) struct Stepping {
     /// The time reached, and the time at which to end, which the host may bring forward.
     now: f64,
     end: f64,
-    /// Times that differ less are equal: their rounding errors differ, and those of hosts add up.
+    /// Times that differ less are equal: their rounding errors differ, and the errors of hosts add up.
     tolerance: f64,
     /// The internal points, where the host is called back, divide the step into so many equal parts.
     count: f64,

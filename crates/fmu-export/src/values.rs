@@ -144,7 +144,7 @@ impl Component {
         fitting.ok_or_else(|| does_not_fit(&scalar, value.as_whole()))
     }
 
-    /// Whether a value reference is that of the independent variable, which follows those of all others. FMI
+    /// Whether a value reference belongs to the independent variable, which comes after all others. FMI
     /// 2.0 has none.
     fn is_time(&self, reference: u32) -> bool {
         self.shared.edge.version == Version::Fmi3 && reference as usize == self.model.facts().count

@@ -46,7 +46,7 @@ macro_rules! method {
             $(prepare!($arg $kind);)*
             $(measure!($arg $kind);)*
             let library = &*instance.library;
-            // SAFETY: the type is that of the standard, the instance is one of this version and not freed,
+            // SAFETY: the standard gives the type, the instance is one of this version and not freed,
             // and every pointer is valid for the length passed with it. The rest depends on the foreign
             // binary, as described in the crate documentation.
             let status = unsafe {
@@ -154,6 +154,6 @@ macro_rules! c_value {
     };
 }
 
-// The functions of FMI 3.0 are not inlined, so that those of FMI 2.0, which are shorter, are.
+// The functions of FMI 3.0 are not inlined, so that the functions of FMI 2.0, which are shorter, are.
 fmi2_functions!(methods! always Fmi2 fmi2);
 fmi3_functions!(methods! never Fmi3 fmi3);

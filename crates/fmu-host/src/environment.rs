@@ -42,7 +42,7 @@ pub fn heap() -> Option<usize> {
         keepcost: usize,
     }
     let this = libloading::os::unix::Library::this();
-    // SAFETY: the type is that of glibc, which has the function since 2.33.
+    // SAFETY: the type is the one in glibc, which has the function since 2.33.
     let info = unsafe {
         let mallinfo2 = this
             .get::<unsafe extern "C" fn() -> Info>("mallinfo2")

@@ -399,7 +399,7 @@ impl Instance {
         let get = name("fmi2GetReal", "fmi3GetFloat64");
         let set = name("fmi2SetReal", "fmi3SetFloat64");
         let (fmi2, fmi3) = (&library.fmi2, &library.fmi3);
-        // SAFETY: the types are those of the standard, which allows NULL for arrays without elements.
+        // SAFETY: the types follow the standard, which allows NULL for arrays without elements.
         let (got, was_set) = unsafe {
             match self.version {
                 Version::Fmi2 => (

@@ -96,7 +96,7 @@ macro_rules! look_up {
         Free { $($free:ident($($_0:tt)*) $(-> $_1:ty)? => $_2:ident;)* }
         $($_3:ident { $($name:ident($($_4:tt)*) => $_5:ident in $($_6:ident)|+;)* })*
     ) => {
-        // SAFETY: the types are those of the standard; whoever loads the library trusts it to follow the
+        // SAFETY: the types follow the standard; whoever loads the library trusts it to follow the
         // standard.
         unsafe {
             $version::Functions {
@@ -304,7 +304,7 @@ impl Library {
         let environment = registered.environment();
         let mut instance = Instance::new(self, registered, has_logger.then(logger));
         let logging_on = arguments.logging_on;
-        // SAFETY: the types are those of the standard; the instance keeps the strings and the callbacks
+        // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
         // until it is freed, and the FMU copies the value references.
         let pointer = unsafe {
             match (self.version, arguments.kind) {
@@ -349,7 +349,7 @@ impl Library {
     /// # Errors
     /// The function is missing.
     pub fn free_null(&self) -> Result<()> {
-        // SAFETY: the type is that of the standard, which allows NULL.
+        // SAFETY: the type follows the standard, which allows NULL.
         unsafe { self.free_function()?(ptr::null_mut()) };
         Ok(())
     }
@@ -360,7 +360,7 @@ impl Library {
             Version::Fmi2 => (self.fmi2.fmi2FreeInstance, "fmi2FreeInstance"),
             Version::Fmi3 => (self.fmi3.fmi3FreeInstance, "fmi3FreeInstance"),
         };
-        // SAFETY: the type is that of the standard.
+        // SAFETY: the type follows the standard.
         unsafe { self.function(found, name) }
     }
 }

@@ -190,7 +190,7 @@ Status fmi3GetClock(Instance *self, const uint32_t *r, size_t n, uint8_t *values
 }
 
 /* Steps from or beyond 10 s end the simulation; so do requests of the host. Steps shorter than 0 fail, and
- * those of 0 are discarded. */
+ * messages of 0 are discarded. */
 Status fmi3DoStep(Instance *self, double time, double step, bool no_set_state, bool *event,
                   bool *terminate, bool *early, double *last) {
     *event = !no_set_state;

@@ -28,7 +28,7 @@ pub struct Description {
     /// Whether sequential stepping is allowed although outputs depend directly on each other.
     #[serde(default)]
     pub allow_algebraic_loops: bool,
-    /// The relative tolerance of all components that have none of their own; by default, that of the
+    /// The relative tolerance of all components that have none of their own; by default, the tolerance of the
     /// default experiment of each FMU.
     pub tolerance: Option<f64>,
     /// The components, in the order in which sequential stepping takes them.

@@ -28,8 +28,8 @@
 //! # Rows
 //!
 //! For a continuous component, the row of t(k) = start + k step contains the outputs at t(k), before
-//! the step. For a sampled component (all its outputs are discrete), it contains those of the sample
-//! taken at t(k), which are available after the step. The last row is that of the stop time.
+//! the step. For a sampled component (all its outputs are discrete), it contains the outputs of the sample
+//! taken at t(k), which are available after the step. The last row belongs to the stop time.
 //!
 //! The outputs of a component are read once, after its step. If that fails, the run ends at the
 //! communication point from which the component has stepped.

@@ -142,7 +142,7 @@ impl Plan {
         causality.is_ok_and(|causality| causality == Causality::StructuralParameter)
     }
 
-    /// The start values of a component by the indices of its variables: those of the description, unless
+    /// The start values of a component by the indices of its variables: as in the description, unless
     /// `others` replace them.
     pub(crate) fn starts<'a>(
         &'a self,
@@ -160,7 +160,7 @@ impl Plan {
     }
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,
-    /// whose last row is that of a step from the stop time.
+    /// whose last row belongs to a step from the stop time.
     pub fn end(&self) -> f64 {
         let Experiment { stop, step, .. } = self.experiment;
         match self.steps_from_stop() {
@@ -272,7 +272,7 @@ impl Planned {
     /// Checks that arrays of which elements are set can be set as a whole.
     ///
     /// # Errors
-    /// An element is not set, and the FMU has no start value for it, as its description is that of a
+    /// An element is not set, and the FMU has no start value for it, as its description belongs to a
     /// smaller array.
     pub(crate) fn check_arrays(&self, starts: &BTreeMap<usize, &Value>) -> Result<()> {
         let is_missing = |i: &usize| self.fmu.start(*i).is_none() && !starts.contains_key(i);
@@ -302,7 +302,7 @@ fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
     Ok(fmu)
 }
 
-/// Whether all outputs are discrete, like those of a sampled controller.
+/// Whether all outputs are discrete, as in a sampled controller.
 fn is_sampled(fmu: &Fmu) -> bool {
     let outputs = fmu
         .variables

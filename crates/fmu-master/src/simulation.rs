@@ -51,7 +51,7 @@ impl Row {
         self.store.number(place)
     }
 
-    /// The values of columns, which are those of [`Plan::columns`].
+    /// The values of the columns of [`Plan::columns`].
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
         places(columns.iter().map(|column| column.kind)).map(|place| self.store.value(place))
     }

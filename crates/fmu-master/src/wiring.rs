@@ -44,7 +44,7 @@ pub(crate) fn places(kinds: impl Iterator<Item = Type>) -> impl Iterator<Item = 
     kinds.map(move |kind| Place::next(kind, &mut counts))
 }
 
-/// Values: those of the type Float64 as `f64`, which is fast, and the others.
+/// Values: Float64 as `f64`, which is fast, and the others.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(crate) struct Store {
     pub(crate) reals: Vec<f64>,

@@ -201,7 +201,7 @@ impl Function {
         functions.filter_map(|(number, (name, _))| Some((Self(NonZeroU16::new(number)?), name)))
     }
 
-    /// Its name; `None` if its number is that of no function, because the record is damaged.
+    /// Its name; `None` if no function has its number, because the record is damaged.
     pub fn name(self) -> Option<&'static str> {
         Some(self.row()?.0)
     }

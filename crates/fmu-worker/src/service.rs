@@ -33,7 +33,7 @@ impl Service {
     /// supervisor is gone.
     ///
     /// # Errors
-    /// The folder that it shares with the supervisor is not that of a worker.
+    /// The folder that it shares with the supervisor is not a worker's.
     pub fn of_this_process() -> io::Result<Option<Self>> {
         let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else {
             return Ok(None);

@@ -57,7 +57,7 @@ impl Simulate for Sensor {
 
 /// Number `index` of the normal distribution with mean 0 and deviation 1, by Box and Muller.
 ///
-/// The logarithm and the cosine are those of `libm`, which are the same on every machine.
+/// The logarithm and the cosine of `libm` are the same on every machine.
 fn normal(seed: i32, index: u64) -> f64 {
     let key = mixed(u64::from(seed.cast_unsigned()));
     let [a, b] = [2 * index, 2 * index + 1].map(|n| uniform(key.wrapping_add(n)));

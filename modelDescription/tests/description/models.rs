@@ -104,7 +104,7 @@ pub struct Spring {
     hits: i32,
 }
 
-/// A mass: two states in an order other than that of their derivatives.
+/// A mass: two states in another order than their derivatives.
 #[derive(Variables)]
 pub struct Mass {
     /// speed

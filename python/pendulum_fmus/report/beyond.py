@@ -56,7 +56,7 @@ class Section:
 
 
 def targets(data: Data) -> Section:
-    """Compare IPID-RBF with its own force as target (29) with that of Table 1."""
+    """Compare IPID-RBF with its own force as target (29) with the IPID-RBF of Table 1."""
     kinds = ("IPID-RBF", "IPID-RBF own")
     traces = {signal: {kind: data(kind, signal) for kind in kinds} for signal in SIGNALS}
     step = traces["step"].values()

@@ -68,7 +68,7 @@ class Curve:
     x: np.ndarray
     y: np.ndarray
     style: str
-    name: str = ""  # in the legend; by default that of its style
+    name: str = ""  # in the legend; by default the name of its style
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def linearized(_: "Table") -> list[Row]:
 
 
 def printed_coefficients(_: "Table") -> list[Row]:
-    """Compare the coefficients of (40) with those of (11)."""
+    """Compare the coefficients of (40) and (11)."""
     names = ("numerator, s²", "s³", "s², printed as s³", "s")
     return [
         *(
@@ -120,7 +120,7 @@ def measured(table: "Table", key: str) -> tuple[str, dict[str, float]]:
 
 
 def residual(table: "Table") -> list[Row]:
-    """Return the static errors, and those of the closed form."""
+    """Return the static errors, also by the closed form."""
     static = [float(trace.e[-1]) for trace in table.traces]
     size = [abs(value) for value in static]
     closed = [-RAMP / (factor * GAINS["ki"] - RAMP) for factor in FACTORS]
@@ -231,7 +231,7 @@ def simple(table: "Table") -> list[Row]:
 
 
 def smooth(table: "Table") -> list[Row]:
-    """Return how much the force varies, beside that of the PID."""
+    """Return how much the force varies, beside the PID's."""
     pid = table.data("PID", "square")
     traces = [*table.traces, pid]
     table.columns.append("PID")
@@ -276,7 +276,7 @@ def ramps(table: "Table") -> list[Row]:
 
 
 def larger(table: "Table") -> list[Row]:
-    """Compare u_n with that of the undisturbed sine."""
+    """Compare u_n with u_n of the undisturbed sine."""
     rows = []
     for kind in ("PID-RBF", table.ipid):
         values = [largest(table.data(kind, "sine", a).u_n) for a in (0.0, 1.0, 2.0)]

@@ -329,7 +329,7 @@ MEASURES = {
     "lag": Measure("lag or lead", "s", lambda t: abs(lag(t, FREQUENCY["sine"]))),
     "peak": Measure("time of the largest overshoot", "s", peak_time),
     "rising": Measure("rise time", "s", rise_time),
-    # settling: the two usual bands, and that of the paper's 3.8 s
+    # settling: the two usual bands, and the band of the paper's 3.8 s
     "settling_5": Measure("settling ±5 %", "s", partial(settling, band=0.05), jumps=True),
     "settling_2": Measure("settling ±2 %", "s", partial(settling, band=0.02), jumps=True),
     "settling_03": Measure("settling ±0.3 %", "s", partial(settling, band=0.003), jumps=True),
@@ -442,4 +442,4 @@ GROUPS = {
     "effort": "variation energy.step",
     "robustness": "delay_margin gain_margin phase_margin modulus_margin mass length",
 }
-"""Groups of measures; a signal after a group is that of all its members."""
+"""Groups of measures; a signal after a group belongs to all its members."""

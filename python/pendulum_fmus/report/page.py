@@ -69,7 +69,7 @@ def typeset(text: str) -> Markup:
 
 
 def folded(one: Judged, ours: bool) -> bool:
-    """Return whether a table is folded: that of a statement of the paper which simply holds."""
+    """Return whether a table is folded: its statement simply holds."""
     return one.finding.long and one.verdict is Verdict.HOLDS and not ours
 
 

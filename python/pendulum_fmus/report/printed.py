@@ -32,7 +32,7 @@ WIDTH, ROW = 7.0, 2.1
 """Width of a figure, height of a row of panels [inch]."""
 
 DPI = 72
-"""Resolution of the layout, that of SVG and PDF in Matplotlib."""
+"""Resolution of the layout, the same as for SVG and PDF in Matplotlib."""
 
 
 def line(style: Style) -> dict[str, Any]:

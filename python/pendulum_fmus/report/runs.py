@@ -25,7 +25,7 @@ from ..project import FMUS, PROGRAM, SENSOR
 SIGNALS = ("step", "sine", "square")
 
 AMPLITUDES = {"step": (0.0, 1.0), "sine": (0.0, 1.0, 2.0), "square": (0.0, 1.0, 2.0)}
-"""Disturbances [rad]: none, that of Table 1, and that of the text on Figures 12 and 14."""
+"""Disturbances [rad]: none, the one of Table 1, and the one of the text on Figures 12 and 14."""
 
 KINDS = ("PID", "PID-RBF", "IPID-RBF", "IPID-RBF own")
 """The controllers: IPID-RBF learns the supervisor's force as in Table 1 or its own as in (29)."""

@@ -28,7 +28,7 @@ CONSTANT = 1e-7
 """An eigenvalue this close to 1 comes from the plant's zero at s = 0 and an integrator."""
 
 SLOW = 5e-6
-"""Growth per sample below which the margins leave a mode out: that of the supervised IPID-RBF."""
+"""Growth per sample below which the margins leave a mode out, as in the supervised IPID-RBF."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ LAWS = {
     "IPID-RBF own": Law(ETA, leaks=True),
 }
 """The controllers of Table 1. The network of IPID-RBF learns from the supervisor's loop, and so is
-outside its own, which is that of a PID whose sum leaks."""
+outside its own, which is the loop of a PID whose sum leaks."""
 
 DELAYS = {
     "0 samples": Law(ETA),
@@ -56,7 +56,7 @@ DELAYS = {
     "1, parallel": Law(ETA, samples=1),
     "2 samples": Law(ETA, previous_sample_terms=True, samples=1),
 }
-"""PID-RBF by the delay from measurement to force: that of the terms, and that of the master."""
+"""PID-RBF by the delay from measurement to force, by its terms or by the master."""
 
 
 def nodes(r: float = 1.0) -> np.ndarray:

@@ -28,7 +28,7 @@ VERBS = {"beat", "below", "settle", "round", "spread", "fall", *COMPARISONS}
 
 
 def expanded(words: str, cases: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the keys of measures with a case each; `cases` are those of measures without one."""
+    """Yield the keys of measures with a case each; `cases` belong to measures without one."""
     for word in words.split():
         key, _, case = word.partition(".")
         members = GROUPS.get(key, "").split()
@@ -71,7 +71,7 @@ class Table:
     ipid
         The variant of IPID-RBF that is judged.
     statement
-        The statement, as in the file; its `loops` are those of which both networks are columns.
+        The statement, as in the file; its `loops` have both networks as columns.
     cases
         The signals of measures that name none.
     """

@@ -64,7 +64,7 @@ COMPONENTS = {
 def equivalent(a: float, b: float, c: float, d: float) -> dict[str, float]:
     """Return parameters of a plant with G(s) = a s / (s³ + b s² - c s - d).
 
-    Any such plant is a pendulum on a cart, though of other masses. g and l are those of the paper.
+    Any such plant is a pendulum on a cart, though of other masses. g and l are the paper's.
     """
     gravity, length = NOMINAL["g"], NOMINAL["l"]
     total, friction = c / (a * gravity), d / (a * gravity)

@@ -72,7 +72,7 @@ impl From<Version> for FmiVersion {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Options of cargo")]
 struct SelectionArgs {
-    /// Manifest of the package or workspace [default: that of the current folder]
+    /// Manifest of the package or workspace [default: the one in the current folder]
     #[arg(long, value_name = "PATH")]
     manifest_path: Option<PathBuf>,
     /// Package with the models; may be repeated [default: as cargo build, else all with models]

@@ -15,7 +15,7 @@ use fmu_build::dependency::{Dependency, VERSION, quoted};
 pub struct NewArgs {
     /// Folder of the package, which must not exist
     path: PathBuf,
-    /// Name of the package [default: that of the folder]
+    /// Name of the package [default: the name of the folder]
     #[arg(long)]
     name: Option<String>,
     /// Version of fmu-export, folder with its sources, or URL of its git repository [default: the

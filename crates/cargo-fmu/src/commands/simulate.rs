@@ -219,7 +219,7 @@ struct Progress {
     begin: OnceCell<Instant>,
 }
 
-/// The length of the bar, which is that of any run.
+/// The length of the bar, the same for any run.
 const LENGTH: u64 = 1 << 20;
 
 impl Progress {

@@ -129,7 +129,7 @@ impl From<State> for [f64; 4] {
 }
 
 /// Partial derivatives of the state's derivative (x', v', theta', omega'): each field is the vector of
-/// derivatives with respect to one variable, so that `jacobian.theta.omega` is that of omega' with respect
+/// derivatives with respect to one variable, so that `jacobian.theta.omega` is the derivative of omega' with respect
 /// to theta.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Jacobian {

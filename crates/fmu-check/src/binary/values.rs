@@ -1,4 +1,4 @@
-//! The values of variables: those of runs, which are compared, and those that tests set, the same in every
+//! The values of variables: of runs, which are compared, and values that tests set, the same in every
 //! run.
 
 use anyhow::{Result, bail};
@@ -72,7 +72,7 @@ pub type Row = Vec<Value>;
 /// The rows of a run, with their times.
 pub type Trajectory = Vec<(f64, Row)>;
 
-/// Variables that are read together, those of the same type in one call.
+/// Variables that are read together, one call for each type.
 pub struct Observed<'a> {
     variables: Vec<&'a Listed<'a>>,
     /// The value references and the number of elements of the variables of each type.

@@ -84,7 +84,7 @@ fn root(model: &ModelDescription<'_>, findings: &mut Findings) {
     }
 }
 
-/// What the schema of FMI 3.0 requires, but not that of FMI 2.0.
+/// What the schema of FMI 3.0 requires, but not the schema of FMI 2.0.
 fn interfaces_2(root: &Element<'_>, findings: &mut Findings) {
     for kind in INTERFACES {
         if let Some(second) = root.children(kind).nth(1) {

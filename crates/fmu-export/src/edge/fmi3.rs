@@ -1,7 +1,7 @@
 //! The C interface of FMI 3.0.2: all 75 functions. Those that instantiate are defined by
 //! [`export!`](crate::export), as they depend on the models.
 //!
-//! The value reference of a variable is that of its first element in FMI 2.0, and the independent variable
+//! A variable has the value reference of its first element in FMI 2.0, and the independent variable
 //! has the next one after all others.
 #![allow(
     non_snake_case,
@@ -332,7 +332,7 @@ unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Outcome, Re
 /// Calls the host in an intermediate update. Returns the time of an early return that it requests.
 ///
 /// # Safety
-/// The function and its environment are those of the host.
+/// The function and its environment belong to the host.
 unsafe fn call_back(
     function: fmi3IntermediateUpdateCallback,
     environment: fmi3InstanceEnvironment,

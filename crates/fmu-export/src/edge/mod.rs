@@ -3,7 +3,7 @@
 //!
 //! [`fmi2`] and [`fmi3`] are the C interfaces. Their entry points are made from the rows of `fmi-abi`: a row
 //! becomes a function that converts its arguments, checks the state, and calls the method of the component that
-//! has the name of the row's operation. Most of these methods are those of the component itself; the edges add
+//! has the name of the row's operation. Most of these methods belong to the component itself; the edges add
 //! those whose arguments are of C, in this file and in [`state`] if both versions have them.
 //!
 //! Another edge, such as WebAssembly components, docks here: it creates instances with

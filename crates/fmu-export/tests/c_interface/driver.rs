@@ -115,7 +115,7 @@ unsafe extern "C" fn receive_2(
     format: *const c_char,
     text: *const c_char,
 ) {
-    // SAFETY: the host is that of `Instance::with`, and the others are strings of the FMU.
+    // SAFETY: the host comes from `Instance::with`, and the others are strings of the FMU.
     let (host, [instance, category, format, text]) = unsafe {
         let texts = [instance, category, format, text].map(|text| CStr::from_ptr(text));
         (&*host.cast::<Host>(), texts)
@@ -150,7 +150,7 @@ unsafe extern "C" fn update(
     requested: *mut fmi3Boolean,
     return_time: *mut f64,
 ) {
-    // SAFETY: the host is that of `Instance::with`.
+    // SAFETY: the host comes from `Instance::with`.
     let host = unsafe { &*host.cast::<Host>() };
     let update = Intermediate {
         time,
@@ -163,7 +163,7 @@ unsafe extern "C" fn update(
     let mut act = host.on_update.borrow_mut().take();
     let fmu = host.instance.get().unwrap();
     if let Some(end) = act.as_mut().and_then(|act| act(fmu, update)) {
-        // SAFETY: the pointers are those of the FMU.
+        // SAFETY: the pointers come from the FMU.
         unsafe { (*requested, *return_time) = (fmi3True, end) };
     }
     *host.on_update.borrow_mut() = act;

@@ -1,4 +1,4 @@
-//! Types that are not those of a variable.
+//! Types that a variable cannot have.
 
 use fmu_export::prelude::*;
 

@@ -263,7 +263,7 @@ fn experiment(description: &Description) -> Element<'static> {
 }
 
 /// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the
-/// element inside, its Python package the attributes, of which the name is that of its default solver.
+/// element inside, its Python package the attributes, which include the name of its default solver.
 fn master(step: f64) -> Element<'static> {
     let master = Element::new("oms:FixedStepMaster")
         .with("description", "oms-ma")
@@ -298,7 +298,7 @@ impl Terms {
         (known.or_insert_with(|| base.to_vec()) == base).then(|| name.clone())
     }
 
-    /// The name of a variable's enumeration: those of the FMU and of the type, since two FMUs may use
+    /// The name of a variable's enumeration: the names of the FMU and of the type, since two FMUs may use
     /// one name for different types.
     fn enumeration(&mut self, fmu: &Fmu, variable: &Variable) -> String {
         let of_type = variable.declared_type.as_ref().map(|of_type| &of_type.name);

@@ -146,7 +146,7 @@ impl Metrics {
         true
     }
 
-    /// Records that the run diverged at a time in seconds, such as that of a failed step.
+    /// Records that the run diverged at a time in seconds, such as the time of a failed step.
     #[cold]
     pub fn diverge(&mut self, time: f64) {
         if !self.summary.diverged {

@@ -259,7 +259,7 @@ impl Draw {
     }
 
     /// Normally distributed with mean 0 and deviation 1, by the Box-Muller transform. It uses the
-    /// functions of `libm`, which return the same bits on every machine; those of the standard library,
+    /// functions of `libm`, which return the same bits on every machine; the functions of the standard library,
     /// and hence most crates for distributions, do not.
     fn normal(&self) -> f64 {
         let [radius, angle] = self.fractions();

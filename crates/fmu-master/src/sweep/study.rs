@@ -27,12 +27,12 @@ use crate::{
 struct File {
     /// The system file, relative to the folder of the sweep file.
     system: PathBuf,
-    /// Times and order that override those of the system.
+    /// Times and order that override the system's.
     start: Option<f64>,
     stop: Option<f64>,
     step: Option<f64>,
     order: Option<Order>,
-    /// Start values of all runs, which override those of the system.
+    /// Start values of all runs, which override the system's.
     #[serde(default)]
     set: BTreeMap<String, Written>,
     #[serde(default)]

@@ -16,7 +16,7 @@ use fmu_host::{Treatment, environment, stray_messages};
 use super::misuse::provoke;
 use crate::binary::run::{OrSkip, Run, Setup, Subject, check, report};
 
-/// A GUID that is not that of the FMU.
+/// A GUID of another FMU.
 const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
 
 /// Looks for all functions, their version, and creates an instance.
@@ -346,7 +346,7 @@ pub fn logging(subject: &Subject<'_>) -> Result<()> {
     check!(subject, CATEGORY: invalid == 0,
         "{invalid} messages were logged with a status that is not an fmi2Status");
     check!(subject, LOG_ENVIRONMENT: stray == 0,
-        "{stray} messages were logged with another component environment than that of an instance, or \
+        "{stray} messages were logged with another component environment than an instance's, or \
          after the instance was freed");
     Ok(())
 }

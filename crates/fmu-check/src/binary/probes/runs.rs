@@ -156,7 +156,7 @@ fn slows_down(steps: usize, times: &[Instant]) -> Option<String> {
     })
 }
 
-/// A short run, which the parent compares with those of other processes.
+/// A short run, which the parent compares with runs of other processes.
 pub fn trace(subject: &Subject<'_>, setup: Setup<'_>) -> Result<()> {
     for (time, row) in Run::recorded(subject, setup)? {
         subject.report.reply(&Reply::Row(time, row));

@@ -43,7 +43,7 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Compares the start values of the XML with those of the binary in initialization mode.
+/// Compares the start values of the XML with the values of the binary in initialization mode.
 pub fn start(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::initializing(subject, subject.still())?;
     let has_start = |v: &&Listed<'_>| {
