@@ -2,12 +2,12 @@
 
 use std::any::Any;
 
-use fmu_description::table::{self, Field, Scalar as Row, Start as Values};
-use fmu_description::{Causality, Loader, Overrides, Saver, ValueMut};
+use fmu_description::table::{self, Field, Scalar as Row};
+use fmu_description::{Causality, Dynamics, Loader, Overrides, Saver, ValueMut};
 
-use crate::ModelError;
 use crate::clock::SampleClock;
-use crate::layout::{Array, Facts, Place, Tables};
+use crate::layout::{Array, Facts, Place, Tables, access, copy_settable};
+use crate::model::ModelError;
 use crate::model::{Kind, Model, Start};
 
 /// A model with `N` scalar variables.
@@ -33,6 +33,8 @@ pub(crate) trait AnyModel {
     fn derivative(&self, unknown: u32, known: u32) -> f64;
     /// The sum of the Real outputs, which is finite only if each of them is.
     fn sum_of_outputs(&self) -> f64;
+    /// Checks that all Real outputs are finite.
+    fn check_outputs(&mut self) -> Result<(), ModelError>;
     fn sample_time(&self) -> f64;
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError>;
     fn reconfigure(&mut self) -> Result<(), ModelError>;
@@ -257,16 +259,6 @@ impl<M: Model, const N: usize> Bound<M, N> {
     fn assign(to: &mut M, from: &M) {
         to.copy_from(from);
     }
-
-    /// Checks that all Real outputs are finite.
-    #[inline(always)]
-    pub(crate) fn check_outputs(&mut self) -> Result<(), ModelError> {
-        // As `is_finite`, in fewer instructions: zero times infinity is NaN.
-        match 0.0 * self.sum_of_outputs() == 0.0 {
-            true => Ok(()),
-            false => (self as &mut dyn AnyModel).find_not_finite(),
-        }
-    }
 }
 
 /// The number of elements in use.
@@ -353,6 +345,15 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     #[inline(always)]
     fn sum_of_outputs(&self) -> f64 {
         self.model.add_outputs(-0.0) // the neutral element of addition
+    }
+
+    #[inline(always)]
+    fn check_outputs(&mut self) -> Result<(), ModelError> {
+        // As `is_finite`, in fewer instructions: zero times infinity is NaN.
+        match 0.0 * self.sum_of_outputs() == 0.0 {
+            true => Ok(()),
+            false => (self as &mut dyn AnyModel).find_not_finite(),
+        }
     }
 
     #[inline(always)]
@@ -500,6 +501,18 @@ impl dyn AnyModel {
         })
     }
 
+    /// Whether any of the variables is computed only when a host asks for it.
+    pub(crate) fn has_derivatives(&mut self, references: &[u32]) -> bool {
+        references.iter().any(|&reference| {
+            self.find(reference).is_some_and(|scalar| {
+                matches!(
+                    scalar.variable().dynamics,
+                    Dynamics::Derivative { .. } | Dynamics::EventIndicator
+                )
+            })
+        })
+    }
+
     /// How many of these numbers there are.
     pub(crate) fn length(&self, of: Numbers) -> usize {
         match of {
@@ -544,14 +557,6 @@ impl dyn AnyModel {
         let mut states = vec![0.0; self.length(Numbers::States)];
         self.read(Numbers::States, &mut states);
         states
-    }
-
-    /// Checks that all Real outputs are finite.
-    pub(crate) fn check_outputs(&mut self) -> Result<(), ModelError> {
-        match (0.0 * self.sum_of_outputs()).is_nan() {
-            false => Ok(()),
-            true => self.find_not_finite(),
-        }
     }
 
     /// The error that names the first output that is not finite. There may be none, since a sum of
@@ -618,89 +623,22 @@ impl dyn AnyModel {
     }
 }
 
-/// Sets all variables that have start values to them.
-///
-/// # Safety
-/// At the place is a struct with these rows, which is borrowed mutably.
-pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [table::Row]) {
-    table::each_field(rows, 0, &mut |field, offset| {
-        let count = field.start.len().min(field.count());
-        // SAFETY: `Variables` promises this many values of the type of the table at this offset.
-        unsafe {
-            let place = model.byte_add(offset);
-            match field.start {
-                Values::String(start) => {
-                    let texts = std::slice::from_raw_parts_mut(place.cast::<String>(), count);
-                    (texts.iter_mut().zip(start)).for_each(|(to, text)| *to = (*text).into());
-                }
-                Values::Binary(start) => {
-                    let all = std::slice::from_raw_parts_mut(place.cast::<Vec<u8>>(), count);
-                    (all.iter_mut().zip(start)).for_each(|(to, bytes)| *to = (*bytes).into());
-                }
-                Values::Enumeration(start, of) => {
-                    for (element, number) in start.iter().enumerate().take(count) {
-                        (*(of.item)(place.byte_add(element * of.size))).set(*number);
-                    }
-                }
-                numbers => {
-                    let size = count * numbers.element_size();
-                    numbers.as_ptr().copy_to_nonoverlapping(place, size);
-                }
-            }
-        }
-    });
-}
-
-/// Copies what the host sets: inputs and parameters.
-///
-/// # Safety
-/// At both places is a struct with these rows; that to which is copied is borrowed mutably.
-unsafe fn copy_settable(to: *mut u8, from: *const u8, rows: &'static [table::Row]) {
-    use Causality::{Input, Parameter, StructuralParameter};
-    table::each_field(rows, 0, &mut |field, offset| {
-        if !matches!(field.causality, Input | Parameter | StructuralParameter) {
-            return;
-        }
-        // SAFETY: `Variables` promises this many values of the type of the table at this offset; all but
-        // texts and bytes can be copied.
-        unsafe {
-            let (to, from, count) = (to.byte_add(offset), from.byte_add(offset), field.count());
-            match field.start {
-                Values::String(_) => clone_all::<String>(to.cast(), from.cast(), count),
-                Values::Binary(_) => clone_all::<Vec<u8>>(to.cast(), from.cast(), count),
-                _ => from.copy_to_nonoverlapping(to, count * field.start.element_size()),
-            }
-        }
-    });
-}
-
-/// # Safety
-/// At both places are this many values; those to which is copied are borrowed mutably.
-unsafe fn clone_all<T: Clone>(to: *mut T, from: *const T, count: usize) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let from = std::slice::from_raw_parts(from, count);
-        std::slice::from_raw_parts_mut(to, count).clone_from_slice(from);
+/// Takes a step, or the samples in it, of a model that is not integrated.
+#[inline(always)]
+pub(crate) fn take_step<M: AnyModel + ?Sized>(
+    model: &mut M,
+    is_sampled: bool,
+    clock: &mut SampleClock,
+    (time, step): (f64, f64),
+) -> Result<(), ModelError> {
+    if is_sampled {
+        let before = *clock;
+        let due = clock.due(time, step)?;
+        take_samples(model, clock, due, before)?;
+    } else {
+        model.step(time, step)?;
     }
-}
-
-/// Access to a value.
-///
-/// # Safety
-/// At the place is a value of the type of the variable, which is borrowed mutably for `'a`.
-unsafe fn access<'a>(place: *mut u8, field: &Field) -> ValueMut<'a> {
-    macro_rules! of_type {
-        ($($name:ident)*) => {
-            // SAFETY: the caller's promise.
-            unsafe {
-                match field.start {
-                    $(Values::$name(_) => ValueMut::$name(&mut *place.cast()),)*
-                    Values::Enumeration(_, of) => ValueMut::Enumeration(&mut *(of.item)(place)),
-                }
-            }
-        };
-    }
-    of_type!(Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary)
+    model.check_outputs()
 }
 
 /// Takes the last `due` samples that the clock has counted; `before` is the clock without them.
@@ -730,11 +668,10 @@ pub(crate) fn take_samples<M: AnyModel + ?Sized>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interface;
-    use crate::prelude::*;
+    use crate::model::Simulate;
 
     /// An array of variable size
-    #[derive(Model)]
+    #[derive(fmu_derive::Model)]
     #[model(crate = crate)]
     struct Lists {
         /// number of gains
@@ -756,7 +693,8 @@ mod tests {
     }
 
     fn lists(variant: Option<&'static str>) -> Bound<Lists, 5> {
-        Bound::new(interface::<Lists, 5>(variant).overrides)
+        let variant = variant.and_then(|text| Overrides::of(Lists::NAME, text));
+        Bound::new(variant.map_or(Overrides::NONE, |(_, overrides)| overrides))
     }
 
     #[test]

@@ -3,26 +3,25 @@
 //! a method of the component.
 
 use std::any::Any;
-use std::ffi::{CStr, CString};
+use std::ffi::{CStr, CString, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
 use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
-use fmu_description::{Overrides, Variability};
+use fmu_description::hash::checksum;
+use fmu_description::interface::GUID_LENGTH;
+use fmu_description::{Loader, Overrides, Saver, Variability};
 use serde::{Deserialize, Serialize};
 
-use crate::ModelError;
-use crate::bound::{AnyModel, Numbers, take_samples};
+use crate::bound::{AnyModel, Numbers, take_samples, take_step};
 use crate::clock::SampleClock;
-use crate::instance::Hot;
 use crate::lifecycle::{Lifecycle, Mode};
 use crate::log::{self, Category, Log};
+use crate::model::ModelError;
 use crate::model::{Kind, Start};
 use crate::resources::Folder;
-use crate::snapshot::{Guid, Snapshot};
 use crate::solver::{self, Workspace};
-use crate::stepping::IntermediateUpdate;
 
 /// The outcome of a call, numbered like the statuses of FMI, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,6 +75,44 @@ pub(crate) struct Update {
     pub(crate) next_event: Option<f64>,
 }
 
+/// A GUID as text.
+pub(crate) type Guid = [u8; GUID_LENGTH];
+
+/// An intermediate update, in which the host may call functions of the instance.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct IntermediateUpdate {
+    pub(crate) time: f64,
+    /// Whether inputs may be set, as the step goes on.
+    pub(crate) set_requested: bool,
+    pub(crate) can_return_early: bool,
+}
+
+/// A pointer to an instance, which begins with its [`Shared`] part.
+pub(crate) type Pointer = *mut c_void;
+
+/// The functions that depend on the model. The pointer is to an instance of this model, which is not
+/// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
+/// follow them. A binary for one version of FMI does not contain the functions of the other.
+pub(crate) struct Hot {
+    /// Gets scalars and elements of arrays: `n` value references, and as many values.
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) get_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64) -> Outcome,
+    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
+    pub(crate) set_elements:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64) -> Outcome,
+    /// Gets variables with all their elements: `n` value references, and the values.
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) get_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64, usize) -> Outcome,
+    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
+    pub(crate) set_variables:
+        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
+    /// Takes a step.
+    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64) -> Outcome,
+    pub(crate) component: unsafe fn(Pointer) -> *mut Component,
+    pub(crate) free: unsafe fn(Pointer),
+}
+
 /// An instance of a model.
 #[repr(C)]
 pub(crate) struct Component<M: ?Sized = dyn AnyModel> {
@@ -118,6 +155,22 @@ struct Integrator {
     workspace: Workspace,
     /// The model before a step, to which it returns if the step fails.
     before: Option<Box<dyn Any>>,
+}
+
+/// The first bytes of a serialized state.
+pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
+/// Version of the serialization format; increase it when the format changes.
+const VERSION: [u8; 4] = 5u32.to_le_bytes();
+const CHECKSUM: usize = size_of::<u128>();
+const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
+
+/// The complete state of an instance.
+pub(crate) struct Snapshot {
+    guid: Guid,
+    pub(crate) lifecycle: Lifecycle,
+    clock: SampleClock,
+    integration: Integration,
+    model: Box<dyn Any>,
 }
 
 impl<M: AnyModel> Component<M> {
@@ -511,18 +564,12 @@ impl Component {
         step: f64,
         handles_events: bool,
     ) -> Result<(), ModelError> {
-        let (model, shared) = (&mut self.model, &mut self.shared);
-        if model.facts().is_integrated {
+        let facts = self.model.facts();
+        if facts.is_integrated {
             return self.integrate(time, step, handles_events);
         }
-        if model.facts().is_sampled {
-            let before = shared.clock;
-            let due = shared.clock.due(time, step)?;
-            take_samples(model, &mut shared.clock, due, before)?;
-        } else {
-            model.step(time, step)?;
-        }
-        model.check_outputs()
+        let clock = &mut self.shared.clock;
+        take_step(&mut self.model, facts.is_sampled, clock, (time, step))
     }
 
     /// Integrates the equations over a step, which changes nothing if it fails.
@@ -563,12 +610,19 @@ impl Component {
 
     /// The complete state of the instance.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot::new(&self.shared, self.model.save())
+        Snapshot {
+            guid: *self.shared.guid,
+            lifecycle: self.shared.lifecycle,
+            clock: self.shared.clock,
+            integration: self.shared.integration,
+            model: self.model.save(),
+        }
     }
 
     /// Restores a snapshot of this or another instance of the model.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), ModelError> {
-        let (found, expected) = (snapshot.lifecycle.mode, self.shared.lifecycle.mode);
+        let shared = &mut self.shared;
+        let (found, expected) = (snapshot.lifecycle.mode, shared.lifecycle.mode);
         if found != expected {
             return Err(ModelError::refuse(format_args!(
                 "the state is that of an instance for {}; expected one for {}",
@@ -576,7 +630,72 @@ impl Component {
                 expected.name()
             )));
         }
-        snapshot.restore(&mut self.shared, &mut self.model)
+        if !self.model.restore(snapshot.model.as_ref()) {
+            return Err(ModelError::refuse(format_args!(
+                "the state belongs to the model {}, not to {}",
+                text(&snapshot.guid),
+                text(shared.guid)
+            )));
+        }
+        (shared.clock, shared.integration) = (snapshot.clock, snapshot.integration);
+        shared.lifecycle = snapshot.lifecycle;
+        Ok(())
+    }
+
+    /// Serializes a state: header, payload, and a checksum of both.
+    pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
+        let mut payload = Saver::default();
+        let saved = payload.put(&state.lifecycle).ok();
+        let saved = saved.and_then(|()| payload.put(&(state.clock, state.integration)).ok());
+        let saved = saved.and_then(|()| self.model.serialize(state.model.as_ref(), &mut payload));
+        if saved.is_none() {
+            return Err(ModelError::refuse("the state belongs to another model"));
+        }
+        let mut bytes = [&MAGIC[..], &VERSION, &state.guid, &payload.into_bytes()].concat();
+        bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
+        Ok(bytes)
+    }
+
+    /// Deserializes a state of the model.
+    pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
+        let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
+        let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
+        let (content, sum) = bytes.split_at(end);
+        if sum != checksum(content).to_le_bytes() || content.len() < HEADER {
+            return Err(damaged());
+        }
+        let (magic, rest) = content.split_at(MAGIC.len());
+        let (version, rest) = rest.split_at(VERSION.len());
+        let (guid, payload) = rest.split_at(size_of::<Guid>());
+        if magic != MAGIC {
+            return Err(damaged());
+        }
+        let expected = self.shared.guid;
+        if version != VERSION || guid != expected {
+            return Err(ModelError::refuse(format_args!(
+                "the bytes are a state of the model {}, format {version:?}; expected {}, format {VERSION:?}",
+                text(guid),
+                text(expected)
+            )));
+        }
+        let mut loader = Loader::new(payload);
+        let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
+        if !lifecycle.can_be_saved() {
+            return Err(damaged());
+        }
+        let (clock, integration) = loader.take().map_err(|_| damaged())?;
+        let model = self.model.deserialize(&mut loader);
+        let model = model.filter(|_| loader.is_empty()).ok_or_else(damaged)?;
+        if !self.shared.edge.get_fmu_state.is_allowed(lifecycle.state) {
+            return Err(ModelError::refuse("the bytes are damaged"));
+        }
+        Ok(Snapshot {
+            guid: *expected,
+            lifecycle,
+            clock,
+            integration,
+            model,
+        })
     }
 
     /// Evaluates the equations between steps if any of the variables is computed only when a host asks for it:
@@ -592,7 +711,8 @@ impl Component {
                 state,
                 State::StepMode | State::StepFailed | State::IntermediateUpdate | State::Terminated
             );
-        if is_stepped && self.model.facts().is_continuous && self.has_derivatives(references) {
+        if is_stepped && self.model.facts().is_continuous && self.model.has_derivatives(references)
+        {
             return self.evaluate_aside().map(Some);
         }
         self.update()?;
@@ -762,4 +882,8 @@ impl solver::System for Equations<'_> {
     fn next_event(&self, time: f64) -> Option<f64> {
         self.0.next_event(time)
     }
+}
+
+fn text(guid: &[u8]) -> String {
+    String::from_utf8_lossy(guid).into_owned()
 }

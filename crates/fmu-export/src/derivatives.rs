@@ -3,9 +3,9 @@
 use fmu_description::table::Field;
 use fmu_description::{Causality, Dynamics, Type};
 
-use crate::ModelError;
 use crate::component::Component;
 use crate::lifecycle::Mode;
+use crate::model::ModelError;
 use crate::values::unknown;
 
 impl Component {

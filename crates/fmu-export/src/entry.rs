@@ -6,12 +6,11 @@ use fmu_description::interface::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
-use crate::Model;
 use crate::bound::Bound;
-use crate::component::Settings;
-use crate::instance::{self, Pointer};
+use crate::component::{Guid, Pointer, Settings};
+use crate::instance;
 use crate::lifecycle::Mode;
-use crate::snapshot::Guid;
+use crate::model::Model;
 
 /// A model of a library, before it is instantiated.
 pub struct Entry {

@@ -5,17 +5,15 @@
 //! which checks thoroughly and reports errors. The fast path never accepts a call that the component would
 //! refuse.
 
-use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
 use fmu_description::Overrides;
 
-use crate::bound::{AnyModel, Bound, take_samples};
-use crate::component::{Component, Outcome, Settings, Shared};
+use crate::bound::{AnyModel, Bound, take_step};
+use crate::component::{Component, Guid, Hot, Outcome, Pointer, Settings, Shared};
 use crate::model::{Model, ModelError};
-use crate::snapshot::Guid;
 
 pub(crate) const NULL_ARRAY: &str = "an array is NULL though its length is not 0";
 
@@ -43,32 +41,6 @@ pub(crate) unsafe fn slice_mut<'a, T>(pointer: *mut T, n: usize) -> Option<&'a m
         // SAFETY: not NULL by the check, and valid for `n` elements by the caller's promise.
         (false, _) => Some(unsafe { std::slice::from_raw_parts_mut(pointer, n) }),
     }
-}
-
-/// A pointer to an instance, which begins with its [`Shared`] part.
-pub(crate) type Pointer = *mut c_void;
-
-/// The functions that depend on the model. The pointer is to an instance of this model, which is not
-/// used concurrently or otherwise during the call; those to arrays are NULL or valid for the lengths that
-/// follow them. A binary for one version of FMI does not contain the functions of the other.
-pub(crate) struct Hot {
-    /// Gets scalars and elements of arrays: `n` value references, and as many values.
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    pub(crate) get_elements: unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64) -> Outcome,
-    #[cfg(any(feature = "fmi2", not(feature = "fmi3")))]
-    pub(crate) set_elements:
-        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64) -> Outcome,
-    /// Gets variables with all their elements: `n` value references, and the values.
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) get_variables:
-        unsafe extern "C" fn(Pointer, *const u32, usize, *mut f64, usize) -> Outcome,
-    #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
-    pub(crate) set_variables:
-        unsafe extern "C" fn(Pointer, *const u32, usize, *const f64, usize) -> Outcome,
-    /// Takes a step.
-    pub(crate) step: unsafe extern "C" fn(Pointer, f64, f64) -> Outcome,
-    component: unsafe fn(Pointer) -> *mut Component,
-    free: unsafe fn(Pointer),
 }
 
 /// The part of an instance that does not depend on the model; `None` for NULL.
@@ -235,69 +207,44 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
     /// As [`Component::take_step`].
     #[inline(always)]
     fn simulate(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        let (model, clock) = (&mut self.model, &mut self.shared.clock);
         if M::IS_INTEGRATED {
             return (self as &mut Component).integrate(time, step, true);
         }
-        if M::IS_SAMPLED {
-            let before = *clock;
-            let due = clock.due(time, step)?;
-            take_samples(model, clock, due, before)?;
-        } else {
-            model.step(time, step)?;
-        }
-        model.check_outputs()
+        let clock = &mut self.shared.clock;
+        take_step(&mut self.model, M::IS_SAMPLED, clock, (time, step))
     }
 }
 
-/// Gets Float64 in the cases that are not fast.
-///
-/// # Safety
-/// As for all functions of [`Hot`].
-#[cold]
-#[inline(never)]
-unsafe extern "C" fn get_float64(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-    values: *mut f64,
-    n_values: usize,
-) -> Outcome {
-    // SAFETY: the caller's promise.
-    let (c, arrays) = unsafe {
-        let arrays = slice(references, n).zip(slice_mut(values, n_values));
-        (component(instance), arrays)
-    };
-    c.map_or(Outcome::Error, |c| match arrays {
-        Some((references, values)) => c.call(&c.shared.edge.get_float64, |c| {
-            c.get_float64(references, values)
-        }),
-        None => c.refuse(&c.shared.edge.get_float64, NULL_ARRAY),
-    })
+/// Defines functions that get or set Float64 in the cases that are not fast.
+macro_rules! thorough_access {
+    ($($name:ident(*$pointer:ident f64 as $slice:ident);)*) => { $(
+        /// # Safety
+        /// As for all functions of [`Hot`].
+        #[cold]
+        #[inline(never)]
+        unsafe extern "C" fn $name(
+            instance: Pointer,
+            references: *const u32,
+            n: usize,
+            values: *$pointer f64,
+            n_values: usize,
+        ) -> Outcome {
+            // SAFETY: the caller's promise.
+            let (c, arrays) = unsafe {
+                let arrays = slice(references, n).zip($slice(values, n_values));
+                (component(instance), arrays)
+            };
+            c.map_or(Outcome::Error, |c| match arrays {
+                Some((references, values)) => {
+                    c.call(&c.shared.edge.$name, |c| c.$name(references, values))
+                }
+                None => c.refuse(&c.shared.edge.$name, NULL_ARRAY),
+            })
+        }
+    )* };
 }
 
-/// Sets Float64 in the cases that are not fast.
-///
-/// # Safety
-/// As for all functions of [`Hot`].
-#[cold]
-#[inline(never)]
-unsafe extern "C" fn set_float64(
-    instance: Pointer,
-    references: *const u32,
-    n: usize,
-    values: *const f64,
-    n_values: usize,
-) -> Outcome {
-    // SAFETY: the caller's promise.
-    let (c, arrays) = unsafe {
-        let arrays = slice(references, n).zip(slice(values, n_values));
-        (component(instance), arrays)
-    };
-    c.map_or(Outcome::Error, |c| match arrays {
-        Some((references, values)) => c.call(&c.shared.edge.set_float64, |c| {
-            c.set_float64(references, values)
-        }),
-        None => c.refuse(&c.shared.edge.set_float64, NULL_ARRAY),
-    })
+thorough_access! {
+    get_float64(*mut f64 as slice_mut);
+    set_float64(*const f64 as slice);
 }

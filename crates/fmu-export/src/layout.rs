@@ -1,7 +1,8 @@
-//! Where the variables of a model are: tables by value reference, computed by the compiler.
+//! Where the variables of a model are: tables by value reference, computed by the compiler, and access to the
+//! memory that the rows describe.
 
-use fmu_description::table::{Bounds, Row, Scalar};
-use fmu_description::{Causality, Dynamics, Variability};
+use fmu_description::table::{self, Bounds, Field, Row, Scalar, Start as Values};
+use fmu_description::{Causality, Dynamics, ValueMut, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
@@ -229,4 +230,89 @@ pub(crate) struct Facts {
     pub(crate) has_directional_derivatives: bool,
     /// Whether there are structural parameters, and whether any of them is tunable.
     pub(crate) structural_parameters: (bool, bool),
+}
+
+/// Sets all variables that have start values to them.
+///
+/// # Safety
+/// At the place is a struct with these rows, which is borrowed mutably.
+pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
+    table::each_field(rows, 0, &mut |field, offset| {
+        let count = field.start.len().min(field.count());
+        // SAFETY: `Variables` promises this many values of the type of the table at this offset.
+        unsafe {
+            let place = model.byte_add(offset);
+            match field.start {
+                Values::String(start) => {
+                    let texts = std::slice::from_raw_parts_mut(place.cast::<String>(), count);
+                    (texts.iter_mut().zip(start)).for_each(|(to, text)| *to = (*text).into());
+                }
+                Values::Binary(start) => {
+                    let all = std::slice::from_raw_parts_mut(place.cast::<Vec<u8>>(), count);
+                    (all.iter_mut().zip(start)).for_each(|(to, bytes)| *to = (*bytes).into());
+                }
+                Values::Enumeration(start, of) => {
+                    for (element, number) in start.iter().enumerate().take(count) {
+                        (*(of.item)(place.byte_add(element * of.size))).set(*number);
+                    }
+                }
+                numbers => {
+                    let size = count * numbers.element_size();
+                    numbers.as_ptr().copy_to_nonoverlapping(place, size);
+                }
+            }
+        }
+    });
+}
+
+/// Copies what the host sets: inputs and parameters.
+///
+/// # Safety
+/// At both places is a struct with these rows; that to which is copied is borrowed mutably.
+pub(crate) unsafe fn copy_settable(to: *mut u8, from: *const u8, rows: &'static [Row]) {
+    use Causality::{Input, Parameter, StructuralParameter};
+    table::each_field(rows, 0, &mut |field, offset| {
+        if !matches!(field.causality, Input | Parameter | StructuralParameter) {
+            return;
+        }
+        // SAFETY: `Variables` promises this many values of the type of the table at this offset; all but
+        // texts and bytes can be copied.
+        unsafe {
+            let (to, from, count) = (to.byte_add(offset), from.byte_add(offset), field.count());
+            match field.start {
+                Values::String(_) => clone_all::<String>(to.cast(), from.cast(), count),
+                Values::Binary(_) => clone_all::<Vec<u8>>(to.cast(), from.cast(), count),
+                _ => from.copy_to_nonoverlapping(to, count * field.start.element_size()),
+            }
+        }
+    });
+}
+
+/// # Safety
+/// At both places are this many values; those to which is copied are borrowed mutably.
+unsafe fn clone_all<T: Clone>(to: *mut T, from: *const T, count: usize) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let from = std::slice::from_raw_parts(from, count);
+        std::slice::from_raw_parts_mut(to, count).clone_from_slice(from);
+    }
+}
+
+/// Access to a value.
+///
+/// # Safety
+/// At the place is a value of the type of the variable, which is borrowed mutably for `'a`.
+pub(crate) unsafe fn access<'a>(place: *mut u8, field: &Field) -> ValueMut<'a> {
+    macro_rules! of_type {
+        ($($name:ident)*) => {
+            // SAFETY: the caller's promise.
+            unsafe {
+                match field.start {
+                    $(Values::$name(_) => ValueMut::$name(&mut *place.cast()),)*
+                    Values::Enumeration(_, of) => ValueMut::Enumeration(&mut *(of.item)(place)),
+                }
+            }
+        };
+    }
+    of_type!(Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary)
 }

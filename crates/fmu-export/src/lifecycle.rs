@@ -4,8 +4,8 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, Interface};
 use serde::{Deserialize, Serialize};
 
-use crate::ModelError;
 use crate::log::{Category, Log};
+use crate::model::ModelError;
 
 /// Minimum tolerance (s) when comparing communication points.
 const MIN_TOLERANCE: f64 = 1e-9;

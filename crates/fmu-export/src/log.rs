@@ -8,7 +8,7 @@ use std::sync::Once;
 
 use fmu_description::LOG_CATEGORIES;
 
-use crate::ModelError;
+use crate::model::ModelError;
 
 /// A log category: its position in [`LOG_CATEGORIES`], whose last category includes all others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,6 +6,7 @@ use std::path::{Component, Path, PathBuf};
 
 use fmu_description::Variables;
 
+use crate::layout::set_start_values;
 use crate::resources::Folder;
 
 /// A model: a struct with variables, a name and a description, implemented by `#[derive(Model)]`.
@@ -85,7 +86,7 @@ pub trait Model: Variables + 'static {
     fn new() -> Self {
         let mut model = Self::unset();
         // SAFETY: the rows are those of the model.
-        unsafe { crate::bound::set_start_values((&raw mut model).cast(), Self::ROWS) };
+        unsafe { set_start_values((&raw mut model).cast(), Self::ROWS) };
         model
     }
 }

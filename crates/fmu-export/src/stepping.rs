@@ -3,9 +3,9 @@
 
 use fmi_abi::state::State;
 
-use crate::ModelError;
-use crate::component::{Component, Outcome};
+use crate::component::{Component, IntermediateUpdate, Outcome};
 use crate::lifecycle::Mode;
+use crate::model::ModelError;
 
 /// What a step returns besides its outcome.
 #[derive(Debug, Clone, Copy)]
@@ -25,15 +25,6 @@ impl Results {
             last_successful_time,
         }
     }
-}
-
-/// An intermediate update, in which the host may call functions of the instance.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct IntermediateUpdate {
-    pub(crate) time: f64,
-    /// Whether inputs may be set, as the step goes on.
-    pub(crate) set_requested: bool,
-    pub(crate) can_return_early: bool,
 }
 
 /// What to do next in a step.

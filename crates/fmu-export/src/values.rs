@@ -9,10 +9,10 @@ use fmi_abi::state::State;
 use fmu_description::table::{Bounds, Field};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
-use crate::ModelError;
 use crate::bound::Scalar;
 use crate::component::Component;
 use crate::lifecycle::{Lifecycle, Mode};
+use crate::model::ModelError;
 
 /// A value from the host.
 #[derive(Clone, Copy)]
@@ -203,18 +203,6 @@ impl Component {
         Err(ModelError::refuse(
             "in an intermediate update, only the required intermediate variables can be accessed",
         ))
-    }
-
-    /// Whether any of the variables is computed only when a host asks for it.
-    pub(crate) fn has_derivatives(&mut self, references: &[u32]) -> bool {
-        references.iter().any(|&reference| {
-            self.model.find(reference).is_some_and(|scalar| {
-                matches!(
-                    scalar.variable().dynamics,
-                    Dynamics::Derivative { .. } | Dynamics::EventIndicator
-                )
-            })
-        })
     }
 
     /// Sets variables by the functions of a type, all or none.

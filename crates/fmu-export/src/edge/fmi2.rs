@@ -21,7 +21,8 @@ use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
-use crate::{ModelError, resources};
+use crate::model::ModelError;
+use crate::resources;
 
 static EDGE: Edge = Edge {
     version: Version::Fmi2,

@@ -22,15 +22,15 @@ use fmi_abi::{Version, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
 use super::{c_text, text, texts};
-use crate::ModelError;
 use crate::bound::Numbers;
-use crate::component::{Component, Edge, Options, Outcome, Settings};
+use crate::component::{Component, Edge, IntermediateUpdate, Options, Outcome, Settings};
 use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
 use crate::log::{Category, Log, Sink};
+use crate::model::ModelError;
 use crate::resources::Folder;
-use crate::stepping::{IntermediateUpdate, Next, Results, Stepping};
+use crate::stepping::{Next, Results, Stepping};
 use crate::values::Given;
 
 static EDGE: Edge = Edge {

@@ -14,12 +14,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use fmu_description::{Type, Value};
 
-use crate::ModelError;
-use crate::component::{Component, Settings};
+use crate::component::{Component, Pointer, Settings};
 use crate::entry::Entry;
-use crate::instance::Pointer;
 use crate::lifecycle::Mode;
 use crate::log::{self, Category};
+use crate::model::ModelError;
 use crate::values::Given;
 
 /// Defines the entry points of a version from the rows of its functions that have an instance.
@@ -76,7 +75,7 @@ macro_rules! entry {
 }
 
 /// Defines the entry points that hosts call at every step, each by a function of
-/// [`Hot`](crate::instance::Hot) with the same arguments.
+/// [`Hot`](crate::component::Hot) with the same arguments.
 macro_rules! hot {
     ($instance:ident $status:ident $(
         $name:ident($($arg:ident: $type:ty),*) = $fast:ident $(, but not of $ignored:ident: $other:ty)?;

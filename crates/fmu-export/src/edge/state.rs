@@ -2,9 +2,8 @@
 
 use std::ffi::c_void;
 
-use crate::ModelError;
-use crate::component::Component;
-use crate::snapshot::{MAGIC, Snapshot};
+use crate::component::{Component, MAGIC, Snapshot};
+use crate::model::ModelError;
 
 /// A saved state in memory.
 #[repr(C)]
