@@ -110,7 +110,9 @@ def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     library = folder / "library.so"
     options = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", *(f"-D{d}" for d in definitions)]
-    subprocess.run([compiler, *options, "-o", library, ROOT / "tests" / "c" / source], check=True)
+    subprocess.run(
+        [compiler, *options, "-o", library, ROOT / "tests" / "c" / source, "-lm"], check=True
+    )
     return library.read_bytes()
 
 

@@ -255,18 +255,6 @@ def test_the_first_failed_write_ends_a_run(folder):
     assert result.stderr.startswith("error: cannot write /dev/full: ")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("simulate", "system.toml", "--csv"), ("sweep", "sweep.toml", "--out")],
-)
-def test_a_missing_folder_is_named(folder, arguments):
-    sweep_file(folder, 2, "", 0.0)
-    result = run(*arguments, "nowhere/a.csv", cwd=folder)
-    assert result.returncode == 1
-    expected = "error: cannot write nowhere/a.csv: the folder nowhere does not exist\n"
-    assert result.stderr == expected
-
-
 def test_two_runs_do_not_write_the_same_file(folder):
     command = [PROGRAM, *HANG, "--csv=out.csv"]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
@@ -275,27 +263,3 @@ def test_two_runs_do_not_write_the_same_file(folder):
         process.terminate()
     assert result.returncode == 1
     assert result.stderr == "error: out.csv.part is in use by another process\n"
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "expected"),
-    [
-        ("system", "stop = 1.0", "stop = inf", ":1: stop = inf, expected a finite time in s"),
-        ("system", "step = 0.001", "step = 0", ":2: step = 0.0, expected a positive number of s"),
-        ("sweep", "stop = 0.01", "stop = inf", ":2: stop = inf, expected a finite time in s"),
-        ("sweep", "plant.u", "plant.v", ":11: plant.v: Faulty.fmu has no variable v"),
-        ("sweep", "values = [100.0, 0.0]", "uniform = [2, 1]", "line 6, column 11"),
-        ("sweep", "[signals]", "[metrics]\nband = -1\n[signals]", ":8: band = -1.0, expected a"),
-    ],
-)
-def test_a_wrong_value_in_a_file_is_found_by_its_line(folder, file, old, new, expected):
-    sweep_file(folder, 2, "", 0.0)
-    path = folder / f"{file}.toml"
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    command = {"system": "simulate", "sweep": "sweep"}[file]
-    result = run(command, path.name, cwd=folder)
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"error: {path.name}:")
-    assert expected in result.stderr

@@ -138,7 +138,8 @@ def test_a_profile_that_aborts_is_overridden(doubled: Path) -> None:
 def test_binaries_contain_no_path_of_this_machine(workspace: Path, exported: Path) -> None:
     with zipfile.ZipFile(exported / "Own.fmu") as archive:
         binary = archive.read("binaries/linux64/Own.so")
-    for path in (ROOT, Path.home(), workspace.parent):
+    cargo_home = Path(os.environ.get("CARGO_HOME", Path.home() / ".cargo"))
+    for path in (ROOT, Path.home(), cargo_home, workspace.parent):
         assert os.fsencode(path) + b"/" not in binary, f"it contains {path}"
 
 

@@ -299,12 +299,6 @@ def terminals(fmu: Fmu) -> dict[str, dict[str, str]]:
     }
 
 
-@each_model
-def test_terminals_follow_the_schema(fmus, model):
-    schema = STANDARD / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
-    etree.XMLSchema(file=str(schema)).assertValid(of(fmus, model, "3.0").xml(TERMINALS))
-
-
 @pytest.mark.parametrize("controller", ["Pid", "PidRbf", "IpidRbf"])
 def test_terminals_connect_the_loop(fmus, controller):
     of_controller = terminals(of(fmus, controller, "3.0"))
