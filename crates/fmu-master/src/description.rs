@@ -197,10 +197,13 @@ impl Written {
             _ => None,
         };
         typed.with_context(|| {
-            format!(
-                "{name} = {self} is invalid; expected {}",
-                variable.expected()
-            )
+            let expected = match variable.of_type {
+                Type::Int32 => "a 32-bit integer".into(),
+                Type::String => "a quoted string without null bytes".into(),
+                Type::Binary => "nothing, as a Binary cannot be set".into(),
+                _ => variable.expected(),
+            };
+            format!("{name} = {self} is invalid; expected {expected}")
         })
     }
 
