@@ -422,29 +422,20 @@ impl Run<'_> {
 mod tests {
     use super::*;
 
-    /// Equations with `N` states; each method but `slopes` may be left out.
-    trait Equations<const N: usize> {
-        const INDICATORS: usize = 0;
-        fn slopes(&self, time: f64, states: &[f64; N]) -> [f64; N];
-        fn indicator(&self, _states: &[f64; N], _index: usize) -> f64 {
-            1.0
-        }
-        fn event(&mut self, _time: f64, _states: &mut [f64; N]) {}
-        fn next_event(&self, _time: f64) -> Option<f64> {
-            None
-        }
-    }
-
-    /// The equations with what they were evaluated at last.
-    struct Evaluated<E, const N: usize> {
-        equations: E,
+    /// A system of `N` states, with what it was evaluated at last.
+    struct Equations<const N: usize> {
+        right: fn(f64, &[f64; N]) -> [f64; N],
+        indicators: fn(&[f64; N]) -> Vec<f64>,
+        at_event: fn(&mut [f64; N]),
+        /// Of time events (s).
+        period: f64,
         states: [f64; N],
         slopes: [f64; N],
         evaluations: u32,
         events: Vec<f64>,
     }
 
-    impl<E: Equations<N>, const N: usize> System for Evaluated<E, N> {
+    impl<const N: usize> System for Equations<N> {
         fn nominal(&self, _state: usize) -> f64 {
             1.0
         }
@@ -456,7 +447,7 @@ mod tests {
         fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
             self.evaluations += 1;
             self.states.copy_from_slice(states);
-            self.slopes = self.equations.slopes(time, &self.states);
+            self.slopes = (self.right)(time, &self.states);
             Ok(self.slopes.iter().all(|slope| slope.is_finite()))
         }
 
@@ -465,7 +456,7 @@ mod tests {
         }
 
         fn is_positive(&mut self, indicator: usize) -> bool {
-            self.equations.indicator(&self.states, indicator) > 0.0
+            (self.indicators)(&self.states)[indicator] > 0.0
         }
 
         fn not_finite(&mut self) -> ModelError {
@@ -474,18 +465,25 @@ mod tests {
 
         fn event(&mut self, time: f64) -> Result<(), ModelError> {
             self.events.push(time);
-            self.equations.event(time, &mut self.states);
+            (self.at_event)(&mut self.states);
             Ok(())
         }
 
         fn next_event(&self, time: f64) -> Option<f64> {
-            self.equations.next_event(time)
+            Some((libm::floor(time / self.period + 1e-9) + 1.0) * self.period)
         }
     }
 
-    fn system<E: Equations<N>, const N: usize>(equations: E, states: [f64; N]) -> Evaluated<E, N> {
-        Evaluated {
-            equations,
+    /// Equations without events.
+    fn system<const N: usize>(
+        right: fn(f64, &[f64; N]) -> [f64; N],
+        states: [f64; N],
+    ) -> Equations<N> {
+        Equations {
+            right,
+            indicators: |_| Vec::new(),
+            at_event: |_| {},
+            period: f64::INFINITY,
             states,
             slopes: [0.0; N],
             evaluations: 0,
@@ -493,90 +491,84 @@ mod tests {
         }
     }
 
-    /// Takes steps of this size until `end`.
-    fn run<E: Equations<N>, const N: usize>(
-        system: &mut Evaluated<E, N>,
+    fn oscillator() -> Equations<2> {
+        system(|_, [x, v]| [*v, -x], [1.0, 0.5])
+    }
+
+    const STEP: Step = Step {
+        time: 0.0,
+        size: 0.0,
+        tolerance: 1e-6,
+        longest: 0.1,
+        handled: Some(0.0),
+    };
+
+    /// Takes steps of this size until `end`. Returns the states at the end.
+    fn run<const N: usize>(
+        system: &mut Equations<N>,
         size: f64,
         end: f64,
         tolerance: f64,
-    ) -> Result<f64, ModelError> {
-        let mut workspace = Workspace::new(N, E::INDICATORS);
-        let (mut time, mut handled) = (0.0, 0.0);
-        while time < end - 1e-9 {
-            let step = Step {
-                time,
-                size,
-                tolerance,
-                longest: 0.1,
-                handled: Some(handled),
-            };
-            handled = advance(system, &mut workspace, &step)?;
-            time += size; // with rounding errors that add up
+    ) -> Result<[f64; N], ModelError> {
+        let indicators = (system.indicators)(&system.states).len();
+        let mut workspace = Workspace::new(N, indicators);
+        let mut step = Step {
+            size,
+            tolerance,
+            ..STEP
+        };
+        while step.time < end - 1e-9 {
+            step.handled = Some(advance(system, &mut workspace, &step)?);
+            step.time += size; // with rounding errors that add up
         }
-        Ok(time)
+        Ok(system.states)
     }
 
-    fn reason(outcome: Result<f64, ModelError>) -> (Kind, String) {
-        let error = outcome.unwrap_err();
-        (error.kind(), error.reason().to_owned())
-    }
-
-    /// The time that is named in a message.
-    fn time_in(message: &str) -> f64 {
-        let rest = message.split("t = ").nth(1).unwrap();
-        rest.split(' ').next().unwrap().parse().unwrap()
-    }
-
-    struct Oscillator;
-
-    impl Equations<2> for Oscillator {
-        fn slopes(&self, _time: f64, [x, v]: &[f64; 2]) -> [f64; 2] {
-            [*v, -x]
-        }
+    /// Takes a step that fails. Returns the kind of the error, its message and the time that it names.
+    fn fail<const N: usize>(mut system: Equations<N>, size: f64) -> (Kind, String, f64) {
+        let error = run(&mut system, size, size, 1e-6).unwrap_err();
+        let text = error.reason().to_owned();
+        let time = text
+            .split("t = ")
+            .nth(1)
+            .and_then(|rest| rest.split(' ').next());
+        (error.kind(), text.clone(), time.unwrap().parse().unwrap())
     }
 
     #[test]
     fn the_error_falls_with_the_tolerance_and_the_work_grows_as_its_fifth_root() {
         let errors = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| {
-            let mut oscillator = system(Oscillator, [1.0, 0.0]);
-            run(&mut oscillator, 20.0, 20.0, tolerance).unwrap();
-            let [x, v] = oscillator.states;
+            let mut oscillator = Equations {
+                states: [1.0, 0.0],
+                ..oscillator()
+            };
+            let [x, v] = run(&mut oscillator, 20.0, 20.0, tolerance).unwrap();
             let error = (x - libm::cos(20.0)).abs() + (v + libm::sin(20.0)).abs();
             assert!(error < 50.0 * tolerance, "{error} for {tolerance}");
             (error, f64::from(oscillator.evaluations))
         });
         for pair in errors.windows(2) {
-            let (coarse, fine) = (pair[0], pair[1]);
-            let (gain, cost) = (coarse.0 / fine.0, fine.1 / coarse.1);
+            let (gain, cost) = (pair[0].0 / pair[1].0, pair[1].1 / pair[0].1);
             assert!((30.0..300.0).contains(&gain), "{errors:?}");
             assert!((1.8..2.9).contains(&cost), "{errors:?}");
         }
-    }
-
-    #[test]
-    fn a_short_step_takes_one_internal_step() {
-        let mut oscillator = system(Oscillator, [1.0, 0.5]);
+        // A short step takes one internal step: at the start, at the probe, and at the stages.
+        let mut oscillator = oscillator();
         run(&mut oscillator, 1e-3, 1e-3, 1e-6).unwrap();
-        // At the start, at the probe, and at the stages.
         assert_eq!(oscillator.evaluations, 8);
     }
 
     #[test]
     fn the_dense_output_is_of_fourth_order() {
         let error = |h: f64| {
-            let mut oscillator = system(Oscillator, [1.0, 0.5]);
-            let mut workspace = Workspace::new(2, 0);
-            let step = Step {
-                time: 0.0,
-                size: h,
-                tolerance: 1.0,
-                longest: h,
-                handled: None,
-            };
             let mut run = Run {
-                system: &mut oscillator,
-                w: &mut workspace,
-                step: &step,
+                system: &mut oscillator(),
+                w: &mut Workspace::new(2, 0),
+                step: &Step {
+                    size: h,
+                    tolerance: 1.0,
+                    ..STEP
+                },
                 reached: 0.0,
                 size: h,
                 steps: 0,
@@ -584,91 +576,55 @@ mod tests {
             };
             run.start().unwrap();
             run.try_step(h, h).ok().unwrap();
-            let error_at = |run: &mut Run<'_>, fraction: f64| {
+            let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {
                 run.interpolate(fraction, h);
                 let (sin, cos) = libm::sincos(fraction * h);
                 (run.w.point[0] - cos - 0.5 * sin).abs()
-            };
-            assert_eq!(error_at(&mut run, 0.0), 0.0);
-            assert!(error_at(&mut run, 1.0) < 1e-5 * h);
-            error_at(&mut run, 0.3)
+            });
+            assert!(start == 0.0 && end < 1e-5 * h);
+            within
         };
         let order = libm::log2(error(0.2) / error(0.1));
         assert!((order - 5.0).abs() < 0.5, "local order {order}");
     }
 
-    /// x' = -rate (x - cos t).
-    struct Relaxation {
-        rate: f64,
-    }
-
-    impl Equations<1> for Relaxation {
-        fn slopes(&self, time: f64, [x]: &[f64; 1]) -> [f64; 1] {
-            [-self.rate * (x - libm::cos(time))]
-        }
-    }
-
     #[test]
     fn stiff_equations_take_many_internal_steps_or_are_discarded() {
-        let mut stiff = system(Relaxation { rate: 1e3 }, [0.0]);
-        run(&mut stiff, 1.0, 2.0, 1e-6).unwrap();
-        assert!((stiff.states[0] - libm::cos(2.0 - 1e-3)).abs() < 1e-5);
-        let mut stiffer = system(Relaxation { rate: 1e9 }, [0.0]);
-        let (kind, text) = reason(run(&mut stiffer, 1.0, 1.0, 1e-6));
+        // x' = -rate (x - cos t).
+        let mut stiff = system(|time, [x]| [-1e3 * (x - libm::cos(time))], [0.0]);
+        let [x] = run(&mut stiff, 1.0, 2.0, 1e-6).unwrap();
+        assert!((x - libm::cos(2.0 - 1e-3)).abs() < 1e-5);
+        let stiffer = system(|time, [x]| [-1e9 * (x - libm::cos(time))], [0.0]);
+        let (kind, text, time) = fail(stiffer, 1.0);
         assert_eq!(kind, Kind::Discarded);
         assert!(text.contains("more than 100000 internal steps"), "{text}");
-        assert!((1e-5..1e-2).contains(&time_in(&text)), "{text}");
-    }
-
-    /// x' = x^2: x = 1 / (1 - t) is infinite at 1 s. Or x' = -sqrt(x): x = (1 - t / 2)^2 ends at 2 s.
-    struct Ending {
-        explodes: bool,
-    }
-
-    impl Equations<1> for Ending {
-        fn slopes(&self, _time: f64, [x]: &[f64; 1]) -> [f64; 1] {
-            match self.explodes {
-                true => [x * x],
-                false => [-libm::sqrt(*x)],
-            }
-        }
+        assert!((1e-5..1e-2).contains(&time), "{text}");
     }
 
     #[test]
     fn a_solution_that_ends_is_an_error_that_names_the_time() {
-        let mut exploding = system(Ending { explodes: true }, [1.0]);
-        let (kind, text) = reason(run(&mut exploding, 3.0, 3.0, 1e-6));
+        // x = 1 / (1 - t) is infinite at 1 s.
+        let (kind, text, time) = fail(system(|_, [x]| [x * x], [1.0]), 3.0);
         assert_eq!(kind, Kind::Discarded, "{text}");
-        assert!((time_in(&text) - 1.0).abs() < 1e-4, "{text}");
-        let mut emptied = system(Ending { explodes: false }, [1.0]);
-        run(&mut emptied, 1.9, 1.9, 1e-8).unwrap();
-        assert!((emptied.states[0] - 0.0025).abs() < 1e-8);
-        let mut emptied = system(Ending { explodes: false }, [1.0]);
-        let (kind, text) = reason(run(&mut emptied, 3.0, 3.0, 1e-6));
+        assert!((time - 1.0).abs() < 1e-4, "{text}");
+        // x = (1 - t / 2)^2 ends at 2 s.
+        let emptied = |x| system(|_, [x]| [-libm::sqrt(*x)], [x]);
+        let [x] = run(&mut emptied(1.0), 1.9, 1.9, 1e-8).unwrap();
+        assert!((x - 0.0025).abs() < 1e-8);
+        let (kind, text, time) = fail(emptied(1.0), 3.0);
         assert!(text.ends_with("a slope became NaN"), "{text}");
         assert_eq!(kind, Kind::Broken);
-        assert!((time_in(&text) - 2.0).abs() < 1e-2, "{text}");
-        let mut wrong = system(Ending { explodes: false }, [-1.0]);
-        assert_eq!(time_in(&reason(run(&mut wrong, 1.0, 1.0, 1e-6)).1), 0.0);
-    }
-
-    /// A phase that passes 1 and 2 at the same speed, and 1 with a second indicator.
-    struct Phases;
-
-    impl Equations<1> for Phases {
-        const INDICATORS: usize = 3;
-        fn slopes(&self, _time: f64, _: &[f64; 1]) -> [f64; 1] {
-            [1.0]
-        }
-        fn indicator(&self, [x]: &[f64; 1], index: usize) -> f64 {
-            x - [2.0, 1.0, 1.0][index]
-        }
+        assert!((time - 2.0).abs() < 1e-2, "{text}");
+        assert_eq!(fail(emptied(-1.0), 1.0).2, 0.0);
     }
 
     #[test]
     fn indicators_that_change_together_are_one_event_just_after_it() {
         for size in [0.01, 0.3, 3.0] {
-            let mut phases = system(Phases, [0.0]);
+            let mut phases = Equations {
+                indicators: |[x]| vec![x - 2.0, x - 1.0, x - 1.0],
+                ..system(|_, _| [1.0], [0.0])
+            };
             run(&mut phases, size, 3.0, 1e-6).unwrap();
             let [first, second] = phases.events[..] else {
                 panic!("{:?}", phases.events);
@@ -678,53 +634,29 @@ mod tests {
         }
     }
 
-    /// x' = 1 below 1, and -1 above.
-    struct Relay {
-        up: bool,
-    }
-
-    impl Equations<1> for Relay {
-        const INDICATORS: usize = 1;
-        fn slopes(&self, _time: f64, _: &[f64; 1]) -> [f64; 1] {
-            [if self.up { 1.0 } else { -1.0 }]
-        }
-        fn indicator(&self, [x]: &[f64; 1], _index: usize) -> f64 {
-            x - 1.0
-        }
-        fn event(&mut self, _time: f64, [x]: &mut [f64; 1]) {
-            self.up = *x <= 1.0;
-        }
-    }
-
     #[test]
     fn chattering_is_discarded() {
-        let mut relay = system(Relay { up: true }, [0.0]);
-        let (kind, text) = reason(run(&mut relay, 2.0, 2.0, 1e-6));
+        // The second state is the slope of the first: 1 below 1, and -1 above.
+        let relay = Equations {
+            indicators: |[x, _]| vec![x - 1.0],
+            at_event: |[x, slope]| *slope = if *x <= 1.0 { 1.0 } else { -1.0 },
+            ..system(|_, [_, slope]| [*slope, 0.0], [0.0, 1.0])
+        };
+        let (kind, text, time) = fail(relay, 2.0);
         assert_eq!(kind, Kind::Discarded);
         assert!(text.contains("more than 1000 events"), "{text}");
-        assert!((time_in(&text) - 1.0).abs() < 1e-3, "{text}");
-    }
-
-    /// Counts the multiples of a time, without any state of its own.
-    struct Ticks {
-        period: f64,
-    }
-
-    impl Equations<0> for Ticks {
-        fn slopes(&self, _time: f64, _: &[f64; 0]) -> [f64; 0] {
-            []
-        }
-        fn next_event(&self, time: f64) -> Option<f64> {
-            Some((libm::floor(time / self.period + 1e-9) + 1.0) * self.period)
-        }
+        assert!((time - 1.0).abs() < 1e-3, "{text}");
     }
 
     #[test]
     fn time_events_are_hit_exactly_and_once_whatever_the_step() {
         for size in [0.1, 0.3, 0.02, 1.0 / 3.0, 30.0] {
-            let mut ticks = system(Ticks { period: 0.1 }, []);
-            let end = run(&mut ticks, size, 30.0, 1e-6).unwrap();
-            assert_eq!(ticks.events.len(), 300, "{size}: {end}");
+            let mut ticks = Equations {
+                period: 0.1,
+                ..system(|_, _| [], [])
+            };
+            run(&mut ticks, size, 30.0, 1e-6).unwrap();
+            assert_eq!(ticks.events.len(), 300, "{size}");
             for (k, event) in ticks.events.iter().enumerate() {
                 let expected = (k as f64 + 1.0) * 0.1;
                 assert!((event - expected).abs() < 1e-9, "{size}: {event}");

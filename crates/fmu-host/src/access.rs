@@ -4,7 +4,8 @@ use std::ffi::CString;
 
 use fmu_description::{Type, Value};
 
-use crate::{Cause, Failure, Instance, Number, Result, Success};
+use crate::instance::{Instance, Number};
+use crate::outcome::{Cause, Failure, Result, Success};
 
 /// The operation that gets or sets variables of a type, such as `get_float64`.
 pub fn operation(verb: &str, of_type: Type) -> String {

@@ -1,20 +1,17 @@
 //! Instances, with a method for each operation of FMI. The methods call the function of the instance's
 //! version; a method that only one version has fails for the other.
 
-use std::ffi::{CString, c_void};
+use std::ffi::{CString, c_int, c_void};
 use std::ptr;
 use std::sync::Arc;
 
-use fmi_abi::Version;
-use fmi_abi::fmi2::{
-    fmi2Boolean, fmi2CallbackFunctions, fmi2CallbackLogger, fmi2Component, fmi2EventInfo,
-    fmi2False, fmi2Status, fmi2StatusKind, fmi2String, fmi2Terminated,
-};
-use fmi_abi::fmi3::{fmi3Boolean, fmi3Clock, fmi3False};
+use fmi_abi::fmi2::*;
+use fmi_abi::fmi3::*;
+use fmi_abi::{Version, fmi2_functions, fmi3_functions};
 
-use crate::call::{Fmi2, Fmi3};
-use crate::logger::{Registered, text};
-use crate::{Cause, Failure, Library, Result, Success};
+use crate::library::{Kind, Library};
+use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
+use crate::outcome::{Cause, Failure, Result, Success};
 
 /// Calls the function that performs an operation: of the instance's version, or of the only version that has
 /// it.
@@ -28,6 +25,147 @@ macro_rules! call {
     ($version:ident $instance:ident.$operation:ident $values:tt) => {
         $version($instance).$operation $values
     };
+}
+
+/// The arguments that [`Library::instantiate`] passes to the FMU. FMI 2.0 has those up to `logging_on`.
+#[derive(Clone, Default)]
+pub struct Instantiation<'a> {
+    /// Name of the instance.
+    pub name: &'a str,
+    /// Kind of the instance.
+    pub kind: Kind,
+    /// The GUID of the model description, or the instantiation token of FMI 3.0.
+    pub guid: &'a str,
+    /// The location of the folder `resources`, as [`Library::location`] returns it.
+    pub resources: &'a str,
+    /// Whether the FMU also logs messages other than errors.
+    pub logging_on: bool,
+    /// `eventModeUsed`
+    pub event_mode_used: bool,
+    /// `earlyReturnAllowed`
+    pub early_return_allowed: bool,
+    /// `requiredIntermediateVariables`
+    pub intermediate_variables: &'a [u32],
+    /// Receives intermediate updates. It is called during a step, on the thread of the step.
+    pub on_intermediate: Option<OnIntermediate>,
+    /// How the arguments are treated.
+    pub treatment: Treatment,
+}
+
+/// How [`Library::instantiate`] treats the arguments. All but the first test an FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Treatment {
+    /// All arguments are given, and stay valid until the instance is freed.
+    #[default]
+    Usual,
+    /// The strings are overwritten after the call; FMUs must copy what they need.
+    ShortLivedStrings,
+    /// The logger is NULL.
+    NoLogger,
+    /// The location of the resources is NULL.
+    NoResources,
+}
+
+impl Library {
+    /// `fmi2Instantiate`, `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`; `None` if it
+    /// returns NULL. `sink` receives the log messages of the instance, possibly on a thread that the FMU
+    /// has started.
+    ///
+    /// # Errors
+    /// The function is missing, or an argument contains a zero byte.
+    pub fn instantiate(
+        self: &Arc<Self>,
+        arguments: &Instantiation<'_>,
+        sink: impl Fn(Logged) + Send + Sync + 'static,
+    ) -> Result<Option<Instance>> {
+        let function = match (self.version, arguments.kind) {
+            (Version::Fmi2, _) => "fmi2Instantiate",
+            (Version::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
+            (Version::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
+        };
+        let strings = strings(arguments, function)?;
+        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
+        let resources = match arguments.treatment {
+            Treatment::NoResources => ptr::null(),
+            _ => resources,
+        };
+        let has_logger = arguments.treatment != Treatment::NoLogger;
+        let log_message: Option<fmi3LogMessageCallback> = match has_logger {
+            true => Some(log_3),
+            false => None,
+        };
+        let update: Option<fmi3IntermediateUpdateCallback> = match arguments.on_intermediate {
+            Some(_) => Some(intermediate_update),
+            None => None,
+        };
+        let registered = Registered::new(Arc::new(sink), arguments.on_intermediate.clone());
+        let environment = registered.environment();
+        let mut instance = Instance::new(self, registered, has_logger.then(logger));
+        let logging_on = arguments.logging_on;
+        // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
+        // until it is freed, and the FMU copies the value references.
+        let pointer = unsafe {
+            match (self.version, arguments.kind) {
+                (Version::Fmi2, kind) => {
+                    let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
+                    let (kind, callbacks) = (kind as c_int, instance.callbacks());
+                    instantiate(name, kind, guid, resources, callbacks, 0, logging_on.into())
+                }
+                (Version::Fmi3, Kind::ModelExchange) => {
+                    let found = self.fmi3.fmi3InstantiateModelExchange;
+                    let instantiate = self.function(found, function)?;
+                    let (on, log) = (logging_on.into(), log_message);
+                    instantiate(name, guid, resources, 0, on, environment, log)
+                }
+                (Version::Fmi3, Kind::CoSimulation) => {
+                    let found = self.fmi3.fmi3InstantiateCoSimulation;
+                    let instantiate = self.function(found, function)?;
+                    instantiate(
+                        name,
+                        guid,
+                        resources,
+                        0,
+                        logging_on.into(),
+                        arguments.event_mode_used.into(),
+                        arguments.early_return_allowed.into(),
+                        arguments.intermediate_variables.as_ptr(),
+                        arguments.intermediate_variables.len(),
+                        environment,
+                        log_message,
+                        update,
+                    )
+                }
+            }
+        };
+        instance.strings = kept(strings, arguments.treatment);
+        instance.pointer = pointer;
+        Ok((!pointer.is_null()).then_some(instance))
+    }
+}
+
+/// The strings that an FMU is instantiated with, as C strings: name, GUID and location of the resources.
+type Strings = [Vec<u8>; 3];
+
+fn strings(arguments: &Instantiation<'_>, function: &'static str) -> Result<Strings> {
+    let text = |text: &str| {
+        let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
+        Ok(text.into_bytes_with_nul())
+    };
+    Ok([
+        text(arguments.name)?,
+        text(arguments.guid)?,
+        text(arguments.resources)?,
+    ])
+}
+
+/// What remains of the strings once the FMU is instantiated.
+fn kept(mut strings: Strings, treatment: Treatment) -> Strings {
+    if treatment == Treatment::ShortLivedStrings {
+        for byte in strings.iter_mut().flatten().filter(|byte| **byte != 0) {
+            *byte = b'#';
+        }
+    }
+    strings
 }
 
 /// An instance of an FMU, which is freed on drop. It keeps its library loaded.
@@ -634,3 +772,154 @@ impl Drop for Instance {
         }
     }
 }
+
+/// An instance as FMI 2.0 sees it.
+pub(crate) struct Fmi2<'a>(pub(crate) &'a mut Instance);
+
+/// An instance as FMI 3.0 sees it.
+pub(crate) struct Fmi3<'a>(pub(crate) &'a mut Instance);
+
+/// Defines a method for each function of an instance, made from the rows of `fmi-abi` and named by the operation
+/// that it performs. Its arrays are slices, from which the method takes the lengths; where a length counts several
+/// slices, the shortest one decides.
+macro_rules! functions {
+    (
+        $inline:ident $version:ident $functions:ident
+        Free { $($_0:tt)* }
+        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
+    ) => {
+        #[allow(dead_code, clippy::too_many_arguments, reason = "as in the standard")]
+        impl $version<'_> {
+            $($(method!($inline $version $functions $name $operation [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
+        }
+    };
+}
+
+macro_rules! method {
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op $done [$($rest)*] $($all)*);
+    };
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
+    };
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
+        #[inline($inline)]
+        pub(crate) fn $op(self, $($param: $type),*) -> Result {
+            let instance = self.0;
+            if instance.version != Version::$v {
+                return Err(Failure::new(stringify!($name), Cause::OtherVersion));
+            }
+            $(prepare!($arg $kind);)*
+            $(measure!($arg $kind);)*
+            let library = &*instance.library;
+            // SAFETY: the standard gives the type, the instance is one of this version and not freed,
+            // and every pointer is valid for the length passed with it. The rest depends on the foreign
+            // binary, as described in the crate documentation.
+            let status = unsafe {
+                let function = library.function(library.$f.$name, stringify!($name))?;
+                function(instance.pointer, $(c_value!($arg $kind)),*)
+            };
+            library.outcome(stringify!($name), status.0)
+        }
+    };
+}
+
+/// The type of an argument of a method.
+macro_rules! rust_type {
+    ([in? fmi2Byte; $n:ident]) => {
+        &[u8]
+    };
+    ([out? fmi2Byte; $n:ident]) => {
+        &mut [u8]
+    };
+    ([in? $type:ty; $n:ident]) => {
+        &[$type]
+    };
+    ([in $type:ty; $n:ident]) => {
+        &[$type]
+    };
+    ([out? $type:ty; $n:ident]) => {
+        &mut [$type]
+    };
+    ([out $type:ty; $n:ident]) => {
+        &mut [$type]
+    };
+    ([out? fmi2FMUstate]) => {
+        &mut State
+    };
+    ([out? fmi3FMUState]) => {
+        &mut State
+    };
+    ([out? $type:ty]) => {
+        &mut $type
+    };
+    ([out $type:ty]) => {
+        &mut $type
+    };
+    (fmi2FMUstate) => {
+        &State
+    };
+    (fmi3FMUState) => {
+        &State
+    };
+    (fmi2Boolean) => {
+        bool
+    };
+    (fmi3Boolean) => {
+        bool
+    };
+    ($type:ty) => {
+        $type
+    };
+}
+
+/// Declares a length.
+macro_rules! prepare {
+    ($n:ident [len]) => {
+        let mut $n = usize::MAX;
+    };
+    ($arg:ident $kind:tt) => {};
+}
+
+/// Limits a length to the length of an array.
+macro_rules! measure {
+    ($arg:ident [$way:ident $(?)? $type:ident; $n:ident]) => {
+        $n = $n.min($arg.len());
+    };
+    ($arg:ident $kind:tt) => {};
+}
+
+/// What is passed to the function.
+macro_rules! c_value {
+    ($arg:ident [in $(?)? $type:ident; $n:ident]) => {
+        $arg.as_ptr().cast()
+    };
+    ($arg:ident [out $(?)? $type:ident; $n:ident]) => {
+        $arg.as_mut_ptr().cast()
+    };
+    ($arg:ident [out? fmi2FMUstate]) => {
+        &raw mut $arg.0
+    };
+    ($arg:ident [out? fmi3FMUState]) => {
+        &raw mut $arg.0
+    };
+    ($arg:ident fmi2FMUstate) => {
+        $arg.0
+    };
+    ($arg:ident fmi3FMUState) => {
+        $arg.0
+    };
+    ($arg:ident fmi2Boolean) => {
+        $arg.into()
+    };
+    ($arg:ident fmi3Boolean) => {
+        $arg.into()
+    };
+    ($arg:ident $kind:tt) => {
+        $arg
+    };
+}
+
+// The functions of FMI 3.0 are not inlined, so that the functions of FMI 2.0, which are shorter, are.
+fmi2_functions!(functions! always Fmi2 fmi2);
+fmi3_functions!(functions! never Fmi3 fmi3);

@@ -9,7 +9,6 @@
 //! separate process, as `cargo fmu validate` does.
 
 mod access;
-mod call;
 pub mod environment;
 mod instance;
 mod library;
@@ -17,12 +16,11 @@ mod logger;
 mod outcome;
 mod resources;
 mod shared_memory;
-mod trampoline;
 
 pub use access::operation;
 pub use fmi_abi::{Version, fmi2, fmi3};
-pub use instance::{Completed, Instance, Number, State, Stepped, Update};
-pub use library::{Instantiation, Kind, Library, LoadError, Treatment};
+pub use instance::{Completed, Instance, Instantiation, Number, State, Stepped, Treatment, Update};
+pub use library::{Kind, Library, LoadError};
 pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use resources::{resource_path, uri};

@@ -1,7 +1,7 @@
 //! Loaded libraries, and the functions that do not need an instance.
 
 use std::error::Error;
-use std::ffi::{CString, c_int, c_void};
+use std::ffi::{c_int, c_void};
 use std::fmt;
 use std::path::Path;
 use std::ptr;
@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fmi_abi::{Interface, Version, fmi2, fmi2_functions, fmi3, fmi3_functions};
 
-use crate::logger::{OnIntermediate, Registered, intermediate_update, log_3, text};
-use crate::trampoline::logger;
-use crate::{Cause, Failure, Instance, Logged, Result, Status, Success, resource_path, uri};
+use crate::logger::text;
+use crate::outcome::{Cause, Failure, Result, Status, Success};
+use crate::resources::{resource_path, uri};
 
 /// The two kinds of FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -50,45 +50,6 @@ impl fmt::Display for LoadError {
 }
 
 impl Error for LoadError {}
-
-/// The arguments that [`Library::instantiate`] passes to the FMU. FMI 2.0 has those up to `logging_on`.
-#[derive(Clone, Default)]
-pub struct Instantiation<'a> {
-    /// Name of the instance.
-    pub name: &'a str,
-    /// Kind of the instance.
-    pub kind: Kind,
-    /// The GUID of the model description, or the instantiation token of FMI 3.0.
-    pub guid: &'a str,
-    /// The location of the folder `resources`, as [`Library::location`] returns it.
-    pub resources: &'a str,
-    /// Whether the FMU also logs messages other than errors.
-    pub logging_on: bool,
-    /// `eventModeUsed`
-    pub event_mode_used: bool,
-    /// `earlyReturnAllowed`
-    pub early_return_allowed: bool,
-    /// `requiredIntermediateVariables`
-    pub intermediate_variables: &'a [u32],
-    /// Receives intermediate updates. It is called during a step, on the thread of the step.
-    pub on_intermediate: Option<OnIntermediate>,
-    /// How the arguments are treated.
-    pub treatment: Treatment,
-}
-
-/// How [`Library::instantiate`] treats the arguments. All but the first test an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Treatment {
-    /// All arguments are given, and stay valid until the instance is freed.
-    #[default]
-    Usual,
-    /// The strings are overwritten after the call; FMUs must copy what they need.
-    ShortLivedStrings,
-    /// The logger is NULL.
-    NoLogger,
-    /// The location of the resources is NULL.
-    NoResources,
-}
 
 macro_rules! look_up {
     (
@@ -155,7 +116,7 @@ impl Library {
         self.version
     }
 
-    /// The location of a folder of resources for [`Instantiation`]: a URI in FMI 2.0, a path in FMI 3.0.
+    /// The location of a folder of resources for [`Instantiation`](crate::Instantiation): a URI in FMI 2.0, a path in FMI 3.0.
     pub fn location(&self, resources: &Path) -> String {
         match self.version {
             Version::Fmi2 => uri(resources),
@@ -269,81 +230,6 @@ impl Library {
         texts.collect()
     }
 
-    /// `fmi2Instantiate`, `fmi3InstantiateModelExchange` or `fmi3InstantiateCoSimulation`; `None` if it
-    /// returns NULL. `sink` receives the log messages of the instance, possibly on a thread that the FMU
-    /// has started.
-    ///
-    /// # Errors
-    /// The function is missing, or an argument contains a zero byte.
-    pub fn instantiate(
-        self: &Arc<Self>,
-        arguments: &Instantiation<'_>,
-        sink: impl Fn(Logged) + Send + Sync + 'static,
-    ) -> Result<Option<Instance>> {
-        let function = match (self.version, arguments.kind) {
-            (Version::Fmi2, _) => "fmi2Instantiate",
-            (Version::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
-            (Version::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
-        };
-        let strings = strings(arguments, function)?;
-        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
-        let resources = match arguments.treatment {
-            Treatment::NoResources => ptr::null(),
-            _ => resources,
-        };
-        let has_logger = arguments.treatment != Treatment::NoLogger;
-        let log_message: Option<fmi3::fmi3LogMessageCallback> = match has_logger {
-            true => Some(log_3),
-            false => None,
-        };
-        let update: Option<fmi3::fmi3IntermediateUpdateCallback> = match arguments.on_intermediate {
-            Some(_) => Some(intermediate_update),
-            None => None,
-        };
-        let registered = Registered::new(Arc::new(sink), arguments.on_intermediate.clone());
-        let environment = registered.environment();
-        let mut instance = Instance::new(self, registered, has_logger.then(logger));
-        let logging_on = arguments.logging_on;
-        // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
-        // until it is freed, and the FMU copies the value references.
-        let pointer = unsafe {
-            match (self.version, arguments.kind) {
-                (Version::Fmi2, kind) => {
-                    let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
-                    let (kind, callbacks) = (kind as c_int, instance.callbacks());
-                    instantiate(name, kind, guid, resources, callbacks, 0, logging_on.into())
-                }
-                (Version::Fmi3, Kind::ModelExchange) => {
-                    let found = self.fmi3.fmi3InstantiateModelExchange;
-                    let instantiate = self.function(found, function)?;
-                    let (on, log) = (logging_on.into(), log_message);
-                    instantiate(name, guid, resources, 0, on, environment, log)
-                }
-                (Version::Fmi3, Kind::CoSimulation) => {
-                    let found = self.fmi3.fmi3InstantiateCoSimulation;
-                    let instantiate = self.function(found, function)?;
-                    instantiate(
-                        name,
-                        guid,
-                        resources,
-                        0,
-                        logging_on.into(),
-                        arguments.event_mode_used.into(),
-                        arguments.early_return_allowed.into(),
-                        arguments.intermediate_variables.as_ptr(),
-                        arguments.intermediate_variables.len(),
-                        environment,
-                        log_message,
-                        update,
-                    )
-                }
-            }
-        };
-        instance.strings = kept(strings, arguments.treatment);
-        instance.pointer = pointer;
-        Ok((!pointer.is_null()).then_some(instance))
-    }
-
     /// `fmi2FreeInstance`, `fmi3FreeInstance` with NULL, which does nothing by the standard.
     ///
     /// # Errors
@@ -363,31 +249,6 @@ impl Library {
         // SAFETY: the type follows the standard.
         unsafe { self.function(found, name) }
     }
-}
-
-/// The strings that an FMU is instantiated with, as C strings: name, GUID and location of the resources.
-type Strings = [Vec<u8>; 3];
-
-fn strings(arguments: &Instantiation<'_>, function: &'static str) -> Result<Strings> {
-    let text = |text: &str| {
-        let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
-        Ok(text.into_bytes_with_nul())
-    };
-    Ok([
-        text(arguments.name)?,
-        text(arguments.guid)?,
-        text(arguments.resources)?,
-    ])
-}
-
-/// What remains of the strings once the FMU is instantiated.
-fn kept(mut strings: Strings, treatment: Treatment) -> Strings {
-    if treatment == Treatment::ShortLivedStrings {
-        for byte in strings.iter_mut().flatten().filter(|byte| **byte != 0) {
-            *byte = b'#';
-        }
-    }
-    strings
 }
 
 fn open(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
