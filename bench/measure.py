@@ -1,4 +1,7 @@
-"""All measurements: times in ns, in lists with one item per round."""
+"""The FMUs that are measured, the programs that step them, and all measurements.
+
+Times are in ns, in lists with one item per round.
+"""
 
 import json
 import os
@@ -7,43 +10,225 @@ import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib.util import find_spec
+from math import prod
 from pathlib import Path
 from statistics import median
 
+import fmpy
+from fmpy.model_description import ModelVariable
+
 from pendulum_fmus.master import Component, System, simulate
 from pendulum_fmus.project import FMUS, PROGRAM, ROOT
-from subjects import (
-    ALL_OUTPUTS,
-    BENCH,
-    LOOP,
-    MODELS,
-    PAIR,
-    REFERENCE,
-    SINE,
-    SOURCE,
-    VERSIONS,
-    Case,
-    Host,
-    alone,
-    by_name,
-    in_fmi3,
-    run,
-    standing,
+
+BENCH = ROOT / "bench"
+
+
+@dataclass(frozen=True)
+class Case:
+    """An FMU with its inputs, outputs and start values, for the C host."""
+
+    name: str
+    model: str
+    inputs: Mapping[str, float | str | None] = field(default_factory=dict)
+    """A constant, the output FMU.INDEX of another case, or None for a signal that moves."""
+    outputs: Sequence[str] = ("u",)
+    start: Mapping[str, float | bool] = field(default_factory=dict)
+
+
+STANDING = {"r": 1.0, "y": 0.99, "d": 0.0, "u_supervisor": 10.0, "u": 1e-4}
+"""Inputs that stand. The force is so small that the plant stays upright."""
+
+CONTROLLER = dict.fromkeys(["r", "y", "d"])
+FORCE = {"u": None}
+SINE = {"signal": 2}
+
+TRANSFER_FUNCTION, LINEAR, NONLINEAR = ({"model": item} for item in (1, 2, 3))
+"""The items of the plant's enumeration."""
+
+REFERENCE = Case("bare PID in C", "CPid", CONTROLLER)
+
+MODELS = [
+    Case("Pid", "Pid", CONTROLLER),
+    Case("PidRbf", "PidRbf", CONTROLLER),
+    Case("IpidRbf", "IpidRbf", {**CONTROLLER, "u_supervisor": None}),
+    Case("Pendulum, linear", "Pendulum", FORCE, ["theta"], LINEAR),
+    Case("Pendulum, nonlinear", "Pendulum", FORCE, ["theta"], NONLINEAR),
+    Case("Pendulum, transfer function", "Pendulum", FORCE, ["theta"], TRANSFER_FUNCTION),
+]
+"""The FMUs of the project with inputs; all move."""
+
+ALL_OUTPUTS = Case(
+    "PidRbf, all outputs",
+    "PidRbf",
+    CONTROLLER,
+    ["u", "u_p", "e", "u_n", *(f"rbf.{x}[{i}]" for x in "wh" for i in range(1, 5))],
 )
+"""The outputs of the network are arrays in FMI 3.0."""
+
+VERSIONS = [*MODELS[:4], ALL_OUTPUTS]
+"""The cases that are compared with FMI 3.0."""
+
+SOURCE = Case("Source", "Source", {}, ["r", "d"])
+
+LOOP = [
+    Case(
+        "controller",
+        "PidRbf",
+        {"r": "source.0", "y": "plant.0", "d": "source.1"},
+        ["u", "e"],
+        {"previous_sample_terms": True},
+    ),
+    Case("plant", "Pendulum", {"u": "controller.0"}, ["theta"]),
+    replace(SOURCE, name="source"),
+]
+"""examples/closed-loop/pid-rbf.toml."""
+
+PAIR = [
+    Case("controller", "PidRbf", {"y": "plant.0"}, ["u", "e"], {"r": 0.01}),
+    Case("plant", "Pendulum", {"u": "controller.0"}, ["theta"]),
+]
+"""bench/coupled.toml."""
+
+
+def by_name(name: str) -> Case:
+    """Return a case of the project's FMUs."""
+    return next(case for case in MODELS if case.name == name)
+
+
+def standing(case: Case) -> Case:
+    """Return a case with all inputs standing."""
+    return replace(case, inputs={name: STANDING[name] for name in case.inputs})
+
+
+def in_fmi3(case: Case) -> Case:
+    """Return a case with the FMU of FMI 3.0, which has whole arrays as outputs."""
+    outputs = dict.fromkeys(name.partition("[")[0] for name in case.outputs)
+    name, model = f"{case.name}, FMI 3.0", f"{case.model}_fmi3"
+    return replace(case, name=name, model=model, outputs=list(outputs))
+
+
+# --- the C host ---------------------------------------------------------------------------
+
+
+class Host:
+    """The C host of cycle.c in a folder, which unpacks the FMUs that it runs there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.program = folder / "cycle"
+        compiler = os.environ.get("CC", "cc")
+        libraries = ["-ldl", "-lm", "-lpthread"]
+        run([compiler, "-O2", "-o", self.program, BENCH / "cycle.c", *libraries])
+        self._files = {file.stem: file for file in FMUS.glob("*.fmu")}
+        run([sys.executable, ROOT / "examples" / "own-fmu" / "build.py", folder])
+        self._files["CPid"] = folder / "CPid.fmu"
+        self._unpacked: dict[str, tuple[list[str], dict[str, ModelVariable]]] = {}
+
+    def build_python_fmu(self) -> bool:
+        """Build the FMU of PythonFMU; return false if it cannot run here."""
+        if not python_library() or not find_spec("pythonfmu"):
+            return False
+        script = BENCH / "python_pid.py"
+        run([sys.executable, "-m", "pythonfmu", "build", "-f", script, "-d", self.folder])
+        self._files["PythonPid"] = self.folder / "PythonPid.fmu"
+        return True
+
+    def measure(self, mode: str, count: int, repeats: int, cases: Sequence[Case]) -> list[dict]:
+        """Run a mode of the C host, which measures the cases in turn."""
+        in_python = any(case.model == "PythonPid" for case in cases)
+        command = self.command(mode, count, repeats, cases)
+        lines = run(command, python_environment() if in_python else {})
+        return [json.loads(line) for line in lines.splitlines()]
+
+    def command(self, mode: str, count: int, repeats: int, cases: Sequence[Case]) -> list[str]:
+        """Return the command that runs a mode of the C host."""
+        words = [str(self.program), mode, str(count), str(repeats)]
+        for index, case in enumerate(cases):
+            words += ["--"] * (index > 0) + self._words(case)
+        return words
+
+    def _words(self, case: Case) -> list[str]:
+        """Return the arguments that describe a case."""
+        if case.model not in self._unpacked:
+            self._unpacked[case.model] = unpacked(self._files[case.model], self.folder)
+        words, variables = self._unpacked[case.model]
+
+        def reference(name: str) -> str:
+            shape = variables[name].shape
+            elements = f":{prod(shape)}" if shape else ""
+            return f"{variables[name].valueReference}{elements}"
+
+        words = [f"name={case.name}", *words]
+        for name, value in case.inputs.items():
+            words.append(f"in={reference(name)}" + (f":{value}" if value is not None else ""))
+        words += [f"out={reference(name)}" for name in case.outputs]
+        types = {"Real": "real", "Float64": "real", "Boolean": "boolean"}
+        for name, value in case.start.items():
+            kind = types.get(variables[name].type, "integer")
+            words.append(f"{kind}={reference(name)}:{float(value)}")
+        return words
+
+
+def unpacked(file: Path, folder: Path) -> tuple[list[str], dict[str, ModelVariable]]:
+    """Unpack an FMU; return arguments of the host, from the version to the resources; variables."""
+    folder = folder / file.stem
+    fmpy.extract(file, str(folder))
+    description = fmpy.read_model_description(str(folder), validate=False)
+    identifier = description.coSimulation.modelIdentifier
+    resources = folder / "resources"
+    if description.fmiVersion.startswith("3"):
+        fmi, platform, place = 3, fmpy.platform_tuple, f"{resources}{os.sep}"
+    else:
+        fmi, platform, place = 2, fmpy.platform, resources.as_uri()
+    binary = folder / "binaries" / platform / f"{identifier}{fmpy.sharedLibraryExtension}"
+    words = [f"fmi={fmi}", f"binary={binary}", f"guid={description.guid}"]
+    words += [f"resources={place}"] if resources.is_dir() else []
+    return words, {variable.name: variable for variable in description.modelVariables}
+
+
+def python_library() -> Path | None:
+    """Return the shared library of this Python, which PythonFMU's binary needs; None if missing."""
+    folder, name = map(sysconfig.get_config_var, ("LIBDIR", "INSTSONAME"))
+    library = Path(folder or "", name or "")
+    return library if library.is_file() and ".so" in library.name else None
+
+
+def python_environment() -> dict[str, str]:
+    """Return an environment in which PythonFMU's binary finds this Python."""
+    return {
+        "LD_PRELOAD": str(python_library()),
+        "PYTHONHOME": sys.base_prefix,
+        "PYTHONPATH": sysconfig.get_path("purelib"),
+    }
+
+
+def run(command: Sequence[str | Path], env: Mapping[str, str] | None = None) -> str:
+    """Run a program and return what it prints."""
+    words, env = list(map(str, command)), {**os.environ, **(env or {})}
+    result = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise SystemExit(f"{command[0]} failed:\n{result.stdout}{result.stderr}")
+    return result.stdout
+
+
+# --- measurements -------------------------------------------------------------------------
 
 NATIVE = ROOT / "target" / "native" / "cargo-fmu"
 CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
 SWEPT = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
+COUPLED = BENCH / "coupled.toml"
 CORES = os.cpu_count() or 1
 LOOP_STEPS = 2000
 """Steps of one loop of the sweep."""
 
 Rounds = list[float]
-Log = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -51,8 +236,8 @@ class Effort:
     """How much is measured, and with which program."""
 
     program: Path = NATIVE
-    rust: bool = True
-    """Whether to run the benchmarks in Rust."""
+    full: bool = True
+    """Whether to run the benchmarks in Rust, and the whole sweep instead of a few of its loops."""
     rounds: int = 500
     """Rounds of cycles, which are short."""
     long_rounds: int = 10
@@ -60,60 +245,67 @@ class Effort:
     instances: int = 10_000
     thread_cycles: int = 500_000
     """Cycles of each thread: so many that the start of the threads does not matter."""
+    pair_steps: tuple[int, int] = (200_000, 20_000)
+    """Steps of the coupled pair, natively and by the FMPy master."""
     lengths: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000)
     """Steps of a run."""
     sizes: Sequence[int] = (2, 10, 100, 1000)
     """Numbers of FMUs in a system."""
     system_steps: int = 2_000_000
     """Steps of all FMUs of a system together."""
-    sweep: bool = True
-    """Whether to run the whole sweep, not a few loops of it."""
     counted: tuple[int, int] = (2_000, 20_000)
     """Lengths of the runs whose difference gives the instructions of a cycle."""
 
 
 QUICK = Effort(
-    PROGRAM, False, 5, 2, 100, 10_000, (1_000, 10_000), (2, 10), 10_000, False, (900, 1_800)
+    PROGRAM,
+    False,
+    5,
+    2,
+    100,
+    10_000,
+    (10_000, 1_000),
+    (1_000, 10_000),
+    (2, 10),
+    10_000,
+    (900, 1_800),
 )
 """Shows that everything works; the times mean nothing."""
 
 
-def measure(effort: Effort, folder: Path, log: Log) -> dict:
+def measure(effort: Effort, folder: Path) -> dict:
     """Measure everything, with temporary files in a folder."""
-    results: dict = {"machine": machine(), "program": effort.program.parent.name}
     host = Host(folder)
-    log("cycles")
-    results["cycle"] = cycles(host, effort)
-    results["python"] = against_python(host, effort)
-    log("instances, threads")
     moving = [REFERENCE, *(by_name(name) for name in ("Pid", "PidRbf", "Pendulum, linear"))]
-    short = max(effort.rounds // 10, 3)
     lives = [*moving, in_fmi3(by_name("PidRbf"))]
-    results["life"] = host.measure("life", effort.instances, short // 2 + 1, lives)
-    results["many"] = host.measure("many", 20_000, short, moving)
     controllers = moving[:-1]  # the plant would overflow
-    results["threads"] = host.measure("threads", effort.thread_cycles, short, controllers)
-    log("a coupled pair")
-    results["pair"] = pair(host, effort)
-    log("runs of several lengths, systems of several sizes")
-    results["lengths"] = lengths(effort)
-    results["systems"] = systems(effort, folder)
-    log("sweeps")
-    results["sweeps"] = sweeps(host, effort, folder)
-    log("instructions")
-    results["counts"] = counts(host, effort.program, *effort.counted)
-    if effort.rust:
-        log("in process")
-        results["rust"] = rust()
+    short = max(effort.rounds // 10, 3)
+    steps = {
+        "cycle": lambda: cycles(host, effort),
+        "python": lambda: against_python(host, effort),
+        "life": lambda: host.measure("life", effort.instances, short // 2 + 1, lives),
+        "many": lambda: host.measure("many", 20_000, short, moving),
+        "threads": lambda: host.measure("threads", effort.thread_cycles, short, controllers),
+        "pair": lambda: pair(host, effort),
+        "lengths": lambda: lengths(effort),
+        "systems": lambda: systems(effort, folder),
+        "sweeps": lambda: sweeps(host, effort, folder),
+        "counts": lambda: counts(host, effort.program, *effort.counted),
+        "rust": rust,
+    }
+    results: dict = {"machine": machine(), "program": effort.program.parent.name}
+    for name, step in steps.items():
+        if effort.full or step is not rust:
+            print(f"measuring: {name}", file=sys.stderr)
+            results[name] = step()
     results["sizes"] = {file.stem: file.stat().st_size for file in sorted(FMUS.glob("*.fmu"))}
     return results
 
 
 def machine() -> dict[str, str | int]:
     """Describe the machine."""
-    names: Iterable[str] = ()
-    if (info := Path("/proc/cpuinfo")).exists():
-        names = re.findall(r"^model name\s*: (.*)$", info.read_text(), re.MULTILINE)
+    info = Path("/proc/cpuinfo")
+    names = re.findall(r"^model name\s*: (.*)$", info.read_text() if info.exists() else "", re.M)
     return {
         "processor": next(iter(names), platform.processor() or "unknown processor"),
         "cores": CORES,
@@ -129,7 +321,6 @@ def machine() -> dict[str, str | int]:
 CYCLES = 2000
 """Cycles of one round: so few that the plant, without a controller, is still upright."""
 
-
 PROCESSES = 20
 """Processes that measure cycles in turn: the addresses of code and data, which differ from
 process to process, change the times by up to a tenth."""
@@ -137,19 +328,16 @@ process to process, change the times by up to a tenth."""
 
 def cycles(host: Host, effort: Effort) -> list[dict]:
     """Measure a cycle of each FMU; the reference and PID-RBF twice, for the noise."""
-    cases: list[tuple[str, Case]] = []
-    for kind in ("stand", "move"):
-        models = [REFERENCE, *MODELS, REFERENCE, by_name("PidRbf")]
-        models += [ALL_OUTPUTS, *map(in_fmi3, VERSIONS)]
-        source = replace(SOURCE, start=SINE if kind == "move" else {})
-        of_kind = models if kind == "move" else [standing(case) for case in models]
-        cases += [(kind, case) for case in [*of_kind, source]]
+    moving = [REFERENCE, *MODELS, REFERENCE, by_name("PidRbf"), ALL_OUTPUTS]
+    moving += map(in_fmi3, VERSIONS)
+    cases = [("stand", case) for case in [*map(standing, moving), SOURCE]]
+    cases += [("move", case) for case in [*moving, replace(SOURCE, start=SINE)]]
     rounds = max(effort.rounds // PROCESSES, 1)
     measured = [case for _, case in cases]
     parts = [host.measure("cycle", CYCLES, rounds, measured) for _ in range(PROCESSES)]
     return [
         {"fmu": case.name, "inputs": kind, "ns": [time for line in of_case for time in line["ns"]]}
-        for (kind, case), of_case in zip(cases, zip(*parts, strict=True), strict=True)
+        for (kind, case), *of_case in zip(cases, *parts, strict=True)
     ]
 
 
@@ -188,27 +376,28 @@ def alternate(
     """Measure all subjects in turn, in each round; the best of some tries counts."""
     times: dict[str, Rounds] = {name: [] for name in subjects}
     for _ in range(rounds):
-        best = dict.fromkeys(subjects, float("inf"))
-        for _ in range(tries):
-            for name, subject in subjects.items():
-                best[name] = min(best[name], subject())
-        for name, time_ in best.items():
-            times[name].append(time_)
+        measured = [[subject() for subject in subjects.values()] for _ in range(tries)]
+        for of_subject, tried in zip(times.values(), zip(*measured, strict=True), strict=True):
+            of_subject.append(min(tried))
     return times
+
+
+def simulation(program: Path, system: Path, steps: int) -> list[str | Path]:
+    """Return the command that simulates a system natively."""
+    stop = 0.001 * (steps + 0.5)  # half a step more, as the last digits of `stop` may be rounded
+    return [program, "simulate", system, "--stop", f"{stop:.4f}"]
 
 
 def natively(program: Path, system: Path, steps: int) -> float:
     """Return the time of a run, without loading and initialization, as the program reports it."""
-    stop = 0.001 * (steps + 0.5)  # half a step more, as the last digits of `stop` may be rounded
-    text = run([program, "simulate", system, "--stop", f"{stop:.4f}"])
-    return 1e6 * float(text.split(" s in ")[1].split(" ms")[0])
+    return 1e6 * float(run(simulation(program, system, steps)).split(" s in ")[1].split(" ms")[0])
 
 
 def pair(host: Host, effort: Effort) -> dict[str, Rounds]:
     """Measure a step of bench/coupled.toml in each master, and the cycles of its FMUs alone."""
-    system = BENCH / "coupled.toml"
-    steps, fmpy_steps = (10_000, 1_000) if effort == QUICK else (200_000, 20_000)
-    apart = [alone(case) for case in PAIR]
+    steps, fmpy_steps = effort.pair_steps
+    # signals instead of the connections
+    apart = [replace(case, inputs=dict.fromkeys(case.inputs)) for case in PAIR]
 
     def own() -> float:
         lines = host.measure("cycle", CYCLES, steps // CYCLES, apart)
@@ -217,7 +406,7 @@ def pair(host: Host, effort: Effort) -> dict[str, Rounds]:
     subjects = {
         "own": own,
         "C": lambda: host.measure("loop", steps, 1, PAIR)[0]["ns"][0],
-        "native": lambda: natively(effort.program, system, steps) / steps,
+        "native": lambda: natively(effort.program, COUPLED, steps) / steps,
         "own again": own,  # for the noise
         "FMPy": lambda: by_fmpy(fmpy_steps) / fmpy_steps,
     }
@@ -237,11 +426,10 @@ def by_fmpy(steps: int) -> float:
         return time.perf_counter_ns() - begin
 
 
-def lengths(effort: Effort) -> dict[int, Rounds]:
+def lengths(effort: Effort) -> dict[str, Rounds]:
     """Measure a step of the coupled pair in runs of several lengths."""
-    system = BENCH / "coupled.toml"
     subjects = {
-        str(steps): lambda steps=steps: natively(effort.program, system, steps) / steps
+        str(steps): lambda steps=steps: natively(effort.program, COUPLED, steps) / steps
         for steps in effort.lengths
     }
     return alternate(effort.long_rounds, subjects)
@@ -249,43 +437,38 @@ def lengths(effort: Effort) -> dict[int, Rounds]:
 
 def systems(effort: Effort, folder: Path) -> dict[str, dict[str, Rounds]]:
     """Measure systems of several sizes: a step of one FMU, and a command that takes one step."""
-    results: dict[str, dict[str, Rounds]] = {}
+    results = {str(size): {"step": [], "load": []} for size in effort.sizes}
     files = {size: write_system(folder / f"{size}.toml", size // 2) for size in effort.sizes}
     for _ in range(effort.long_rounds):
         for size, file in files.items():
             steps = effort.system_steps // size
             begin = time.perf_counter_ns()
             first = natively(effort.program, file, 1)
-            command = time.perf_counter_ns() - begin
+            results[str(size)]["load"].append(time.perf_counter_ns() - begin)
             rest = natively(effort.program, file, steps + 1) - first
-            rounds = results.setdefault(str(size), {"step": [], "load": []})
-            rounds["step"].append(rest / (steps * size))
-            rounds["load"].append(command)
+            results[str(size)]["step"].append(rest / (steps * size))
     return results
 
 
 def write_system(file: Path, loops: int) -> Path:
     """Write a system of closed loops with a PID controller each."""
-    connections, components = [], []
+    connections, text = [], ""
     for i in range(loops):
         connections += [f"plant{i}.theta -> controller{i}.y", f"controller{i}.u -> plant{i}.u"]
         for name, model, start in (("controller", "Pid", "r = 0.01"), ("plant", "Pendulum", "")):
             fmu = json.dumps(str(FMUS / f"{model}.fmu"))
-            text = f'[[component]]\nname = "{name}{i}"\nfmu = {fmu}\nstart = {{ {start} }}\n'
-            components.append(text)
+            text += f'[[component]]\nname = "{name}{i}"\nfmu = {fmu}\nstart = {{ {start} }}\n'
     head = f"start = 0.001\nstop = 1.0\nstep = 0.001\nconnections = {json.dumps(connections)}\n"
-    file.write_text(head + 'outputs = ["controller0.e"]\n' + "".join(components), encoding="utf-8")
+    file.write_text(f'{head}outputs = ["controller0.e"]\n{text}', encoding="utf-8")
     return file
 
 
 def sweeps(host: Host, effort: Effort, folder: Path) -> dict[str, Rounds]:
     """Measure a loop of the sweep in 1, 2, ... processes, and the bare loop in C."""
-    text = SWEEP.read_text(encoding="utf-8")
-    file = folder / "sweep.toml"
-    file.write_text(text if effort.sweep else re.sub(r"count = \d+", "count = 2", text))
+    text, file, out = SWEEP.read_text(encoding="utf-8"), folder / "sweep.toml", folder / "sweep.csv"
+    file.write_text(text if effort.full else re.sub(r"count = \d+", "count = 2", text))
 
     def sweep(processes: int) -> float:
-        out = folder / "sweep.csv"
         out.unlink(missing_ok=True)
         options = ["--system", SWEPT, "--threads", str(processes), "--out", out]
         words = run([effort.program, "sweep", file, *options]).split()
@@ -296,7 +479,7 @@ def sweeps(host: Host, effort: Effort, folder: Path) -> dict[str, Rounds]:
         times = host.measure("loop", LOOP_STEPS, 5 * effort.long_rounds, LOOP)[0]["ns"]
         return LOOP_STEPS * median(times)
 
-    subjects = {"C": bare} | {str(n): lambda n=n: sweep(n) for n in range(1, CORES + 1)}
+    subjects = {"C": bare} | {str(n): partial(sweep, n) for n in range(1, CORES + 1)}
     return alternate(effort.long_rounds, subjects)
 
 
@@ -320,45 +503,25 @@ def counts(host: Host, program: Path, fewer: int, more: int) -> dict[str, Counts
     cases |= {f"{name}, move": by_name(name) for name in ("Pid", "PidRbf", "IpidRbf")}
     cases |= {"PidRbf, stand": standing(by_name("PidRbf")), "Pendulum": by_name("Pendulum, linear")}
     cases |= {f"{name}, FMI 3.0, move": in_fmi3(by_name(name)) for name in ("Pid", "PidRbf")}
-
-    def per_step(command: Callable[[int], Sequence[str | Path]]) -> Counts:
+    commands = {
+        name: lambda n, case=case: host.command("cycle", round(n / WARM_UP), 1, [case])
+        for name, case in cases.items()
+    }
+    commands["the coupled pair, by a master in C"] = lambda n: host.command("loop", n, 1, PAIR)
+    commands["the coupled pair, natively"] = partial(simulation, program, COUPLED)
+    results = {}
+    for name, command in commands.items():
         less, all_ = (counted(command(count)) for count in (fewer, more))
-        return {name: max(all_[name] - less[name], 0) / (more - fewer) for name in all_}
-
-    def cycle(count: int, name: str) -> list[str]:
-        return host.command("cycle", round(count / WARM_UP), 1, [cases[name]])
-
-    def natively(count: int) -> list[str | Path]:
-        system = BENCH / "coupled.toml"
-        return [program, "simulate", system, "--stop", f"{0.001 * (count + 0.5):.4f}"]
-
-    results = {name: per_step(lambda count, name=name: cycle(count, name)) for name in cases}
-    results["the coupled pair, by a master in C"] = per_step(
-        lambda n: host.command("loop", n, 1, PAIR)
-    )
-    results["the coupled pair, natively"] = per_step(natively)
+        results[name] = {kind: max(all_[kind] - less[kind], 0) / (more - fewer) for kind in all_}
     return results
 
 
 def counted(command: Sequence[str | Path]) -> Counts:
     """Run a command and count, in the process of it and its children that executes the most."""
     tool = ["valgrind", "--tool=callgrind", "--cache-sim=yes", "--callgrind-out-file=/dev/null"]
-    result = subprocess.run(
-        [*tool, "--trace-children=yes", *map(str, command)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    totals = re.findall(r"Collected : ([\d ]+)", result.stderr)
-    most = max(([int(number) for number in total.split()] for total in totals), key=lambda t: t[0])
-    instructions, reads, writes, _, read_misses, write_misses, *_ = most
-    return {
-        "instructions": instructions,
-        "accesses": reads + writes,
-        "misses": read_misses + write_misses,
-    }
-
-
-def say(what: str) -> None:
-    """Print the current measurement."""
-    print(f"measuring: {what}", file=sys.stderr)
+    command = [*tool, "--trace-children=yes", *map(str, command)]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    totals = [list(map(int, t.split())) for t in re.findall(r"Collected : ([\d ]+)", text)]
+    instructions, reads, writes, _, read_misses, write_misses, *_ = max(totals, key=lambda t: t[0])
+    misses = read_misses + write_misses
+    return {"instructions": instructions, "accesses": reads + writes, "misses": misses}

@@ -13,10 +13,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from measure import QUICK, Effort, measure, say
+from measure import QUICK, Effort, measure
+from page import blocks, draw
 from pendulum_fmus.project import ROOT
-from plots import draw
-from tables import blocks
 
 OUT = ROOT / "target" / "bench"
 PAGE = ROOT / "docs" / "speed.md"
@@ -49,7 +48,7 @@ def main() -> None:
     file = out / "results.json"
     if not options.redraw:
         with TemporaryDirectory(dir=out) as folder:
-            results = measure(QUICK if options.quick else Effort(), Path(folder), say)
+            results = measure(QUICK if options.quick else Effort(), Path(folder))
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
     texts = blocks(results)

@@ -19,35 +19,35 @@ PLACE = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- / -->", re.DOTALL)
 
 
 @pytest.fixture(scope="module")
-def subjects(fmus: Path):
+def measure(fmus: Path):
     """Import the module of the benchmarks that runs the C host."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(ROOT / "bench")
-        import subjects
+        import measure
 
-        yield subjects
+        yield measure
 
 
-def test_the_c_host_steps_as_documented(subjects, tmp_path: Path) -> None:
+def test_the_c_host_steps_as_documented(measure, tmp_path: Path) -> None:
     # One host, FMUs with the same law and variables: the outputs must be equal.
-    models = [subjects.REFERENCE, *subjects.VERSIONS[:1]]
-    host = subjects.Host(tmp_path)
-    for cases in (models, [subjects.standing(case) for case in models]):
-        lines = host.measure("cycle", 1000, 3, [*cases, subjects.in_fmi3(cases[1])])
+    models = [measure.REFERENCE, *measure.VERSIONS[:1]]
+    host = measure.Host(tmp_path)
+    for cases in (models, [measure.standing(case) for case in models]):
+        lines = host.measure("cycle", 1000, 3, [*cases, measure.in_fmi3(cases[1])])
         assert [line["fmu"] for line in lines] == ["bare PID in C", "Pid", "Pid, FMI 3.0"]
         assert len({line["last_output"] for line in lines}) == 1
         assert lines[0]["last_output"] != 0
         assert all(len(line["ns"]) == 3 and min(line["ns"]) > 0 for line in lines)
-    arrays = replace(subjects.ALL_OUTPUTS, outputs=subjects.ALL_OUTPUTS.outputs[4:])
-    lines = host.measure("cycle", 1000, 1, [arrays, subjects.in_fmi3(arrays)])
+    arrays = replace(measure.ALL_OUTPUTS, outputs=measure.ALL_OUTPUTS.outputs[4:])
+    lines = host.measure("cycle", 1000, 1, [arrays, measure.in_fmi3(arrays)])
     assert lines[0]["last_output"] == lines[1]["last_output"] != 0
 
 
 @pytest.mark.parametrize("file", ["examples/closed-loop/pid-rbf.toml", "bench/coupled.toml"])
-def test_the_master_in_c_gives_the_same_bits(subjects, file: str, tmp_path: Path) -> None:
-    cases = subjects.LOOP if "examples" in file else subjects.PAIR
-    newer = [replace(subjects.in_fmi3(case), name=case.name) for case in cases]
-    host = subjects.Host(tmp_path)
+def test_the_master_in_c_gives_the_same_bits(measure, file: str, tmp_path: Path) -> None:
+    cases = measure.LOOP if "examples" in file else measure.PAIR
+    newer = [replace(measure.in_fmi3(case), name=case.name) for case in cases]
+    host = measure.Host(tmp_path)
     ours = simulate(ROOT / file, tmp_path, "--stop", "0.5", "--output", "controller.u")
     for version in (cases, newer):
         (line,) = host.measure("loop", 500, 2, version)
