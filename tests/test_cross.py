@@ -18,7 +18,7 @@ import pytest
 
 from machines import CROSS
 from pendulum_fmus.project import ROOT
-from test_exporter import cargo_fmu, refusal
+from test_exporter import cargo_fmu
 from test_package import FMI2_FUNCTIONS, FMI3_FUNCTIONS, MODELS
 
 BINARIES = {
@@ -249,14 +249,6 @@ def test_macos_binary_for_arm_has_a_valid_signature(macos, model):
 # --- the commands ---------------------------------------------------------------------------------
 
 
-def test_info_lists_every_platform():
-    assert re.search(
-        r"^platforms +aarch64-darwin darwin64 linux64 win64$",
-        cargo_fmu("info", fmu("Pid")).stdout,
-        re.MULTILINE,
-    )
-
-
 def test_validate_finds_no_problem():
     result = cargo_fmu("validate", *(fmu(model) for model in MODELS))
     assert result.returncode == 0, result.stdout
@@ -267,10 +259,3 @@ def test_validate_does_not_run_the_binary_of_another_processor():
     result = cargo_fmu("validate", fmu("Pid", CROSS / "aarch64"))
     assert result.returncode == 0, result.stdout
     assert "another processor" in result.stdout
-
-
-def test_two_linux_processors_need_two_fmus(tmp_path):
-    targets = [f"--target={name}-unknown-linux-gnu.2.17" for name in ("x86_64", "aarch64")]
-    message = refusal("export", "Pid", *targets, "--out", tmp_path)
-    assert "linux64" in message
-    assert "--out" in message
