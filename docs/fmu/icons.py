@@ -5,7 +5,7 @@ its own shape and colour, which are recognizable even at 32 pixels.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from matplotlib.font_manager import findfont
@@ -31,12 +31,12 @@ class Canvas:
         self.image = Image.new("RGBA", (SIZE * FINE, SIZE * FINE), (255, 255, 255, 0))
         self.draw = ImageDraw.Draw(self.image)
 
-    def line(self, points: Iterable[Point], color: str, width: float = LINE) -> None:
+    def line(self, points: Sequence[Point], color: str, width: float = LINE) -> None:
         """Draw a line with round joints and caps."""
         fine = [(x * FINE, y * FINE) for x, y in points]
         self.draw.line(fine, color, round(width * FINE), "curve")
-        for x, y in (fine[0], fine[-1]):
-            self.disc((x / FINE, y / FINE), width / 2, color)
+        for end in (points[0], points[-1]):
+            self.disc(end, width / 2, color)
 
     def disc(self, center: Point, radius: float, color: str, line: str | None = None) -> None:
         """Draw a disc, with a border if `line` has a colour."""
@@ -74,14 +74,9 @@ def block(canvas: Canvas, letters: str, color: str) -> None:
     canvas.text(letters, (128, 84), 88 if len(letters) == 3 else 76, INK)
 
 
-def bells(canvas: Canvas, color: str, low: float = 204) -> None:
-    """Draw the nodes of the network."""
-    for center in (84, 128, 172):
-        canvas.line(
-            curve(lambda x, c=center: low - 64 * math.exp(-(((x - c) / 17) ** 2)), 36, 220),
-            color,
-            8,
-        )
+def bell(center: float, width: float, height: float) -> list[Point]:
+    """Return the curve of a node of the network."""
+    return curve(lambda x: 204 - height * math.exp(-(((x - center) / width) ** 2)), 36, 220)
 
 
 def pid(canvas: Canvas) -> None:
@@ -98,15 +93,16 @@ def pid(canvas: Canvas) -> None:
 def pid_rbf(canvas: Canvas) -> None:
     """Draw a block with the bell curves of the network."""
     block(canvas, "PID", VERMILION)
-    bells(canvas, VERMILION)
+    for center in (84, 128, 172):
+        canvas.line(bell(center, 17, 64), VERMILION, 8)
 
 
 def ipid_rbf(canvas: Canvas) -> None:
     """Draw a block with one filled bell curve: the network replaces the integral."""
     block(canvas, "IPID", GREEN)
-    bell = curve(lambda x: 204 - 70 * math.exp(-(((x - 128) / 34) ** 2)), 36, 220)
-    canvas.draw.polygon([(x * FINE, y * FINE) for x, y in bell], GREEN)
-    canvas.line(bell, GREEN, 10)
+    points = bell(128, 34, 70)
+    canvas.draw.polygon([(x * FINE, y * FINE) for x, y in points], GREEN)
+    canvas.line(points, GREEN, 10)
 
 
 def pendulum(canvas: Canvas) -> None:

@@ -7,6 +7,7 @@ small, use the colours of the page, and also distinguish curves by dashes.
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -79,25 +80,30 @@ def legend_width(name: str) -> int:
     return 44 + 8 * len(name)
 
 
+def text(x: int, y: int, words: str, anchor: str = "") -> str:
+    """Return text that starts at a point, or whose `anchor` is there."""
+    anchored = f' text-anchor="{anchor}"' * bool(anchor)
+    return f'<text x="{x}" y="{y}"{anchored}>{escape(words)}</text>'
+
+
 def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
     """Return a panel whose upper edge is at `top`."""
 
     def row(value):
-        return top + HEIGHT * (panel.high - np.clip(value, panel.low, panel.high)) / (
-            panel.high - panel.low
-        )
+        inside = np.clip(value, panel.low, panel.high)
+        return top + HEIGHT * (panel.high - inside) / (panel.high - panel.low)
 
     lines = []
     for tick in panel.ticks:
         y = round(float(row(tick)))
         lines.append(f'<path d="M{LEFT} {y}h{WIDTH}" stroke="#8888"/>')
-        lines.append(f'<text x="{LEFT - 8}" y="{y + 5}" text-anchor="end">{tick:g}</text>')
-    lines.append(f'<text x="{LEFT}" y="{top - 8}">{escape(panel.label)}</text>')
+        lines.append(text(LEFT - 8, y + 5, f"{tick:g}", "end"))
+    lines.append(text(LEFT, top - 8, panel.label))
     x = LEFT + WIDTH * (time - time[0]) / (time[-1] - time[0])
     legend = LEFT + WIDTH - sum(map(legend_width, panel.curves))
     for (name, values), style in zip(panel.curves.items(), STYLES, strict=False):
         sample = f"M{legend * FINE} {(top - 13) * FINE}h{28 * FINE}"
-        lines.append(f'<text x="{legend + 33}" y="{top - 8}">{escape(name)}</text>')
+        lines.append(text(legend + 33, top - 8, name))
         d = sample + path(x, row(values))
         lines.append(f'<path transform="scale({1 / FINE})" d="{d}" {style} fill="none"/>')
         legend += legend_width(name)
@@ -106,24 +112,18 @@ def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
 
 def draw(time: np.ndarray, ticks: Sequence[float], panels: Sequence[Panel], about: str) -> str:
     """Return the SVG of panels with a common time axis; `about` is the text alternative."""
-    top = 24
-    parts = []
-    for panel in panels:
-        parts.append(draw_panel(panel, time, top))
-        top += HEIGHT + GAP
-    bottom = top - GAP
+    tops = [24 + (HEIGHT + GAP) * index for index in range(len(panels))]
+    parts = [draw_panel(panel, time, top) for panel, top in zip(panels, tops, strict=True)]
+    bottom = tops[-1] + HEIGHT
     for tick in ticks:
         x = round(LEFT + WIDTH * (tick - time[0]) / (time[-1] - time[0]))
-        parts.append(f'<text x="{x}" y="{bottom + 18}" text-anchor="middle">{tick:g}</text>')
-    parts.append(
-        f'<text x="{LEFT + WIDTH // 2}" y="{bottom + 36}" text-anchor="middle">time [s]</text>'
+        parts.append(text(x, bottom + 18, f"{tick:g}", "middle"))
+    parts.append(text(LEFT + WIDTH // 2, bottom + 36, "time [s]", "middle"))
+    size = f'viewBox="0 0 {LEFT + WIDTH + 12} {bottom + 42}" width="{LEFT + WIDTH + 12}"'
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(about)}">'
     )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {LEFT + WIDTH + 12} {bottom + 42}" '
-        f'width="{LEFT + WIDTH + 12}" role="img" aria-label="{escape(about)}">\n'
-        + "\n".join(parts)
-        + "\n</svg>\n"
-    )
+    return "\n".join([head, *parts, "</svg>\n"])
 
 
 def run(system: System, start: float, stop: float) -> Columns:
@@ -135,14 +135,11 @@ def run(system: System, start: float, stop: float) -> Columns:
 Axis = tuple[float, float, Sequence[float]]
 """Lower end, upper end and ticks of an axis."""
 
-TURN: Axis = (-0.1, 1.3, (0, 0.5, 1))
-FULL: Axis = (-110, 110, (-100, 0, 100))
-
 
 def controlled(
     loop: Loop,
     stop: float,
-    times: Sequence[float],
+    ticks: Sequence[float],
     angle: Axis,
     force: Axis,
     names: str,
@@ -153,29 +150,7 @@ def controlled(
     angles = {"theta": results["plant.theta"], "r": results["source.r"]}
     forces = {name: results[f"controller.{name}"] for name in names.split()}
     panels = [Panel("angle [rad]", *angle, angles), Panel("force [N]", *force, forces)]
-    return draw(results["time"], times, panels, about)
-
-
-def pid() -> str:
-    """Draw a step and a disturbance of the measured angle."""
-    about = """The angle overshoots the step to 1.25 rad and returns within 4 s; a disturbance of \
-1 rad from 5 s to 5.5 s throws it back to 0 rad. The force is at its limit at the jumps."""
-    return controlled(Loop("Pid", "step", 1.0), 9.0, range(10), TURN, FULL, "u", about)
-
-
-def pid_rbf() -> str:
-    """Draw the network taking over the force from the PID."""
-    about = """The angle overshoots the step to 1.22 rad. The network's and the PID's force ring \
-against each other at 50 Hz for 0.4 s; then the network gives all of the force."""
-    times = (0, 0.5, 1, 1.5, 2)
-    return controlled(Loop("PidRbf", "step"), 2.0, times, TURN, FULL, "u_n u_p", about)
-
-
-def ipid_rbf() -> str:
-    """Draw a sine, which the network learns within the first quarter period."""
-    about = "The angle lies on the sine. After 0.2 s the network gives all of the force."
-    angle, force = (-1.1, 1.1, (-1, 0, 1)), (-15, 15, (-10, 0, 10))
-    return controlled(Loop("IpidRbf", "sine"), 5.0, range(6), angle, force, "u_n u_p", about)
+    return draw(results["time"], ticks, panels, about)
 
 
 def pendulum() -> str:
@@ -187,20 +162,17 @@ def pendulum() -> str:
         links = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
         loops[model] = run(System([controller, plant], links), 0.0, 5.0)
 
-    def curves(name: str) -> Columns:
-        loop = loops.items()
-        return {f"{name}, {model}": results[f"plant.{name}"] for model, results in loop}
-
-    return draw(
-        loops["linear"]["time"],
-        range(6),
-        [
-            Panel("angle [rad]", -0.2, 0.5, (0, 0.5), curves("theta")),
-            Panel("position [m]", -1.7, 0.1, (-1.5, -1, -0.5, 0), curves("x")),
-        ],
-        "From 0.5 rad both pendulums come upright within 4 s, at nearly the same angles. "
-        "The nonlinear cart goes on to -1.6 m, the linear one to -1.25 m and back.",
+    angles, positions = (
+        {f"{name}, {model}": results[f"plant.{name}"] for model, results in loops.items()}
+        for name in ("theta", "x")
     )
+    panels = [
+        Panel("angle [rad]", -0.2, 0.5, (0, 0.5), angles),
+        Panel("position [m]", -1.7, 0.1, (-1.5, -1, -0.5, 0), positions),
+    ]
+    about = """From 0.5 rad both pendulums come upright within 4 s, at nearly the same angles. \
+The nonlinear cart goes on to -1.6 m, the linear one to -1.25 m and back."""
+    return draw(loops["linear"]["time"], range(6), panels, about)
 
 
 def source() -> str:
@@ -210,30 +182,45 @@ def source() -> str:
         start = {"signal": form, "frequency": frequency, "disturbance.amplitude": 1.0}
         return run(System([Component("source", FMUS / "Source.fmu", start)], []), 0.0, 20.0)
 
-    square = signals("square", 0.1)
-    forms = {
-        "square": square["source.r"],
-        "sine": signals("sine", 0.2)["source.r"],
-        "step": signals("step", 0.2)["source.r"],
-    }
-    return draw(
-        square["time"],
-        range(0, 21, 5),
-        [
-            Panel("r [rad]", -1.1, 1.1, (-1, 0, 1), forms),
-            Panel("d [rad]", -0.1, 1.1, (0, 1), {"d": square["source.d"]}),
-        ],
-        "A step of 1 rad, a sine of 0.2 Hz, a square wave of 0.1 Hz that is 0 at the start, "
-        "and a pulse of 1 rad from 5 s to 5.5 s.",
-    )
+    frequencies = {"square": 0.1, "sine": 0.2, "step": 0.2}
+    results = {form: signals(form, frequency) for form, frequency in frequencies.items()}
+    square = results["square"]
+    panels = [
+        Panel("r [rad]", -1.1, 1.1, (-1, 0, 1), {f: of["source.r"] for f, of in results.items()}),
+        Panel("d [rad]", -0.1, 1.1, (0, 1), {"d": square["source.d"]}),
+    ]
+    about = """A step of 1 rad, a sine of 0.2 Hz, a square wave of 0.1 Hz that is 0 at the start, \
+and a pulse of 1 rad from 5 s to 5.5 s."""
+    return draw(square["time"], range(0, 21, 5), panels, about)
 
+
+# A step and a disturbance of the measured angle
+PID = """The angle overshoots the step to 1.25 rad and returns within 4 s; a disturbance of \
+1 rad from 5 s to 5.5 s throws it back to 0 rad. The force is at its limit at the jumps."""
+# The network takes over the force from the PID
+PID_RBF = """The angle overshoots the step to 1.22 rad. The network's and the PID's force ring \
+against each other at 50 Hz for 0.4 s; then the network gives all of the force."""
+# A sine, which the network learns within the first quarter period
+IPID_RBF = "The angle lies on the sine. After 0.2 s the network gives all of the force."
+
+TURN: Axis = (-0.1, 1.3, (0, 0.5, 1))
+FULL: Axis = (-110, 110, (-100, 0, 100))
+SINE: Axis = (-1.1, 1.1, (-1, 0, 1))
+SMALL: Axis = (-15, 15, (-10, 0, 10))
+HALVES = (0, 0.5, 1, 1.5, 2)
+
+CONTROLLERS = {
+    "Pid": (Loop("Pid", "step", 1.0), 9.0, range(10), TURN, FULL, "u", PID),
+    "PidRbf": (Loop("PidRbf", "step"), 2.0, HALVES, TURN, FULL, "u_n u_p", PID_RBF),
+    "IpidRbf": (Loop("IpidRbf", "sine"), 5.0, range(6), SINE, SMALL, "u_n u_p", IPID_RBF),
+}
 
 PLOTS: dict[str, Callable[[], str]] = {
     "fmu-plant/documentation/Pendulum": pendulum,
-    "fmu-controller/documentation/Pid": pid,
-    "fmu-controller/documentation/PidRbf": pid_rbf,
-    "fmu-controller/documentation/IpidRbf": ipid_rbf,
     "fmu-source/documentation/Source": source,
+} | {
+    f"fmu-controller/documentation/{name}": partial(controlled, *plot)
+    for name, plot in CONTROLLERS.items()
 }
 
 if __name__ == "__main__":
