@@ -39,6 +39,26 @@ pub const DISCARDED: Status = Status(2);
 pub const ERROR: Status = Status(3);
 pub const FATAL: Status = Status(4);
 
+/// Checks that all calls succeeded.
+#[track_caller]
+pub fn ok<const N: usize>(statuses: [Status; N]) {
+    assert_eq!(statuses, [OK; N]);
+}
+
+/// Checks that numbers are equal up to a tolerance.
+#[track_caller]
+pub fn near<const N: usize>(found: [f64; N], expected: [f64; N], tolerance: f64) {
+    let is_near = |(found, expected): (&f64, &f64)| (found - expected).abs() < tolerance;
+    let all = found.iter().zip(&expected).all(is_near);
+    assert!(all, "{found:?} {expected:?}");
+}
+
+/// All pairs of two lists.
+pub fn pairs<A: Copy, B: Copy>(first: &[A], second: &[B]) -> impl Iterator<Item = (A, B)> {
+    let all = |&one| second.iter().map(move |&other| (one, other));
+    first.iter().flat_map(all)
+}
+
 /// The arguments of a function that instantiates, and the models of the library.
 #[derive(Clone)]
 pub struct Arguments<'a> {
@@ -83,6 +103,12 @@ pub struct Message {
     pub text: String,
     pub instance: CString,
     pub format: CString,
+}
+
+impl Message {
+    pub fn kind(&self) -> (&str, Status) {
+        (&self.category, self.status)
+    }
 }
 
 /// The arguments of the callback for intermediate updates.
@@ -221,16 +247,9 @@ impl Instance {
     #[track_caller]
     pub fn run(self, time: f64) -> Self {
         self.start(time, None);
-        match self.kind.1 {
-            Stepped => {}
-            Events => {
-                self.update();
-                assert_eq!(self.enter_step_mode(), OK);
-            }
-            Exchanged => {
-                self.update();
-                assert_eq!(self.enter_continuous_time_mode(), OK);
-            }
+        if self.kind.1 != Stepped {
+            self.update();
+            self.go_on();
         }
         self
     }
@@ -261,48 +280,24 @@ impl Instance {
         let text = |text: Option<&CStr>| text.map_or(null(), CStr::as_ptr);
         let (kind, models, debug) = (arguments.kind, arguments.models, arguments.debug);
         let (name, path) = (text(arguments.name), text(arguments.resources));
-        let token = text(arguments.token.as_deref());
+        let (token, back) = (text(arguments.token.as_deref()), &raw const *callbacks);
         let log = arguments.has_logger.then_some(receive_3 as _);
+        let early = arguments.early_return.into();
+        let needed = arguments.intermediate.unwrap_or_default();
+        let update = arguments.intermediate.map(|_| update as _);
+        let (needed, n, events) = (needed.as_ptr(), needed.len(), (kind.1 == Events).into());
         // SAFETY: strings outlive the call, and host and callbacks outlive the instance.
+        #[rustfmt::skip]
         let c = unsafe {
             match kind {
-                (Fmi2, mode) => {
-                    let mode = (mode != Exchanged).into();
-                    instantiate(
-                        models,
-                        name,
-                        mode,
-                        token,
-                        path,
-                        &*callbacks,
-                        0,
-                        debug.into(),
-                    )
-                }
-                (Fmi3, Exchanged) => instantiate_model_exchange(
-                    models,
-                    name,
-                    token,
-                    path,
-                    0,
-                    debug.into(),
-                    environment,
-                    log,
+                (Fmi2, mode) => instantiate(
+                    models, name, (mode != Exchanged).into(), token, path, back, 0, debug.into(),
                 ),
-                (Fmi3, mode) => instantiate_co_simulation(
-                    models,
-                    name,
-                    token,
-                    path,
-                    0,
-                    debug.into(),
-                    (mode == Events).into(),
-                    arguments.early_return.into(),
-                    arguments.intermediate.unwrap_or_default().as_ptr(),
-                    arguments.intermediate.unwrap_or_default().len(),
-                    environment,
-                    log,
-                    arguments.intermediate.map(|_| update as _),
+                (Fmi3, Exchanged) => instantiate_model_exchange(
+                    models, name, token, path, 0, debug.into(), environment, log,
+                ),
+                (Fmi3, _) => instantiate_co_simulation(
+                    models, name, token, path, 0, debug.into(), events, early, needed, n, environment, log, update,
                 ),
             }
         };
@@ -321,6 +316,13 @@ impl Instance {
 
     pub fn forget_messages(&self) {
         self.host.messages.borrow_mut().clear();
+    }
+
+    /// Checks that a call fails with a status and a message that contains the words.
+    #[track_caller]
+    pub fn fails(&self, status: Status, words: &str, call: impl FnOnce(Fmu) -> Status) {
+        assert_eq!(call(self.fmu), status, "{words}");
+        self.says(words);
     }
 
     #[track_caller]
@@ -418,21 +420,6 @@ calls! {
     deserialize_from(bytes: *const u8, n: usize, state: *mut *mut c_void)
         = fmi2DeSerializeFMUstate(bytes.cast(), n, state) / fmi3DeserializeFMUState(bytes, n, state);
     set_time(time: f64) = fmi2SetTime(time) / fmi3SetTime(time);
-    set_states(states: &[f64])
-        = fmi2SetContinuousStates(states.as_ptr(), states.len())
-        / fmi3SetContinuousStates(states.as_ptr(), states.len());
-    get_states(to: &mut [f64])
-        = fmi2GetContinuousStates(to.as_mut_ptr(), to.len())
-        / fmi3GetContinuousStates(to.as_mut_ptr(), to.len());
-    get_derivatives(to: &mut [f64])
-        = fmi2GetDerivatives(to.as_mut_ptr(), to.len())
-        / fmi3GetContinuousStateDerivatives(to.as_mut_ptr(), to.len());
-    get_nominals(to: &mut [f64])
-        = fmi2GetNominalsOfContinuousStates(to.as_mut_ptr(), to.len())
-        / fmi3GetNominalsOfContinuousStates(to.as_mut_ptr(), to.len());
-    get_indicators(to: &mut [f64])
-        = fmi2GetEventIndicators(to.as_mut_ptr(), to.len())
-        / fmi3GetEventIndicators(to.as_mut_ptr(), to.len());
     count_states(count: &mut usize) = / fmi3GetNumberOfContinuousStates(count);
     count_indicators(count: &mut usize) = / fmi3GetNumberOfEventIndicators(count);
     directional(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64])
@@ -459,24 +446,6 @@ calls! {
         = fmi2SetupExperiment(0, f64::NAN, start, stop.is_some().into(), stop.unwrap_or(f64::NAN)) /;
     real_status(kind: c_int, value: &mut f64) = fmi2GetRealStatus(kind, value) /;
     boolean_status(kind: c_int, value: &mut i32) = fmi2GetBooleanStatus(kind, value) /;
-    get_f64(references: &[u32], to: &mut [f64])
-        = fmi2GetReal(references.as_ptr(), same(references, to), to.as_mut_ptr())
-        / fmi3GetFloat64(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
-    set_f64(references: &[u32], values: &[f64])
-        = fmi2SetReal(references.as_ptr(), same(references, values), values.as_ptr())
-        / fmi3SetFloat64(references.as_ptr(), references.len(), values.as_ptr(), values.len());
-    get_strings(references: &[u32], to: &mut [*const c_char])
-        = fmi2GetString(references.as_ptr(), same(references, to), to.as_mut_ptr())
-        / fmi3GetString(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
-    set_strings(references: &[u32], values: &[*const c_char])
-        = fmi2SetString(references.as_ptr(), same(references, values), values.as_ptr())
-        / fmi3SetString(references.as_ptr(), references.len(), values.as_ptr(), values.len());
-    get_i32(references: &[u32], to: &mut [i32])
-        = fmi2GetInteger(references.as_ptr(), same(references, to), to.as_mut_ptr())
-        / fmi3GetInt32(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
-    set_i32(references: &[u32], values: &[i32])
-        = fmi2SetInteger(references.as_ptr(), same(references, values), values.as_ptr())
-        / fmi3SetInt32(references.as_ptr(), references.len(), values.as_ptr(), values.len());
     get_binaries(references: &[u32], sizes: &mut [usize], to: &mut [*const u8])
         = / fmi3GetBinary(
             references.as_ptr(), references.len(), sizes.as_mut_ptr(), to.as_mut_ptr(), to.len());
@@ -491,17 +460,52 @@ fn same<T, U>(one: &[T], other: &[U]) -> usize {
     one.len()
 }
 
+/// Functions that get and set values of a type.
+macro_rules! values {
+    ($($get:ident($($get_2:ident)? / $get_3:ident) $set:ident($($set_2:ident)? / $set_3:ident): $type:ty;)*) => {
+        calls! {
+            $(
+                $get(of: &[u32], to: &mut [$type])
+                    = $($get_2(of.as_ptr(), same(of, to), to.as_mut_ptr()))?
+                    / $get_3(of.as_ptr(), of.len(), to.as_mut_ptr(), to.len());
+                $set(of: &[u32], values: &[$type])
+                    = $($set_2(of.as_ptr(), same(of, values), values.as_ptr()))?
+                    / $set_3(of.as_ptr(), of.len(), values.as_ptr(), values.len());
+            )*
+        }
+    };
+}
+
+values! {
+    get_f64(fmi2GetReal / fmi3GetFloat64) set_f64(fmi2SetReal / fmi3SetFloat64): f64;
+    get_i32(fmi2GetInteger / fmi3GetInt32) set_i32(fmi2SetInteger / fmi3SetInt32): i32;
+    get_strings(fmi2GetString / fmi3GetString) set_strings(fmi2SetString / fmi3SetString): *const c_char;
+}
+
+/// Functions of model exchange that get numbers.
+macro_rules! vectors {
+    ($($get:ident($get_2:ident / $get_3:ident);)*) => {
+        calls! {
+            $($get(to: &mut [f64])
+                = $get_2(to.as_mut_ptr(), to.len()) / $get_3(to.as_mut_ptr(), to.len());)*
+            set_states(states: &[f64])
+                = fmi2SetContinuousStates(states.as_ptr(), states.len())
+                / fmi3SetContinuousStates(states.as_ptr(), states.len());
+        }
+    };
+}
+
+vectors! {
+    get_states(fmi2GetContinuousStates / fmi3GetContinuousStates);
+    get_derivatives(fmi2GetDerivatives / fmi3GetContinuousStateDerivatives);
+    get_nominals(fmi2GetNominalsOfContinuousStates / fmi3GetNominalsOfContinuousStates);
+    get_indicators(fmi2GetEventIndicators / fmi3GetEventIndicators);
+}
+
 /// The numbers of FMI 3.0.
 macro_rules! numbers {
     ($($get:ident($get_function:ident) $set:ident($set_function:ident): $type:ty as $name:ident;)*) => {
-        calls! {
-            $(
-                $get(references: &[u32], to: &mut [$type])
-                    = / $get_function(references.as_ptr(), references.len(), to.as_mut_ptr(), to.len());
-                $set(references: &[u32], values: &[$type])
-                    = / $set_function(references.as_ptr(), references.len(), values.as_ptr(), values.len());
-            )*
-        }
+        values! { $($get(/ $get_function) $set(/ $set_function): $type;)* }
 
         impl Fmu {
             fn set_3(self, of: Type, references: &[u32], values: &[f64]) -> Status {
@@ -634,6 +638,17 @@ impl Fmu {
         self.read(Type::Float64, references)
     }
 
+    /// Gets derivatives of outputs of some orders, and forgets them.
+    pub fn slopes(self, of: &[(u32, i32)]) -> Status {
+        let (of, orders): (Vec<u32>, Vec<i32>) = of.iter().copied().unzip();
+        self.get_output_derivatives(&of, &orders, &mut vec![0.0; of.len()])
+    }
+
+    /// Gets the derivative of an unknown in a direction, and forgets it.
+    pub fn slope(self, unknown: u32, known: u32, seed: f64) -> Status {
+        self.directional(&[unknown], &[known], &[seed], &mut [0.0])
+    }
+
     /// Reads two numbers by one of the functions of model exchange.
     #[track_caller]
     pub fn two(self, read: fn(Self, &mut [f64]) -> Status) -> [f64; 2] {
@@ -669,29 +684,24 @@ impl Fmu {
 
     /// Sets the experiment and enters initialization mode; in FMI 2.0 by two functions.
     pub fn enter(self, start: f64, stop: Option<f64>, tolerance: Option<f64>) -> Status {
-        let [ends, is_tolerated] = [stop, tolerance].map(|value| value.is_some());
+        let [ends, tolerated] = [stop, tolerance].map(|value| value.is_some());
         let [stop, tolerance] = [stop, tolerance].map(|value| value.unwrap_or(f64::NAN));
         // SAFETY: the instance lives or is NULL.
-        Status(unsafe {
+        #[rustfmt::skip]
+        let status = unsafe {
             match self.kind.0 {
                 Fmi2 => match fmi2SetupExperiment(
-                    self.c,
-                    is_tolerated.into(),
-                    tolerance,
-                    start,
-                    ends.into(),
-                    stop,
+                    self.c, tolerated.into(), tolerance, start, ends.into(), stop,
                 ) {
                     fmi2Status(0) => fmi2EnterInitializationMode(self.c).0,
                     failed => failed.0,
                 },
-                Fmi3 => {
-                    let (is_tolerated, ends) = (is_tolerated.into(), ends.into());
-                    fmi3EnterInitializationMode(self.c, is_tolerated, tolerance, start, ends, stop)
-                        .0
-                }
+                Fmi3 => fmi3EnterInitializationMode(
+                    self.c, tolerated.into(), tolerance, start, ends.into(), stop,
+                ).0,
             }
-        })
+        };
+        Status(status)
     }
 
     /// Enters initialization mode by one function.
@@ -708,6 +718,15 @@ impl Fmu {
     pub fn start(self, time: f64, stop: Option<f64>) {
         assert_eq!(self.enter(time, stop, None), OK);
         assert_eq!(self.exit_initialization_mode(), OK);
+    }
+
+    /// Ends event mode.
+    #[track_caller]
+    pub fn go_on(self) {
+        ok([match self.kind.1 {
+            Exchanged => self.enter_continuous_time_mode(),
+            _ => self.enter_step_mode(),
+        }]);
     }
 
     pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {
@@ -778,38 +797,29 @@ impl Fmu {
     pub fn try_update(self, result: &mut Discrete) -> Status {
         let (mut flags, mut next) = ([7; 5], f64::NAN);
         let [needed, terminate, nominals, values, defined] = &mut flags;
-        let mut info = fmi2EventInfo {
-            newDiscreteStatesNeeded: 7,
-            terminateSimulation: 7,
-            nominalsOfContinuousStatesChanged: 7,
-            valuesOfContinuousStatesChanged: 7,
-            nextEventTimeDefined: 7,
-            nextEventTime: f64::NAN,
-        };
         // SAFETY: the instance lives or is NULL.
+        #[rustfmt::skip]
         let status = Status(unsafe {
             match self.kind.0 {
-                Fmi2 => fmi2NewDiscreteStates(self.c, &mut info).0,
-                Fmi3 => {
-                    let next = &mut next;
-                    fmi3UpdateDiscreteStates(
-                        self.c, needed, terminate, nominals, values, defined, next,
-                    )
-                    .0
+                Fmi2 => {
+                    let mut info = fmi2EventInfo {
+                        newDiscreteStatesNeeded: 7, terminateSimulation: 7, nominalsOfContinuousStatesChanged: 7,
+                        valuesOfContinuousStatesChanged: 7, nextEventTimeDefined: 7, nextEventTime: next,
+                    };
+                    let status = fmi2NewDiscreteStates(self.c, &mut info);
+                    *needed = info.newDiscreteStatesNeeded as u8;
+                    *terminate = info.terminateSimulation as u8;
+                    *nominals = info.nominalsOfContinuousStatesChanged as u8;
+                    *values = info.valuesOfContinuousStatesChanged as u8;
+                    *defined = info.nextEventTimeDefined as u8;
+                    next = info.nextEventTime;
+                    status.0
                 }
+                Fmi3 => fmi3UpdateDiscreteStates(
+                    self.c, needed, terminate, nominals, values, defined, &mut next,
+                ).0,
             }
         });
-        if self.kind.0 == Fmi2 {
-            flags = [
-                info.newDiscreteStatesNeeded,
-                info.terminateSimulation,
-                info.nominalsOfContinuousStatesChanged,
-                info.valuesOfContinuousStatesChanged,
-                info.nextEventTimeDefined,
-            ]
-            .map(|flag| flag as u8);
-            next = info.nextEventTime;
-        }
         if status == OK {
             assert_eq!(flags[..3], [0; 3]);
             assert!(flags[3] <= 1 && flags[4] <= 1);

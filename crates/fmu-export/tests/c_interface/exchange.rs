@@ -19,32 +19,26 @@ type Call = fn(Fmu) -> Status;
 #[test]
 fn the_equations_hold_at_any_time_state_and_input() {
     for kind in EXCHANGED {
-        let instance = moving(kind);
-        assert_eq!(instance.two(Fmu::get_states), [1.0, 0.0]);
-        assert_eq!(instance.two(Fmu::get_nominals), [10.0, 1.0]);
-        assert_eq!(instance.set_time(0.25), OK);
-        assert_eq!(instance.set_states(&[2.0, -3.0]), OK);
-        assert_eq!(instance.set(Ball::DRIVE, 1.5), OK);
-        assert_eq!(instance.two(Fmu::get_states), [2.0, -3.0]);
-        assert_eq!(instance.two(Fmu::get_derivatives), [-3.0, -8.25]);
+        let it = moving(kind);
+        assert_eq!(it.two(Fmu::get_states), [1.0, 0.0]);
+        assert_eq!(it.two(Fmu::get_nominals), [10.0, 1.0]);
+        assert_eq!(it.set_time(0.25), OK);
+        assert_eq!(it.set_states(&[2.0, -3.0]), OK);
+        assert_eq!(it.set(Ball::DRIVE, 1.5), OK);
+        assert_eq!(it.two(Fmu::get_states), [2.0, -3.0]);
+        assert_eq!(it.two(Fmu::get_derivatives), [-3.0, -8.25]);
         let mut indicator = [0.0];
-        assert_eq!(
-            (instance.get_indicators(&mut indicator), indicator),
-            (OK, [2.0])
-        );
+        assert_eq!((it.get_indicators(&mut indicator), indicator), (OK, [2.0]));
         // States and derivatives are variables, too.
         let references = [Ball::H, Ball::V, Ball::H_DOT, Ball::V_DOT, Ball::CONTACT];
-        assert_eq!(instance.get(references), [2.0, -3.0, -3.0, -8.25, 2.0]);
-        assert_eq!(instance.get([Ball::ENERGY]), [19.5 + 4.5 + 0.1875]);
+        assert_eq!(it.get(references), [2.0, -3.0, -3.0, -8.25, 2.0]);
+        assert_eq!(it.get([Ball::ENERGY]), [19.5 + 4.5 + 0.1875]);
         // CasADi sets states one by one.
-        assert_eq!(instance.set(Ball::H, 5.0), OK);
-        assert_eq!(instance.two(Fmu::get_states), [5.0, -3.0]);
-        assert_eq!(
-            (instance.get_indicators(&mut indicator), indicator),
-            (OK, [5.0])
-        );
-        instance.refuses("is a local variable", |f| f.set(Ball::H_DOT, 0.0));
-        instance.refuses("restitution is not a continuous input", |f| {
+        assert_eq!(it.set(Ball::H, 5.0), OK);
+        assert_eq!(it.two(Fmu::get_states), [5.0, -3.0]);
+        assert_eq!((it.get_indicators(&mut indicator), indicator), (OK, [5.0]));
+        it.refuses("is a local variable", |f| f.set(Ball::H_DOT, 0.0));
+        it.refuses("restitution is not a continuous input", |f| {
             f.set(Ball::RESTITUTION, 0.5)
         });
         // A model without states has none.
@@ -58,21 +52,21 @@ fn the_equations_hold_at_any_time_state_and_input() {
             assert_eq!(read(*sampled, &mut []), OK);
         }
     }
-    let (instance, mut states, mut indicators) = (moving(EXCHANGED[1]), 7, 7);
-    assert_eq!(instance.count_states(&mut states), OK);
-    assert_eq!(instance.count_indicators(&mut indicators), OK);
+    let (it, mut states, mut indicators) = (moving(EXCHANGED[1]), 7, 7);
+    assert_eq!(it.count_states(&mut states), OK);
+    assert_eq!(it.count_indicators(&mut indicators), OK);
     assert_eq!((states, indicators), (2, 1));
 }
 
 #[test]
 fn the_equations_are_evaluated_only_if_something_changed() {
     for kind in EXCHANGED {
-        let instance = moving(kind);
+        let it = moving(kind);
         let read = || {
             let before = EVALUATIONS.get();
-            instance.two(Fmu::get_derivatives);
-            instance.get([Ball::ENERGY, Ball::V_DOT]);
-            assert_eq!(instance.get_indicators(&mut [0.0]), OK);
+            it.two(Fmu::get_derivatives);
+            it.get([Ball::ENERGY, Ball::V_DOT]);
+            assert_eq!(it.get_indicators(&mut [0.0]), OK);
             EVALUATIONS.get() - before
         };
         assert_eq!([read(), read()], [1, 0]);
@@ -87,60 +81,56 @@ fn the_equations_are_evaluated_only_if_something_changed() {
             },
         ];
         for change in changes {
-            assert_eq!((change(*instance), read()), (OK, 1));
+            assert_eq!((change(*it), read()), (OK, 1));
         }
-        assert_eq!((instance.set_time(0.125), read()), (OK, 0), "the same time");
-        assert_eq!(instance.set_states(&[5.0, 2.0]), OK);
-        assert_eq!((instance.terminate(), read()), (OK, 1));
-        assert_eq!(
-            instance.get([Ball::H_DOT]),
-            [2.0],
-            "that of the final states"
-        );
+        assert_eq!((it.set_time(0.125), read()), (OK, 0), "the same time");
+        assert_eq!(it.set_states(&[5.0, 2.0]), OK);
+        assert_eq!((it.terminate(), read()), (OK, 1));
+        assert_eq!(it.get([Ball::H_DOT]), [2.0], "that of the final states");
     }
 }
 
 #[test]
 fn events_change_states_and_announce_the_next() {
     for kind in EXCHANGED {
-        let (instance, kick) = (Instance::of(kind, BALL), Some(Ball::KICK));
-        instance.start(0.0, None);
-        assert_eq!(instance.update(), (false, kick));
-        assert_eq!(instance.enter_continuous_time_mode(), OK);
-        assert_eq!(instance.set_time(0.25), OK);
-        assert_eq!(instance.set_states(&[-0.125, -4.0]), OK);
+        let (it, kick) = (Instance::of(kind, BALL), Some(Ball::KICK));
+        it.start(0.0, None);
+        assert_eq!(it.update(), (false, kick));
+        assert_eq!(it.enter_continuous_time_mode(), OK);
+        assert_eq!(it.set_time(0.25), OK);
+        assert_eq!(it.set_states(&[-0.125, -4.0]), OK);
         let mut flags = [7; 2];
-        assert_eq!((instance.completed_step(&mut flags), flags), (OK, [0; 2]));
-        assert_eq!(instance.enter_event_mode(), OK);
-        assert_eq!(instance.update(), (true, kick));
-        assert_eq!(instance.two(Fmu::get_states), [-0.125, 2.0]);
-        assert_eq!(instance.two(Fmu::get_derivatives)[0], 2.0);
-        assert_eq!(instance.update(), (false, kick), "once");
-        assert_eq!(instance.set_time(Ball::KICK), OK);
-        assert_eq!(instance.update(), (true, None), "infinity is no time");
-        assert_eq!(instance.two(Fmu::get_states), [-0.125, 3.0]);
+        assert_eq!((it.completed_step(&mut flags), flags), (OK, [0; 2]));
+        assert_eq!(it.enter_event_mode(), OK);
+        assert_eq!(it.update(), (true, kick));
+        assert_eq!(it.two(Fmu::get_states), [-0.125, 2.0]);
+        assert_eq!(it.two(Fmu::get_derivatives)[0], 2.0);
+        assert_eq!(it.update(), (false, kick), "once");
+        assert_eq!(it.set_time(Ball::KICK), OK);
+        assert_eq!(it.update(), (true, None), "infinity is no time");
+        assert_eq!(it.two(Fmu::get_states), [-0.125, 3.0]);
     }
 }
 
 #[test]
 fn invalid_times_states_and_lengths_are_refused() {
     for kind in EXCHANGED {
-        let instance = moving(kind);
+        let it = moving(kind);
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            instance.refuses("expected a finite number", |f| f.set_time(bad));
-            instance.refuses("expected finite numbers", |f| f.set_states(&[1.0, bad]));
+            it.refuses("expected a finite number", |f| f.set_time(bad));
+            it.refuses("expected finite numbers", |f| f.set_states(&[1.0, bad]));
         }
         for n in [0, 1, 3] {
             let values = &mut [7.0; 3][..n];
             let words = format!("has {n} elements; expected 2, the number of continuous states");
-            instance.refuses(&words, |f| f.set_states(values));
+            it.refuses(&words, |f| f.set_states(values));
             for read in [Fmu::get_states, Fmu::get_derivatives, Fmu::get_nominals] {
-                instance.refuses(&words, |f| read(f, values));
+                it.refuses(&words, |f| read(f, values));
             }
             assert_eq!(values, &[7.0; 3][..n]);
         }
         let words = "expected 1, the number of event indicators";
-        instance.refuses(words, |f| f.get_indicators(&mut [0.0; 2]));
+        it.refuses(words, |f| f.get_indicators(&mut [0.0; 2]));
     }
     let nothing = "a pointer to a result is NULL";
     // SAFETY: the instances live, and NULL is refused.
@@ -179,38 +169,35 @@ fn invalid_times_states_and_lengths_are_refused() {
 #[test]
 fn a_discarded_or_refused_evaluation_can_be_repeated_with_other_values() {
     for kind in EXCHANGED {
-        let instance = moving(kind);
+        let it = moving(kind);
         for (trouble, status, words) in [
             (DISCARD, DISCARDED, "discarded by the model"),
             (DIVERGE, DISCARDED, "der(v) became NaN"),
             (REFUSE, ERROR, "refused by the model"),
             (BREAK, ERROR, "broken by the model"),
         ] {
-            assert_eq!(instance.set(Ball::TROUBLE, trouble), OK);
-            assert_eq!(instance.get_derivatives(&mut [0.0; 2]), status);
-            instance.says(words);
+            assert_eq!(it.set(Ball::TROUBLE, trouble), OK);
+            assert_eq!(it.get_derivatives(&mut [0.0; 2]), status);
+            it.says(words);
             if trouble == BREAK {
-                assert_eq!(
-                    (instance.set(Ball::TROUBLE, 0.0), instance.reset()),
-                    (ERROR, OK)
-                );
+                assert_eq!((it.set(Ball::TROUBLE, 0.0), it.reset()), (ERROR, OK));
                 continue;
             }
             let mut values = [7.0; 2];
             assert_eq!(
-                instance.get_f64(&[Ball::ENERGY, Ball::V_DOT], &mut values),
+                it.get_f64(&[Ball::ENERGY, Ball::V_DOT], &mut values),
                 status
             );
             assert_eq!(values, [7.0; 2]);
-            assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
-            assert_eq!(instance.two(Fmu::get_derivatives), [0.0, -Ball::G]);
+            assert_eq!(it.set(Ball::TROUBLE, 0.0), OK);
+            assert_eq!(it.two(Fmu::get_derivatives), [0.0, -Ball::G]);
         }
-        let instance = moving(kind);
-        assert_eq!(instance.enter_event_mode(), OK);
-        assert_eq!(instance.set(Ball::TROUBLE, DISCARD), OK);
-        assert_eq!(instance.try_update(&mut (false, None)), DISCARDED);
-        assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
-        instance.update();
+        let it = moving(kind);
+        assert_eq!(it.enter_event_mode(), OK);
+        assert_eq!(it.set(Ball::TROUBLE, DISCARD), OK);
+        assert_eq!(it.try_update(&mut (false, None)), DISCARDED);
+        assert_eq!(it.set(Ball::TROUBLE, 0.0), OK);
+        it.update();
     }
 }
 
@@ -223,29 +210,29 @@ fn samples_are_taken_at_their_instants_and_not_between() {
         };
         let samples = |f: &Instance| (last(f), f.read(Type::Int32, [Sampled::SAMPLES])[0]);
         let new = |ts, start| {
-            let instance = Instance::of(kind, SAMPLED);
-            assert_eq!(instance.set(Sampled::TS, ts), OK);
-            instance.start(start, None);
-            instance
+            let it = Instance::of(kind, SAMPLED);
+            assert_eq!(it.set(Sampled::TS, ts), OK);
+            it.start(start, None);
+            it
         };
         // 0.1 is no binary fraction.
-        let instance = new(0.1, 0.0);
-        assert_eq!(samples(&instance).1, 0.0, "none at the initialization");
-        let (_, mut next) = instance.update();
-        assert_eq!(samples(&instance), (0.0, 1.0));
+        let it = new(0.1, 0.0);
+        assert_eq!(samples(&it).1, 0.0, "none at the initialization");
+        let (_, mut next) = it.update();
+        assert_eq!(samples(&it), (0.0, 1.0));
         for k in 1..500 {
             let instant = f64::from(k) * 0.1;
             assert_eq!(next, Some(instant));
-            assert_eq!(instance.enter_continuous_time_mode(), OK);
-            assert_eq!(instance.set_time(instant - 0.05), OK);
-            assert_eq!(instance.enter_event_mode(), OK);
-            assert_eq!(instance.update(), (false, Some(instant)), "not due");
+            assert_eq!(it.enter_continuous_time_mode(), OK);
+            assert_eq!(it.set_time(instant - 0.05), OK);
+            assert_eq!(it.enter_event_mode(), OK);
+            assert_eq!(it.update(), (false, Some(instant)), "not due");
             // Hosts compute times with different rounding errors.
             let jitter = if k % 2 == 0 { 1e-9 } else { -1e-9 };
-            assert_eq!(instance.set_time(instant + jitter), OK);
-            next = instance.update().1;
-            assert_eq!(samples(&instance), (instant, f64::from(k + 1)));
-            assert_eq!(instance.update().1, next, "once");
+            assert_eq!(it.set_time(instant + jitter), OK);
+            next = it.update().1;
+            assert_eq!(samples(&it), (instant, f64::from(k + 1)));
+            assert_eq!(it.update().1, next, "once");
         }
         let missed = new(0.5, 1.0);
         missed.update();
@@ -272,9 +259,9 @@ fn samples_are_taken_at_their_instants_and_not_between() {
 #[test]
 fn directional_derivatives_are_those_of_the_equations() {
     for kind in EXCHANGED {
-        let instance = Instance::of(kind, BALL);
-        assert_eq!(instance.set(Ball::DRAG, 0.25), OK);
-        let instance = instance.run(0.0);
+        let it = Instance::of(kind, BALL);
+        assert_eq!(it.set(Ball::DRAG, 0.25), OK);
+        let it = it.run(0.0);
         let unknowns = [
             Ball::H_DOT,
             Ball::V_DOT,
@@ -284,9 +271,9 @@ fn directional_derivatives_are_those_of_the_equations() {
             Ball::V,
         ];
         let at = |[h, v, drive]: [f64; 3]| {
-            assert_eq!(instance.set_states(&[h, v]), OK);
-            assert_eq!(instance.set(Ball::DRIVE, drive), OK);
-            instance.get(unknowns)
+            assert_eq!(it.set_states(&[h, v]), OK);
+            assert_eq!(it.set(Ball::DRIVE, drive), OK);
+            it.get(unknowns)
         };
         let point = [2.0, -3.0, 1.5];
         for (k, known) in [Ball::H, Ball::V, Ball::DRIVE].into_iter().enumerate() {
@@ -296,15 +283,15 @@ fn directional_derivatives_are_those_of_the_equations() {
                 end[k] += change;
                 at(end)
             });
-            assert_eq!(instance.set_states(&point[..2]), OK);
-            assert_eq!(instance.set(Ball::DRIVE, point[2]), OK);
+            assert_eq!(it.set_states(&point[..2]), OK);
+            assert_eq!(it.set(Ball::DRIVE, point[2]), OK);
             let expected: [f64; 6] = std::array::from_fn(|i| (ends[0][i] - ends[1][i]) / 0.25);
             let mut found = [f64::NAN; 6];
-            let status = instance.directional(&unknowns, &[known], &[1.0], &mut found);
+            let status = it.directional(&unknowns, &[known], &[1.0], &mut found);
             assert_eq!((status, found), (OK, expected), "{known}");
         }
         let (knowns, mut sum) = ([Ball::H, Ball::V, Ball::DRIVE], [f64::NAN]);
-        let status = instance.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
+        let status = it.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
         assert_eq!((status, sum), (OK, [2.0 * Ball::G - 3.0 + 1.0]));
         for (unknown, known, words) in [
             (
@@ -324,7 +311,7 @@ fn directional_derivatives_are_those_of_the_equations() {
             ),
             (Ball::EVENTS, Ball::H, "events is of type"),
         ] {
-            instance.refuses(words, |f| {
+            it.refuses(words, |f| {
                 f.directional(&[unknown], &[known], &[1.0], &mut [0.0])
             });
         }
@@ -334,40 +321,40 @@ fn directional_derivatives_are_those_of_the_equations() {
 #[test]
 fn directional_derivatives_of_steps_refer_to_the_last_step_despite_values_set_since() {
     for kind in PLAIN {
-        let instance = Instance::running(kind, EVERY);
-        assert_eq!(instance.set(U, 3.0), OK);
+        let it = Instance::running(kind, EVERY);
+        assert_eq!(it.set(U, 3.0), OK);
         let derivative = |f: Fmu| {
             let mut derivative = [f64::NAN];
             assert_eq!(f.directional(&[Y], &[U], &[1.0], &mut derivative), OK);
             derivative[0]
         };
-        assert_eq!(derivative(*instance), 0.0);
-        instance.steps(0.0, 0.25);
-        let bytes = instance.snapshot();
-        assert_eq!(derivative(*instance), 0.5);
-        assert_eq!(instance.snapshot(), bytes, "reading changes nothing");
-        assert_eq!(instance.set(U, 7.0), OK);
-        instance.steps(0.25, 0.0);
-        assert_eq!(derivative(*instance), 0.5);
-        instance.steps(0.25, 2.0);
-        assert_eq!(derivative(*instance), 4.0);
-        assert_eq!(derivative(instance.resume(&bytes)), 0.5);
+        assert_eq!(derivative(*it), 0.0);
+        it.steps(0.0, 0.25);
+        let bytes = it.snapshot();
+        assert_eq!(derivative(*it), 0.5);
+        assert_eq!(it.snapshot(), bytes, "reading changes nothing");
+        assert_eq!(it.set(U, 7.0), OK);
+        it.steps(0.25, 0.0);
+        assert_eq!(derivative(*it), 0.5);
+        it.steps(0.25, 2.0);
+        assert_eq!(derivative(*it), 4.0);
+        assert_eq!(derivative(it.resume(&bytes)), 0.5);
         // An omitted input counts as zero.
         let (mut found, seeds) = ([f64::NAN; 3], [2.0, -8.0, 100.0]);
         let parts = if kind.0 == Fmi2 { PARTS } else { BIAS };
         let (unknowns, knowns) = ([Y, Y, Y], [U, U, V]);
-        let status = instance.directional(&unknowns, &knowns, &seeds, &mut found);
+        let status = it.directional(&unknowns, &knowns, &seeds, &mut found);
         assert_eq!((status, found), (OK, [-3.0; 3]));
         let mut none = [f64::NAN];
         assert_eq!(
-            (instance.directional(&[Y], &[], &[], &mut none), none),
+            (it.directional(&[Y], &[], &[], &mut none), none),
             (OK, [0.0])
         );
         if kind.0 == Fmi2 {
-            let status = instance.directional(&[parts], &[U], &[1.0], &mut none);
+            let status = it.directional(&[parts], &[U], &[1.0], &mut none);
             assert_eq!((status, none), (OK, [0.0]));
         }
-        assert_eq!(instance.directional(&[], &[U], &[1.0], &mut []), OK);
+        assert_eq!(it.directional(&[], &[U], &[1.0], &mut []), OK);
         let mut result = [7.0; 2];
         for (unknown, known, seed, words) in [
             (U, U, 1.0, "u is not an output"),
@@ -380,16 +367,16 @@ fn directional_derivatives_of_steps_refer_to_the_last_step_despite_values_set_si
             (Y, U, f64::NAN, "the direction contains NaN"),
             (Y, U, f64::INFINITY, "inf"),
         ] {
-            instance.refuses(words, |f| {
+            it.refuses(words, |f| {
                 f.directional(&[Y, unknown], &[U, known], &[1.0, seed], &mut result)
             });
         }
         assert_eq!(result, [7.0; 2]);
-        assert_eq!(instance.terminate(), OK);
-        assert_eq!(derivative(*instance), 0.5);
-        assert_eq!(instance.reset(), OK);
-        instance.start(0.0, None);
-        assert_eq!(derivative(*instance), 0.0);
+        assert_eq!(it.terminate(), OK);
+        assert_eq!(derivative(*it), 0.5);
+        assert_eq!(it.reset(), OK);
+        it.start(0.0, None);
+        assert_eq!(derivative(*it), 0.0);
         let lists = Instance::running(kind, LISTS);
         lists.refuses("the model has no derivatives", |f| {
             f.directional(&[Lists::SUM], &[Lists::SUM], &[1.0], &mut [0.0])
@@ -424,7 +411,7 @@ fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
         Ball::CONTACT,
         Ball::V,
     ];
-    for (instance, unknowns, knowns) in [
+    for (it, unknowns, knowns) in [
         (
             exchange,
             &of_exchange[..],
@@ -442,14 +429,8 @@ fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
         for (row, column) in (0..n).flat_map(|row| (0..m).map(move |column| (row, column))) {
             let (mut forward, mut back) = (vec![f64::NAN; n], vec![f64::NAN; m]);
             let seed = unit(m, column);
-            assert_eq!(
-                instance.directional(unknowns, knowns, &seed, &mut forward),
-                OK
-            );
-            assert_eq!(
-                instance.adjoint(unknowns, knowns, &unit(n, row), &mut back),
-                OK
-            );
+            assert_eq!(it.directional(unknowns, knowns, &seed, &mut forward), OK);
+            assert_eq!(it.adjoint(unknowns, knowns, &unit(n, row), &mut back), OK);
             assert_eq!(forward[row], back[column]);
             sum += forward[row].abs();
         }
@@ -460,16 +441,16 @@ fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
             (Ball::TIME, Ball::DRIVE, "is unknown"),
             (Ball::ENERGY, Ball::TIME, "is unknown"),
         ] {
-            instance.refuses(words, |f| {
+            it.refuses(words, |f| {
                 f.directional(&[unknown], &[known], &[1.0], &mut [0.0])
             });
-            instance.refuses(words, |f| {
+            it.refuses(words, |f| {
                 f.adjoint(&[unknown], &[known], &[1.0], &mut [0.0])
             });
         }
         let (energy, drive) = ([Ball::ENERGY], [Ball::DRIVE]);
         let words = "the direction contains NaN";
-        instance.refuses(words, |f| {
+        it.refuses(words, |f| {
             f.adjoint(&energy, &drive, &[f64::NAN], &mut [0.0])
         });
         for n in [0, 2] {
@@ -477,8 +458,8 @@ fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
                 &mut [1.0; 2][..n],
                 format!("there are {n} values; expected 1"),
             );
-            instance.refuses(&words, |f| f.directional(&energy, &drive, seed, &mut [0.0]));
-            instance.refuses(&words, |f| f.adjoint(&energy, &drive, &[1.0], seed));
+            it.refuses(&words, |f| f.directional(&energy, &drive, seed, &mut [0.0]));
+            it.refuses(&words, |f| f.adjoint(&energy, &drive, &[1.0], seed));
         }
     }
 }
@@ -486,26 +467,26 @@ fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
 #[test]
 fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
     for kind in PLAIN {
-        let instance = Instance::running(kind, BALL);
-        instance.steps(0.0, 0.125);
-        assert_eq!(instance.set(Ball::DRIVE, 2.0), OK);
-        let before = instance.snapshot();
+        let it = Instance::running(kind, BALL);
+        it.steps(0.0, 0.125);
+        assert_eq!(it.set(Ball::DRIVE, 2.0), OK);
+        let before = it.snapshot();
         let expected = [2.0 - Ball::G, 1.0 - Ball::G / 128.0];
-        assert_eq!(instance.get([Ball::V_DOT, Ball::CONTACT]), expected);
+        assert_eq!(it.get([Ball::V_DOT, Ball::CONTACT]), expected);
         let slopes =
             |f: Fmu, to: &mut [f64]| f.get_output_derivatives(&[Ball::V, Ball::H], &[1, 1], to);
-        assert_eq!(instance.two(slopes), [2.0 - Ball::G, -Ball::G / 8.0]);
-        assert_eq!(instance.snapshot(), before);
+        assert_eq!(it.two(slopes), [2.0 - Ball::G, -Ball::G / 8.0]);
+        assert_eq!(it.snapshot(), before);
         for (trouble, words) in [
             (DIVERGE, "der(v) became NaN"),
             (DISCARD, "discarded by the model"),
         ] {
-            assert_eq!(instance.set(Ball::TROUBLE, trouble), OK);
-            instance.refuses(words, |f| f.get_f64(&[Ball::V_DOT], &mut [0.0]));
-            instance.refuses(words, |f| slopes(f, &mut [0.0; 2]));
-            assert_eq!(instance.get([Ball::V]), [-Ball::G / 8.0]);
+            assert_eq!(it.set(Ball::TROUBLE, trouble), OK);
+            it.refuses(words, |f| f.get_f64(&[Ball::V_DOT], &mut [0.0]));
+            it.refuses(words, |f| slopes(f, &mut [0.0; 2]));
+            assert_eq!(it.get([Ball::V]), [-Ball::G / 8.0]);
         }
-        assert_eq!(instance.set(Ball::TROUBLE, 0.0), OK);
+        assert_eq!(it.set(Ball::TROUBLE, 0.0), OK);
         for (reference, order, words) in [
             (Ball::H, 0, "the derivative of h is of order 0; expected 1"),
             (Ball::H, 2, "of order 2"),
@@ -514,13 +495,13 @@ fn a_derivative_between_steps_changes_nothing_and_is_never_discarded() {
             (Ball::TIME, 1, "is unknown"),
         ] {
             let (references, orders) = ([Ball::V, reference], [1, order]);
-            instance.refuses(words, |f| {
+            it.refuses(words, |f| {
                 f.get_output_derivatives(&references, &orders, &mut [0.0; 2])
             });
         }
-        instance.steps(0.125, 0.125);
-        assert_eq!(instance.terminate(), OK);
-        assert_eq!(instance.get([Ball::H_DOT]), instance.get([Ball::V]));
+        it.steps(0.125, 0.125);
+        assert_eq!(it.terminate(), OK);
+        assert_eq!(it.get([Ball::H_DOT]), it.get([Ball::V]));
     }
     let three = Instance::running(PLAIN[1], BALL);
     three.refuses("there are 2 values; expected 1", |f| {

@@ -53,16 +53,16 @@ fn wrong_arguments_are_reported() {
                 ),
             },
         ] {
-            let instance = Instance::with(&arguments);
-            assert!(instance.c.is_null(), "{reason}");
-            let messages = instance.messages();
+            let it = Instance::with(&arguments);
+            assert!(it.c.is_null(), "{reason}");
+            let messages = it.messages();
             assert_eq!(messages.len(), 1, "{reason}");
             assert_eq!(
                 (&*messages[0].category, messages[0].status),
                 ("logStatusError", ERROR)
             );
             assert!(messages[0].text.starts_with(function), "{messages:?}");
-            instance.says(reason);
+            it.says(reason);
             let silent = Arguments {
                 has_logger: false,
                 ..arguments
@@ -72,14 +72,14 @@ fn wrong_arguments_are_reported() {
         // A resource location may be anything; without logger, all works.
         let long = CString::new(vec![b'x'; 100_000]).unwrap();
         for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
-            let instance = Instance::with(&Arguments {
+            let it = Instance::with(&Arguments {
                 resources,
                 debug: true,
                 has_logger: false,
                 ..good()
             });
-            let instance = instance.run(0.0);
-            assert_eq!(instance.set(Ball::COUNT, 0.0), ERROR);
+            let it = it.run(0.0);
+            assert_eq!(it.set(Ball::COUNT, 0.0), ERROR);
         }
     }
     let (token, name, none) = (token(BALL), c"name".as_ptr(), null());
@@ -205,11 +205,11 @@ fn categories_are_switched_by_name() {
             (&[(true, &[]), (false, &[]), (false, &[EVENT])], &[]),
         ];
         for (switches, expected) in cases {
-            let instance = Instance::of(kind, BALL);
+            let it = Instance::of(kind, BALL);
             for (on, names) in switches {
-                assert_eq!(instance.switch_log(*on, names), OK);
+                assert_eq!(it.switch_log(*on, names), OK);
             }
-            assert_eq!(provoke(&instance), set(expected), "{switches:?}");
+            assert_eq!(provoke(&it), set(expected), "{switches:?}");
         }
     }
 }
@@ -227,15 +227,15 @@ fn unknown_categories_are_refused_and_change_nothing() {
             c"logAll\xc3",
         ];
         for name in bad {
-            let instance = debugged(kind, c"x");
+            let it = debugged(kind, c"x");
             let words = "is unknown; expected one of logStatusError, ";
-            instance.refuses(words, |f| f.switch_log(true, &[EVENT, name]));
-            instance.refuses(words, |f| f.switch_log(false, &[EVENT, name]));
-            assert_eq!(provoke(&instance).len(), 5);
+            it.refuses(words, |f| f.switch_log(true, &[EVENT, name]));
+            it.refuses(words, |f| f.switch_log(false, &[EVENT, name]));
+            assert_eq!(provoke(&it).len(), 5);
         }
-        let instance = Instance::of(kind, BALL);
+        let it = Instance::of(kind, BALL);
         for (n, names) in [(1, null()), (2, [ALL.as_ptr(), null()].as_ptr())] {
-            instance.refuses("NULL", |f| {
+            it.refuses("NULL", |f| {
                 // SAFETY: the instance lives, and the array is NULL or has two elements.
                 Status(unsafe {
                     match f.kind.0 {
@@ -252,10 +252,10 @@ fn unknown_categories_are_refused_and_change_nothing() {
 fn messages_are_well_formed_and_text_from_the_host_is_forwarded_unchanged() {
     for kind in PLAIN {
         let name = CString::from(c"Pendel ϑ %n");
-        let instance = debugged(kind, &name);
+        let it = debugged(kind, &name);
         name.into_bytes().fill(b'x');
-        assert_eq!(provoke(&instance).len(), 5);
-        for message in instance.messages() {
+        assert_eq!(provoke(&it).len(), 5);
+        for message in it.messages() {
             let status = match &*message.category {
                 "logStatusError" => ERROR,
                 "logStatusWarning" => WARNING,
@@ -272,21 +272,21 @@ fn messages_are_well_formed_and_text_from_the_host_is_forwarded_unchanged() {
             }
             assert!(!message.text.contains('\n') && message.text.trim() == message.text);
         }
-        let instance = debugged(kind, c"x");
-        instance.refuses(HOSTILE.to_str().unwrap(), |f| {
+        let it = debugged(kind, c"x");
+        it.refuses(HOSTILE.to_str().unwrap(), |f| {
             f.switch_log(true, &[HOSTILE])
         });
         // In FMI 3.0, `#` introduces a value reference.
         let escaped = ["\"#1#\" is unknown", "\"##1##\" is unknown"][usize::from(kind.0 == Fmi3)];
-        instance.refuses(escaped, |f| f.switch_log(true, &[c"#1#"]));
+        it.refuses(escaped, |f| f.switch_log(true, &[c"#1#"]));
     }
 }
 
 #[test]
 fn every_change_of_the_state_is_an_event_and_states_do_not_include_log_settings() {
     for kind in KINDS {
-        let instance = debugged(kind, c"x").run(0.0);
-        assert_eq!((instance.terminate(), instance.reset()), (OK, OK));
+        let it = debugged(kind, c"x").run(0.0);
+        assert_eq!((it.terminate(), it.reset()), (OK, OK));
         let last = if kind.1 == Exchanged {
             "continuous-time mode"
         } else {
@@ -299,11 +299,11 @@ fn every_change_of_the_state_is_an_event_and_states_do_not_include_log_settings(
             "instantiated",
         ]);
         let states: Vec<String> = states.map(|state| format!("state: {state}")).collect();
-        let events = instance.messages().into_iter().map(|message| message.text);
+        let events = it.messages().into_iter().map(|message| message.text);
         assert_eq!(events.collect::<Vec<_>>(), states);
         let silent = Instance::of(kind, BALL);
         assert_eq!(silent.switch_log(false, &[]), OK);
-        let bytes = instance.snapshot();
+        let bytes = it.snapshot();
         assert_eq!(bytes, silent.snapshot());
         assert_eq!(silent.resume(&bytes).terminate(), ERROR);
         assert_eq!(silent.messages(), []);
@@ -329,28 +329,28 @@ fn a_model_reads_the_resource_that_a_parameter_names() {
             assert_eq!(f.set_strings(&[Sampled::FILE], &[name.as_ptr()]), OK);
         };
         let initializing = |resources: Option<&CStr>| {
-            let instance = Instance::with(&Arguments {
+            let it = Instance::with(&Arguments {
                 resources,
                 ..Arguments::of(kind, SAMPLED)
             });
-            name(&instance, c"weights.txt");
-            assert_eq!(instance.enter(0.0, None, None), OK);
-            instance
+            name(&it, c"weights.txt");
+            assert_eq!(it.enter(0.0, None, None), OK);
+            it
         };
-        let instance = initializing(Some(&CString::new(location).unwrap()));
-        assert_eq!(instance.get([Sampled::SUM]), [3.5]);
-        name(&instance, c"other.txt");
-        assert_eq!(instance.get([Sampled::SUM]), [-1.0]);
+        let it = initializing(Some(&CString::new(location).unwrap()));
+        assert_eq!(it.get([Sampled::SUM]), [3.5]);
+        name(&it, c"other.txt");
+        assert_eq!(it.get([Sampled::SUM]), [-1.0]);
         for (file, words) in [
             (c"missing.txt", "missing.txt: "),
             (c"bad", "invalid float literal"),
         ] {
-            name(&instance, file);
-            instance.refuses(words, Fmu::exit_initialization_mode);
+            name(&it, file);
+            it.refuses(words, Fmu::exit_initialization_mode);
         }
-        name(&instance, c"weights.txt");
-        assert_eq!(instance.exit_initialization_mode(), OK);
-        assert_eq!(instance.get([Sampled::SUM]), [3.5]);
+        name(&it, c"weights.txt");
+        assert_eq!(it.exit_initialization_mode(), OK);
+        assert_eq!(it.get([Sampled::SUM]), [3.5]);
         let place = if kind.0 == Fmi2 { "location" } else { "path" };
         let none = format!("weights.txt cannot be found: the host passed no resource {place}");
         for (resources, reason) in [
@@ -380,24 +380,24 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
                 ..Arguments::of(kind, EVERY)
             })
         };
-        let instance = variant(VARIANTS[0].guid());
+        let it = variant(VARIANTS[0].guid());
         for _ in 0..2 {
-            instance.start(0.0, None);
-            assert_eq!(instance.get([GAIN, LIMIT]), [3.0, 1e6]);
-            assert_eq!(instance.read(Type::Int32, [ORDER, I32]), [4.0, 3.0]);
-            assert_eq!(instance.read(Type::Enumeration, [LAW]), [2.0]);
-            assert_eq!(instance.texts(&[LABEL], 1), [c"slow".to_owned()]);
+            it.start(0.0, None);
+            assert_eq!(it.get([GAIN, LIMIT]), [3.0, 1e6]);
+            assert_eq!(it.read(Type::Int32, [ORDER, I32]), [4.0, 3.0]);
+            assert_eq!(it.read(Type::Enumeration, [LAW]), [2.0]);
+            assert_eq!(it.texts(&[LABEL], 1), [c"slow".to_owned()]);
             if kind.0 == Fmi2 {
-                assert_eq!(instance.get([MATRIX + 1, MATRIX + 2]), [2.0, -0.5]);
-                assert_eq!(instance.read(Type::Boolean, [FLAGS, FLAGS + 1]), [1.0, 1.0]);
+                assert_eq!(it.get([MATRIX + 1, MATRIX + 2]), [2.0, -0.5]);
+                assert_eq!(it.read(Type::Boolean, [FLAGS, FLAGS + 1]), [1.0, 1.0]);
             }
-            assert_eq!((instance.set(LIMIT, 7.0), instance.reset()), (OK, OK));
+            assert_eq!((it.set(LIMIT, 7.0), it.reset()), (OK, OK));
         }
         let own = variant(MODELS[EVERY].guid());
         assert!(own.c.is_null());
         own.says("this binary has: Fast {");
         let bytes = Instance::of(kind, EVERY).snapshot();
-        instance.refuses("are a state of the model {", |f| {
+        it.refuses("are a state of the model {", |f| {
             f.deserialize(&bytes, &mut null_mut())
         });
     }
@@ -407,13 +407,13 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
 
 /// A whole simulation, with FMU states in between.
 fn run(kind: Kind, seed: u32) -> Vec<Vec<u8>> {
-    let instance = Instance::running(kind, EVERY);
+    let it = Instance::running(kind, EVERY);
     let step = |k| {
-        assert_eq!(instance.set(U, f64::from((seed + 1) * k % 17)), OK);
-        instance.steps(0.01 * f64::from(k), 0.01);
-        let now = instance.snapshot();
+        assert_eq!(it.set(U, f64::from((seed + 1) * k % 17)), OK);
+        it.steps(0.01 * f64::from(k), 0.01);
+        let now = it.snapshot();
         if k % 50 == seed {
-            instance.resume(&now);
+            it.resume(&now);
         }
         now
     };
@@ -446,35 +446,35 @@ fn instances_in_threads_give_the_same_results_as_alone() {
 fn instances_are_independent_and_leave_nothing_behind() {
     for kind in PLAIN {
         let mut instances: Vec<_> = (0..50).map(|_| Instance::of(kind, EVERY)).collect();
-        for (k, instance) in (0..).zip(&instances) {
-            assert_eq!(instance.set(GAIN, f64::from(k)), OK);
-            instance.start(0.0, None);
+        for (k, it) in (0..).zip(&instances) {
+            assert_eq!(it.set(GAIN, f64::from(k)), OK);
+            it.start(0.0, None);
         }
         for k in (0..25).rev() {
             instances.remove(2 * k);
         }
         assert_eq!(instances[0].step(7.0, 0.1), ERROR);
-        for (k, instance) in (0..).zip(&instances) {
-            instance.steps(0.0, 0.1);
-            assert_eq!(instance.get([GAIN]), [f64::from(2 * k + 1)]);
-            assert_eq!(instance.messages().len(), usize::from(k == 0));
+        for (k, it) in (0..).zip(&instances) {
+            it.steps(0.0, 0.1);
+            assert_eq!(it.get([GAIN]), [f64::from(2 * k + 1)]);
+            assert_eq!(it.messages().len(), usize::from(k == 0));
         }
         let life = || {
-            let instance = Instance::running(kind, EVERY);
-            let now = instance.snapshot();
-            instance.steps(0.0, 0.1);
-            assert_eq!(instance.step(7.0, 0.1), ERROR);
-            instance.resume(&now).steps(0.0, 0.1);
-            assert_eq!(instance.deserialize(b"nonsense", &mut null_mut()), ERROR);
-            assert_eq!(instance.reset(), OK);
+            let it = Instance::running(kind, EVERY);
+            let now = it.snapshot();
+            it.steps(0.0, 0.1);
+            assert_eq!(it.step(7.0, 0.1), ERROR);
+            it.resume(&now).steps(0.0, 0.1);
+            assert_eq!(it.deserialize(b"nonsense", &mut null_mut()), ERROR);
+            assert_eq!(it.reset(), OK);
         };
         life();
         let left = allocation_counter::measure(life);
         assert_eq!((left.bytes_current, left.count_current), (0, 0));
         // A panic in the destructor is caught.
-        let instance = Instance::running(kind, EVERY);
-        assert_eq!(instance.set(LIMIT, Every::LAST_BUG), OK);
-        drop(instance);
+        let it = Instance::running(kind, EVERY);
+        assert_eq!(it.set(LIMIT, Every::LAST_BUG), OK);
+        drop(it);
         Instance::running(kind, EVERY).steps(0.0, 0.1);
     }
 }

@@ -35,120 +35,48 @@ macro_rules! references {
     };
 }
 
-/// Every type and role, and failures on demand
+/// Every type and role, and failures on demand; see [`FACTS`]
 #[derive(Model)]
+#[rustfmt::skip]
 pub struct Every {
-    /// is integrated
-    #[input(derivative = self.u_rate)]
-    u: f64,
+    /** is integrated */ #[input(derivative = self.u_rate)] u: f64,
     u_rate: f64,
-    /// is bounded
-    #[input(min = -10, max = 10)]
-    v: f64,
-    /// how the step fails
-    #[input(min = 0, max = BUG)]
-    trouble: f64,
-    /// of u
-    #[parameter(start = 2, min = 0)]
-    gain: f64,
-    /// of y
-    #[parameter(tunable, start = 1e6, min = 0)]
-    limit: f64,
-    /// vector
-    #[input(min = -10, max = 10, unit = "kg")]
-    vector: [f64; 3],
-    /// matrix
-    #[parameter(tunable, start = [[1, 2], [3, 6.5]])]
-    matrix: [[f64; 2]; 2],
-    /// fixed
-    #[parameter(start = [1, 2])]
-    weights: [f64; 2],
-    /// f32
-    #[input(min = 0.1, max = 16777216, start = 0.3)]
-    f32: f32,
-    /// i8
-    #[input]
-    i8: i8,
-    /// u8
-    #[parameter(tunable, start = [1, 2])]
-    u8: [u8; 2],
-    /// i16
-    #[input(start = -1, min = -2)]
-    i16: i16,
-    /// u16
-    #[input]
-    u16: u16,
-    /// i32
-    #[input(start = 3, min = -5, max = 5)]
-    i32: i32,
-    /// u32
-    #[input]
-    u32: u32,
-    /// i64
-    #[input]
-    i64: i64,
-    /// u64
-    #[input(start = 4294967295)]
-    u64: u64,
-    /// whole number
-    #[parameter(start = 1, min = 1, max = 4)]
-    order: i32,
-    /// truths
-    #[parameter(tunable, start = [false, true])]
-    flags: [bool; 2],
-    /// whether y is limited
-    #[parameter(start = true)]
-    limited: bool,
-    /// item
-    #[parameter]
-    law: Law,
-    /// items
-    #[input(start = [Law::Added, Law::Ignored])]
-    laws: [Law; 2],
-    /// text
-    #[input(start = "12")]
-    label: String,
-    /// texts
-    #[parameter(start = ["7", "8"])]
-    names: [String; 2],
-    /// bytes
-    #[input(start = b"\x00\xff")]
-    bytes: Vec<u8>,
-    #[nested]
-    part: Part,
-    /// integral of u
-    #[output(initially_from("weights"), derivative_by(u = self.y_by_u))]
-    y: f64,
-    /// weighted y
-    #[output(unit = "N.m")]
-    parts: [f64; 2],
-    /// half of the f32
-    #[output]
-    half: f32,
-    /// large number
-    #[output]
-    long: i64,
-    /// whether it is enabled
-    #[output]
-    done: bool,
-    /// the number of steps as text
-    #[output]
-    report: String,
-    /// the other item
-    #[output]
-    next: Law,
-    /// sum of the last 40 values
-    #[local]
-    sum: f64,
-    /// changes in steps only
-    #[local(discrete)]
-    label_length: i32,
-    /// a number
-    #[constant(start = TAU)]
-    tau: f64,
-    /// a text
-    #[constant(start = "9")]
-    version: String,
+    /** is bounded */ #[input(min = -10, max = 10)] v: f64,
+    /** how the step fails */ #[input(min = 0, max = BUG)] trouble: f64,
+    /** of u */ #[parameter(start = 2, min = 0)] gain: f64,
+    /** of y */ #[parameter(tunable, start = 1e6, min = 0)] limit: f64,
+    /** vector */ #[input(min = -10, max = 10, unit = "kg")] vector: [f64; 3],
+    /** matrix */ #[parameter(tunable, start = [[1, 2], [3, 6.5]])] matrix: [[f64; 2]; 2],
+    /** fixed */ #[parameter(start = [1, 2])] weights: [f64; 2],
+    /** f32 */ #[input(min = 0.1, max = 16777216, start = 0.3)] f32: f32,
+    /** i8 */ #[input] i8: i8,
+    /** u8 */ #[parameter(tunable, start = [1, 2])] u8: [u8; 2],
+    /** i16 */ #[input(start = -1, min = -2)] i16: i16,
+    /** u16 */ #[input] u16: u16,
+    /** i32 */ #[input(start = 3, min = -5, max = 5)] i32: i32,
+    /** u32 */ #[input] u32: u32,
+    /** i64 */ #[input] i64: i64,
+    /** u64 */ #[input(start = 4294967295)] u64: u64,
+    /** whole number */ #[parameter(start = 1, min = 1, max = 4)] order: i32,
+    /** truths */ #[parameter(tunable, start = [false, true])] flags: [bool; 2],
+    /** whether y is limited */ #[parameter(start = true)] limited: bool,
+    /** item */ #[parameter] law: Law,
+    /** items */ #[input(start = [Law::Added, Law::Ignored])] laws: [Law; 2],
+    /** text */ #[input(start = "12")] label: String,
+    /** texts */ #[parameter(start = ["7", "8"])] names: [String; 2],
+    /** bytes */ #[input(start = b"\x00\xff")] bytes: Vec<u8>,
+    #[nested] part: Part,
+    /** integral of u */ #[output(initially_from("weights"), derivative_by(u = self.y_by_u))] y: f64,
+    /** weighted y */ #[output(unit = "N.m")] parts: [f64; 2],
+    /** half of the f32 */ #[output] half: f32,
+    /** large number */ #[output] long: i64,
+    /** whether it is enabled */ #[output] done: bool,
+    /** the number of steps as text */ #[output] report: String,
+    /** the other item */ #[output] next: Law,
+    /** sum of the last 40 values */ #[local] sum: f64,
+    /** changes in steps only */ #[local(discrete)] label_length: i32,
+    /** a number */ #[constant(start = TAU)] tau: f64,
+    /** a text */ #[constant(start = "9")] version: String,
     y_by_u: f64,
     ticks: u64,
     history: [f64; 40],

@@ -27,33 +27,33 @@ fn drive(f: Fmu, first: u32, steps: u32) -> Vec<[f64; 2]> {
 
 /// An instance after five steps, with values of all types.
 fn moving(version: Version) -> Instance {
-    let instance = Instance::of((version, Stepped), EVERY);
+    let it = Instance::of((version, Stepped), EVERY);
     let settable =
         |fact: &&Fact| fact.is_settable(false) && ![U, V, TROUBLE].contains(&fact.reference);
     for fact in FACTS.iter().filter(settable) {
         let n = if version == Fmi2 { 1 } else { fact.start.len() };
         let is_missing = (version, fact.of) == (Fmi2, Type::Binary);
-        let set = || instance.set_all(fact.of, &[fact.reference], &vec![fact.other_value(); n]);
+        let set = || it.set_all(fact.of, &[fact.reference], &vec![fact.other_value(); n]);
         assert!(is_missing || set() == OK, "{}", fact.name);
     }
-    instance.start(0.0, None);
-    drive(*instance, 0, 5);
-    instance
+    it.start(0.0, None);
+    drive(*it, 0, 5);
+    it
 }
 
 #[test]
 fn restored_states_continue_bit_for_bit_in_any_instance() {
     for version in [Fmi2, Fmi3] {
-        let instance = moving(version);
-        let kind = instance.kind;
-        let mut state = instance.save();
-        let bytes = instance.serialize(state);
+        let it = moving(version);
+        let kind = it.kind;
+        let mut state = it.save();
+        let bytes = it.serialize(state);
         // More values than the history of the model keeps.
-        let expected = drive(*instance, 5, 50);
-        assert_eq!(instance.set_state(state), OK);
-        assert_eq!(instance.snapshot(), bytes);
-        assert_eq!(drive(*instance, 5, 50), expected);
-        drop(instance);
+        let expected = drive(*it, 5, 50);
+        assert_eq!(it.set_state(state), OK);
+        assert_eq!(it.snapshot(), bytes);
+        assert_eq!(drive(*it, 5, 50), expected);
+        drop(it);
         // A state outlives the instance it was taken from.
         let other = Instance::of(kind, EVERY);
         assert_eq!(other.set_state(state), OK);
@@ -99,11 +99,11 @@ fn states_of_model_exchange_continue_bit_for_bit() {
             }
             rows
         };
-        let instance = Instance::running(kind, BALL);
-        assert_eq!(instance.set_states(&[0.25, -1.0]), OK);
-        let bytes = instance.snapshot();
-        let expected = run(*instance);
-        assert_eq!(run(instance.resume(&bytes)), expected);
+        let it = Instance::running(kind, BALL);
+        assert_eq!(it.set_states(&[0.25, -1.0]), OK);
+        let bytes = it.snapshot();
+        let expected = run(*it);
+        assert_eq!(run(it.resume(&bytes)), expected);
         assert_eq!(run(Instance::of(kind, BALL).resume(&bytes)), expected);
     }
 }
@@ -111,40 +111,31 @@ fn states_of_model_exchange_continue_bit_for_bit() {
 #[test]
 fn states_are_independent_copies_that_can_be_overwritten() {
     for version in [Fmi2, Fmi3] {
-        let instance = moving(version);
+        let it = moving(version);
         let mut states: Vec<_> = (5..10)
             .map(|k| {
-                drive(*instance, k, 1);
-                (instance.save(), instance.snapshot())
+                drive(*it, k, 1);
+                (it.save(), it.snapshot())
             })
             .collect();
         for k in [3, 0, 3, 4, 2, 1] {
             let (state, expected) = &states[k];
-            assert_eq!(instance.set_state(*state), OK);
-            assert_eq!(&instance.snapshot(), expected);
+            assert_eq!(it.set_state(*state), OK);
+            assert_eq!(&it.snapshot(), expected);
         }
-        let (state, fresh) = (
-            &mut states[0].0,
-            Instance::of(instance.kind, EVERY).snapshot(),
-        );
+        let (state, fresh) = (&mut states[0].0, Instance::of(it.kind, EVERY).snapshot());
         let address = *state;
-        drive(*instance, 7, 1);
-        assert_eq!(instance.get_state(state), OK);
-        assert_eq!(
-            (*state, instance.serialize(*state)),
-            (address, instance.snapshot())
-        );
-        assert_eq!(instance.deserialize(&fresh[1..], state), ERROR);
-        assert_eq!(
-            (*state, instance.serialize(*state)),
-            (address, instance.snapshot())
-        );
-        assert_eq!(instance.deserialize(&fresh, state), OK);
-        assert_eq!((*state, instance.serialize(*state)), (address, fresh));
+        drive(*it, 7, 1);
+        assert_eq!(it.get_state(state), OK);
+        assert_eq!((*state, it.serialize(*state)), (address, it.snapshot()));
+        assert_eq!(it.deserialize(&fresh[1..], state), ERROR);
+        assert_eq!((*state, it.serialize(*state)), (address, it.snapshot()));
+        assert_eq!(it.deserialize(&fresh, state), OK);
+        assert_eq!((*state, it.serialize(*state)), (address, fresh));
         for (state, _) in &mut states {
-            assert_eq!(instance.free_state(state), OK);
+            assert_eq!(it.free_state(state), OK);
             assert!(state.is_null());
-            assert_eq!(instance.free_state(state), OK, "it is NULL now");
+            assert_eq!(it.free_state(state), OK, "it is NULL now");
         }
     }
 }
@@ -183,69 +174,65 @@ fn a_state_of_another_model_or_mode_is_refused() {
 #[test]
 fn buffers_and_pointers_are_checked() {
     for version in [Fmi2, Fmi3] {
-        let instance = moving(version);
-        let (mut state, mut none) = (instance.save(), null_mut());
-        let bytes = instance.serialize(state);
+        let it = moving(version);
+        let (mut state, mut none) = (it.save(), null_mut());
+        let bytes = it.serialize(state);
         let size = bytes.len();
         for room in [0, 1, 10, size / 2, size - 1] {
             let mut buffer = vec![0xaa; room];
             let words = format!("its size {room} is too small; expected {size} bytes");
-            instance.refuses(&words, |f| f.serialize_into(state, &mut buffer));
+            it.refuses(&words, |f| f.serialize_into(state, &mut buffer));
             assert_eq!(buffer, vec![0xaa; room]);
         }
         // A buffer may be larger, and the instance may have advanced.
-        assert_eq!(instance.reset(), OK);
+        assert_eq!(it.reset(), OK);
         let mut buffer = vec![0xaa; size + 50];
-        assert_eq!(instance.serialize_into(state, &mut buffer), OK);
+        assert_eq!(it.serialize_into(state, &mut buffer), OK);
         assert_eq!(buffer, [&bytes[..], &[0xaa; 50]].concat());
         let words = "the FMU state is NULL";
-        instance.refuses(words, |f| f.set_state(null_mut()));
-        instance.refuses(words, |f| f.serialized_size(null_mut(), &mut 5));
-        instance.refuses(words, |f| f.serialize_into(null_mut(), &mut buffer));
+        it.refuses(words, |f| f.set_state(null_mut()));
+        it.refuses(words, |f| f.serialized_size(null_mut(), &mut 5));
+        it.refuses(words, |f| f.serialize_into(null_mut(), &mut buffer));
         let words = "a pointer is NULL";
-        instance.refuses(words, |f| f.get_state(null_mut()));
-        instance.refuses(words, |f| f.serialized_size(state, null_mut()));
-        instance.refuses(words, |f| f.deserialize(&bytes, null_mut()));
-        instance.refuses("the buffer is NULL", |f| {
+        it.refuses(words, |f| f.get_state(null_mut()));
+        it.refuses(words, |f| f.serialized_size(state, null_mut()));
+        it.refuses(words, |f| f.deserialize(&bytes, null_mut()));
+        it.refuses("the buffer is NULL", |f| {
             f.serialize_to(state, null_mut(), size)
         });
-        instance.refuses("the bytes are NULL", |f| {
+        it.refuses("the bytes are NULL", |f| {
             f.deserialize_from(null(), size, &mut none)
         });
-        instance.refuses("damaged", |f| f.deserialize_from(null(), 0, &mut none));
-        assert_eq!(
-            (none.is_null(), instance.free_state(null_mut())),
-            (true, OK)
-        );
+        it.refuses("damaged", |f| f.deserialize_from(null(), 0, &mut none));
+        assert_eq!((none.is_null(), it.free_state(null_mut())), (true, OK));
         let mut memory = [0u128; 64];
         for offset in [0, 1] {
             let foreign = memory.as_mut_ptr().cast::<u8>().wrapping_add(offset).cast();
             let words = "the pointer does not point to an FMU state";
-            instance.refuses(words, |f| f.set_state(foreign));
-            instance.refuses(words, |f| f.free_state(&mut { foreign }));
-            instance.refuses(words, |f| f.get_state(&mut { foreign }));
-            instance.refuses(words, |f| f.serialized_size(foreign, &mut 0));
-            instance.refuses(words, |f| f.serialize_into(foreign, &mut [0; 8]));
+            it.refuses(words, |f| f.set_state(foreign));
+            it.refuses(words, |f| f.free_state(&mut { foreign }));
+            it.refuses(words, |f| f.get_state(&mut { foreign }));
+            it.refuses(words, |f| f.serialized_size(foreign, &mut 0));
+            it.refuses(words, |f| f.serialize_into(foreign, &mut [0; 8]));
         }
         assert_eq!(memory, [0; 64]);
-        assert_eq!(instance.free_state(&mut none), OK);
-        assert_eq!(instance.free_state(&mut state), OK);
+        assert_eq!(it.free_state(&mut none), OK);
+        assert_eq!(it.free_state(&mut state), OK);
     }
 }
 
 // --- damaged and forged bytes -------------------------------------------------------------------
 
 /// Checks that bytes are refused with a reason and no state is created.
-fn assert_refused(instance: &Instance, bytes: &[u8]) {
+fn assert_refused(it: &Instance, bytes: &[u8]) {
     let mut state = null_mut();
-    instance.forget_messages();
-    assert_eq!(instance.deserialize(bytes, &mut state), ERROR, "{bytes:?}");
+    it.forget_messages();
+    assert_eq!(it.deserialize(bytes, &mut state), ERROR, "{bytes:?}");
     assert!(state.is_null());
-    assert_eq!(instance.messages().len(), 1);
+    assert_eq!(it.messages().len(), 1);
     assert!(
-        instance
-            .last_message()
-            .starts_with(instance.name("deserialize_fmu_state"))
+        it.last_message()
+            .starts_with(it.name("deserialize_fmu_state"))
     );
 }
 
@@ -268,21 +255,21 @@ const HEADER: usize = 8 + 4 + 38;
 
 #[test]
 fn damaged_bytes_are_refused() {
-    let instance = moving(Fmi2);
-    let bytes = instance.snapshot();
+    let it = moving(Fmi2);
+    let bytes = it.snapshot();
     for place in 0..bytes.len() {
         let (head, tail) = bytes.split_at(place);
-        assert_refused(&instance, head);
-        assert_refused(&instance, &[head, &[0], tail].concat());
-        assert_refused(&instance, &tail[1..]);
+        assert_refused(&it, head);
+        assert_refused(&it, &[head, &[0], tail].concat());
+        assert_refused(&it, &tail[1..]);
         let mut damaged = bytes.clone();
         damaged[place] ^= 1 << (place % 8);
-        assert_refused(&instance, &damaged);
+        assert_refused(&it, &damaged);
     }
     for added in [&[0][..], &[0; 16], &bytes] {
-        assert_refused(&instance, &[&bytes, added].concat());
+        assert_refused(&it, &[&bytes, added].concat());
     }
-    assert_eq!(instance.snapshot(), bytes);
+    assert_eq!(it.snapshot(), bytes);
     // With a valid checksum: magic number, version, both ends of the GUID, an invalid mode, and phases that
     // are fatal, of a callback, of model exchange, or invalid.
     assert_eq!(sealed(content(&bytes)), bytes);
@@ -299,11 +286,11 @@ fn damaged_bytes_are_refused() {
     ] {
         let mut forged = content(&bytes).to_vec();
         forged[place] = byte;
-        assert_refused(&instance, &sealed(&forged));
+        assert_refused(&it, &sealed(&forged));
     }
-    assert_refused(&instance, &sealed(&[content(&bytes), &[0]].concat()));
+    assert_refused(&it, &sealed(&[content(&bytes), &[0]].concat()));
     for end in 0..bytes.len() - 16 {
-        assert_refused(&instance, &sealed(&bytes[..end]));
+        assert_refused(&it, &sealed(&bytes[..end]));
     }
 }
 
@@ -355,11 +342,11 @@ proptest! {
 
     #[test]
     fn noise_is_refused(noise in prop::collection::vec(any::<u8>(), 0..1000), keep in 0..70usize) {
-        let instance = moving(Fmi3);
-        let bytes = instance.snapshot();
-        assert_refused(&instance, &noise);
-        assert_refused(&instance, &sealed(&noise));
-        assert_refused(&instance, &[&bytes[..keep], &noise].concat());
+        let it = moving(Fmi3);
+        let bytes = it.snapshot();
+        assert_refused(&it, &noise);
+        assert_refused(&it, &sealed(&noise));
+        assert_refused(&it, &[&bytes[..keep], &noise].concat());
     }
 
     /// A forged state with a valid checksum may be accepted, but using it must not crash or hang.
@@ -376,8 +363,8 @@ proptest! {
     ) {
         // With events, a step of 1e9 s would have very many samples.
         let model = if kind.1 == Stepped { model } else { BALL };
-        let instance = if fresh { Instance::of(kind, model) } else { Instance::running(kind, model) };
-        let mut forged = content(&instance.snapshot()).to_vec();
+        let it = if fresh { Instance::of(kind, model) } else { Instance::running(kind, model) };
+        let mut forged = content(&it.snapshot()).to_vec();
         for (place, change, new) in edits {
             // Written over others, or with a change of the length.
             let start = HEADER + place.index(forged.len() - HEADER + 1);
@@ -385,15 +372,15 @@ proptest! {
             forged.splice(start..end, new);
         }
         let mut state = null_mut();
-        if instance.deserialize(&sealed(&forged), &mut state) == OK {
-            if instance.set_state(state) == OK {
-                let (mut again, bytes) = (null_mut(), instance.snapshot());
-                assert_eq!(instance.deserialize(&bytes, &mut again), OK);
-                assert_eq!(instance.serialize(again), bytes);
-                assert_eq!(instance.free_state(&mut again), OK);
-                uses(*instance, model);
+        if it.deserialize(&sealed(&forged), &mut state) == OK {
+            if it.set_state(state) == OK {
+                let (mut again, bytes) = (null_mut(), it.snapshot());
+                assert_eq!(it.deserialize(&bytes, &mut again), OK);
+                assert_eq!(it.serialize(again), bytes);
+                assert_eq!(it.free_state(&mut again), OK);
+                uses(*it, model);
             } else {
-                instance.says("the state is that of an instance for");
+                it.says("the state is that of an instance for");
             }
             assert_eq!(Instance::of(kind, model).free_state(&mut state), OK);
         }

@@ -419,14 +419,14 @@ fn check(fmu: Fmu, expected: &mut Expected, saved: &mut Vec<Saved>, call: &Call)
 
 /// Makes the calls in sequence; returns the states in which they were made.
 fn run(kind: Kind, calls: &[Call]) -> Vec<State> {
-    let instance = Instance::with(&Arguments {
+    let it = Instance::with(&Arguments {
         early_return: true,
         ..Arguments::of(kind, BALL)
     });
     let (mut expected, mut saved, mut states) = (Expected::new(kind), Vec::new(), Vec::new());
     for call in calls {
         states.push(expected.state);
-        check(*instance, &mut expected, &mut saved, call);
+        check(*it, &mut expected, &mut saved, call);
     }
     let other = Instance::of(kind, BALL);
     for (mut state, ..) in saved {

@@ -219,14 +219,14 @@ fn deserialize(fmu: Fmu) -> Status {
 /// A ball in a state, or a list in a state of configuration. After a step, the time is 0.25.
 fn bring(kind: Kind, state: char) -> Instance {
     let is_configured = "GRV".contains(state);
-    let instance = Instance::of(kind, if is_configured { LISTS } else { BALL });
+    let it = Instance::of(kind, if is_configured { LISTS } else { BALL });
     let run = || {
-        instance.start(0.0, Some(10.0));
+        it.start(0.0, Some(10.0));
         match kind.1 {
-            Exchanged => assert_eq!(instance.enter_continuous_time_mode(), OK),
+            Exchanged => assert_eq!(it.enter_continuous_time_mode(), OK),
             mode => {
-                assert!(mode != Events || instance.enter_step_mode() == OK);
-                instance.steps(0.0, 0.25);
+                assert!(mode != Events || it.enter_step_mode() == OK);
+                it.steps(0.0, 0.25);
             }
         }
     };
@@ -234,31 +234,31 @@ fn bring(kind: Kind, state: char) -> Instance {
         run();
         let found = match kind.1 {
             Exchanged => {
-                assert_eq!(instance.set(Ball::TROUBLE, trouble), OK);
-                instance.get_derivatives(&mut [0.0; 2])
+                assert_eq!(it.set(Ball::TROUBLE, trouble), OK);
+                it.get_derivatives(&mut [0.0; 2])
             }
             _ => {
-                assert_eq!(instance.set(Ball::FAULT, trouble), OK);
-                instance.step(0.25, 0.125)
+                assert_eq!(it.set(Ball::FAULT, trouble), OK);
+                it.step(0.25, 0.125)
             }
         };
         assert_eq!(found, status);
     };
     match state {
         'I' | 'G' => {}
-        'N' => assert_eq!(instance.enter(0.0, Some(10.0), None), OK),
-        'E' | 'V' => instance.start(0.0, Some(10.0)),
+        'N' => assert_eq!(it.enter(0.0, Some(10.0), None), OK),
+        'E' | 'V' => it.start(0.0, Some(10.0)),
         'C' | 'S' | 'R' => run(),
         'F' => fail_by(DISCARD, DISCARDED),
         'T' => {
             run();
-            assert_eq!(instance.terminate(), OK);
+            assert_eq!(it.terminate(), OK);
         }
         'X' => fail_by(BREAK, ERROR),
         _ => fail_by(BUG, FATAL),
     }
-    assert!(!is_configured || instance.enter_configuration_mode() == OK);
-    instance
+    assert!(!is_configured || it.enter_configuration_mode() == OK);
+    it
 }
 
 /// All kinds in all states.
@@ -275,13 +275,13 @@ fn calls_are_allowed_according_to_the_table() {
                 continue;
             };
             println!("{operation} in {} of {kind:?}", name(state));
-            let instance = bring(kind, state);
+            let it = bring(kind, state);
             let allowed = STATES.iter().filter(|(state, _)| letters.contains(*state));
             let mut allowed: Vec<&str> = allowed.map(|(_, name)| *name).collect();
             allowed.dedup();
             let forbidden = format!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
-                instance.name(operation),
+                it.name(operation),
                 name(state),
                 allowed.join(", ")
             );
@@ -292,17 +292,17 @@ fn calls_are_allowed_according_to_the_table() {
                 _ if !letters.contains(state) => &forbidden,
                 _ if operation == "enter_configuration_mode" => "structural parameters",
                 _ => {
-                    assert_eq!(call(*instance), OK, "{:?}", instance.messages());
+                    assert_eq!(call(*it), OK, "{:?}", it.messages());
                     continue;
                 }
             };
             match (state, why == forbidden) {
-                ('!', false) => assert_eq!(call(*instance), ERROR),
+                ('!', false) => assert_eq!(call(*it), ERROR),
                 ('!', true) => {
-                    assert_eq!(call(*instance), FATAL);
-                    assert_eq!(instance.last_message(), forbidden);
+                    assert_eq!(call(*it), FATAL);
+                    assert_eq!(it.last_message(), forbidden);
                 }
-                _ => instance.refuses(why, call),
+                _ => it.refuses(why, call),
             }
         }
     }
@@ -311,30 +311,30 @@ fn calls_are_allowed_according_to_the_table() {
 #[test]
 fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
     for kind in [(Fmi3, Stepped), EVENTS] {
-        let instance = || {
-            let instance = Instance::with(&Arguments {
+        let new = || {
+            let it = Instance::with(&Arguments {
                 intermediate: Some(&[Ball::DRIVE, Ball::H]),
                 ..Arguments::of(kind, BALL)
             });
-            instance.run(0.0)
+            it.run(0.0)
         };
-        let plain = instance();
+        let plain = new();
         plain.steps(0.0, 0.25);
         for &(operation, in_2, in_3, call) in TABLE {
             let Some((_, letters)) = row(Fmi3, in_2, in_3) else {
                 continue;
             };
             println!("{operation} in an intermediate update of {kind:?}");
-            let (instance, statuses) = (instance(), Rc::new(RefCell::new(Vec::new())));
+            let (it, statuses) = (new(), Rc::new(RefCell::new(Vec::new())));
             let answers = statuses.clone();
-            instance.on_update(move |fmu, _| {
+            it.on_update(move |fmu, _| {
                 answers.borrow_mut().push(call(fmu));
                 None
             });
-            assert_eq!(instance.steps(0.0, 0.25), results(false, false, 0.25));
+            assert_eq!(it.steps(0.0, 0.25), results(false, false, 0.25));
             let expected = if letters.contains('U') { OK } else { ERROR };
             assert_eq!(*statuses.borrow(), [expected; 3]);
-            assert_eq!(instance.snapshot(), plain.snapshot(), "nothing changed");
+            assert_eq!(it.snapshot(), plain.snapshot(), "nothing changed");
         }
     }
 }
@@ -343,13 +343,13 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
 fn unsupported_calls_are_refused_with_a_reason_in_every_state() {
     for (kind, state) in all() {
         for (operation, version, why, call) in UNSUPPORTED {
-            let instance = bring(kind, state);
+            let it = bring(kind, state);
             match state {
                 _ if *version != kind.0 => {}
-                '!' => assert_eq!(call(*instance), ERROR),
-                _ => instance.refuses(&format!("{}: ", instance.name(operation)), |fmu| {
+                '!' => assert_eq!(call(*it), ERROR),
+                _ => it.refuses(&format!("{}: ", it.name(operation)), |fmu| {
                     let status = call(fmu);
-                    instance.says(why);
+                    it.says(why);
                     status
                 }),
             }
@@ -395,14 +395,14 @@ fn a_null_instance_is_an_error_and_can_be_freed() {
 #[test]
 fn a_reset_equals_a_fresh_instance() {
     for (kind, state) in all().filter(|(_, state)| *state != '!') {
-        let instance = bring(kind, state);
+        let it = bring(kind, state);
         let model = if "GRV".contains(state) { LISTS } else { BALL };
-        instance.set(Ball::DRIVE, 1.0);
-        assert_eq!(instance.reset(), OK);
+        it.set(Ball::DRIVE, 1.0);
+        assert_eq!(it.reset(), OK);
         let fresh = Instance::of(kind, model).snapshot();
-        assert_eq!(instance.snapshot(), fresh, "{state} of {kind:?}");
-        let instance = instance.run(20.0);
-        assert!(kind.1 == Exchanged || instance.step(20.0, 0.5) == OK);
+        assert_eq!(it.snapshot(), fresh, "{state} of {kind:?}");
+        let it = it.run(20.0);
+        assert!(kind.1 == Exchanged || it.step(20.0, 0.5) == OK);
     }
 }
 
@@ -429,10 +429,10 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
     ];
     for (state, kinds, call) in calls {
         for &kind in kinds {
-            let instance = bring(kind, state);
-            assert_eq!(instance.set(Ball::TROUBLE, BUG), OK);
-            assert_eq!(call(*instance), FATAL);
-            let message = instance.messages().pop().unwrap();
+            let it = bring(kind, state);
+            assert_eq!(it.set(Ball::TROUBLE, BUG), OK);
+            assert_eq!(call(*it), FATAL);
+            let message = it.messages().pop().unwrap();
             assert_eq!(
                 (&*message.category, message.status),
                 ("logStatusFatal", FATAL)
@@ -442,9 +442,9 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
                 text.contains("the model panicked and is dead: the bug"),
                 "{text}"
             );
-            assert_eq!(instance.reset(), FATAL);
+            assert_eq!(it.reset(), FATAL);
             let mut value = [7.0];
-            assert_eq!(instance.get_f64(&[Ball::DRIVE], &mut value), FATAL);
+            assert_eq!(it.get_f64(&[Ball::DRIVE], &mut value), FATAL);
             assert_eq!((value, other.set(Ball::DRIVE, 1.0)), ([7.0], OK));
         }
     }

@@ -16,16 +16,16 @@ use crate::models::*;
 const PHASES: [usize; 3] = [0, 1, 2];
 
 fn in_phase(version: Version, phase: usize) -> Instance {
-    let instance = Instance::of((version, Stepped), EVERY);
+    let it = Instance::of((version, Stepped), EVERY);
     if phase > 0 {
-        assert_eq!(instance.enter(0.0, None, None), OK);
-        instance.get_f64(&[Y], &mut [0.0]);
+        assert_eq!(it.enter(0.0, None, None), OK);
+        it.get_f64(&[Y], &mut [0.0]);
     }
     if phase > 1 {
-        assert_eq!(instance.exit_initialization_mode(), OK);
-        instance.steps(0.0, 0.001);
+        assert_eq!(it.exit_initialization_mode(), OK);
+        it.steps(0.0, 0.001);
     }
-    instance
+    it
 }
 
 /// The parts of a variable that a version accesses at once, with the name of the first element: each
@@ -51,15 +51,15 @@ fn each(can: bool, test: impl Fn(usize, &Instance, &Fact, (u32, String, &'static
         .into_iter()
         .flat_map(|v| PHASES.map(|p| (v, p)))
     {
-        let instance = in_phase(version, phase);
-        let fresh = instance.snapshot();
+        let it = in_phase(version, phase);
+        let fresh = it.snapshot();
         for fact in FACTS
             .iter()
             .filter(|fact| fact.is_settable(phase == 2) == can)
         {
             for part in parts(version, fact) {
-                test(phase, &instance, fact, part);
-                instance.resume(&fresh);
+                test(phase, &it, fact, part);
+                it.resume(&fresh);
             }
         }
     }
@@ -68,15 +68,15 @@ fn each(can: bool, test: impl Fn(usize, &Instance, &Fact, (u32, String, &'static
 #[test]
 fn start_values_are_those_of_the_table() {
     for version in [Fmi2, Fmi3] {
-        let instance = in_phase(version, 1);
+        let it = in_phase(version, 1);
         for (fact, (reference, name, start)) in FACTS.iter().flat_map(|fact| {
             parts(version, fact)
                 .into_iter()
                 .map(move |part| (fact, part))
         }) {
-            let found = instance.get_all(fact.of, &[reference], start.len());
+            let found = it.get_all(fact.of, &[reference], start.len());
             if (version, fact.of, start[0]) == (Fmi2, Type::UInt64, 4294967295.0) {
-                instance.refuses("u64 = 4294967295 does not fit into an Integer", |f| {
+                it.refuses("u64 = 4294967295 does not fit into an Integer", |f| {
                     f.get_all(fact.of, &[reference], 1).0
                 });
                 continue;
@@ -89,9 +89,9 @@ fn start_values_are_those_of_the_table() {
 
 #[test]
 fn values_are_returned_as_set_and_bounds_are_inclusive() {
-    each(true, |phase, instance, fact, (reference, name, start)| {
+    each(true, |phase, it, fact, (reference, name, start)| {
         let (min, max) = fact.bounds;
-        let (min, max) = match (instance.kind.0, fact.of) {
+        let (min, max) = match (it.kind.0, fact.of) {
             (Fmi2, Type::UInt32 | Type::UInt64) => (min, i32::MAX.into()),
             _ => (min, max),
         };
@@ -102,27 +102,27 @@ fn values_are_returned_as_set_and_bounds_are_inclusive() {
         } else {
             &values
         };
-        let before = instance.snapshot();
+        let before = it.snapshot();
         for &value in values.iter().filter(|value| value.is_finite()) {
             let all = vec![value; start.len()];
-            let status = instance.set_all(fact.of, &[reference], &all);
-            assert_eq!(status, OK, "{name} = {value}: {:?}", instance.messages());
+            let status = it.set_all(fact.of, &[reference], &all);
+            assert_eq!(status, OK, "{name} = {value}: {:?}", it.messages());
             if phase == 0 {
-                assert_eq!(instance.enter(0.0, None, None), OK);
+                assert_eq!(it.enter(0.0, None, None), OK);
             }
             assert_eq!(
-                instance.get_all(fact.of, &[reference], all.len()),
+                it.get_all(fact.of, &[reference], all.len()),
                 (OK, all),
                 "{name}"
             );
-            instance.resume(&before);
+            it.resume(&before);
         }
     });
 }
 
 #[test]
 fn values_out_of_bounds_are_refused_with_the_name() {
-    each(true, |_, instance, fact, (reference, name, start)| {
+    each(true, |_, it, fact, (reference, name, start)| {
         let (min, max) = fact.bounds;
         let outside = match fact.of {
             Type::String | Type::Binary => vec![],
@@ -133,7 +133,7 @@ fn values_out_of_bounds_are_refused_with_the_name() {
             }
             Type::Float32 => vec![0.0999, 16_777_218.0, 1e39, f64::NAN],
             // Others are of types that cannot have other values in FMI 3.0.
-            _ if instance.kind.0 == Fmi2 || matches!(fact.of, Type::Int32 | Type::Enumeration) => {
+            _ if it.kind.0 == Fmi2 || matches!(fact.of, Type::Int32 | Type::Enumeration) => {
                 vec![min - 1.0, max + 1.0, -7.0]
             }
             Type::Boolean => vec![2.0, 255.0],
@@ -147,11 +147,11 @@ fn values_out_of_bounds_are_refused_with_the_name() {
             .filter(|value| is_float || !range(value))
         {
             let all = vec![value; start.len()];
-            let shown = match instance.kind.0 {
+            let shown = match it.kind.0 {
                 Fmi3 if fact.of == Type::Float32 => f64::from(value as f32),
                 _ => value,
             };
-            instance.refuses(&format!("{name} = {shown} is refused; expected "), |f| {
+            it.refuses(&format!("{name} = {shown} is refused; expected "), |f| {
                 f.set_all(fact.of, &[reference], &all)
             });
         }
@@ -194,7 +194,7 @@ fn refusals_state_the_expected_value() {
 
 #[test]
 fn only_inputs_and_tunable_parameters_can_be_set_at_any_time() {
-    each(false, |_, instance, fact, (reference, name, start)| {
+    each(false, |_, it, fact, (reference, name, start)| {
         let why = match fact.role {
             Role::Always => unreachable!(),
             Role::BeforeSteps => "a fixed parameter",
@@ -202,7 +202,7 @@ fn only_inputs_and_tunable_parameters_can_be_set_at_any_time() {
             Role::Local => "a local variable",
             Role::Constant => "a constant",
         };
-        instance.refuses(&format!("{name} is {why}"), |f| {
+        it.refuses(&format!("{name} is {why}"), |f| {
             f.set_all(fact.of, &[reference], start)
         });
     });
@@ -216,7 +216,7 @@ fn unknown_references_and_wrong_types_are_refused() {
         String, Binary,
     ];
     for version in [Fmi2, Fmi3] {
-        let instance = in_phase(version, 1);
+        let it = in_phase(version, 1);
         // In FMI 2.0, the other numbers are accessed by the same functions.
         let in_2 = |of: &Type| matches!(of, Float64 | Int32 | Boolean | String);
         for of in types.into_iter().filter(|of| version == Fmi3 || in_2(of)) {
@@ -227,14 +227,14 @@ fn unknown_references_and_wrong_types_are_refused() {
             for access in accesses {
                 for unknown in [COUNT + 1, 1_000_000, 1 << 31, u32::MAX] {
                     let words = format!("value reference {unknown} is unknown");
-                    instance.refuses(&words, |f| access(f, unknown, 1));
+                    it.refuses(&words, |f| access(f, unknown, 1));
                 }
-                let others = FACTS.iter().filter(|f| instance.accessed_as(f.of) != of);
+                let others = FACTS.iter().filter(|f| it.accessed_as(f.of) != of);
                 for fact in others {
                     let n = if version == Fmi3 { fact.start.len() } else { 1 };
-                    instance.refuses(fact.name, |f| {
+                    it.refuses(fact.name, |f| {
                         let status = access(f, fact.reference, n);
-                        instance.says(" is of type ");
+                        it.says(" is of type ");
                         status
                     });
                 }
@@ -260,12 +260,12 @@ fn arrays_may_be_null_only_if_they_are_empty() {
     macro_rules! check {
         ($($version:ident: $function:ident($value:expr $(, $n:literal)?);)*) => {
             $(for phase in PHASES {
-                let (instance, mut value) = (in_phase($version, phase.max(1)), $value);
+                let (it, mut value) = (in_phase($version, phase.max(1)), $value);
                 for (references, values) in [(true, false), (false, true), (false, false)] {
                     let reference = U;
                     let references = if references { &raw const reference } else { null() };
                     let values = if values { &raw mut value } else { null_mut() };
-                    instance.refuses("an array is NULL though its length is not 0", |f| {
+                    it.refuses("an array is NULL though its length is not 0", |f| {
                         // SAFETY: the instance lives, and arrays are NULL or have one element.
                         Status(unsafe { $function(f.c, references, 1, values $(, $n)?).0 })
                     });
@@ -319,8 +319,8 @@ fn one_invalid_element_prevents_all_access() {
         .into_iter()
         .flat_map(|v| PHASES.map(|p| (v, p)))
     {
-        let instance = in_phase(version, phase);
-        let function = instance.name("set_float64");
+        let it = in_phase(version, phase);
+        let function = it.name("set_float64");
         for (bad, value) in [
             (Y, 0.0),
             (LAW, 1.0),
@@ -331,40 +331,40 @@ fn one_invalid_element_prevents_all_access() {
             (COUNT, 0.0),
             (u32::MAX, 0.0),
         ] {
-            instance.refuses(function, |f| f.set(bad, value));
+            it.refuses(function, |f| f.set(bad, value));
             for references in [[U, BIAS, bad], [U, bad, BIAS], [bad, U, BIAS]] {
                 let values = references.map(|r| if r == bad { value } else { 5.0 });
-                instance.refuses(function, |f| f.set_f64(&references, &values));
+                it.refuses(function, |f| f.set_f64(&references, &values));
             }
             let five = [U, BIAS, TROUBLE, V, bad];
-            instance.refuses(function, |f| f.set_f64(&five, &[1.0, 1.0, 1.0, 1.0, value]));
+            it.refuses(function, |f| f.set_f64(&five, &[1.0, 1.0, 1.0, 1.0, value]));
         }
         let mut values = [-7.0; 3];
         if phase > 0 {
             for bad in [LAW, COUNT + 1, u32::MAX] {
-                let function = instance.name("get_float64");
-                instance.refuses(function, |f| f.get_f64(&[bad], &mut values[..1]));
+                let function = it.name("get_float64");
+                it.refuses(function, |f| f.get_f64(&[bad], &mut values[..1]));
                 // In FMI 3.0, values are undefined after an error of the fast path.
                 let is_undefined = version == Fmi3 && phase == 2;
                 for references in [[U, Y, bad], [bad, U, Y]] {
-                    instance.refuses(function, |f| f.get_f64(&references, &mut values));
+                    it.refuses(function, |f| f.get_f64(&references, &mut values));
                     assert!(is_undefined || values == [-7.0; 3]);
                     values = [-7.0; 3];
                 }
             }
             let (order, mut integers) = ([I32, ORDER, U], [77; 3]);
-            instance.refuses("u is of type", |f| f.get_i32(&order, &mut integers));
+            it.refuses("u is of type", |f| f.get_i32(&order, &mut integers));
             let mut texts = [null(); 2];
-            instance.refuses("u is of type", |f| f.get_strings(&[LABEL, U], &mut texts));
+            it.refuses("u is of type", |f| f.get_strings(&[LABEL, U], &mut texts));
             assert_eq!((integers, texts), ([77; 3], [null(); 2]));
         }
-        instance.refuses("i32 = 9", |f| f.set_i32(&[I32, I32], &[2, 9]));
+        it.refuses("i32 = 9", |f| f.set_i32(&[I32, I32], &[2, 9]));
         // The last of several values for one variable wins.
-        assert_eq!(instance.set_f64(&[U, V, U], &[1.0, 2.0, 3.0]), OK);
+        assert_eq!(it.set_f64(&[U, V, U], &[1.0, 2.0, 3.0]), OK);
         if phase == 0 {
-            assert_eq!(instance.enter(0.0, None, None), OK);
+            assert_eq!(it.enter(0.0, None, None), OK);
         }
-        assert_eq!(instance.get([U, U, V]), [3.0, 3.0, 2.0]);
+        assert_eq!(it.get([U, U, V]), [3.0, 3.0, 2.0]);
     }
 }
 
@@ -372,51 +372,51 @@ fn one_invalid_element_prevents_all_access() {
 fn arrays_are_accessed_with_all_their_elements_in_row_major_order() {
     // In step mode by the fast path, and before by the slow one.
     for phase in PHASES {
-        let instance = in_phase(Fmi3, phase);
+        let it = in_phase(Fmi3, phase);
         let references = [MATRIX, U, VECTOR];
         let values = [1.0, -2.0, 3.0, -4.0, 5.0, 6.0, 7.0, -8.0];
-        assert_eq!(instance.set_f64(&references, &values), OK);
+        assert_eq!(it.set_f64(&references, &values), OK);
         let mut read = [0.0; 8];
-        assert_eq!(instance.get_f64(&references, &mut read), OK);
+        assert_eq!(it.get_f64(&references, &mut read), OK);
         assert_eq!(read, values);
-        let (status, parts) = instance.get_all(Type::Float64, &[VECTOR, U], 4);
+        let (status, parts) = it.get_all(Type::Float64, &[VECTOR, U], 4);
         assert_eq!((status, parts), (OK, vec![6.0, 7.0, -8.0, 5.0]));
         for n in [0, 2, 4] {
             let (words, values) = (
                 format!("there are {n} values; expected 3"),
                 &mut [9.0; 4][..n],
             );
-            instance.refuses(&words, |f| f.set_f64(&[VECTOR], values));
-            instance.refuses(&words, |f| f.get_f64(&[VECTOR], values));
+            it.refuses(&words, |f| f.set_f64(&[VECTOR], values));
+            it.refuses(&words, |f| f.get_f64(&[VECTOR], values));
         }
         for (n, reference) in [(0, U), (2, U)] {
             let (words, values) = (
                 format!("there are {n} values; expected 1"),
                 &mut [9.0; 4][..n],
             );
-            instance.refuses(&words, |f| f.set_f64(&[reference], values));
-            instance.refuses(&words, |f| f.get_f64(&[reference], values));
+            it.refuses(&words, |f| f.set_f64(&[reference], values));
+            it.refuses(&words, |f| f.get_f64(&[reference], values));
         }
         // Elements have no references of their own.
         for inner in [VECTOR + 1, MATRIX + 3, FLAGS + 1] {
             let words = format!("value reference {inner} is unknown");
-            instance.refuses(&words, |f| f.set(inner, 1.0));
-            instance.refuses(&words, |f| f.get_f64(&[inner], &mut [0.0]));
+            it.refuses(&words, |f| f.set(inner, 1.0));
+            it.refuses(&words, |f| f.get_f64(&[inner], &mut [0.0]));
         }
         let mut bad = values;
         for (place, value) in [(0, f64::NAN), (4, f64::NAN), (7, 10.5), (5, f64::INFINITY)] {
             bad[place] = value;
-            instance.refuses("is refused", |f| f.set_f64(&references, &bad));
+            it.refuses("is refused", |f| f.set_f64(&references, &bad));
             bad[place] = values[place];
         }
     }
     for (reference, k) in [(VECTOR, 3), (MATRIX, 4)] {
-        let instance = in_phase(Fmi2, 2);
+        let it = in_phase(Fmi2, 2);
         let references: Vec<u32> = (reference..reference + k).collect();
         let values: Vec<f64> = references.iter().map(|&r| 0.25 * f64::from(r)).collect();
-        assert_eq!(instance.set_f64(&references, &values), OK);
+        assert_eq!(it.set_f64(&references, &values), OK);
         assert_eq!(
-            instance.get_all(Type::Float64, &references, values.len()),
+            it.get_all(Type::Float64, &references, values.len()),
             (OK, values)
         );
     }
@@ -424,13 +424,13 @@ fn arrays_are_accessed_with_all_their_elements_in_row_major_order() {
 
 #[test]
 fn numbers_of_each_type_keep_their_extreme_values() {
-    let instance = in_phase(Fmi3, 2);
+    let it = in_phase(Fmi3, 2);
     macro_rules! keeps {
         ($($get:ident $set:ident($reference:expr): $type:ty;)*) => {
             $(for value in [<$type>::MIN, <$type>::MAX, 7 as $type] {
-                assert_eq!(instance.$set(&[$reference], &[value]), OK);
+                assert_eq!(it.$set(&[$reference], &[value]), OK);
                 let mut read = [1 as $type];
-                assert_eq!(instance.$get(&[$reference], &mut read), OK);
+                assert_eq!(it.$get(&[$reference], &mut read), OK);
                 assert_eq!(read, [value]);
             })*
         };
@@ -467,30 +467,27 @@ fn numbers_of_other_types_are_reals_and_integers_of_fmi_2() {
 #[test]
 fn texts_and_bytes_are_copied_and_live_until_the_next_call_on_their_instance() {
     for version in [Fmi2, Fmi3] {
-        let (instance, other) = (in_phase(version, 2), in_phase(version, 2));
+        let (it, other) = (in_phase(version, 2), in_phase(version, 2));
         let text = CString::from(c"r\xc3\xbcckw\xc3\xa4rts");
-        assert_eq!(instance.set_strings(&[LABEL], &[text.as_ptr()]), OK);
+        assert_eq!(it.set_strings(&[LABEL], &[text.as_ptr()]), OK);
         text.into_bytes().fill(b'x');
         let mut given = [null::<c_char>(); 3];
-        assert_eq!(
-            instance.get_strings(&[LABEL, REPORT, TEXT_OF], &mut given),
-            OK
-        );
+        assert_eq!(it.get_strings(&[LABEL, REPORT, TEXT_OF], &mut given), OK);
         other.steps(0.001, 1.0);
         other.texts(&[LABEL, REPORT], 2);
         // SAFETY: no call on this instance was made since.
         let given = given.map(|text| unsafe { std::ffi::CStr::from_ptr(text) }.to_owned());
         let expected = [c"r\xc3\xbcckw\xc3\xa4rts", c"3", c"9"];
         assert_eq!(given.each_ref().map(|text| &**text), expected);
-        instance.steps(0.001, 1.0);
-        assert_eq!(instance.read(Type::Int32, [LENGTH]), [11.0]);
+        it.steps(0.001, 1.0);
+        assert_eq!(it.read(Type::Int32, [LENGTH]), [11.0]);
         for (bad, shown) in [
             (null(), "NULL"),
             (c"\xc3".as_ptr(), r#""\xc3""#),
             (c"a\xff".as_ptr(), r#""a\xff""#),
         ] {
             let words = format!("label = {shown} is refused; expected a text in UTF-8");
-            instance.refuses(&words, |f| {
+            it.refuses(&words, |f| {
                 f.set_strings(&[LABEL, LABEL], &[c"1".as_ptr(), bad])
             });
         }
@@ -524,22 +521,22 @@ fn texts_and_bytes_are_copied_and_live_until_the_next_call_on_their_instance() {
 #[test]
 fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
     let time = |f: &Instance| f.get([Ball::TIME])[0];
-    let instance = Instance::of((Fmi3, Stepped), BALL);
-    assert_eq!(time(&instance), 0.0);
-    assert_eq!(instance.enter(1.5, None, None), OK);
-    assert_eq!(time(&instance), 1.5);
+    let it = Instance::of((Fmi3, Stepped), BALL);
+    assert_eq!(time(&it), 0.0);
+    assert_eq!(it.enter(1.5, None, None), OK);
+    assert_eq!(time(&it), 1.5);
     let reason = "time is the independent variable, which the host does not set";
-    instance.refuses(reason, |f| f.set(Ball::TIME, 1.0));
-    assert_eq!(instance.exit_initialization_mode(), OK);
-    instance.steps(1.5, 0.25);
-    assert_eq!(instance.get([Ball::TIME, Ball::DRIVE]), [1.75, 0.0]);
-    instance.refuses(reason, |f| {
+    it.refuses(reason, |f| f.set(Ball::TIME, 1.0));
+    assert_eq!(it.exit_initialization_mode(), OK);
+    it.steps(1.5, 0.25);
+    assert_eq!(it.get([Ball::TIME, Ball::DRIVE]), [1.75, 0.0]);
+    it.refuses(reason, |f| {
         f.set_f64(&[Ball::DRIVE, Ball::TIME], &[1.0, 1.0])
     });
     let words = "time is of type Float64, not Float32";
-    instance.refuses(words, |f| f.get_f32(&[Ball::TIME], &mut [0.0]));
-    assert_eq!(instance.terminate(), OK);
-    assert_eq!(time(&instance), 1.75);
+    it.refuses(words, |f| f.get_f32(&[Ball::TIME], &mut [0.0]));
+    assert_eq!(it.terminate(), OK);
+    assert_eq!(time(&it), 1.75);
     let exchange = Instance::of((Fmi3, Exchanged), BALL).run(1.0);
     assert_eq!(time(&exchange), 1.0);
     assert_eq!(exchange.set_time(1.25), OK);
@@ -549,64 +546,64 @@ fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
 #[test]
 fn sizes_of_arrays_are_set_in_configuration_mode() {
     for kind in [(Fmi3, Stepped), EVENTS, (Fmi3, Exchanged)] {
-        let instance = Instance::of(kind, LISTS);
+        let it = Instance::of(kind, LISTS);
         let sizes = |n: u64, m: u64| move |f: Fmu| f.set_u64(&[Lists::N, Lists::M], &[n, m]);
-        let gains = |n| instance.get_all(Type::Float64, &[Lists::GAINS], n).1;
-        instance.refuses("n is a structural parameter", sizes(3, 2));
-        assert_eq!(instance.enter_configuration_mode(), OK);
+        let gains = |n| it.get_all(Type::Float64, &[Lists::GAINS], n).1;
+        it.refuses("n is a structural parameter", sizes(3, 2));
+        assert_eq!(it.enter_configuration_mode(), OK);
         let words = "n = 4 is refused; expected a whole number from 1 to 3";
-        instance.refuses(words, sizes(4, 2));
-        assert_eq!(sizes(3, 2)(*instance), OK);
-        let saved = instance.snapshot();
-        assert_eq!(instance.exit_configuration_mode(), OK);
+        it.refuses(words, sizes(4, 2));
+        assert_eq!(sizes(3, 2)(*it), OK);
+        let saved = it.snapshot();
+        assert_eq!(it.exit_configuration_mode(), OK);
         assert_eq!(
-            instance.texts(&[Lists::NAMES], 2),
+            it.texts(&[Lists::NAMES], 2),
             [c"a".to_owned(), c"b".to_owned()]
         );
-        instance.start(0.0, None);
+        it.start(0.0, None);
         assert_eq!(
-            (gains(3), instance.get([Lists::SUM])),
+            (gains(3), it.get([Lists::SUM])),
             (vec![1.0, 2.0, 4.0], [7.0])
         );
         let words = "there are 2 values; expected 3";
-        instance.refuses(words, |f| f.set_f64(&[Lists::GAINS], &[1.0; 2]));
+        it.refuses(words, |f| f.set_f64(&[Lists::GAINS], &[1.0; 2]));
 
         // While the simulation runs, those that are tunable.
-        assert_eq!(instance.enter_configuration_mode(), OK);
-        instance.refuses("m is a fixed structural parameter", sizes(2, 1));
-        assert_eq!(instance.set_u64(&[Lists::N], &[Lists::BAD]), OK);
-        instance.refuses("one gain is not enough", Fmu::exit_configuration_mode);
-        assert_eq!(instance.set_u64(&[Lists::N], &[2]), OK);
-        assert_eq!(instance.exit_configuration_mode(), OK);
+        assert_eq!(it.enter_configuration_mode(), OK);
+        it.refuses("m is a fixed structural parameter", sizes(2, 1));
+        assert_eq!(it.set_u64(&[Lists::N], &[Lists::BAD]), OK);
+        it.refuses("one gain is not enough", Fmu::exit_configuration_mode);
+        assert_eq!(it.set_u64(&[Lists::N], &[2]), OK);
+        assert_eq!(it.exit_configuration_mode(), OK);
         let words = "there are 3 values; expected 2";
-        instance.refuses(words, |f| f.get_f64(&[Lists::GAINS], &mut [0.0; 3]));
-        assert_eq!(instance.read(Type::Int32, [Lists::CHANGES]), [1.0]);
+        it.refuses(words, |f| f.get_f64(&[Lists::GAINS], &mut [0.0; 3]));
+        assert_eq!(it.read(Type::Int32, [Lists::CHANGES]), [1.0]);
         match kind.1 {
-            Stepped => assert_eq!(instance.steps(0.0, 0.5).time, 0.5),
-            _ => assert_eq!(instance.update(), (false, Some(0.5))),
+            Stepped => assert_eq!(it.steps(0.0, 0.5).time, 0.5),
+            _ => assert_eq!(it.update(), (false, Some(0.5))),
         }
-        assert_eq!(instance.get([Lists::SUM]), [3.0]);
+        assert_eq!(it.get([Lists::SUM]), [3.0]);
 
         // An FMU state includes the sizes, and the mode.
-        instance.resume(&saved);
-        assert_eq!(sizes(3, 1)(*instance), OK);
+        it.resume(&saved);
+        assert_eq!(sizes(3, 1)(*it), OK);
     }
 }
 
 #[test]
 fn a_parameter_takes_effect_in_the_next_step_and_large_outputs_are_accepted() {
     for kind in PLAIN {
-        let instance = Instance::running(kind, EVERY);
-        assert_eq!(instance.set_f64(&[U, LIMIT], &[100.0, 50.0]), OK);
-        instance.steps(0.0, 1.0);
-        assert_eq!(instance.set(LIMIT, 30.0), OK);
-        assert_eq!(instance.get([Y]), [50.0]);
-        instance.steps(1.0, 1.0);
-        assert_eq!(instance.get([Y]), [30.0]);
+        let it = Instance::running(kind, EVERY);
+        assert_eq!(it.set_f64(&[U, LIMIT], &[100.0, 50.0]), OK);
+        it.steps(0.0, 1.0);
+        assert_eq!(it.set(LIMIT, 30.0), OK);
+        assert_eq!(it.get([Y]), [50.0]);
+        it.steps(1.0, 1.0);
+        assert_eq!(it.get([Y]), [30.0]);
         // Though their sum overflows.
-        assert_eq!(instance.set_f64(&[LIMIT, U], &[1.5e308, 1.5e308]), OK);
-        instance.steps(2.0, 1.0);
-        assert_eq!(instance.get([Y]), [1.5e308]);
+        assert_eq!(it.set_f64(&[LIMIT, U], &[1.5e308, 1.5e308]), OK);
+        it.steps(2.0, 1.0);
+        assert_eq!(it.get([Y]), [1.5e308]);
     }
 }
 
@@ -621,12 +618,12 @@ fn a_simulation_cycle_does_not_allocate() {
         (three, SAMPLED, &[Sampled::U], 1, Sampled::Y),
         (three, LISTS, &[Lists::GAINS], 2, Lists::SUM),
     ] {
-        let (instance, mut last) = (Instance::running(kind, model), [0.0]);
+        let (it, mut last) = (Instance::running(kind, model), [0.0]);
         let allocations = allocation_counter::measure(|| {
             for k in 0..1000 {
-                assert_eq!(instance.set_f64(inputs, &[1.0, 0.0][..n]), OK);
-                instance.steps(f64::from(k) * 0.001, 0.001);
-                assert_eq!(instance.get_f64(&[output], &mut last), OK);
+                assert_eq!(it.set_f64(inputs, &[1.0, 0.0][..n]), OK);
+                it.steps(f64::from(k) * 0.001, 0.001);
+                assert_eq!(it.get_f64(&[output], &mut last), OK);
             }
         });
         assert_eq!(allocations.count_total, 0);
