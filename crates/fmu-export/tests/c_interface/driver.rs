@@ -88,6 +88,12 @@ impl Arguments<'_> {
             intermediate: None,
         }
     }
+
+    /// An instance for these arguments after a change.
+    pub fn make(mut self, change: impl FnOnce(&mut Self)) -> Instance {
+        change(&mut self);
+        Instance::with(&self)
+    }
 }
 
 /// The GUID of a model.
@@ -442,6 +448,8 @@ calls! {
             orders.as_ptr(), to.as_mut_ptr())
         / fmi3GetOutputDerivatives(
             references.as_ptr(), same(references, orders), orders.as_ptr(), to.as_mut_ptr(), to.len());
+    switch(on: bool, n: usize, names: *const *const c_char)
+        = fmi2SetDebugLogging(on.into(), n, names) / fmi3SetDebugLogging(on.into(), n, names);
     setup(start: f64, stop: Option<f64>)
         = fmi2SetupExperiment(0, f64::NAN, start, stop.is_some().into(), stop.unwrap_or(f64::NAN)) /;
     real_status(kind: c_int, value: &mut f64) = fmi2GetRealStatus(kind, value) /;
@@ -649,6 +657,11 @@ impl Fmu {
         self.directional(&[unknown], &[known], &[seed], &mut [0.0])
     }
 
+    /// As [`slope`](Self::slope), in the adjoint direction.
+    pub fn adjoint_slope(self, unknown: u32, known: u32, seed: f64) -> Status {
+        self.adjoint(&[unknown], &[known], &[seed], &mut [0.0])
+    }
+
     /// Reads two numbers by one of the functions of model exchange.
     #[track_caller]
     pub fn two(self, read: fn(Self, &mut [f64]) -> Status) -> [f64; 2] {
@@ -731,14 +744,7 @@ impl Fmu {
 
     pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {
         let names: Vec<_> = categories.iter().map(|name| name.as_ptr()).collect();
-        let (n, names) = (names.len(), names.as_ptr());
-        // SAFETY: the instance lives or is NULL, and the names live through the call.
-        Status(unsafe {
-            match self.kind.0 {
-                Fmi2 => fmi2SetDebugLogging(self.c, on.into(), n, names).0,
-                Fmi3 => fmi3SetDebugLogging(self.c, on.into(), n, names).0,
-            }
-        })
+        self.switch(on, names.len(), names.as_ptr())
     }
 
     /// Takes a step; in FMI 2.0, a failed step ends where it started.

@@ -56,8 +56,7 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
         drop(it);
         // A state outlives the instance it was taken from.
         let other = Instance::of(kind, EVERY);
-        assert_eq!(other.set_state(state), OK);
-        assert_eq!(other.free_state(&mut state), OK);
+        ok([other.set_state(state), other.free_state(&mut state)]);
         assert!(state.is_null());
         assert_eq!(drive(*other, 5, 50), expected);
         let other = Instance::of(kind, EVERY);
@@ -216,8 +215,7 @@ fn buffers_and_pointers_are_checked() {
             it.refuses(words, |f| f.serialize_into(foreign, &mut [0; 8]));
         }
         assert_eq!(memory, [0; 64]);
-        assert_eq!(it.free_state(&mut none), OK);
-        assert_eq!(it.free_state(&mut state), OK);
+        ok([it.free_state(&mut none), it.free_state(&mut state)]);
     }
 }
 

@@ -168,10 +168,8 @@ fn a_failed_step_leads_to_the_state_that_its_error_names() {
         let it = stepped(kind, 0.0, None);
         let (before, values) = (it.snapshot(), it.get([Ball::H, Ball::V]));
         ok([it.set(Ball::FAULT, fault)]);
-        assert_eq!(
-            it.step_to(0.25, 0.125),
-            (status, results(false, false, 0.25))
-        );
+        let end = results(false, false, 0.25);
+        assert_eq!(it.step_to(0.25, 0.125), (status, end));
         let category = ["logStatusError", "logStatusDiscard"][usize::from(status == DISCARDED)];
         assert_eq!(it.messages().pop().unwrap().kind(), (category, status));
         it.says(&format!("from t = 0.25 s by 0.125 s: {words} by the model"));
@@ -205,12 +203,7 @@ fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
     for (kind, trouble) in pairs(&KINDS, &[DIVERGE, BREAK, DISCARD]) {
         let (model, reference, output, diverged) = match kind.1 {
             Stepped => (EVERY, TROUBLE, Y, "at t = 0.0 s: parts[2] became inf"),
-            _ => (
-                BALL,
-                Ball::TROUBLE,
-                Ball::ENERGY,
-                "at t = 0.0 s: der(v) became NaN",
-            ),
+            _ => (BALL, Ball::TROUBLE, Ball::ENERGY, "der(v) became NaN"),
         };
         let words = match trouble {
             DIVERGE => diverged,
@@ -232,11 +225,8 @@ fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
         for u in [0.25, -1.0, 0.5] {
             ok([it.set(U, u)]);
             assert_eq!(it.get([SUM]), [1.0], "one value in the history");
-            assert_eq!(
-                it.texts(&[REPORT], 1),
-                [c"2".to_owned()],
-                "one tick and use"
-            );
+            // One tick, and one use.
+            assert_eq!(it.texts(&[REPORT], 1), [c"2".to_owned()]);
         }
         ok([it.exit_initialization_mode()]);
         let new = Instance::of(kind, EVERY);
@@ -339,10 +329,7 @@ fn failures_in_samples_and_of_the_sample_time() {
 /// An instance with event mode after the event at the start, or without.
 fn eventful(mode: Mode, model: usize, early_return: bool, ts: f64) -> Instance {
     let arguments = Arguments::of((Fmi3, mode), model);
-    let it = Instance::with(&Arguments {
-        early_return,
-        ..arguments
-    });
+    let it = arguments.make(|a| a.early_return = early_return);
     assert!(model != SAMPLED || it.set(Sampled::TS, ts) == OK);
     it.run(0.0)
 }
@@ -368,10 +355,8 @@ fn a_step_returns_early_exactly_at_each_sample() {
         assert_eq!(early.get([Sampled::COUNT]), [instant], "the time");
         assert_eq!(samples(&early).0, n, "the sample is taken in event mode");
         assert_eq!(handle(&early), Some((n + 1.0) * 0.1));
-        assert_eq!(
-            (samples(&early).0, samples(&early).1[2]),
-            (n + 1.0, instant)
-        );
+        let (count, times) = samples(&early);
+        assert_eq!((count, times[2]), (n + 1.0, instant));
         time = instant;
         // A step that ends at a sample ends where the host wants it: adding up has another rounding error.
         let end = sum + 0.1;
@@ -414,12 +399,8 @@ fn without_early_return_samples_are_taken_within_the_step() {
     assert_eq!(it.steps(0.5, 1.0), results(true, true, 1.0));
     let late = eventful(Events, SAMPLED, false, 0.5);
     assert_eq!(late.steps(0.0, 0.5), results(true, false, 0.5));
-    assert_eq!(
-        late.steps(0.5, 0.25),
-        results(false, false, 0.75),
-        "within it"
-    );
-    assert_eq!(samples(&late).0, 2.0);
+    assert_eq!(late.steps(0.5, 0.25), results(false, false, 0.75));
+    assert_eq!(samples(&late).0, 2.0, "within the step");
     // A saved state continues there; early return is no part of it.
     late.resume(&bytes);
     handle(&late);
@@ -491,11 +472,8 @@ fn a_failure_after_a_part_of_a_step_reports_how_far_it_came() {
         it.set_i32(&[Sampled::FAILS_AT], &[3]),
     ]);
     let (status, found) = it.step_to(0.0, 2.0);
-    assert_eq!(
-        (status, found.time, samples(&it).0),
-        (DISCARDED, 1.0, 2.0),
-        "at 1 s"
-    );
+    assert_eq!((status, found.time), (DISCARDED, 1.0));
+    assert_eq!(samples(&it).0, 2.0, "the sample at 1 s is discarded");
 }
 
 // --- integration --------------------------------------------------------------------------------
@@ -566,11 +544,8 @@ fn both_versions_and_all_modes_integrate_alike() {
         (EVENTS, true, Some(&[Hopper::H])),
     ] {
         let arguments = Arguments::of(kind, HOPPER);
-        let it = Instance::with(&Arguments {
-            early_return,
-            intermediate,
-            ..arguments
-        });
+        let it =
+            arguments.make(|a| (a.early_return, a.intermediate) = (early_return, intermediate));
         let it = it.run(0.0);
         let (mut announced, mut time) = (0, 0.0f64);
         while time < 2.9 - 1e-9 {
@@ -619,10 +594,8 @@ fn a_step_that_fails_after_events_changes_nothing() {
             (BUG, FATAL, "the bug shows"),
         ] {
             // After a bounce and a change of the lamp.
-            ok([
-                it.set(Hopper::TROUBLE, trouble),
-                it.set(Hopper::TROUBLE_TIME, 0.7),
-            ]);
+            let references = [Hopper::TROUBLE, Hopper::TROUBLE_TIME];
+            ok([it.set_f64(&references, &[trouble, 0.7])]);
             let before = (it.snapshot(), values(&it));
             it.fails(status, words, |f| f.step(0.25, 0.75));
             let message = it.last_message();
@@ -672,10 +645,8 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
         let is_better = errors[0] > 30.0 * errors[1] && errors[1] > 1e3 * errors[2];
         assert!(is_better && errors[1] < 1e-5, "{errors:?}");
         assert_eq!(fall(None), Some(errors[1]), "the default is 1e-6");
-        assert!(
-            fall(Some(1e-300)).unwrap() < 1e-11,
-            "more than rounding allows"
-        );
+        // More than rounding errors allow.
+        assert!(fall(Some(1e-300)).unwrap() < 1e-11);
         for tolerance in [NAN, 0.0, -1e-6, INFINITE] {
             assert_eq!(fall(Some(tolerance)), None);
         }
@@ -693,12 +664,8 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
 /// A ball in step mode, with the callback for these variables; the step of its default experiment is 0.1 s.
 fn updating(kind: Kind, early_return: bool, variables: &[u32]) -> Instance {
     let (intermediate, arguments) = (Some(variables), Arguments::of(kind, BALL));
-    Instance::with(&Arguments {
-        early_return,
-        intermediate,
-        ..arguments
-    })
-    .run(0.0)
+    let it = arguments.make(|a| (a.early_return, a.intermediate) = (early_return, intermediate));
+    it.run(0.0)
 }
 
 #[test]
@@ -726,11 +693,7 @@ fn the_host_is_called_at_equal_parts_of_the_step() {
         assert!(times.is_sorted());
     }
     let (intermediate, arguments) = (Some(&[][..]), Arguments::of(PLAIN[1], SAMPLED));
-    let sampled = Instance::with(&Arguments {
-        intermediate,
-        ..arguments
-    })
-    .run(0.0);
+    let sampled = arguments.make(|a| a.intermediate = intermediate).run(0.0);
     sampled.steps(0.0, 2.0);
     assert_eq!(sampled.update_times(), [2.0], "it has no internal points");
 }
@@ -750,13 +713,10 @@ fn the_host_reads_outputs_and_sets_inputs_at_internal_points() {
     it.steps(0.0, 0.2);
     // Falls for 0.1 s, and is then accelerated upwards for 0.1 s.
     let g = Ball::G;
-    near(
-        rows.borrow()[0],
-        [1.0 - g * 0.005, -g * 0.1, 0.0, -g],
-        1e-12,
-    );
-    near(rows.borrow()[1], [1.0 - g * 0.01, 0.0, 0.0, g], 1e-12);
-    assert_eq!((rows.borrow().len(), it.get([Ball::DRIVE])), (2, [2.0 * g]));
+    let (rows, height) = (rows.borrow(), 1.0 - g * 0.005);
+    near(rows[0], [height, -g * 0.1, 0.0, -g], 1e-12);
+    near(rows[1], [1.0 - g * 0.01, 0.0, 0.0, g], 1e-12);
+    assert_eq!((rows.len(), it.get([Ball::DRIVE])), (2, [2.0 * g]));
 }
 
 /// The status of a call in the first update of a step.
@@ -782,9 +742,7 @@ fn only_announced_continuous_variables_are_accessible_in_an_update() {
         (REQUIRED, |f| f.get_f64(&[Ball::H, Ball::V], &mut [0.0; 2])),
         (REQUIRED, |f| f.set_f64(&[DRIVE, Ball::TROUBLE], &[0.0; 2])),
         (REQUIRED, |f| f.slopes(&[(Ball::V, 1)])),
-        ("restitution is not a continuous input", |f| {
-            f.set(PART, 0.5)
-        }),
+        ("restitution is not a continuous", |f| f.set(PART, 0.5)),
         ("drive = NaN is refused", |f| f.set(DRIVE, NAN)),
     ];
     let untouched = updating(PLAIN[1], false, &[]);
@@ -827,11 +785,8 @@ fn the_host_may_request_an_early_return() {
         let end = results(false, expected < 0.4, expected);
         assert_eq!(it.steps(0.0, 0.4), end, "{request}");
         assert_eq!(it.get([Ball::TIME]), [expected]);
-        assert_eq!(
-            it.update_times().pop(),
-            Some(expected),
-            "the last is at the end"
-        );
+        let last = it.update_times().pop();
+        assert_eq!(last, Some(expected), "at the end");
         // It continues there, also from a saved state.
         let bytes = it.snapshot();
         it.on_update(|_, _| None);
@@ -844,11 +799,8 @@ fn the_host_may_request_an_early_return() {
     }
     let it = updating(PLAIN[1], false, &[]);
     it.on_update(|_, update| Some(0.1).filter(|_| !update.can_return));
-    assert_eq!(
-        it.steps(0.0, 0.4),
-        results(false, false, 0.4),
-        "not allowed"
-    );
+    // It is not allowed.
+    assert_eq!(it.steps(0.0, 0.4), results(false, false, 0.4));
     let it = updating(EVENTS, true, &[]);
     it.on_update(|_, update| update.can_return.then_some(Ball::KICK));
     let end = results(true, true, Ball::KICK);
@@ -927,22 +879,19 @@ fn invalid_input_derivatives_are_refused() {
         let (of, orders, slopes) = ([U, reference], [1, order], [1.0, slope]);
         it.refuses(words, |f| f.set_input_derivatives(&of, &orders, &slopes));
     }
-    for absent in 0..3 {
-        let (u, order, slope) = (U, 1, 1.0);
-        let u = if absent == 0 { null() } else { &raw const u };
-        let order = if absent == 1 {
-            null()
-        } else {
-            &raw const order
-        };
-        let slope = if absent == 2 {
-            null()
-        } else {
-            &raw const slope
-        };
+    let (of, order, slope) = (&raw const OF, &raw const ONE, &raw const SLOPE);
+    let cases = [
+        (null(), order, slope),
+        (of, null(), slope),
+        (of, order, null()),
+    ];
+    for (of, order, slope) in cases {
         // SAFETY: the instance lives, and arrays are NULL or have one element.
-        let call =
-            |f: Fmu| Status(unsafe { fmi2SetRealInputDerivatives(f.c, u, 1, order, slope).0 });
-        it.refuses("NULL", call);
+        let call = |f: Fmu| unsafe { fmi2SetRealInputDerivatives(f.c, of, 1, order, slope) };
+        it.refuses("NULL", |f| Status(call(f).0));
     }
 }
+
+static OF: u32 = U;
+static ONE: i32 = 1;
+static SLOPE: f64 = 1.0;
