@@ -128,24 +128,19 @@ fn the_status_of_fmi_2_has_the_last_successful_time() {
     (ended, time) = (7, 7.0);
     for kind in [0, 1, 99, -1] {
         it.refuses("fmi2GetRealStatus", |f| f.real_status(kind, &mut time));
-        it.refuses("fmi2GetBooleanStatus", |f| {
-            f.boolean_status(kind, &mut ended)
-        });
+        let call = |f: Fmu| f.boolean_status(kind, &mut ended);
+        it.refuses("fmi2GetBooleanStatus", call);
     }
     let words = "asynchronous steps only";
     it.refuses(words, |f| f.real_status(fmi2Terminated, &mut time));
     it.refuses(words, |f| f.boolean_status(last, &mut ended));
     assert_eq!((ended, time), (7, 7.0));
-    let n = null_mut();
     // SAFETY: the instance lives; NULL is the case under test.
-    it.refuses("NULL", |f| {
-        Status(unsafe { fmi2GetRealStatus(f.c, last, n).0 })
-    });
-    let (last, n) = (fmi2Terminated, null_mut());
+    let real = |f: Fmu| unsafe { fmi2GetRealStatus(f.c, last, null_mut()) };
     // SAFETY: as above.
-    it.refuses("NULL", |f| {
-        Status(unsafe { fmi2GetBooleanStatus(f.c, last, n).0 })
-    });
+    let boolean = |f: Fmu| unsafe { fmi2GetBooleanStatus(f.c, fmi2Terminated, null_mut()) };
+    it.refuses("NULL", |f| Status(real(f).0));
+    it.refuses("NULL", |f| Status(boolean(f).0));
     // What a host of FMI 3.0 does not want may be NULL.
     for kind in [PLAIN[1], EVENTS] {
         let (it, n) = (Instance::running(kind, BALL), null_mut());
@@ -738,7 +733,8 @@ fn only_announced_continuous_variables_are_accessible_in_an_update() {
     const PART: u32 = Ball::RESTITUTION;
     let announced = [DRIVE, Ball::H, PART, Ball::SWITCH];
     const REQUIRED: &str = "only the required intermediate variables";
-    let calls: [(&str, fn(Fmu) -> Status); 5] = [
+    type Call = fn(Fmu) -> Status;
+    let calls: [(&str, Call); 5] = [
         (REQUIRED, |f| f.get_f64(&[Ball::H, Ball::V], &mut [0.0; 2])),
         (REQUIRED, |f| f.set_f64(&[DRIVE, Ball::TROUBLE], &[0.0; 2])),
         (REQUIRED, |f| f.slopes(&[(Ball::V, 1)])),
