@@ -5,6 +5,7 @@ import os
 import re
 import resource
 import subprocess
+import tomllib
 import zipfile
 from collections.abc import Callable, Iterator
 from copy import deepcopy
@@ -89,7 +90,6 @@ MODEL_FILE = "modelDescription.xml"
 TERMINALS_FILE = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD_FILE = "sources/buildDescription.xml"
 LICENCES = "documentation/licenses/"
-TWO, THREE, BOTH = (2,), (3,), (2, 3)
 
 FULL = (ROOT / "fuzz" / "corpus" / "full.xml").read_text()
 FILES = {
@@ -150,204 +150,8 @@ def test_exported_fmus_have_no_findings(fmus: Path, name: str, options: tuple) -
 
 # --- the XML files --------------------------------------------------------------------------------
 
-Y = '<ScalarVariable name="y" valueReference="1" causality="output"'
-
-MUTATIONS = [
-    # versions, old text, new text, parts of the finding
-    (BOTH, ' modelName="Full"', "", "no attribute modelName"),
-    (TWO, "modelName=", 'colour="red" modelName=', '"colour"'),
-    (TWO, "<LogCategories>", "<Colour/><LogCategories>", '"Colour"'),
-    (TWO, "fmiModelDescription", "fmiBuildDescription", "the root is"),
-    (TWO, "<ModelStructure>", "<ModelStructure>text", "holds text"),
-    (TWO, 'guid="{0}"', 'guid=""', "guid is empty"),
-    (TWO, 'modelName="Full"', 'modelName=" "', "modelName is empty"),
-    (TWO, "12:00:00Z", "12:00:00+01:00", "ends in Z"),
-    (TWO, 'name="u[1,2].a"', 'name="u-a"', "not structured"),
-    (TWO, ' numberOfEventIndicators="1"', "", "numberOfEventIndicators is missing"),
-    (BOTH, 'modelIdentifier="Full"', 'modelIdentifier="a b"', "C identifier"),
-    (TWO, 'canInterpolateInputs="true"', 'canInterpolateInputs="yes"', "true, false, 1 or 0"),
-    (TWO, 'canGetAndSetFMUstate="true"', "", "canSerializeFMUstate is true"),
-    (TWO, 'name="full.c"', 'name="empty.c"', "empty.c", "expected it in sources"),
-    (BOTH, 'Unit name="N"', 'Unit name="rad"', 'unit "rad" is defined twice'),
-    (TWO, 'unit="N"', 'unit="lbf"', 'unit "lbf" is not defined'),
-    (TWO, 'displayUnit="deg"/>', 'displayUnit="gon"/>', 'display unit "gon"'),
-    (TWO, 'kg="1"', 'kg="1.5"', "kg is", "whole number"),
-    (TWO, 'factor="57.29577951308232"', 'factor="0"', "factor"),
-    (BOTH, 'declaredType="Count"', 'declaredType="Number"', '"Number" is not defined'),
-    (TWO, 'declaredType="Count"', 'declaredType="Angle"', "expected Integer"),
-    (BOTH, 'name="right" value="2"', 'name="right" value="1"', "value 1"),
-    (BOTH, 'name="right"', 'name="left"', 'item "left" is defined twice'),
-    (BOTH, 'max="2" start="2"', 'max="3" start="3"', "value of an item"),
-    (TWO, "<Category", '<Category name="logAll"/><Category', "defined twice"),
-    (BOTH, 'stopTime="1"', 'stopTime="0"', "after startTime"),
-    (TWO, 'stepSize="1e-2"', 'stepSize="0"', "stepSize is 0"),
-    (TWO, 'tolerance="1e-4"', 'tolerance="x"', "expected a number"),
-    (TWO, 'causality="input"', 'causality="in"', "causality is"),
-    (TWO, 'causality="input"', 'causality="input" variability="fixed"',
-     "causality input and variability fixed", "FMI 2.0.5, section 2.2.7"),
-    (TWO, 'fixed" initial="approx"', 'fixed" initial="exact"', "initial is exact"),
-    (TWO, 'causality="input"', 'causality="input" initial="exact"', "initial is"),
-    (TWO, 'causality="parameter" variability="fixed"', 'variability="continuous"', "Integer"),
-    (TWO, ' start="0"/>', "/>", "it has no start"),
-    (TWO, '<Real derivative="2"/>', '<Real derivative="2" start="1"/>', "it has a start"),
-    (TWO, 'min="1" max="5" start="3"', 'min="5" max="1" start="3"', "min <= max"),
-    (TWO, 'min="1" max="5" start="3"', 'min="1" max="5" start="7"', "start is 7"),
-    (TWO, 'declaredType="Angle" start="0.5"', 'declaredType="Angle" start="8"', "max 7"),
-    (TWO, 'name="y"', 'name="x"', "two variables have the name"),
-    (TWO, 'name="n"', 'name=""', "name is empty"),
-    (TWO, 'valueReference="4"', 'valueReference="3"', "both are set"),
-    (TWO, '<Real unit="rad" displayUnit="deg"/>', '<Real unit="N"/>', "another unit"),
-    (TWO, 'name="y" valueReference="1" causality="output"',
-     'name="y" valueReference="9" causality="independent"', "at most one independent"),
-    (TWO, "<Real/>", "<Integer/>", "is not a Real"),
-    (TWO, 'derivative="2"', 'derivative="99"', "derivative is 99"),
-    (TWO, 'derivative="2"', 'derivative="6"', 'derivative of "n"'),
-    (TWO, '<Unknown index="5" dep', '<Unknown index="4" dep', "not in Outputs"),
-    (TWO, '<Unknown index="5" dep', '<Unknown index="4" dep', "expected outputs only"),
-    (TWO, '<Unknown index="3" dep', '<Unknown index="4" dep', "attribute derivative"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="10"/>', "index 10, expected", "1 to 9"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="9"/><Unknown index="9"/>', "9 twice"),
-    (TWO, 'dependencies="2 4"', 'dependencies="2 10"', "dependencies has 10"),
-    (TWO, 'dependencies="2 4"', 'dependencies="2,4"', "separated by spaces"),
-    (BOTH, '"dependent fixed"', '"dependent"', "1 items, expected 2"),
-    (TWO, '<Unknown index="9"/>', "", "not in InitialUnknowns"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="9"/><Unknown index="4"/>', "warning"),
-    (TWO, "<ModelVariables>", "<UnitDefinitions/><ModelVariables>", "expected it before"),
-    (TWO, '<Category name="logAll" description="all"/>', "", "holds no Category"),
-    (TWO, '<File name="full.c"/>', '<File name="full.c"/><File name="./full.c"/>', "listed twice"),
-    (TWO, 'dependencies="2 4"', 'dependencies="4 2"', "2 after 4"),
-    (TWO, 'dependencies="2 4" ', "", "without dependencies"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="9" dependencies="4" dependenciesKind="fixed"/>',
-     "dependent or constant"),
-    (TWO, '<Unknown index="9"/>',
-     '<Unknown index="7" dependencies="4" dependenciesKind="constant"/>', "not a Real"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="9"/><Unknown index="8"/>', "8 after 9"),
-    (TWO, '<Unknown index="9"/>', '<Unknown index="9" dependencies="3"/>',
-     "warning", "which is computed"),
-    (TWO, 'SimpleType name="Way"', 'SimpleType name="x"', "a type has the same name"),
-    (TWO, 'unit="N"', 'unit="N" nominal="0"', "nominal is 0"),
-    (TWO, 'declaredType="Angle" start="0.5"', 'declaredType="Angle" max="9" start="0.5"',
-     "warning", "within max 7 of its type"),
-    (TWO, 'name="n"', 'name="der(n)"', "expected a Real, not Integer"),
-    (TWO, "<Tool name", '<Tool name="a"/><Tool name="a"/><Tool name', 'tool "a"'),
-    (TWO, 'stepSize="1e-2"', 'stepSize="2"', "warning", "stepSize is 2"),
-    (TWO, 'name="y"', 'name="y" canHandleMultipleSetPerTimeInstant="true"', "only for inputs"),
-    (TWO, 'unit="N"', 'unit="N" reinit="true"', "only for states"),
-    (TWO, "</ModelStructure>", "", "modelDescription.xml: line"),
-    (THREE, "instantiationToken=", 'guid="" instantiationToken=', '"guid"', "FMI 3.0"),
-    (THREE, 'instantiationToken="{0}"', 'instantiationToken=""', "instantiationToken is empty"),
-    (THREE, "needsExecutionTool", "canGetAndSetFMUstate", "does not define", "warning"),
-    (THREE, 'canGetAndSetFMUState="true"', "", "canSerializeFMUState is true"),
-    (THREE, 'providesIntermediateUpdate="true"', "", "canReturnEarlyAfterIntermediateUpdate"),
-    (THREE, '"1e-3"', '"0"', "fixedInternalStepSize is 0"),
-    (THREE, 'inverse="true"', 'inverse="true" offset="1"', "offset of an inverse unit is 1"),
-    (THREE, 'same" displayUnit="deg"', 'same" displayUnit="gon"', 'display unit "gon"'),
-    (THREE, 'declaredType="Angle"', 'declaredType="Force"', "expected Float64"),
-    (THREE, 'start="1 2 3 4 5 6"', 'start="1 2 3"', "3 start values, expected 1 or 6"),
-    (THREE, 'start="0.5"', 'start="0.5 1"', "2 start values, expected 1"),
-    (THREE, '<Start value=""/>', "<Start/><Start/>", "3 start values, expected 1 or 2"),
-    (THREE, 'maxSize="9"', 'maxSize="1"', "2 bytes, expected at most maxSize = 1"),
-    (THREE, 'start="1 2 3 4 5 6"', 'start="1 2 NaN 4 5 6"', "start is NaN", "warning"),
-    (THREE, '<Dimension start="3"/>', "<Dimension/>", "neither start nor valueReference"),
-    (THREE, '<Dimension start="3"/>', '<Dimension start="3" valueReference="5"/>', "both"),
-    (THREE, '<Dimension start="3"/>', '<Dimension start="0"/>', "size of the Dimension is 0"),
-    (THREE, '<Dimension valueReference="5"/>', '<Dimension valueReference="7"/>', "a UInt64 that"),
-    (THREE, 'max="9" start="2"', 'max="9" start="0"', "size of the Dimension is 0"),
-    (THREE, 'max="9" start="2"/>', 'max="9" start="2"><Dimension start="1"/></UInt64>',
-     "the structural parameter has a Dimension"),
-    (THREE, 'causality="structuralParameter" variability="fixed"',
-     'causality="structuralParameter" variability="discrete"',
-     "structuralParameter and variability"),
-    (THREE, 'causality="input" canH', 'causality="input" initial="approx" canH',
-     "initial is approx"),
-    (THREE, 'causality="independent" variability="continuous"', "", "exactly one"),
-    (THREE, '<Float64 name="z" valueReference="21"',
-     '<Float64 name="z" valueReference="21" causality="independent"', "it is independent like"),
-    (THREE, 'name="z" valueReference="21"', 'name="z" valueReference="4"',
-     '"y" has the value reference 4, too'),
-    (THREE, 'Alias name="phi"', 'Alias name="y"', "two variables have the name"),
-    (THREE, 'name="i64"', 'name="der(n)"', "expected a Float32 or Float64, not Int64"),
-    (THREE, 'derivative="1"', 'derivative="2"', 'derivative of "der(x)", exp'),
-    (THREE, 'derivative="1"/>', 'derivative="1"><Dimension start="2"/></Float64>',
-     'derivative of "x", expected the same dimensions'),
-    (THREE, '<Float64 name="z"', '<Float64 canHandleMultipleSetPerTimeInstant="1" name="z"',
-     "only for inputs"),
-    (THREE, '<Float64 name="z"', '<Float64 reinit="true" name="z"', "only for states"),
-    (THREE, '<Float32 name="v"', '<Float32 intermediateUpdate="true" name="v"',
-     "intermediateUpdate = true, expected it only for continuous"),
-    (THREE, 'Clock name="clock" valueReference="18" causality="input"',
-     'Clock name="clock" valueReference="18" causality="parameter"', "the clock has causality"),
-    (THREE, '"xd" valueReference="19" variability="discrete"',
-     '"xd" valueReference="19" variability="continuous"', "clocked with variability continuous"),
-    (THREE, 'clocks="18" previous', 'clocks="18 7" previous', "clocks has 7"),
-    (THREE, 'clocks="18" previous', 'clocks="" previous', "clocks is empty"),
-    (THREE, 'dependencies="1 3"', 'dependencies="1 21"', 'has "z", which is computed', "warning"),
-    (THREE, 'dependencies="6" dep', 'dependencies="2" dep', "which is computed"),
-    (THREE, ' clocks="18" previous', " previous", "only for discrete variables with clocks"),
-    (THREE, 'previous="20"', 'previous="4"', "previous is 4"),
-    (THREE, 'previous="20"', 'previous="19"', "previous is 19"),
-    (THREE, 'intervalDecimal="1" shiftDecimal', 'intervalDecimal="0" shiftDecimal',
-     "intervalDecimal is 0"),
-    (THREE, 'shiftDecimal="0"', 'shiftDecimal="-1"', "shiftDecimal is -1, expected 0 or more"),
-    (THREE, 'intervalVariability="constant"', 'intervalVariability="triggered"',
-     "only for periodic clocks"),
-    (THREE, 'intervalDecimal="1" ', "", "no intervalDecimal, expected one"),
-    (THREE, 'intervalCounter="10" ', "", "shiftCounter and no intervalCounter"),
-    (THREE, 'supportsFraction="true"', "", "supportsFraction = true with it"),
-    (THREE, 'resolution="10" ', "", "expected a resolution"),
-    (THREE, 'hasEventMode="true"', "", "expected hasEventMode = true"),
-    (THREE, '"clock" valueReference="18" causality="input"',
-     '"clock" valueReference="18" causality="output"', "the output has a priority"),
-    (THREE, '"clock" valueReference="18" causality="input" variability="discrete"',
-     '"clock" valueReference="18" variability="tunable"', "tunable, expected discrete"),
-    (THREE, '<Output valueReference="4"', '<Output valueReference="3"', "not in Output of"),
-    (THREE, '<Output valueReference="4"', '<Output valueReference="3"', "expected outputs only"),
-    (THREE, '<Output valueReference="4"', '<Output valueReference="99"',
-     "Output has the value reference 99"),
-    (THREE, "<ClockedState", '<ContinuousStateDerivative valueReference="2"/><ClockedState',
-     "value reference 2 twice"),
-    (THREE, 'causality="local" variability="continuous" initial="exact"',
-     'causality="input" variability="continuous" initial="exact"', "the state has causality input"),
-    (THREE, 'previous="20"', "", "clocks and previous"),
-    (THREE, '<EventIndicator valueReference="21"', '<EventIndicator valueReference="7"',
-     "expected a continuous Float32 or Float64"),
-    (THREE, '<InitialUnknown valueReference="2"/>',
-     '<InitialUnknown valueReference="2"/><InitialUnknown valueReference="21"/>',
-     "warning", "it is in InitialUnknown of"),
-    (TWO, Y + ">\n      <Real ", Y + ' initial="exact">\n      <Real start="1" ',
-     "both have a start"),
-    (TWO, Y, Y + ' variability="discrete"', "warning", "expected"),
-    (THREE, ' priority="1"', "", "it has no priority"),
-]  # fmt: skip
-
-TERMINAL_MUTATIONS = [
-    ('fmiVersion="3.0"', 'fmiVersion="3.1"', 'fmiVersion is "3.1", expected "3.0"'),
-    ("</Terminals>", "", "terminalsAndIcons/terminalsAndIcons.xml: line"),
-    ('x1="-100"', 'x1="100"', "x1 is 100 and x2 is 100"),
-    ('<Terminal name="a" matchingRule="plug"', '<Terminal name="" matchingRule="plug"',
-     'name of the terminal is ""'),
-    ("  </Terminals>", '<Terminal name="a" matchingRule="bus"/></Terminals>',
-     'name of the terminal is "a"'),
-    ('variableName="y"', 'variableName="x2"', 'variableName is "x2"'),
-    ('outStreamVariableName="y"', 'outStreamVariableName="x2"', "outStreamVariableName"),
-    ('variableName="y"', 'variableName="phi"', 'causality "local"'),
-    (' memberName="s"', "", "memberName is missing"),
-    ('memberName="s"', 'memberName="f"', 'memberName is "f"'),
-    ('variableKind="signal"', 'variableKind="outflow"', "2 inflows and outflows"),
-    ('iconBaseName="plug"', 'iconBaseName="../plug"', 'iconBaseName is "../plug"'),
-]  # fmt: skip
-
-BUILD_MUTATIONS = [
-    ("</BuildConfiguration>", "", "sources/buildDescription.xml: line"),
-    ('modelIdentifier="Full"', 'modelIdentifier="Half"', 'modelIdentifier is "Half"'),
-    (' platform="x86_64-linux"', "", "two configurations have no platform"),
-    ('name="full.c"', 'name="half.c"', 'source file "half.c" is missing'),
-    ("SourceFileSet", "Sources", "it has no SourceFileSet"),
-    ("    </SourceFileSet>\n    <L", '      <IncludeDirectory name="include"/></SourceFileSet><L',
-     '"include" appears twice'),
-    (' compiler="gcc"', "", "compilerOptions and no compiler", "warning"),
-    ('"true" value="1"', '"true" value="2"', 'value is "2", expected that of an Option'),
-]  # fmt: skip
+MUTATIONS = tomllib.loads((DATA / "mutations.toml").read_text(encoding="utf-8"))
+"""By file: old text, new text, parts of the finding; the model description has versions first."""
 
 ELF = b"\x7fELF\x02" + bytes(59)
 FUNCTIONS = "".join(
@@ -377,13 +181,13 @@ FILE_MUTATIONS = [
 
 def cases() -> Iterator[tuple[str, int, dict[str, str | bytes | None], tuple[str, ...]]]:
     """Yield a name, the version, the changed files and parts of the finding for each mutation."""
-    for versions, old, new, *expected in MUTATIONS:
+    for versions, old, new, *expected in MUTATIONS["modelDescription"]:
         for version in versions:
             changes = {MODEL_FILE: replaced(version, old, new)}
             yield f"{version} {new or old}", version, changes, expected
     for file, text, mutations in [
-        (TERMINALS_FILE, TERMINALS, TERMINAL_MUTATIONS),
-        (BUILD_FILE, BUILD, BUILD_MUTATIONS),
+        (TERMINALS_FILE, TERMINALS, MUTATIONS["terminalsAndIcons"]),
+        (BUILD_FILE, BUILD, MUTATIONS["buildDescription"]),
     ]:
         for old, new, *expected in mutations:
             assert old in text
