@@ -258,17 +258,7 @@ class Effort:
 
 
 QUICK = Effort(
-    PROGRAM,
-    False,
-    5,
-    2,
-    100,
-    10_000,
-    (10_000, 1_000),
-    (1_000, 10_000),
-    (2, 10),
-    10_000,
-    (900, 1_800),
+    PROGRAM, False, 5, 2, 100, 10000, (10000, 1000), (1000, 10000), (2, 10), 10000, (900, 1800)
 )
 """Shows that everything works; the times mean nothing."""
 
