@@ -14,6 +14,7 @@ import numpy as np
 from ..loop import Loop
 from .claims import Row, number
 from .figure import Curve, curve, magnitudes, outputs
+from .findings import SMALL
 from .measures import (
     SCALES,
     change,
@@ -29,18 +30,7 @@ from .measures import (
     variation,
 )
 from .runs import ALONE, KINDS, SIGNALS, Data, Trace, both_plants, loop_of, sweep
-from .stability import (
-    DELAYS,
-    ETA,
-    LAWS,
-    NOMINAL,
-    Law,
-    limit,
-    matrix,
-    printed_bound,
-    radius,
-    spectral_radius,
-)
+from .stability import DELAYS, ETA, LAWS, NOMINAL, Law, limit, printed_bound, radius
 
 RINGING = 1.0
 """A force that changes by more than this per sample, long after the step, is ringing [N]."""
@@ -241,8 +231,8 @@ def robustness(data: Data) -> Section:
     stable = np.array([limit(law, one) for one in mass])
     paper = Curve("eta/paper", mass, np.full(len(mass), ETA), "limit", "η of the paper")
     curves += [[paper, Curve("eta/stable", mass, stable, "PID-RBF")], [curve(traces[0], "u", "u")]]
-    lightest = matrix(LAWS["PID"], plant=NOMINAL | {"M": LIGHT[0]})
-    return Section(curves, [*rows, ringing], {"radius": spectral_radius(lightest)})
+    lightest = radius(LAWS["PID"], 0.0, LIGHT[0])
+    return Section(curves, [*rows, ringing], {"radius": lightest})
 
 
 def _over(runs: dict[str, dict[str, np.ndarray]], variable: str, metric: str) -> list[Curve]:
@@ -303,9 +293,6 @@ def noise(data: Data) -> Section:
 
 FALLEN = math.pi
 """|e| above which the pendulum has fallen [rad]."""
-
-SMALL = math.radians(20)
-"""Angle up to which section 2 considers the linear model valid [rad]."""
 
 
 def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) -> float:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .statements import Table
 
 SMALL = math.radians(20)
-"""Angle up to which the paper considers the linear model valid [rad]."""
+"""Angle up to which section 2 considers the linear model valid [rad]."""
 
 CLOSE = 0.1
 """Relative difference below which two quantities are approximately equal."""

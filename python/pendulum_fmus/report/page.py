@@ -178,11 +178,10 @@ def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
             "curves": [curve_json(panel, index) for index in range(len(panel.curves))],
         }
 
-    styles = {}
-    for key, style in STYLES.items():
-        dash = [round(part * style.width, 2) for part in style.dash]  # in pixels
-        styles[key] = {"light": style.light, "dark": style.dark, "dash": dash}
-        styles[key] |= {"width": style.width, "marker": style.marker}
+    styles = {key: vars(style).copy() for key, style in STYLES.items()}
+    for style in styles.values():
+        style["dash"] = [round(part * style["width"], 2) for part in style["dash"]]  # in pixels
+        del style["name"]
     return {
         "clocks": clocks,
         "columns": list(columns.values()),

@@ -139,20 +139,13 @@ def last_true(holds: Callable[[float], bool], true: float, false: float) -> floa
 
 @cache
 def limit(law: Law, mass: float = NOMINAL["M"]) -> float:
-    """Return the learning rate beyond which the loop is unstable, for a mass of the cart [kg].
-
-    0 if it always is.
-    """
-
-    def stable(eta: float) -> bool:
-        return spectral_radius(matrix(replace(law, eta=eta), plant=NOMINAL | {"M": mass})) < 1
-
-    return last_true(stable, 0.0, 4.0)
+    """Return the learning rate beyond which the loop is unstable, 0 if it always is."""
+    return last_true(lambda eta: radius(law, eta, mass) < 1, 0.0, 4.0)
 
 
-def radius(law: Law, eta: float = ETA) -> float:
-    """Return the spectral radius of the loop with another learning rate."""
-    return spectral_radius(matrix(replace(law, eta=eta)))
+def radius(law: Law, eta: float = ETA, mass: float = NOMINAL["M"]) -> float:
+    """Return the spectral radius with another learning rate, and mass of the cart [kg]."""
+    return spectral_radius(matrix(replace(law, eta=eta), plant=NOMINAL | {"M": mass}))
 
 
 def printed_bound() -> float:

@@ -106,14 +106,14 @@ def changed(trap: Trap, loop: Loop) -> Loop:
     """Put a mistake into a loop."""
     settings = PLANTS[trap["plant"]]() if "plant" in trap else trap.get("set", {})
     fmus = COMPONENTS[trap.get("of", "plants")]
-    scalars = {}
+    scalars = []
     for name, value in settings.items():
-        if isinstance(value, list):
-            scalars |= {f"{name}[{j}]": element for j, element in enumerate(value, start=1)}
-        else:
-            scalars[name] = value
+        listed = isinstance(value, list)
+        scalars += (
+            [(f"{name}[{j}]", x) for j, x in enumerate(value, 1)] if listed else [(name, value)]
+        )
     components = [component for component, fmu in loop.models().items() if fmu in fmus]
-    pairs = [(f"{c}.{name}", value) for c in components for name, value in scalars.items()]
+    pairs = [(f"{c}.{name}", value) for c in components for name, value in scalars]
     disturbance = trap.get("disturbed", 1.0) * loop.disturbance
     return replace(loop, overrides=tuple(pairs), disturbance=disturbance, **trap.get("loop", {}))
 
