@@ -312,9 +312,8 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
         assert!(own.c.is_null());
         own.says("this binary has: Fast {");
         let bytes = Instance::of(kind, EVERY).snapshot();
-        it.refuses("are a state of the model {", |f| {
-            f.deserialize(&bytes, &mut null_mut())
-        });
+        let restore = |f: Fmu| f.deserialize(&bytes, &mut null_mut());
+        it.refuses("are a state of the model {", restore);
     }
 }
 

@@ -93,13 +93,10 @@ pub enum Law {
 
 /// A nested struct
 #[derive(Variables)]
+#[rustfmt::skip]
 pub struct Part {
-    /// added to y
-    #[input(start = 0.0)]
-    bias: f64,
-    /// multiplies the bias
-    #[parameter(start = 0.5)]
-    scale: f64,
+    /** added to y */ #[input(start = 0.0)] bias: f64,
+    /** multiplies the bias */ #[parameter(start = 0.5)] scale: f64,
     uses: u32,
 }
 
@@ -288,34 +285,17 @@ pub fn number(text: &str) -> f64 {
 /// Acts at its sample instants, fails in a chosen one, and reads a resource
 #[derive(Model)]
 #[model(sample_time = self.ts, stop_time = 5, step_size = 0.01)]
+#[rustfmt::skip]
 pub struct Sampled {
-    /// sample time
-    #[parameter(start = 0.5, unit = "s")]
-    ts: f64,
-    /// number of the sample that fails
-    #[parameter(tunable)]
-    fails_at: i32,
-    /// how it fails
-    #[parameter(tunable)]
-    failure: f64,
-    /// times of the last samples
-    #[output(unit = "s")]
-    times: [f64; 3],
-    /// number of samples
-    #[output]
-    count: i32,
-    /// its inverse is an output
-    #[input(start = 1)]
-    u: f64,
-    /// inverse of u
-    #[output(derivative_by(u = self.slope()))]
-    y: f64,
-    /// file in the resources, if any
-    #[parameter]
-    file: String,
-    /// sum of its numbers
-    #[output]
-    sum: f64,
+    /** sample time */ #[parameter(start = 0.5, unit = "s")] ts: f64,
+    /** number of the sample that fails */ #[parameter(tunable)] fails_at: i32,
+    /** how it fails */ #[parameter(tunable)] failure: f64,
+    /** times of the last samples */ #[output(unit = "s")] times: [f64; 3],
+    /** number of samples */ #[output] count: i32,
+    /** its inverse is an output */ #[input(start = 1)] u: f64,
+    /** inverse of u */ #[output(derivative_by(u = self.slope()))] y: f64,
+    /** file in the resources, if any */ #[parameter] file: String,
+    /** sum of its numbers */ #[output] sum: f64,
 }
 
 impl Sampled {
@@ -352,47 +332,23 @@ impl Simulate for Sampled {
 /// A ball that is driven, bounces, and gets a kick
 #[derive(Model)]
 #[model(continuous, step = Self::step, step_size = 0.1)]
+#[rustfmt::skip]
 pub struct Ball {
-    /// acceleration by the drive
-    #[input]
-    drive: f64,
-    /// how the equations and events fail
-    #[input(min = 0, max = BUG)]
-    trouble: f64,
-    /// how steps after 0.15 s fail
-    #[input(min = 0, max = BUG)]
-    fault: f64,
-    /// height
-    #[output(state, nominal = 10, initially_from("h0"))]
-    h: f64,
-    /// velocity
-    #[output(state)]
-    v: f64,
-    #[derivative(of = h, derivative_by(v = 1.0))]
-    h_dot: f64,
-    #[derivative(of = v, derivative_by(drive = 1.0, v = -2.0 * self.drag * self.v.abs()))]
-    v_dot: f64,
-    /// height of its lowest point
-    #[event_indicator(derivative_by(h = 1.0))]
-    contact: f64,
-    /// energy
-    #[output(derivative_by(h = Ball::G, v = self.v, drive = 0.125))]
-    energy: f64,
-    /// height at the start
-    #[parameter(start = 1)]
-    h0: f64,
+    /** acceleration by the drive */ #[input] drive: f64,
+    /** how the equations and events fail */ #[input(min = 0, max = BUG)] trouble: f64,
+    /** how steps after 0.15 s fail */ #[input(min = 0, max = BUG)] fault: f64,
+    /** height */ #[output(state, nominal = 10, initially_from("h0"))] h: f64,
+    /** velocity */ #[output(state)] v: f64,
+    #[derivative(of = h, derivative_by(v = 1.0))] h_dot: f64,
+    #[derivative(of = v, derivative_by(drive = 1.0, v = -2.0 * self.drag * self.v.abs()))] v_dot: f64,
+    /** height of its lowest point */ #[event_indicator(derivative_by(h = 1.0))] contact: f64,
+    /** energy */ #[output(derivative_by(h = Ball::G, v = self.v, drive = 0.125))] energy: f64,
+    /** height at the start */ #[parameter(start = 1)] h0: f64,
     /// part of the velocity that a bounce keeps
-    #[parameter(tunable, start = 0.5, min = 0, max = 1)]
-    restitution: f64,
-    /// drag
-    #[parameter(start = 0)]
-    drag: f64,
-    /// number of events
-    #[output]
-    events: i32,
-    /// a switch
-    #[input]
-    switch: i32,
+    #[parameter(tunable, start = 0.5, min = 0, max = 1)] restitution: f64,
+    /** drag */ #[parameter(start = 0)] drag: f64,
+    /** number of events */ #[output] events: i32,
+    /** a switch */ #[input] switch: i32,
     kicked: bool,
 }
 
@@ -474,59 +430,27 @@ impl Continuous for Ball {
 /// A ball that bounces until it rests, and a lamp that switches; the layer integrates it
 #[derive(Model)]
 #[model(continuous, step_size = 0.1)]
+#[rustfmt::skip]
 pub struct Hopper {
-    /// acceleration by the drive
-    #[input]
-    drive: f64,
-    /// how the equations fail
-    #[input(min = 0, max = BUG)]
-    trouble: f64,
-    /// from when on
-    #[parameter(tunable)]
-    trouble_time: f64,
-    /// height
-    #[output(state, start = 1, nominal = 0.5)]
-    h: f64,
-    /// velocity
-    #[output(state)]
-    v: f64,
-    #[derivative(of = h)]
-    h_dot: f64,
-    #[derivative(of = v)]
-    v_dot: f64,
-    /// its lowest point, above the ground until it rests
-    #[event_indicator]
-    gap: f64,
+    /** acceleration by the drive */ #[input] drive: f64,
+    /** how the equations fail */ #[input(min = 0, max = BUG)] trouble: f64,
+    /** from when on */ #[parameter(tunable)] trouble_time: f64,
+    /** height */ #[output(state, start = 1, nominal = 0.5)] h: f64,
+    /** velocity */ #[output(state)] v: f64,
+    #[derivative(of = h)] h_dot: f64,
+    #[derivative(of = v)] v_dot: f64,
+    /** its lowest point, above the ground until it rests */ #[event_indicator] gap: f64,
     /// part of the velocity that a bounce keeps
-    #[parameter(start = 0.5, min = 0, max = 1)]
-    restitution: f64,
-    /// drag
-    #[parameter]
-    drag: f64,
-    /// velocity below which it rests
-    #[parameter(start = 0.1)]
-    slowest: f64,
-    /// time between two changes of the lamp
-    #[parameter(start = 0.3)]
-    period: f64,
-    /// whether it rests
-    #[output]
-    rests: bool,
-    /// number of bounces
-    #[output]
-    bounces: i32,
-    /// time of the last bounce
-    #[output]
-    bounced: f64,
-    /// number of changes of the lamp
-    #[output]
-    changes: i32,
-    /// time of the last change
-    #[output]
-    changed: f64,
-    /// memory on the heap
-    #[parameter(start = "text")]
-    label: String,
+    #[parameter(start = 0.5, min = 0, max = 1)] restitution: f64,
+    /** drag */ #[parameter] drag: f64,
+    /** velocity below which it rests */ #[parameter(start = 0.1)] slowest: f64,
+    /** time between two changes of the lamp */ #[parameter(start = 0.3)] period: f64,
+    /** whether it rests */ #[output] rests: bool,
+    /** number of bounces */ #[output] bounces: i32,
+    /** time of the last bounce */ #[output] bounced: f64,
+    /** number of changes of the lamp */ #[output] changes: i32,
+    /** time of the last change */ #[output] changed: f64,
+    /** memory on the heap */ #[parameter(start = "text")] label: String,
     log: Vec<f64>,
 }
 
@@ -588,25 +512,14 @@ impl Continuous for Hopper {
 /// Arrays whose sizes are set in configuration mode
 #[derive(Model)]
 #[model(sample_time = 0.5)]
+#[rustfmt::skip]
 pub struct Lists {
-    /// number of gains
-    #[structural_parameter(start = 2, min = 1, max = 3, tunable)]
-    n: u64,
-    /// number of names
-    #[structural_parameter(start = 1, max = 2)]
-    m: u64,
-    /// gains
-    #[input(size = "n", start = [1, 2, 4])]
-    gains: [f64; 3],
-    /// names
-    #[parameter(size = "m", start = ["a", "b"])]
-    names: [String; 2],
-    /// sum of the gains
-    #[output]
-    sum: f64,
-    /// how often the sizes changed
-    #[output]
-    changes: i32,
+    /** number of gains */ #[structural_parameter(start = 2, min = 1, max = 3, tunable)] n: u64,
+    /** number of names */ #[structural_parameter(start = 1, max = 2)] m: u64,
+    /** gains */ #[input(size = "n", start = [1, 2, 4])] gains: [f64; 3],
+    /** names */ #[parameter(size = "m", start = ["a", "b"])] names: [String; 2],
+    /** sum of the gains */ #[output] sum: f64,
+    /** how often the sizes changed */ #[output] changes: i32,
 }
 
 impl Lists {

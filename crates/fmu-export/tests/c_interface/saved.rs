@@ -83,40 +83,14 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
 }
 
 #[test]
-fn states_of_model_exchange_continue_bit_for_bit() {
-    for kind in EXCHANGED {
-        let run = |f: Fmu| {
-            let mut rows = Vec::new();
-            for k in 0..5 {
-                let [h, v] = f.two(Fmu::get_states);
-                let [h_dot, v_dot] = f.two(Fmu::get_derivatives);
-                assert_eq!(f.set_time(0.25 + f64::from(k) * 0.1), OK);
-                assert_eq!(f.set_states(&[h + 0.1 * h_dot, v + 0.1 * v_dot]), OK);
-                assert_eq!(f.enter_event_mode(), OK);
-                rows.push((f.update(), f.two(Fmu::get_states), f.snapshot()));
-                assert_eq!(f.enter_continuous_time_mode(), OK);
-            }
-            rows
-        };
-        let it = Instance::running(kind, BALL);
-        assert_eq!(it.set_states(&[0.25, -1.0]), OK);
-        let bytes = it.snapshot();
-        let expected = run(*it);
-        assert_eq!(run(it.resume(&bytes)), expected);
-        assert_eq!(run(Instance::of(kind, BALL).resume(&bytes)), expected);
-    }
-}
-
-#[test]
 fn states_are_independent_copies_that_can_be_overwritten() {
     for version in [Fmi2, Fmi3] {
         let it = moving(version);
-        let mut states: Vec<_> = (5..10)
-            .map(|k| {
-                drive(*it, k, 1);
-                (it.save(), it.snapshot())
-            })
-            .collect();
+        let saved = |k| {
+            drive(*it, k, 1);
+            (it.save(), it.snapshot())
+        };
+        let mut states: Vec<_> = (5..10).map(saved).collect();
         for k in [3, 0, 3, 4, 2, 1] {
             let (state, expected) = &states[k];
             assert_eq!(it.set_state(*state), OK);
@@ -146,16 +120,13 @@ fn a_state_of_another_model_or_mode_is_refused() {
         let (mut state, bytes) = (source.save(), source.snapshot());
         for to in KINDS.into_iter().filter(|to| to.0 == from.0) {
             let target = Instance::running(to, BALL);
-            match from == to {
-                true => {
-                    assert_eq!(target.set_state(state), OK);
-                    assert_eq!(target.snapshot(), bytes);
-                }
-                false => target.refuses("the state is that of an instance for", |f| {
-                    let status = f.set_state(state);
-                    target.says("; expected one for ");
-                    status
-                }),
+            if from == to {
+                ok([target.set_state(state)]);
+                assert_eq!(target.snapshot(), bytes);
+            } else {
+                let words = "the state is that of an instance for";
+                target.refuses(words, |f| f.set_state(state));
+                target.fails(ERROR, "; expected one for ", |f| f.set_state(state));
             }
             let other = Instance::running(to, SAMPLED);
             other.refuses("the state", |f| f.set_state(state));
@@ -196,12 +167,10 @@ fn buffers_and_pointers_are_checked() {
         it.refuses(words, |f| f.get_state(null_mut()));
         it.refuses(words, |f| f.serialized_size(state, null_mut()));
         it.refuses(words, |f| f.deserialize(&bytes, null_mut()));
-        it.refuses("the buffer is NULL", |f| {
-            f.serialize_to(state, null_mut(), size)
-        });
-        it.refuses("the bytes are NULL", |f| {
-            f.deserialize_from(null(), size, &mut none)
-        });
+        let words = "the buffer is NULL";
+        it.refuses(words, |f| f.serialize_to(state, null_mut(), size));
+        let words = "the bytes are NULL";
+        it.refuses(words, |f| f.deserialize_from(null(), size, &mut none));
         it.refuses("damaged", |f| f.deserialize_from(null(), 0, &mut none));
         assert_eq!((none.is_null(), it.free_state(null_mut())), (true, OK));
         let mut memory = [0u128; 64];
@@ -228,10 +197,8 @@ fn assert_refused(it: &Instance, bytes: &[u8]) {
     assert_eq!(it.deserialize(bytes, &mut state), ERROR, "{bytes:?}");
     assert!(state.is_null());
     assert_eq!(it.messages().len(), 1);
-    assert!(
-        it.last_message()
-            .starts_with(it.name("deserialize_fmu_state"))
-    );
+    let (text, function) = (it.last_message(), it.name("deserialize_fmu_state"));
+    assert!(text.starts_with(function), "{text}");
 }
 
 /// The content followed by a valid checksum: 128-bit FNV-1a.
@@ -271,17 +238,9 @@ fn damaged_bytes_are_refused() {
     // With a valid checksum: magic number, version, both ends of the GUID, an invalid mode, and phases that
     // are fatal, of a callback, of model exchange, or invalid.
     assert_eq!(sealed(content(&bytes)), bytes);
-    for (place, byte) in [
-        (0, b'f'),
-        (8, 1),
-        (12, b'<'),
-        (49, b'>'),
-        (50, 3),
-        (51, 6),
-        (51, 12),
-        (51, 8),
-        (51, 13),
-    ] {
+    let header = [(0, b'f'), (8, 1), (12, b'<'), (49, b'>'), (50, 3)];
+    let phases = [6, 12, 8, 13].map(|phase| (51, phase));
+    for (place, byte) in header.into_iter().chain(phases) {
         let mut forged = content(&bytes).to_vec();
         forged[place] = byte;
         assert_refused(&it, &sealed(&forged));
@@ -304,33 +263,23 @@ fn uses(f: Fmu, model: usize) {
     }];
     let reference = [TROUBLE, Sampled::FAILURE, Ball::TROUBLE][model];
     f.get_f64(&[reference], &mut trouble);
-    f.get_f64(
-        &[if model == BALL {
-            Ball::FAULT
-        } else {
-            reference
-        }],
-        &mut fault,
-    );
+    let other = [TROUBLE, Sampled::FAILURE, Ball::FAULT][model];
+    f.get_f64(&[other], &mut fault);
     if trouble == [BUG] || fault == [BUG] {
         return;
     }
     let event = |f: Fmu| f.try_update(&mut (false, None));
+    let derivatives = |f: Fmu| f.get_derivatives(&mut [0.0; 2]);
     let calls: &[&dyn Fn(Fmu) -> Status] = match f.kind.1 {
         Stepped => &[],
         Events => &[&event, &Fmu::enter_step_mode],
-        Exchanged => &[&event, &Fmu::enter_continuous_time_mode, &|f| {
-            f.get_derivatives(&mut [0.0; 2])
-        }],
+        Exchanged => &[&event, &Fmu::enter_continuous_time_mode, &derivatives],
     };
     statuses.push(f.exit_initialization_mode());
     statuses.push(f.get_f64(&[Y.min(Ball::V_DOT)], &mut [0.0]));
     statuses.extend(calls.iter().map(|call| call(f)));
-    statuses.extend([
-        f.step(time[0], 0.1),
-        f.step(time[0] + 0.1, 1e9),
-        f.terminate(),
-    ]);
+    statuses.extend([f.step(time[0], 0.1), f.step(time[0] + 0.1, 1e9)]);
+    statuses.push(f.terminate());
     assert!(!statuses.contains(&FATAL), "{statuses:?}");
     assert_eq!(f.reset(), OK);
 }

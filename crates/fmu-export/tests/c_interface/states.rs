@@ -47,6 +47,7 @@ fn name(state: char) -> &'static str {
 
 /// A call with valid arguments.
 type Call = fn(Fmu) -> Status;
+type Row = (&'static str, &'static str, &'static str, Call);
 
 const ALIVE_2: &str = "INESCFTX";
 const ALIVE: &str = "INESCFTXGRV";
@@ -56,7 +57,7 @@ const COMPUTED: &str = "NESCFTX";
 /// Calls with valid arguments, by the operation: the states that allow them in FMI 2.0 and 3.0, or "-" if a
 /// version lacks them. Only in model exchange with "m", in co-simulation with "c", not without events with "e".
 #[rustfmt::skip]
-const TABLE: &[(&str, &str, &str, Call)] = &[
+const TABLE: &[Row] = &[
     ("set_debug_logging", ALIVE_2, ALIVE, |f| f.switch_log(true, &[c"logAll"])),
     ("setup_experiment", "I", "-", |f| f.setup(0.0, None)),
     ("enter_initialization_mode", "I", "I", |f| f.enter_only()),
@@ -232,15 +233,16 @@ fn bring(kind: Kind, state: char) -> Instance {
     };
     let fail_by = |trouble, status| {
         run();
-        let found = match kind.1 {
-            Exchanged => {
-                assert_eq!(it.set(Ball::TROUBLE, trouble), OK);
-                it.get_derivatives(&mut [0.0; 2])
-            }
-            _ => {
-                assert_eq!(it.set(Ball::FAULT, trouble), OK);
-                it.step(0.25, 0.125)
-            }
+        let is_exchange = kind.1 == Exchanged;
+        let input = if is_exchange {
+            Ball::TROUBLE
+        } else {
+            Ball::FAULT
+        };
+        ok([it.set(input, trouble)]);
+        let found = match is_exchange {
+            true => it.get_derivatives(&mut [0.0; 2]),
+            false => it.step(0.25, 0.125),
         };
         assert_eq!(found, status);
     };
@@ -279,12 +281,9 @@ fn calls_are_allowed_according_to_the_table() {
             let allowed = STATES.iter().filter(|(state, _)| letters.contains(*state));
             let mut allowed: Vec<&str> = allowed.map(|(_, name)| *name).collect();
             allowed.dedup();
-            let forbidden = format!(
-                "{} is not allowed in the state \"{}\"; it is allowed in: {}",
-                it.name(operation),
-                name(state),
-                allowed.join(", ")
-            );
+            let (call_name, state_name) = (it.name(operation), name(state));
+            let forbidden = format!("{call_name} is not allowed in the state \"{state_name}\"; ");
+            let forbidden = forbidden + "it is allowed in: " + &allowed.join(", ");
             let why = match (only, kind.1) {
                 ('m', Stepped | Events) => "it is a function of model exchange",
                 ('c', Exchanged) => "it is a function of co-simulation",
@@ -312,10 +311,8 @@ fn calls_are_allowed_according_to_the_table() {
 fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
     for kind in [(Fmi3, Stepped), EVENTS] {
         let new = || {
-            let it = Instance::with(&Arguments {
-                intermediate: Some(&[Ball::DRIVE, Ball::H]),
-                ..Arguments::of(kind, BALL)
-            });
+            let variables = &[Ball::DRIVE, Ball::H];
+            let it = Arguments::of(kind, BALL).make(|a| a.intermediate = Some(variables));
             it.run(0.0)
         };
         let plain = new();
@@ -360,9 +357,8 @@ fn unsupported_calls_are_refused_with_a_reason_in_every_state() {
 #[test]
 fn the_tests_know_all_functions() {
     for (version, count) in [(Fmi2, 44), (Fmi3, 75)] {
-        let rows = TABLE
-            .iter()
-            .filter(|(_, in_2, in_3, _)| row(version, in_2, in_3).is_some());
+        let has = |line: &&Row| row(version, line.1, line.2).is_some();
+        let rows = TABLE.iter().filter(has);
         let unsupported = UNSUPPORTED.iter().filter(|(_, of, ..)| *of == version);
         let known: Vec<&str> = (rows.map(|row| row.0))
             .chain(unsupported.map(|row| row.0))
@@ -414,34 +410,23 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
         ('N', &KINDS, Fmu::exit_initialization_mode),
         ('N', &KINDS, |f| f.get_f64(&[Ball::H], &mut [0.0])),
         ('S', &PLAIN, |f| f.get_f64(&[Ball::V_DOT], &mut [0.0])),
-        ('S', &PLAIN, |f| {
-            f.get_output_derivatives(&[Ball::H], &[1], &mut [0.0])
-        }),
+        ('S', &PLAIN, |f| f.slopes(&[(Ball::H, 1)])),
         ('S', &[EVENTS], |f| f.step(0.25, 0.5)),
         ('E', &KINDS[2..], |f| f.try_update(&mut (false, None))),
         ('E', &KINDS[2..], |f| f.get_i32(&[Ball::EVENTS], &mut [0])),
         ('C', &EXCHANGED, |f| f.get_derivatives(&mut [0.0; 2])),
         ('C', &EXCHANGED, |f| f.get_indicators(&mut [0.0])),
         ('C', &EXCHANGED, |f| f.get_states(&mut [0.0; 2])),
-        ('C', &EXCHANGED, |f| {
-            f.directional(&[Ball::ENERGY], &[Ball::H], &[1.0], &mut [0.0])
-        }),
+        ('C', &EXCHANGED, |f| f.slope(Ball::ENERGY, Ball::H, 1.0)),
     ];
     for (state, kinds, call) in calls {
         for &kind in kinds {
             let it = bring(kind, state);
             assert_eq!(it.set(Ball::TROUBLE, BUG), OK);
             assert_eq!(call(*it), FATAL);
+            it.says("the model panicked and is dead: the bug");
             let message = it.messages().pop().unwrap();
-            assert_eq!(
-                (&*message.category, message.status),
-                ("logStatusFatal", FATAL)
-            );
-            let text = message.text;
-            assert!(
-                text.contains("the model panicked and is dead: the bug"),
-                "{text}"
-            );
+            assert_eq!(message.kind(), ("logStatusFatal", FATAL));
             assert_eq!(it.reset(), FATAL);
             let mut value = [7.0];
             assert_eq!(it.get_f64(&[Ball::DRIVE], &mut value), FATAL);
@@ -451,14 +436,10 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
     // In an expression of an attribute.
     for kind in PLAIN {
         let sampled = Instance::running(kind, SAMPLED);
-        let divide =
-            |f: Fmu, to: &mut [f64]| f.directional(&[Sampled::Y], &[Sampled::U], &[1.0], to);
-        assert_eq!(sampled.set(Sampled::U, 0.0), OK);
-        let mut derivative = [7.0];
-        assert_eq!(
-            (divide(*sampled, &mut derivative), derivative),
-            (FATAL, [7.0])
-        );
-        sampled.says("the bug shows in a derivative");
+        ok([sampled.set(Sampled::U, 0.0)]);
+        let (y, u, mut derivative) = ([Sampled::Y], [Sampled::U], [7.0]);
+        let divide = |f: Fmu| f.directional(&y, &u, &[1.0], &mut derivative);
+        sampled.fails(FATAL, "the bug shows in a derivative", divide);
+        assert_eq!(derivative, [7.0]);
     }
 }

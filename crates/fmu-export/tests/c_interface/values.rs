@@ -480,7 +480,7 @@ fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
     it.refuses(words, |f| f.get_f32(&[Ball::TIME], &mut [0.0]));
     assert_eq!(it.terminate(), OK);
     assert_eq!(time(&it), 1.75);
-    let exchange = Instance::of((Fmi3, Exchanged), BALL).run(1.0);
+    let exchange = Instance::of(EXCHANGED[1], BALL).run(1.0);
     assert_eq!(time(&exchange), 1.0);
     assert_eq!(exchange.set_time(1.25), OK);
     assert_eq!(time(&exchange), 1.25);
