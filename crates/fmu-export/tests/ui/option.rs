@@ -4,45 +4,19 @@ use fmu_export::prelude::*;
 
 #[derive(Variables)]
 struct Options {
-    /// not a parameter
-    #[input(tunable)]
-    tunable: f64,
-    /// misspelled
-    #[output(units = "m")]
-    unknown: f64,
-    /// not a variable
-    #[nested(unit = "m")]
-    nested: Other,
-    /// no member
-    #[input(terminal = "loop")]
-    terminal: f64,
-    /// two roles
-    #[input]
-    #[output]
-    both: f64,
-    /// no bounds
-    #[parameter(min = 0)]
-    flag: bool,
-    /// only a whole f64 has one
-    #[input(derivative = self.slope)]
-    inputs: [f64; 2],
-    /// of an array
-    #[output(derivative_by(tunable = 1.0))]
-    outputs: [f64; 2],
-    /// not bytes
-    #[input(mime_type = "text/plain")]
-    text: String,
-    /// a word
-    #[input(unit)]
-    word: f64,
-    /// an assignment
-    #[parameter = 3]
-    assigned: f64,
-    /// twice
-    #[input(start = 1, start = 2)]
-    twice: f64,
-    #[nested]
-    groups: [Other; 2],
+    /** not a parameter */ #[input(tunable)] tunable: f64,
+    /** misspelled */ #[output(units = "m")] unknown: f64,
+    /** not a variable */ #[nested(unit = "m")] nested: Other,
+    /** no member */ #[input(terminal = "loop")] terminal: f64,
+    /** two roles */ #[input] #[output] both: f64,
+    /** no bounds */ #[parameter(min = 0)] flag: bool,
+    /** only a whole f64 has one */ #[input(derivative = self.slope)] inputs: [f64; 2],
+    /** of an array */ #[output(derivative_by(tunable = 1.0))] outputs: [f64; 2],
+    /** not bytes */ #[input(mime_type = "text/plain")] text: String,
+    /** a word */ #[input(unit)] word: f64,
+    /** an assignment */ #[parameter = 3] assigned: f64,
+    /** twice */ #[input(start = 1, start = 2)] twice: f64,
+    #[nested] groups: [Other; 2],
     slope: f64,
 }
 
@@ -61,15 +35,13 @@ struct Tuple(f64);
 /// A model
 #[derive(Model)]
 enum Enum {
-    /// item
-    Item,
+    /** item */ Item,
 }
 
 /// Items
 #[derive(Clone, Copy, Choice)]
 enum Items {
-    /// with a field
-    Value(f64),
+    /** with a field */ Value(f64),
 }
 
 /// No items

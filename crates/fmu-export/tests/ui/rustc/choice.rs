@@ -5,8 +5,7 @@ use fmu_export::prelude::*;
 /// Form of the control law
 #[derive(Choice)]
 enum Law {
-    /// without feedback
-    Open,
+    /** without feedback */ Open,
 }
 
 fn main() {}

@@ -6,31 +6,21 @@ const GAIN: f64 = 3.0;
 
 #[derive(Variables)]
 struct Constants {
-    /// a constant expression
-    #[parameter(start = 2.0 * GAIN, max = 5)]
-    gain: f64,
-    /// an array of them
-    #[parameter(start = [1, i32::MAX], max = 5)]
-    counts: [i32; 2],
+    /** a constant expression */ #[parameter(start = 2.0 * GAIN, max = 5)] gain: f64,
+    /** an array of them */ #[parameter(start = [1, i32::MAX], max = 5)] counts: [i32; 2],
 }
 
 #[derive(Variables)]
 struct Infinite {
-    /// not finite
-    #[parameter(start = f64::INFINITY)]
-    infinite: f64,
+    /** not finite */ #[parameter(start = f64::INFINITY)] infinite: f64,
 }
 
 const WEIGHTS: [f64; 2] = [1.0, 2.0];
 
 #[derive(Variables)]
 struct Mismatch {
-    /// another length
-    #[parameter(start = WEIGHTS)]
-    weights: [f64; 3],
-    /// another type
-    #[parameter(start = GAIN)]
-    count: i32,
+    /** another length */ #[parameter(start = WEIGHTS)] weights: [f64; 3],
+    /** another type */ #[parameter(start = GAIN)] count: i32,
 }
 
 fn main() {}

@@ -6,11 +6,8 @@ use fmu_export::prelude::*;
 #[derive(Model)]
 #[model(continuous)]
 struct Both {
-    /// level
-    #[output(state)]
-    x: f64,
-    #[derivative(of = x)]
-    x_dot: f64,
+    /** level */ #[output(state)] x: f64,
+    #[derivative(of = x)] x_dot: f64,
 }
 
 impl Continuous for Both {
@@ -28,27 +25,21 @@ impl Simulate for Both {
 /// Has neither
 #[derive(Model)]
 struct Neither {
-    /// level
-    #[output]
-    x: f64,
+    /** level */ #[output] x: f64,
 }
 
 /// Has no equations
 #[derive(Model)]
 #[model(continuous)]
 struct Empty {
-    /// level
-    #[output]
-    x: f64,
+    /** level */ #[output] x: f64,
 }
 
 /// Does not use the slope of its input
 #[derive(Model)]
 #[model(continuous)]
 struct Sloped {
-    /// rate
-    #[input(derivative = self.slope)]
-    u: f64,
+    /** rate */ #[input(derivative = self.slope)] u: f64,
     slope: f64,
 }
 

@@ -6,9 +6,7 @@ use fmu_export::prelude::*;
 #[derive(Model)]
 #[model(sample_time = self.count)]
 struct Count {
-    /// number of something
-    #[parameter]
-    count: i32,
+    /** number of something */ #[parameter] count: i32,
 }
 
 fn main() {}

@@ -4,18 +4,13 @@ use fmu_export::prelude::*;
 
 #[derive(Variables)]
 struct Start {
-    /// at the start
-    #[parameter]
-    y0: f64,
+    /** at the start */ #[parameter] y0: f64,
 }
 
 #[derive(Variables)]
 struct Plant {
-    #[nested]
-    start: Start,
-    /// output
-    #[output(initially_from("start.y0", "start.z0"))]
-    y: f64,
+    #[nested] start: Start,
+    /** output */ #[output(initially_from("start.y0", "start.z0"))] y: f64,
 }
 
 fn main() {}

@@ -11,24 +11,19 @@ type Angle = f64;
 
 #[derive(Variables)]
 struct Types {
-    /// an enum
-    #[parameter]
-    law: Law,
+    /** an enum */ #[parameter] law: Law,
 }
 
 #[derive(Variables)]
 struct Aliased {
-    /// an alias
-    #[input]
-    angle: Angle,
+    /** an alias */ #[input] angle: Angle,
 }
 
 struct Group;
 
 #[derive(Variables)]
 struct Nested {
-    #[nested]
-    group: Group,
+    #[nested] group: Group,
 }
 
 fn main() {}

@@ -5,9 +5,7 @@ use fmu_export::prelude::*;
 /// A model
 #[derive(Model)]
 pub struct Still {
-    /// input
-    #[input]
-    u: f64,
+    /** input */ #[input] u: f64,
 }
 
 export!(Still);

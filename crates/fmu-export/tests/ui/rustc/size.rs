@@ -7,12 +7,8 @@ const LENGTH: usize = 3;
 /// A model
 #[derive(Model)]
 struct Lists {
-    /// number of nodes
-    #[structural_parameter(start = 1, max = 4)]
-    nodes: u64,
-    /// list
-    #[parameter(size = "nodes")]
-    list: [f64; LENGTH],
+    /** number of nodes */ #[structural_parameter(start = 1, max = 4)] nodes: u64,
+    /** list */ #[parameter(size = "nodes")] list: [f64; LENGTH],
 }
 
 impl Simulate for Lists {
