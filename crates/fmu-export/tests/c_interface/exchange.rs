@@ -215,8 +215,7 @@ fn directional_derivatives_are_those_of_the_equations() {
                 end[k] += change;
                 at(end)
             });
-            assert_eq!(it.set_states(&point[..2]), OK);
-            assert_eq!(it.set(Ball::DRIVE, point[2]), OK);
+            ok([it.set_states(&point[..2]), it.set(Ball::DRIVE, point[2])]);
             let expected: [f64; 6] = std::array::from_fn(|i| (ends[0][i] - ends[1][i]) / 0.25);
             let mut found = [f64::NAN; 6];
             let status = it.directional(&unknowns, &[known], &[1.0], &mut found);
