@@ -135,7 +135,12 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
         for (&reference, value) in references.iter().zip(values) {
             // SAFETY: the reference belongs to a Real, by the check.
-            *value = unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) };
+            *value = unsafe {
+                *real_at(
+                    self.memory(),
+                    places.get_unchecked(reference as usize).offset,
+                )
+            };
         }
         true
     }
@@ -158,7 +163,12 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
         for (&reference, &value) in all {
             // SAFETY: the reference belongs to a Real, by the check.
-            unsafe { *self.real_at(places.get_unchecked(reference as usize).offset) = value };
+            unsafe {
+                *real_at(
+                    self.memory(),
+                    places.get_unchecked(reference as usize).offset,
+                ) = value
+            };
         }
         true
     }
@@ -241,18 +251,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
         unsafe {
             let place = Self::VARIABLES.get_unchecked(reference as usize);
             let length = self.length(Self::FACTS.arrays.get_unchecked(reference as usize));
-            std::slice::from_raw_parts_mut(self.real_at(place.offset), length)
+            std::slice::from_raw_parts_mut(real_at(self.memory(), place.offset), length)
         }
-    }
-
-    /// The Real with the given offset.
-    ///
-    /// # Safety
-    /// The offset is one of the table's Reals.
-    #[inline(always)]
-    unsafe fn real_at(&mut self, offset: usize) -> &mut f64 {
-        // SAFETY: `Variables` promises an `f64` at this offset of the model, which is borrowed mutably.
-        unsafe { &mut *self.memory().byte_add(offset).cast::<f64>() }
     }
 
     #[inline(never)] // it is small only once
@@ -273,6 +273,16 @@ unsafe fn in_use(model: *mut u8, array: &Array) -> usize {
     // SAFETY: `Variables` promises a `u64` at the offset of a structural parameter.
     let size = unsafe { *model.byte_add(array.size as usize).cast::<u64>() };
     size.min(u64::from(array.count)) as usize
+}
+
+/// The Real with the given offset in a model.
+///
+/// # Safety
+/// The offset is one of the Reals in the table of the model, which is borrowed mutably for `'a`.
+#[inline(always)]
+unsafe fn real_at<'a>(model: *mut u8, offset: usize) -> &'a mut f64 {
+    // SAFETY: `Variables` promises an `f64` at this offset.
+    unsafe { &mut *model.byte_add(offset).cast::<f64>() }
 }
 
 /// Copies numbers to a slice of the same length. Most are one or a few, for which a call of `memcpy` would
@@ -472,15 +482,6 @@ impl dyn AnyModel {
         Some(Scalar { row, value })
     }
 
-    /// The Real with the given offset.
-    ///
-    /// # Safety
-    /// The offset is one of the table's Reals.
-    unsafe fn real_at(&mut self, offset: usize) -> &mut f64 {
-        // SAFETY: `Variables` promises an `f64` at this offset of the model, which is borrowed mutably.
-        unsafe { &mut *self.memory().byte_add(offset).cast::<f64>() }
-    }
-
     /// Number of elements in use of the variable whose first element has the given value reference;
     /// `None` for other references.
     pub(crate) fn elements(&mut self, reference: u32) -> Option<usize> {
@@ -535,20 +536,20 @@ impl dyn AnyModel {
                 Numbers::States => facts.states[i].state_offset,
             };
             // SAFETY: the offsets come from the table.
-            *value = unsafe { *self.real_at(offset) };
+            *value = unsafe { *real_at(self.memory(), offset) };
         }
     }
 
     pub(crate) fn event_indicator(&mut self, index: usize) -> f64 {
         // SAFETY: the offsets come from the table.
-        unsafe { *self.real_at(self.facts().event_indicators[index]) }
+        unsafe { *real_at(self.memory(), self.facts().event_indicators[index]) }
     }
 
     /// Sets the first states.
     pub(crate) fn set_states(&mut self, states: &[f64]) {
         for (state, value) in self.facts().states.iter().zip(states) {
             // SAFETY: the offsets come from the table.
-            unsafe { *self.real_at(state.state_offset) = *value };
+            unsafe { *real_at(self.memory(), state.state_offset) = *value };
         }
     }
 
@@ -592,7 +593,7 @@ impl dyn AnyModel {
         let mut sum = 0.0 * self.sum_of_outputs();
         for offset in self.evaluated() {
             // SAFETY: the offsets come from the table.
-            sum += 0.0 * unsafe { *self.real_at(offset) };
+            sum += 0.0 * unsafe { *real_at(self.memory(), offset) };
         }
         sum == 0.0
     }
@@ -602,7 +603,7 @@ impl dyn AnyModel {
         self.check_outputs()?;
         for offset in self.evaluated() {
             // SAFETY: the offsets come from the table.
-            let value = unsafe { *self.real_at(offset) };
+            let value = unsafe { *real_at(self.memory(), offset) };
             if !value.is_finite() {
                 let mut rows = (0..self.facts().count as u32).filter_map(|r| self.row(r));
                 let row = rows.find(|row| row.offset_of_real() == Some(offset));

@@ -211,37 +211,26 @@ mod tests {
 
     #[test]
     fn every_step_on_the_fast_path_is_allowed() {
-        const ENDS: [f64; 13] = [
-            BEFORE_FIRST_STEP,
-            0.0,
-            1e-300,
-            1e-9,
-            1.0,
-            1.0 + 1e-9,
-            1.1,
-            2.0,
-            f64::MAX,
-            f64::INFINITY,
-            f64::NAN,
-            -1.0,
-            f64::MIN,
-        ];
-        let others = [State::Initialization, State::StepFailed, State::Fatal];
-        for (end, stop_time) in ENDS
-            .into_iter()
-            .flat_map(|end| [(end, 2.0), (end, f64::MAX)])
-        {
+        let extremes = [0.0, 1e-300, 1e-9, 1.0, 1.0 + 1e-9, 1.1, 2.0, f64::MAX];
+        let others = [f64::MIN, -1.0, BEFORE_FIRST_STEP, f64::INFINITY, f64::NAN];
+        let times: Vec<f64> = extremes.into_iter().chain(others).collect();
+        let states = [State::Initialization, State::StepFailed, State::Fatal];
+        let ends = times.iter().flat_map(|end| [(*end, 2.0), (*end, f64::MAX)]);
+        for (end, stop_time) in ends {
             let lifecycle = Lifecycle {
                 stop_time,
                 time: end,
                 ..RUNNING
             };
-            for (time, step) in ENDS.into_iter().flat_map(|t| ENDS.map(|step| (t, step))) {
+            for (time, step) in times
+                .iter()
+                .flat_map(|t| times.iter().map(|step| (*t, *step)))
+            {
                 assert!(
                     !lifecycle.is_next_step(time, step) || is_allowed(&lifecycle, time, step),
                     "{lifecycle:?} {time} {step}"
                 );
-                for state in others {
+                for state in states {
                     assert!(!Lifecycle { state, ..lifecycle }.is_next_step(time, step));
                 }
             }

@@ -384,11 +384,6 @@ impl Instance {
         self.version
     }
 
-    /// What the FMU returned when it was instantiated, for calls that this crate does not make.
-    pub fn pointer(&self) -> *mut c_void {
-        self.pointer
-    }
-
     /// The failure of a function that returned success, by the operation that it performs.
     fn broke<T>(&self, operation: &'static str, cause: Cause) -> Result<T> {
         let function = self.version.function(operation).unwrap_or(operation);

@@ -304,15 +304,8 @@ unsafe extern "C" fn entry() {
     ) {
         // SAFETY: the stack has the message and the variadic arguments, as passed to the logger.
         unsafe {
-            let arguments = stack.add(1).cast();
-            log(
-                environment,
-                ptr::null(),
-                status,
-                category,
-                *stack,
-                arguments,
-            );
+            let (none, arguments) = (ptr::null(), stack.add(1).cast());
+            log(environment, none, status, category, *stack, arguments);
         }
     }
 
@@ -366,14 +359,8 @@ unsafe extern "C" fn entry(
 ) {
     // SAFETY: the caller's promise.
     unsafe {
-        log(
-            environment,
-            instance,
-            status,
-            category,
-            format,
-            ptr::null_mut(),
-        )
+        let none = ptr::null_mut();
+        log(environment, instance, status, category, format, none)
     }
 }
 

@@ -108,15 +108,8 @@ fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Optio
         // 2.1.5); all strings are zero-terminated and outlive the call; the text is an argument of the format
         // "%s", never the format itself.
         unsafe {
-            let (instance, text) = (instance.as_ptr(), text.as_ptr());
-            logger(
-                environment,
-                instance,
-                status,
-                category,
-                c"%s".as_ptr(),
-                text,
-            );
+            let (instance, format, text) = (instance.as_ptr(), c"%s".as_ptr(), text.as_ptr());
+            logger(environment, instance, status, category, format, text);
         }
     }))
 }

@@ -80,17 +80,9 @@ pub unsafe fn instantiate_model_exchange(
 ) -> fmi3Instance {
     let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
     let (function, mode) = ("fmi3InstantiateModelExchange", Ok(Mode::ModelExchange));
+    let (texts, options) = ([name, token, resources], Options::default());
     // SAFETY: the caller's promise.
-    unsafe {
-        instantiate(
-            function,
-            models,
-            [name, token, resources],
-            log,
-            mode,
-            Options::default(),
-        )
-    }
+    unsafe { instantiate(function, models, texts, log, mode, options) }
 }
 
 /// `fmi3InstantiateCoSimulation`. On failure, logs the reason and returns NULL.
@@ -128,18 +120,9 @@ pub unsafe fn instantiate_co_simulation(
         }),
         intermediate_variables: variables.unwrap_or_default().to_vec(),
     };
-    let function = "fmi3InstantiateCoSimulation";
+    let (function, texts) = ("fmi3InstantiateCoSimulation", [name, token, resources]);
     // SAFETY: the caller's promise.
-    unsafe {
-        instantiate(
-            function,
-            models,
-            [name, token, resources],
-            log,
-            mode,
-            options,
-        )
-    }
+    unsafe { instantiate(function, models, texts, log, mode, options) }
 }
 
 /// `fmi3InstantiateScheduledExecution`, which logs that it is not supported and returns NULL.
