@@ -62,17 +62,12 @@ def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
     assert PLACE.sub("", before) == PLACE.sub("", after)
     texts = {name: text.strip() for name, text in PLACE.findall(after)}
     table = (tmp_path / "table.md").read_text(encoding="utf-8")
-    assert table.strip() == "\n\n".join(texts[name] for name in texts_in(table, texts))
+    assert table.strip() == "\n\n".join(sorted(texts.values(), key=table.index))
     assert "with `--quick`" in texts["machine"]
     for model in MODELS:
         assert f"| `{model}`" in texts["cycle"]
     assert texts["versions"].count("at most") == 10
     assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
-
-
-def texts_in(table: str, texts: dict[str, str]) -> list[str]:
-    """Return the names of the texts in the order of the table."""
-    return sorted(texts, key=lambda name: table.index(texts[name]))
 
 
 def test_numbers_of_the_page_are_measured() -> None:
