@@ -2,8 +2,9 @@
 
 use anyhow::{Result, ensure};
 use fmu_description::{Type, Value};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
+use super::checked;
 use crate::table::{Cell, Column};
 
 /// When a loop counts as settled, and when as diverged.
@@ -12,9 +13,19 @@ use crate::table::{Cell, Column};
 pub struct Options {
     /// Maximum |e| of a settled loop, as a fraction of the absolute value of the reference; where the
     /// reference is 0, a loop has settled if e is 0.
+    #[serde(deserialize_with = "band")]
     pub band: f64,
     /// Maximum |e| of a loop that has not diverged, in the unit of the error.
+    #[serde(deserialize_with = "limit")]
     pub limit: f64,
+}
+
+fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    checked(deserializer, |&band| Options { band, limit: 1.0 }.check())
+}
+
+fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    checked(deserializer, |&limit| Options { band: 0.0, limit }.check())
 }
 
 impl Default for Options {

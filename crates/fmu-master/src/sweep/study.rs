@@ -167,7 +167,6 @@ impl Study {
         let fmus = description.components.iter().map(|c| c.fmu.clone());
         let files = Vec::from_iter([system].into_iter().chain(fmus));
         let fingerprint = fingerprint(text, &files)?;
-        file.metrics.check()?;
         let plan = Plan::new(&description)?;
         let parameters = Parameters::new(file.seed, file.draws, file.parameter)?;
         for column in &plan.columns {
