@@ -107,7 +107,7 @@ impl Build {
         self.rustflags(folders.map(|(path, name)| remap(path, name)))
     }
 
-    /// Runs cargo to completion and returns the shared library of a library target. `progress` is told
+    /// Runs cargo to completion and returns the shared library of a library target. `progress` learns
     /// which crates were built.
     ///
     /// # Errors

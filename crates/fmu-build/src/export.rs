@@ -54,7 +54,7 @@ pub struct Written {
     pub platforms: Vec<&'static str>,
 }
 
-/// Builds the models and writes their FMUs. `progress` is told what is being built.
+/// Builds the models and writes their FMUs. `progress` gets a line for what is being built.
 ///
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file

@@ -242,7 +242,7 @@ impl Worker {
         decode(&self.replies.message)
     }
 
-    /// Whether the call in progress takes long, which is told once.
+    /// Whether the call in progress takes long, which is reported once.
     pub fn is_newly_slow(&mut self) -> bool {
         self.see_call();
         let is_new = !self.is_reported && self.record.is_in_call() && self.since.elapsed() >= SLOW;
