@@ -13,11 +13,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from measure import QUICK, Effort, measure
+from measure import Bench
 from page import blocks, draw
 from pendulum_fmus.project import ROOT
 
-OUT = ROOT / "target" / "bench"
 PAGE = ROOT / "docs" / "speed.md"
 
 
@@ -25,21 +24,15 @@ def main() -> None:
     """Run the script."""
     parser = argparse.ArgumentParser(description="Measure the FMUs and the native master.")
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument(
-        "--quick",
-        action="store_true",
-        help="few rounds, with the program of `make fmus`, to check that everything works",
-    )
+    # fmt: off
+    kind.add_argument("--quick", action="store_true",
+        help="few rounds, with the program of `make fmus`, to check that everything works")
     kind.add_argument("--redraw", action="store_true", help="use the last measurements")
-    parser.add_argument(
-        "--publish",
-        type=Path,
-        nargs="?",
-        const=PAGE,
-        metavar="PAGE",
-        help="update tables and pictures of a page, by default docs/speed.md",
-    )
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of the results")
+    parser.add_argument("--publish", type=Path, nargs="?", const=PAGE, metavar="PAGE",
+        help="update tables and pictures of a page, by default docs/speed.md")
+    parser.add_argument("--out", type=Path, default=ROOT / "target" / "bench",
+        help="folder of the results")
+    # fmt: on
     options = parser.parse_args()
     if options.quick and options.publish == PAGE:
         parser.error("quick measurements are not for publication")
@@ -48,13 +41,12 @@ def main() -> None:
     file = out / "results.json"
     if not options.redraw:
         with TemporaryDirectory(dir=out) as folder:
-            results = measure(QUICK if options.quick else Effort(), Path(folder))
+            results = Bench(Path(folder), quick=options.quick).measure()
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
-    texts = blocks(results)
+    texts, pictures = blocks(results), draw(results, out)
     table = "\n\n".join(texts.values()) + "\n"
     (out / "table.md").write_text(table, encoding="utf-8")
-    pictures = draw(results, out)
     print(table)
     if options.publish:
         publish(texts, pictures, options.publish)

@@ -96,13 +96,14 @@ def sheet(figure: Figure) -> Sheet:
     return drawn
 
 
-def write(figure: Figure, folder: Path) -> list[Path]:
-    """Write a figure as SVG and PDF; return their paths."""
-    paths = [folder / f"{figure.name}.{kind}" for kind in ("svg", "pdf")]
+def write(figure: Figure, folder: Path, kinds: Sequence[str] = ("svg", "pdf")) -> list[Path]:
+    """Write a figure as files of some kinds; return their paths."""
+    paths = [folder / f"{figure.name}.{kind}" for kind in kinds]
     with rc_context(RC):
         drawn = sheet(figure)
-        drawn.savefig(paths[0], metadata={"Date": None, "Title": figure.title})
-        drawn.savefig(paths[1], metadata={"CreationDate": None, "Title": figure.title})
+        for path in paths:
+            date = "Date" if path.suffix == ".svg" else "CreationDate"
+            drawn.savefig(path, metadata={date: None, "Title": figure.title})
     return paths
 
 
