@@ -21,7 +21,7 @@ from pendulum_fmus.master import MasterError
 from pendulum_fmus.project import ROOT
 from pendulum_fmus.report import __main__ as report
 from pendulum_fmus.report import runs, traps
-from pendulum_fmus.report.claims import Claim, Finding, Register, Row, Verdict, judge, number
+from pendulum_fmus.report.claims import Finding, Judged, Row, Verdict, judge, number, numbered
 from pendulum_fmus.report.figure import thinned
 from pendulum_fmus.report.measures import MEASURES, bursts, lag, overshoot, settling, time_to, tone
 from pendulum_fmus.report.page import DOCUMENTS
@@ -402,8 +402,8 @@ def test_verdicts_follow_from_their_rows():
 
 def test_long_tables_are_shown_once():
     long, part = finding(*[True] * 8), finding(*[True] * 7)
-    claims = [Claim("", "", lambda _, f=f: f) for f in (long, part)]
-    assert [one.source for one in Register().judge(claims)] == [0, 1]
+    both = [Judged("", "", one, one.verdict) for one in (long, part)]
+    assert [one.source for one in numbered(both, [])] == [0, 1]
 
 
 @pytest.mark.parametrize(

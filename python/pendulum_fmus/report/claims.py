@@ -6,8 +6,8 @@ holds by every row, holds in part if by some, and does not hold if by none.
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from .figure import Figure
@@ -127,23 +127,14 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Claim:
-    """A statement."""
-
-    says: str  # a quotation, or a paraphrase without quotation marks
-    criterion: str
-    measure: Callable[[str], Finding]
-    """Measures it for a variant of IPID-RBF: "IPID-RBF" as in Table 1, or "IPID-RBF own"."""
-
-
-@dataclass(frozen=True)
 class Judged:
     """A statement with its result."""
 
-    claim: Claim
-    finding: Finding
+    says: str  # a quotation, or a paraphrase without quotation marks
+    criterion: str
+    finding: Finding  # for the controllers of Table 1
     own: Verdict  # if IPID-RBF learns its own force (29)
-    number: int  # on the page
+    number: int = 0  # on the page
     source: int = 0  # number of an earlier statement that has the same numbers, and more
 
     @property
@@ -152,30 +143,18 @@ class Judged:
         return self.finding.verdict
 
 
-class Register:
-    """Measures statements and numbers them in the order of the page."""
+def numbered(statements: Iterable[Judged], earlier: list[Judged]) -> list[Judged]:
+    """Give the statements of a section their numbers on the page, and add them to `earlier`.
 
-    def __init__(self) -> None:
-        self.found: list[Judged] = []
-        self.section = 0
-
-    def judge(self, claims: Sequence[Claim]) -> list[Judged]:
-        """Measure the statements of a section."""
-        self.section = start = len(self.found)
-        for claim in claims:
-            finding, own = claim.measure("IPID-RBF"), claim.measure("IPID-RBF own").verdict
-            number = len(self.found) + 1
-            self.found.append(Judged(claim, finding, own, number, self._source(finding)))
-        return self.found[start:]
-
-    def _source(self, finding: Finding) -> int:
-        wanted = _numbers(finding)
-        # A short table is worth repeating beside another figure
-        earlier_ones = self.found if finding.long else self.found[self.section :]
-        for earlier in earlier_ones:
-            if not earlier.source and wanted <= _numbers(earlier.finding):
-                return earlier.number
-        return 0
+    Tables that an earlier statement has are left to it; but a short table is worth repeating
+    beside another figure.
+    """
+    start = len(earlier)
+    for one in statements:
+        known, wanted = earlier[0 if one.finding.long else start :], _numbers(one.finding)
+        sources = (k.number for k in known if not k.source and wanted <= _numbers(k.finding))
+        earlier.append(replace(one, number=len(earlier) + 1, source=next(sources, 0)))
+    return earlier[start:]
 
 
 def _numbers(finding: Finding) -> set[tuple[str, ...]]:

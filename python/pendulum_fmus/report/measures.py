@@ -17,6 +17,7 @@ from .runs import KINDS, Data, Trace, both_plants, sweep
 from .stability import (
     LAWS,
     NOMINAL,
+    Law,
     delay_margin,
     gain_margin,
     growth,
@@ -298,13 +299,15 @@ class Measure:
 
     name: str
     unit: str
-    of: Callable[..., float]  # of a trace, or in LOOP_MEASURES of the data and the controller
+    of: Callable[..., float]  # of a trace
     more: bool = False  # whether more is better
     jumps: bool = False  # of the slowest jump of a square wave, or the end of the pulse
     learns: bool = False  # only of controllers with a network
 
-    def title(self, signal: str, amplitude: float) -> str:
-        """Return the name and the unit in a case."""
+    def title(self, signal: str = "", amplitude: float = 0.0) -> str:
+        """Return the name and the unit in a case; without a signal they are the same in all."""
+        if not signal:
+            return f"{self.name} [{self.unit}]" if self.unit else self.name
         if "{" in self.name:
             return f"{self.name.format(amplitude)} [{self.unit}]"
         jump = " after the pulse" if amplitude else ", slowest jump" * (signal == "square")
@@ -319,6 +322,17 @@ class Measure:
             return worst(self.of)(trace)
         return self.of(trace)
 
+
+class LoopMeasure(Measure):
+    """A number for each controller, of all data and the controller: it does not have cases."""
+
+
+def of_law(measure: Callable[[Law], float]) -> Callable[[Data, str], float]:
+    """Return a measure of the control law."""
+    return lambda _, kind: measure(LAWS[kind])
+
+
+GROWTH = "rate of the fastest growing mode"
 
 # fmt: off
 MEASURES = {
@@ -396,50 +410,24 @@ MEASURES = {
                        lambda t: opposed(np.diff(after(t, 1).u_n), np.diff(after(t, 1).r))),
     "opposite": Measure("samples with opposite signs of u_n and r", "1",
                         lambda t: opposed(after(t, 1).u_n, after(t, 1).r)),
+    # not of one trace
+    "lost": LoopMeasure("pendulum lost, step", "s", lost, more=True),
+    "cart": LoopMeasure("cart’s distance after 20 s, step", "m",
+                        lambda data, kind: abs(float(data(kind).x[-1]))),
+    "growth": LoopMeasure(GROWTH, "1/s", of_law(growth)),
+    "growth_0": LoopMeasure(f"{GROWTH}, as in Table 1", "1/s", of_law(growth)),
+    "growth_1": LoopMeasure(f"{GROWTH}, one sample more", "1/s",
+                            of_law(partial(growth, samples=1))),
+    "delay_margin": LoopMeasure("delay borne from measurement to force", "samples",
+                                of_law(delay_margin), more=True),
+    "gain_margin": LoopMeasure("gain margin", "1", of_law(gain_margin), more=True),
+    "phase_margin": LoopMeasure("phase margin", "°", of_law(phase_margin), more=True),
+    "modulus_margin": LoopMeasure("modulus margin, min |1 + L|", "1", of_law(modulus_margin),
+                                  more=True),
+    "mass": LoopMeasure("largest growth of ∫|e| dt for M from a quarter to four times", "%",
+                        lambda data, kind: 100 * growths("M", data.fmus)[kind]),
+    "length": LoopMeasure("largest growth of ∫|e| dt for l from a quarter to four times", "%",
+                          lambda data, kind: 100 * growths("l", data.fmus)[kind]),
 }
-"""Measures of a trace, by key."""
 # fmt: on
-
-
-GROWTH = "rate of the fastest growing mode"
-
-# fmt: off
-LOOP_MEASURES = {
-    "lost": Measure("pendulum lost, step", "s", lost, more=True),
-    "cart": Measure("cart’s distance after 20 s, step", "m",
-                    lambda data, kind: abs(float(data(kind).x[-1]))),
-    "growth": Measure(GROWTH, "1/s", lambda _, kind: growth(LAWS[kind])),
-    "growth_0": Measure(f"{GROWTH}, as in Table 1", "1/s", lambda _, kind: growth(LAWS[kind])),
-    "growth_1": Measure(f"{GROWTH}, one sample more", "1/s",
-                        lambda _, kind: growth(LAWS[kind], samples=1)),
-    "delay_margin": Measure("delay borne from measurement to force", "samples",
-                            lambda _, kind: delay_margin(LAWS[kind]), more=True),
-    "gain_margin": Measure("gain margin", "1", lambda _, kind: gain_margin(LAWS[kind]), more=True),
-    "phase_margin": Measure("phase margin", "°", lambda _, kind: phase_margin(LAWS[kind]),
-                            more=True),
-    "modulus_margin": Measure("modulus margin, min |1 + L|", "1",
-                              lambda _, kind: modulus_margin(LAWS[kind]), more=True),
-    "mass": Measure("largest growth of ∫|e| dt for M from a quarter to four times", "%",
-                    lambda data, kind: 100 * growths("M", data.fmus)[kind]),
-    "length": Measure("largest growth of ∫|e| dt for l from a quarter to four times", "%",
-                      lambda data, kind: 100 * growths("l", data.fmus)[kind]),
-}
-"""Measures of a controller that are not of one trace, by key."""
-# fmt: on
-
-GROUPS = {
-    "speed": "rise.step half.step most.step rise.square lag.sine",
-    "settling": "settling_5 settling_2 settling_03",
-    "adjustment": "settling.step settling.square",
-    "returns": "settling.step+1 settling.sine+1 settling.sine+2 settling.square+1"
-    " settling.square+2",
-    "overshoots": "overshoot.step jump.square swing.sine",
-    "errors": "iae ise itae last",
-    "accuracy": "errors.step errors.sine errors.square",
-    "disturbance": "deviation displaced",
-    "interference": "disturbance.step+1 disturbance.sine+1 disturbance.sine+2"
-    " disturbance.square+1 disturbance.square+2 returns",
-    "effort": "variation energy.step",
-    "robustness": "delay_margin gain_margin phase_margin modulus_margin mass length",
-}
-"""Groups of measures; a signal after a group belongs to all its members."""
+"""All measures by key."""

@@ -16,7 +16,7 @@ from ..loop import TS
 from .claims import Finding, Judged, Part, Verdict, counts, judge, number
 from .figure import RESOLUTION, SHOWN, STYLES, Curve, Figure, Panel
 from .findings import PRINTED, coefficients, poles
-from .measures import LOOP_MEASURES
+from .measures import MEASURES
 from .runs import GAINS, TRANSFER_FUNCTION, Data
 from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
 from .statements import texts
@@ -114,7 +114,7 @@ def in_threes(figure: Figure) -> bool:
 
 def _height(one: Judged, ours: bool) -> int:
     """Return the estimated height of a claim on a wide page [px]."""
-    texts = [one.claim.says, one.claim.criterion, one.finding.remark]
+    texts = [one.says, one.criterion, one.finding.remark]
     lines = sum(-(-len(text) // LINE) for text in texts)
     rows = 0 if one.source or folded(one, ours) else 1 + len(one.finding.rows)
     if needed_width(one.finding) > 33:
@@ -299,7 +299,7 @@ def facts(data: Data) -> dict[str, Any]:
         "ramp": RAMP,
         "ki": GAINS["ki"],
         "static": RAMP / (RAMP - GAINS["ki"]),
-        "lost": LOOP_MEASURES["lost"].of(data, "PID-RBF"),
+        "lost": MEASURES["lost"].of(data, "PID-RBF"),
         "pole": max(poles().real),
         "cancelled": float(np.prod(-np.expm1(poles() * TS)).real),
         "tolerance": table1.TOLERANCE,

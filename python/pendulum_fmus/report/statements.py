@@ -13,36 +13,40 @@ import numpy as np
 
 from .. import table1
 from . import beyond, figures, findings
-from .claims import COLUMNS, Claim, Finding, Part, Register, Row, number
+from .claims import COLUMNS, Finding, Judged, Part, Row, number, numbered
 from .figure import Figure
-from .measures import GROUPS, LOOP_MEASURES, MEASURES, SIGNAL_NAMES, finite, largest, tone
+from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, finite, largest, tone
 from .runs import KINDS, SIGNALS, Data, Trace
 from .stability import LAWS, RAMP, activation, growth, held_plant, printed_bound
 
 SPREAD = 1.1
 """Ratio of the largest to the smallest value above which responses count as different."""
 
-COMPARISONS = {"<": operator.lt, ">": operator.gt, "=": operator.eq}
+COMPARISONS = {"<": operator.lt, "below": operator.lt, ">": operator.gt, "=": operator.eq}
 
-VERBS = {"beat", "below", "settle", "round", "spread", "fall", *COMPARISONS}
+VERBS = {"beat", "settle", "round", "spread", "fall", *COMPARISONS}
+
+
+@cache
+def texts() -> dict[str, Any]:
+    """Return the contents of the file."""
+    return tomllib.loads((Path(__file__).parent / "statements.toml").read_text(encoding="utf-8"))
 
 
 def expanded(words: str, cases: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield the keys of measures with a case each; `cases` belong to measures without one."""
     for word in words.split():
         key, _, case = word.partition(".")
-        members = GROUPS.get(key, "").split()
-        if key in LOOP_MEASURES:
-            yield key, ""
-        elif members and (case or not any("." in m or m in LOOP_MEASURES for m in members)):
-            for each in [case] if case else cases:
-                yield from expanded(" ".join(f"{member}.{each}" for member in members), cases)
-        elif members:
-            yield from expanded(GROUPS[key], cases)
-        elif key in MEASURES:
-            yield from ((key, each) for each in ([case] if case else cases))
-        else:
+        own = [case] if case else cases
+        if group := texts()["group"].get(key):
+            specific = "." in group or isinstance(MEASURES.get(group.split()[0]), LoopMeasure)
+            for each in [cases] if specific else [[one] for one in own]:
+                yield from expanded(group, each)
+        elif key not in MEASURES:
             raise KeyError(f"there is no measure {key!r}")
+        else:
+            of_loop = isinstance(MEASURES[key], LoopMeasure)
+            yield from ((key, each) for each in ([""] if of_loop else own))
 
 
 def case_of(text: str) -> tuple[str, float]:
@@ -54,11 +58,28 @@ def case_of(text: str) -> tuple[str, float]:
 @cache
 def values_of(data: Data, key: str, case: str) -> Mapping[str, float]:
     """Measure all controllers that have a measure."""
-    if key in LOOP_MEASURES:
-        return {kind: LOOP_MEASURES[key].of(data, kind) for kind in KINDS}
     measure = MEASURES[key]
+    if isinstance(measure, LoopMeasure):
+        return {kind: measure.of(data, kind) for kind in KINDS}
     kinds = KINDS[1:] if measure.learns else KINDS
     return {kind: measure.value(data(kind, *case_of(case))) for kind in kinds}
+
+
+def holds(measure: Measure, verb: str, values: Sequence[float], bound: Sequence) -> list[bool]:
+    """Return by which values a rule holds; `bound` has the values that are to be beaten."""
+    match verb:
+        case "spread":
+            return [max(values) > SPREAD * min(values)]
+        case "fall":
+            return [bool(np.all(np.diff(values) < 0))]
+        case "settle":
+            return [not math.isnan(value) for value in values]
+        case "round":
+            return [table1.agrees(value, bound[-1]) for value in values]
+        case "beat":
+            better = operator.gt if measure.more else operator.lt
+            return [all(better(finite(v), finite(other)) for other in bound) for v in values]
+    return [COMPARISONS[verb](finite(value), float(bound[0])) for value in values]
 
 
 class Table:
@@ -97,58 +118,31 @@ class Table:
         asked = [word if word in KINDS else word.removesuffix("s") for word in rule.split()]
         at = next((i for i, word in enumerate(asked) if word in VERBS), len(asked))
         verb, bound = "".join(asked[at : at + 1]), asked[at + 1 :]
-        if self.traces:
-            keys = words.split()
-            return [self._of_traces(key, verb, bound) for key in keys]
-        found = []
-        for key, case in expanded(words, self.cases):
-            found += self._of_controllers(key, case, asked[:at], verb, bound)
-        return found
+        if not self.traces:
+            pairs = expanded(words, self.cases)
+            return [row for pair in pairs for row in self._of(*pair, asked[:at], verb, bound)]
+        rows = []
+        for measure in map(MEASURES.__getitem__, words.split()):  # each column has to hold
+            values = [measure.of(trace) for trace in self.traces]
+            rows.append(Row(measure.title(), values, all(holds(measure, verb, values, bound))))
+        return rows
 
-    def _of_traces(self, key: str, verb: str, bound: Sequence[str]) -> Row:
-        """Return a measure of all columns, each of which has to hold."""
-        measure = MEASURES[key]
-        values = [measure.of(trace) for trace in self.traces]
-        if verb == "spread":
-            holds = max(values) > SPREAD * min(values)
-        elif verb == "fall":
-            holds = all(np.diff(values) < 0)
-        else:
-            holds = all(COMPARISONS[verb](value, float(bound[0])) for value in values)
-        unit = f" [{measure.unit}]" if measure.unit else ""
-        return Row(f"{measure.name}{unit}", values, holds)
-
-    def _of_controllers(
+    def _of(
         self, key: str, case: str, judged: Sequence[str], verb: str, bound: Sequence[str]
     ) -> list[Row]:
         """Return a row, or one for each controller if it depends on it whether they hold."""
-        values = values_of(self.data, key, case)
-        measure = LOOP_MEASURES.get(key) or MEASURES[key]
-        name = measure.title(*case_of(case)) if case else f"{measure.name} [{measure.unit}]"
+        values, measure = values_of(self.data, key, case), MEASURES[key]
         kinds, others = ([self.variant(k) for k in ks if k in KINDS] for ks in (judged, bound))
-
-        def holds(kind: str) -> bool:
-            value = values[kind]
-            match verb:
-                case "beat" if measure.more:
-                    return all(value > values[other] for other in others)
-                case "beat":
-                    return all(finite(value) < finite(values[other]) for other in others)
-                case "settle":
-                    return not math.isnan(value)
-                case "round":
-                    return table1.agrees(value, bound[-1])
-            return COMPARISONS[verb.replace("below", "<")](finite(value), float(bound[0]))
-
         shown = [
             values.get(k, "") for k, c in zip(KINDS, COLUMNS, strict=True) if c in self.columns
         ]
+        name, bound = measure.title(*case_of(case)), [values[k] for k in others] or bound
         if verb == "below":
             name += f", below {float(bound[0]):g}".replace("e-0", "e-")
-        tie = verb == "beat" and len({values[kind] for kind in (*kinds, *others)}) == 1
-        if not verb or tie:
+        found = [values[kind] for kind in kinds]
+        if not verb or (verb == "beat" and len({*found, *bound}) == 1):
             return [Row(name, shown)]
-        verdicts = {kind: holds(kind) for kind in kinds}
+        verdicts = dict(zip(kinds, holds(measure, verb, found, bound), strict=True))
         each = verb in ("beat", "below") or "each" in judged
         if not each or len(set(verdicts.values())) == 1:
             return [Row(name, shown, all(verdicts.values()))]
@@ -159,13 +153,7 @@ class Table:
         return self.ipid if kind == "IPID-RBF" else kind
 
 
-# --- the file -----------------------------------------------------------------------------------
-
-
-@cache
-def texts() -> dict[str, Any]:
-    """Return the contents of the file."""
-    return tomllib.loads((Path(__file__).parent / "statements.toml").read_text(encoding="utf-8"))
+# --- the parts of the page ----------------------------------------------------------------------
 
 
 def facts(data: Data) -> dict[str, Any]:
@@ -188,14 +176,13 @@ def facts(data: Data) -> dict[str, Any]:
 
 def paper_parts(data: Data) -> list[Part]:
     """Judge the statements of the paper; return its sections and figures."""
-    register, known = Register(), facts(data)
-    found = []
+    earlier, known, found = [], facts(data), []
     for part in texts()["part"]:
         kind = texts()["kind"].get(part.get("kind"), {})
         amplitudes = [zoom.get("d", 0) for zoom in part.get("zooms", [])]
         cases = [f"{part['signal']}+{a}" for a in amplitudes] if kind.get("statement") else SIGNALS
         statements = [*part.get("statement", ()), *kind.get("statement", ())]
-        judged = register.judge([_claim(data, one, cases, known) for one in statements])
+        judged = numbered([_judged(data, one, cases, known) for one in statements], earlier)
         figure = _figure(data, part, kind)
         anchor, heading = part.get("anchor"), part.get("heading")
         if "figure" in part:
@@ -224,20 +211,20 @@ def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Fig
     return Figure(f"figure-{part['figure']}", title, kind["alt"].format(shown + pulse), rows)
 
 
-def _claim(
+def _judged(
     data: Data, statement: Mapping[str, Any], cases: Sequence[str], known: Mapping[str, Any]
-) -> Claim:
-    """Return a statement with the function that measures it."""
-
-    def measure(ipid: str) -> Finding:
+) -> Judged:
+    """Measure a statement for both variants of IPID-RBF."""
+    found = []
+    for ipid in KINDS[2:]:
         table = Table(data, ipid, statement, cases)
         rows = [row for text in statement.get("rows", ()) for row in table.rows(text)]
         if "finding" in statement:
             name, *arguments = statement["finding"].replace(":", "").split()
             rows += getattr(findings, name)(table, *arguments)
-        return Finding(table.columns, rows, statement.get("remark", "").format_map(known))
-
-    return Claim(statement["says"], statement.get("criterion") or _criterion(statement), measure)
+        found.append(Finding(table.columns, rows, statement.get("remark", "").format_map(known)))
+    criterion = statement.get("criterion") or _criterion(statement)
+    return Judged(statement["says"], criterion, found[0], found[1].verdict)
 
 
 def _criterion(statement: Mapping[str, Any]) -> str:
@@ -247,7 +234,7 @@ def _criterion(statement: Mapping[str, Any]) -> str:
     names, one = winners.replace(" ", " and "), " " not in winners
     if " below " in rule:
         return f"{names} {'stays' if one else 'stay'} below the bound of each row"
-    larger = {(LOOP_MEASURES.get(k) or MEASURES[k]).more for k, _ in expanded(words, SIGNALS)}
+    larger = {MEASURES[key].more for key, _ in expanded(words, SIGNALS)}
     sense = "larger margins" if larger == {True} else "smaller values"
     sense += ", or larger margins," * (len(larger) > 1)
     others = losers.replace(" ", " and ")
@@ -259,10 +246,10 @@ def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
     section = getattr(beyond, part["name"])(data)
     panels = figures.panels(part["panels"], section.curves)
     figure = Figure(part["name"], part["title"], part["alt"], panels)
-    claims = []
+    judged = []
     for statement, rows in zip(part["statement"], section.rows, strict=True):
         remark = statement.get("remark", "").format_map(section.facts)
-        finding = Finding(statement.get("columns", COLUMNS), rows, remark)
-        claims.append(Claim(statement["says"], statement["criterion"], lambda _, f=finding: f))
-    judged, notes = Register().judge(claims), part.get("notes", ())
-    return Part(f"beyond-{part['name']}", part["heading"], "", notes, figure, judged)
+        found = Finding(statement.get("columns", COLUMNS), rows, remark)
+        judged.append(Judged(statement["says"], statement["criterion"], found, found.verdict))
+    anchor, notes = f"beyond-{part['name']}", part.get("notes", ())
+    return Part(anchor, part["heading"], "", notes, figure, numbered(judged, []))
