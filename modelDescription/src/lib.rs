@@ -48,5 +48,5 @@ pub use value::Value;
 pub use variable::{DeclaredType, Exported, Item, Variable};
 #[doc(hidden)]
 pub use variables::derive;
-pub use variables::{AnyChoice, Choice, Damaged, Loader, Saver, ValueMut, Variables};
+pub use variables::{AnyChoice, Choice, Damaged, Loader, Saver, Variables};
 pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, Type, Variability};

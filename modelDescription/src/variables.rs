@@ -4,7 +4,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::table::{Enumeration, Row, count};
-use crate::{Type, Value};
 
 /// A struct with variables, implemented by `#[derive(Variables)]` and `#[derive(Model)]`.
 ///
@@ -166,65 +165,6 @@ impl<C: Choice> AnyChoice for C {
             None => false,
         }
     }
-}
-
-/// Defines what is the same for all types but enumerations.
-macro_rules! types {
-    ($($name:ident $ty:ty;)*) => {
-        /// Mutable access to a scalar variable.
-        #[allow(missing_docs, reason = "the types of FMI 3.0")]
-        pub enum ValueMut<'a> {
-            $($name(&'a mut $ty),)*
-            /// An item of an enumeration.
-            Enumeration(&'a mut dyn AnyChoice),
-        }
-
-        impl ValueMut<'_> {
-            /// Its type.
-            pub const fn of_type(&self) -> Type {
-                match self {
-                    $(Self::$name(_) => Type::$name,)*
-                    Self::Enumeration(_) => Type::Enumeration,
-                }
-            }
-
-            /// The value.
-            pub fn get(&self) -> Value {
-                match self {
-                    $(Self::$name(value) => Value::$name((*value).clone()),)*
-                    Self::Enumeration(item) => Value::Enumeration(item.get().into()),
-                }
-            }
-
-            /// Sets the value; false if it has another type or is not an item.
-            pub fn set(self, value: Value) -> bool {
-                match (self, value) {
-                    $((Self::$name(variable), Value::$name(value)) => *variable = value,)*
-                    (Self::Enumeration(item), Value::Enumeration(value)) => {
-                        return i32::try_from(value).is_ok_and(|number| item.set(number));
-                    }
-                    _ => return false,
-                }
-                true
-            }
-        }
-    };
-}
-
-types! {
-    Float32 f32;
-    Float64 f64;
-    Int8 i8;
-    UInt8 u8;
-    Int16 i16;
-    UInt16 u16;
-    Int32 i32;
-    UInt32 u32;
-    Int64 i64;
-    UInt64 u64;
-    Boolean bool;
-    String String;
-    Binary Vec<u8>;
 }
 
 /// The bytes are not a saved struct, or a field cannot be saved.

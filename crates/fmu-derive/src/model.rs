@@ -117,7 +117,6 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
     quote! {
         #stepped
 
-        #[allow(unused_variables)]
         impl #generics #krate::Model for #ident #arguments #condition {
             const NAME: &'static str = #name;
             const DESCRIPTION: &'static str = #description;
@@ -126,7 +125,10 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
             const IS_INTEGRATED: bool = #is_integrated;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             const TOLERANCE: f64 = #tolerance;
+        }
 
+        #[allow(unused_variables)]
+        impl #generics #krate::Behavior for #ident #arguments #condition {
             #[inline(always)]
             fn sample_time(&self) -> f64 { #sample_time }
             fn on_initialize(&mut self, start: &#krate::Start) -> #result { #initialize }

@@ -2,13 +2,12 @@
 
 use std::any::Any;
 
-use fmu_description::table::{self, Field, Scalar as Row};
-use fmu_description::{Causality, Dynamics, Loader, Overrides, Saver, ValueMut};
+use fmu_description::table::{self, Scalar};
+use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
 use crate::clock::SampleClock;
-use crate::layout::{Array, Facts, Place, Tables, access, copy_settable};
-use crate::model::ModelError;
-use crate::model::{Kind, Model, Start};
+use crate::layout::{self, Array, Facts, Place, Tables, copy_settable};
+use crate::model::{Behavior, Kind, Model, ModelError};
 
 /// A model with `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize> {
@@ -18,7 +17,7 @@ pub(crate) struct Bound<M, const N: usize> {
 }
 
 /// A model of any type. The functions on `dyn AnyModel` are compiled once.
-pub(crate) trait AnyModel {
+pub(crate) trait AnyModel: Any {
     fn facts(&self) -> &'static Facts;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
@@ -36,27 +35,21 @@ pub(crate) trait AnyModel {
     /// Checks that all Real outputs are finite.
     fn check_outputs(&mut self) -> Result<(), ModelError>;
     fn sample_time(&self) -> f64;
-    fn initialize(&mut self, start: &Start) -> Result<(), ModelError>;
-    fn reconfigure(&mut self) -> Result<(), ModelError>;
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
-    fn evaluate(&mut self, time: f64) -> Result<(), ModelError>;
-    fn event(&mut self, time: f64) -> Result<(), ModelError>;
-    fn next_event(&self, time: f64) -> Option<f64>;
-    /// A copy of the model.
-    fn save(&self) -> Box<dyn Any>;
-    /// Copies the model to a copy, whose memory is used again.
-    fn save_to(&self, saved: &mut dyn Any);
-    /// Restores a copy; false if it is a copy of another model.
-    fn restore(&mut self, saved: &dyn Any) -> bool;
-    /// Serializes a copy; `None` if it is a copy of another model, or cannot be serialized.
-    fn serialize(&self, saved: &dyn Any, to: &mut Saver) -> Option<()>;
-    /// Deserializes a copy.
-    fn deserialize(&self, from: &mut Loader<'_>) -> Option<Box<dyn Any>>;
+    /// What the author has written.
+    fn behavior(&self) -> &dyn Behavior;
+    fn behavior_mut(&mut self) -> &mut dyn Behavior;
+    fn copy(&self) -> Box<dyn AnyModel>;
+    /// Copies another model into the memory of this one; false if it is of another type.
+    fn assign(&mut self, from: &dyn AnyModel) -> bool;
+    fn save(&self, to: &mut Saver) -> Result<(), Damaged>;
+    /// Some fields may be loaded if that fails.
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged>;
 }
 
 impl<M: Model, const N: usize> Bound<M, N> {
     /// The scalar variables, for constants only: the binary does not need them.
-    pub(crate) const ROWS: &'static [Row; N] = &table::scalars(M::ROWS);
+    pub(crate) const ROWS: &'static [Scalar; N] = &table::scalars(M::ROWS);
     const TABLES: Tables<N> = Tables::of(Self::ROWS);
     const FACTS: Facts = Facts {
         rows: M::ROWS,
@@ -75,7 +68,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.structural_parameters.0;
     const ELEMENTS: &'static [Place; N] = &const { Self::TABLES.elements };
-    const SCALARS: &'static [Place; N] = &const { Self::TABLES.scalars };
+    pub(crate) const SCALARS: &'static [Place; N] = &const { Self::TABLES.scalars };
     const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
 
     pub(crate) fn new(overrides: Overrides) -> Self {
@@ -87,30 +80,16 @@ impl<M: Model, const N: usize> Bound<M, N> {
         new
     }
 
-    /// Gets scalars and elements of arrays. Returns false and writes nothing to `values` if a reference is
-    /// not of a Float64 in use.
+    /// As [`get_each`](Self::get_each) for scalars and elements of arrays in use.
     #[inline(always)]
     pub(crate) fn get_elements(&mut self, references: &[u32], values: &mut [f64]) -> bool {
         !self.is_smaller() && self.get_each(Self::ELEMENTS, references, values)
     }
 
-    /// Sets scalars and elements of arrays that may be set between steps. Returns false and writes nothing
-    /// if a variable or value is not allowed.
+    /// As [`set_each`](Self::set_each) for scalars and elements of arrays in use.
     #[inline(always)]
     pub(crate) fn set_elements(&mut self, references: &[u32], values: &[f64]) -> bool {
         !self.is_smaller() && self.set_each(Self::ELEMENTS, references, values)
-    }
-
-    /// As [`get_elements`](Self::get_elements) for scalars only.
-    #[inline(always)]
-    pub(crate) fn get_scalars(&mut self, references: &[u32], values: &mut [f64]) -> bool {
-        self.get_each(Self::SCALARS, references, values)
-    }
-
-    /// As [`set_elements`](Self::set_elements) for scalars only.
-    #[inline(always)]
-    pub(crate) fn set_scalars(&mut self, references: &[u32], values: &[f64]) -> bool {
-        self.set_each(Self::SCALARS, references, values)
     }
 
     /// Whether fewer elements of an array are in use than the table of places has, as a variant may say.
@@ -119,8 +98,10 @@ impl<M: Model, const N: usize> Bound<M, N> {
         Self::HAS_STRUCTURAL_PARAMETERS && self.is_smaller
     }
 
+    /// Gets what is at some of the places. Returns false and writes nothing to `values` if a reference is not of
+    /// a Float64 there.
     #[inline(always)]
-    fn get_each(
+    pub(crate) fn get_each(
         &mut self,
         places: &'static [Place; N],
         references: &[u32],
@@ -145,8 +126,10 @@ impl<M: Model, const N: usize> Bound<M, N> {
         true
     }
 
+    /// Sets what is at some of the places. Returns false and writes nothing if a variable or value is not
+    /// allowed between steps.
     #[inline(always)]
-    fn set_each(
+    pub(crate) fn set_each(
         &mut self,
         places: &'static [Place; N],
         references: &[u32],
@@ -253,11 +236,6 @@ impl<M: Model, const N: usize> Bound<M, N> {
             let length = self.length(Self::FACTS.arrays.get_unchecked(reference as usize));
             std::slice::from_raw_parts_mut(real_at(self.memory(), place.offset), length)
         }
-    }
-
-    #[inline(never)] // it is small only once
-    fn assign(to: &mut M, from: &M) {
-        to.copy_from(from);
     }
 }
 
@@ -371,73 +349,37 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         self.model.sample_time()
     }
 
-    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        self.model.on_initialize(start)
-    }
-
-    fn reconfigure(&mut self) -> Result<(), ModelError> {
-        self.model.on_reconfigure()
-    }
-
     #[inline(always)]
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         self.model.on_step(time, step)
     }
 
-    fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
-        self.model.on_evaluate(time)
+    fn behavior(&self) -> &dyn Behavior {
+        &self.model
     }
 
-    fn event(&mut self, time: f64) -> Result<(), ModelError> {
-        self.model.on_event(time)
+    fn behavior_mut(&mut self) -> &mut dyn Behavior {
+        &mut self.model
     }
 
-    fn next_event(&self, time: f64) -> Option<f64> {
-        self.model.on_next_event(time)
+    fn copy(&self) -> Box<dyn AnyModel> {
+        Box::new(Self {
+            model: self.model.copy(),
+            is_smaller: self.is_smaller,
+        })
     }
 
-    fn save(&self) -> Box<dyn Any> {
-        Box::new(self.model.copy())
+    fn assign(&mut self, from: &dyn AnyModel) -> bool {
+        let from = (from as &dyn Any).downcast_ref::<Self>();
+        from.map(|from| self.model.copy_from(&from.model)).is_some()
     }
 
-    fn save_to(&self, saved: &mut dyn Any) {
-        if let Some(saved) = saved.downcast_mut() {
-            Self::assign(saved, &self.model);
-        }
+    fn save(&self, to: &mut Saver) -> Result<(), Damaged> {
+        self.model.save(to)
     }
 
-    fn restore(&mut self, saved: &dyn Any) -> bool {
-        let saved = saved.downcast_ref();
-        if let Some(saved) = saved {
-            Self::assign(&mut self.model, saved);
-        }
-        saved.is_some()
-    }
-
-    fn serialize(&self, saved: &dyn Any, to: &mut Saver) -> Option<()> {
-        saved.downcast_ref::<M>()?.save(to).ok()
-    }
-
-    fn deserialize(&self, from: &mut Loader<'_>) -> Option<Box<dyn Any>> {
-        let mut model = M::unset();
-        model.load(from).ok()?;
-        Some(Box::new(model))
-    }
-}
-
-/// A scalar variable of a model.
-pub(crate) struct Scalar<'a> {
-    pub(crate) row: Row,
-    pub(crate) value: ValueMut<'a>,
-}
-
-impl Scalar<'_> {
-    pub(crate) fn name(&self) -> String {
-        self.row.name()
-    }
-
-    pub(crate) fn variable(&self) -> &'static Field {
-        self.row.variable
+    fn load(&mut self, from: &mut Loader<'_>) -> Result<(), Damaged> {
+        self.model.load(from)
     }
 }
 
@@ -455,9 +397,9 @@ impl dyn AnyModel {
     fn override_starts(&mut self, mut overrides: Overrides) -> bool {
         while let Some((start, rest)) = overrides.next() {
             if let Some(scalar) = self.find(start.reference as u32)
-                && let Some(value) = start.value(scalar.value.of_type())
+                && let Some(value) = start.value(scalar.variable.start.of_type())
             {
-                scalar.value.set(value);
+                self.set(&scalar, value);
             }
             overrides = rest;
         }
@@ -469,17 +411,25 @@ impl dyn AnyModel {
         in_use.any(|(reference, array)| self.elements(reference) < Some(array.default as usize))
     }
 
-    fn row(&self, reference: u32) -> Option<Row> {
+    /// The scalar variable with the given value reference.
+    pub(crate) fn find(&self, reference: u32) -> Option<Scalar> {
         table::find_scalar(self.facts().rows, reference as usize)
     }
 
-    /// The variable with the given value reference.
-    pub(crate) fn find(&mut self, reference: u32) -> Option<Scalar<'_>> {
-        let row = self.row(reference)?;
-        // SAFETY: `Variables` promises a value of the type of the table at this place of the model, which is
-        // borrowed mutably.
-        let value = unsafe { access(self.memory().byte_add(row.place()), row.variable) };
-        Some(Scalar { row, value })
+    pub(crate) fn get(&mut self, scalar: &Scalar) -> Value {
+        // SAFETY: `Variables` promises a value of the type of the table at this place of the model.
+        unsafe { layout::get(self.memory().byte_add(scalar.place()), scalar.variable) }
+    }
+
+    pub(crate) fn set(&mut self, scalar: &Scalar, value: Value) {
+        // SAFETY: as above; the model is borrowed mutably.
+        unsafe {
+            layout::set(
+                self.memory().byte_add(scalar.place()),
+                scalar.variable,
+                value,
+            )
+        }
     }
 
     /// Number of elements in use of the variable whose first element has the given value reference;
@@ -493,21 +443,21 @@ impl dyn AnyModel {
     /// Whether a host can address the scalar by itself: it is no structural parameter, and an element in use
     /// of an array.
     pub(crate) fn is_element(&mut self, reference: u32) -> bool {
-        self.row(reference).is_some_and(|row| {
-            let first = reference.wrapping_sub(row.element as u32);
-            row.variable.causality != Causality::StructuralParameter
+        self.find(reference).is_some_and(|scalar| {
+            let first = reference.wrapping_sub(scalar.element as u32);
+            scalar.variable.causality != Causality::StructuralParameter
                 && self
                     .elements(first)
-                    .is_some_and(|elements| row.element < elements)
+                    .is_some_and(|elements| scalar.element < elements)
         })
     }
 
     /// Whether any of the variables is computed only when a host asks for it.
-    pub(crate) fn has_derivatives(&mut self, references: &[u32]) -> bool {
+    pub(crate) fn has_derivatives(&self, references: &[u32]) -> bool {
         references.iter().any(|&reference| {
             self.find(reference).is_some_and(|scalar| {
                 matches!(
-                    scalar.variable().dynamics,
+                    scalar.variable.dynamics,
                     Dynamics::Derivative { .. } | Dynamics::EventIndicator
                 )
             })
@@ -567,8 +517,8 @@ impl dyn AnyModel {
     fn find_not_finite(&mut self) -> Result<(), ModelError> {
         for reference in 0..self.facts().count as u32 {
             if let Some(scalar) = self.find(reference)
-                && scalar.variable().causality == Causality::Output
-                && let Some(value) = scalar.value.get().as_real()
+                && scalar.variable.causality == Causality::Output
+                && let Some(value) = self.get(&scalar).as_real()
                 && !value.is_finite()
             {
                 return Err(ModelError::new(format_args!(
@@ -605,9 +555,9 @@ impl dyn AnyModel {
             // SAFETY: the offsets come from the table.
             let value = unsafe { *real_at(self.memory(), offset) };
             if !value.is_finite() {
-                let mut rows = (0..self.facts().count as u32).filter_map(|r| self.row(r));
-                let row = rows.find(|row| row.offset_of_real() == Some(offset));
-                let name = row.map(|row| row.name()).unwrap_or_default();
+                let mut all = (0..self.facts().count as u32).filter_map(|r| self.find(r));
+                let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
+                let name = found.map(|scalar| scalar.name()).unwrap_or_default();
                 return Err(ModelError::new(format_args!("{name} became {value}")));
             }
         }

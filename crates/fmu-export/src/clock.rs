@@ -40,15 +40,17 @@ pub struct SampleClock {
 /// An unset clock, for which every step has too many samples.
 impl Default for SampleClock {
     fn default() -> Self {
-        Self {
-            start: 0.0,
-            rate: f64::INFINITY,
-            next: BEFORE_FIRST_STEP,
-        }
+        Self::UNSET
     }
 }
 
 impl SampleClock {
+    pub(crate) const UNSET: Self = Self {
+        start: 0.0,
+        rate: f64::INFINITY,
+        next: BEFORE_FIRST_STEP,
+    };
+
     /// Creates a clock with the first instant `start` (s) and the sample time `ts` (s).
     ///
     /// # Errors

@@ -12,14 +12,12 @@ use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{Loader, Overrides, Saver, Variability};
-use serde::{Deserialize, Serialize};
 
 use crate::bound::{AnyModel, Numbers, take_samples, take_step};
 use crate::clock::SampleClock;
-use crate::lifecycle::{Lifecycle, Mode};
+use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
-use crate::model::ModelError;
-use crate::model::{Kind, Start};
+use crate::model::{Kind, ModelError, Start};
 use crate::resources::Folder;
 use crate::solver::{self, Workspace};
 
@@ -46,24 +44,32 @@ pub(crate) struct Edge {
     pub(crate) get_fmu_state: Call,
 }
 
-/// How an edge creates an instance.
+/// What a host says about an instance that it creates.
 pub(crate) struct Settings {
     pub(crate) edge: &'static Edge,
     pub(crate) mode: Mode,
     pub(crate) log: Log,
     pub(crate) resources: Folder,
-    pub(crate) options: Options,
-}
-
-/// What else a host may say about an instance.
-#[derive(Default)]
-pub(crate) struct Options {
     /// Whether a step may end early.
     pub(crate) early_return_allowed: bool,
     /// Lets the host do an intermediate update, and returns the time of an early return that it requests.
     pub(crate) intermediate_update: Option<Rc<dyn Fn(IntermediateUpdate) -> Option<f64>>>,
     /// The variables that the host may access in an intermediate update.
     pub(crate) intermediate_variables: Vec<u32>,
+}
+
+impl Settings {
+    pub(crate) fn new(edge: &'static Edge, log: Log, resources: Folder) -> Self {
+        Self {
+            edge,
+            mode: Mode::CoSimulation,
+            log,
+            resources,
+            early_return_allowed: false,
+            intermediate_update: None,
+            intermediate_variables: Vec::new(),
+        }
+    }
 }
 
 /// What an event has changed, and when the next one is due.
@@ -126,35 +132,16 @@ pub(crate) struct Component<M: ?Sized = dyn AnyModel> {
 pub(crate) struct Shared {
     pub(crate) hot: &'static Hot,
     pub(crate) lifecycle: Lifecycle,
-    /// The sample instants of a model with a sample time.
-    pub(crate) clock: SampleClock,
-    pub(crate) integration: Integration,
-    pub(crate) edge: &'static Edge,
-    pub(crate) guid: &'static Guid,
+    pub(crate) settings: Settings,
+    guid: &'static Guid,
     overrides: Overrides,
-    log: Log,
-    resources: Folder,
-    pub(crate) options: Options,
     /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
     pub(crate) binaries: Vec<Vec<u8>>,
-    integrator: Integrator,
-}
-
-/// How a model is integrated.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub(crate) struct Integration {
-    /// Relative tolerance.
-    tolerance: f64,
-    /// The time until which time events are handled (s).
-    handled: f64,
-}
-
-/// The memory for steps of a model that is integrated; empty for others.
-struct Integrator {
+    /// The memory for steps of a model that is integrated; empty for others.
     workspace: Workspace,
-    /// The model before a step, to which it returns if the step fails.
-    before: Option<Box<dyn Any>>,
+    /// The model before such a step, to which it returns if the step fails.
+    before: Option<Box<dyn AnyModel>>,
 }
 
 /// The first bytes of a serialized state.
@@ -168,9 +155,7 @@ const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 pub(crate) struct Snapshot {
     guid: Guid,
     pub(crate) lifecycle: Lifecycle,
-    clock: SampleClock,
-    integration: Integration,
-    model: Box<dyn Any>,
+    model: Box<dyn AnyModel>,
 }
 
 impl<M: AnyModel> Component<M> {
@@ -189,20 +174,13 @@ impl<M: AnyModel> Component<M> {
             shared: Shared {
                 hot,
                 lifecycle: Lifecycle::new(settings.mode),
-                clock: SampleClock::default(),
-                integration: Integration::default(),
-                edge: settings.edge,
+                settings,
                 guid,
                 overrides,
-                log: settings.log,
-                resources: settings.resources,
-                options: settings.options,
                 texts: Vec::new(),
                 binaries: Vec::new(),
-                integrator: Integrator {
-                    workspace,
-                    before: None,
-                },
+                workspace,
+                before: None,
             },
             model,
         }
@@ -212,7 +190,7 @@ impl<M: AnyModel> Component<M> {
 impl Shared {
     /// Whether the host sees what happens in a step, which is then taken in parts.
     pub(crate) fn is_stepped_in_parts(&self) -> bool {
-        self.lifecycle.mode != Mode::CoSimulation || self.options.intermediate_update.is_some()
+        self.lifecycle.mode != Mode::CoSimulation || self.settings.intermediate_update.is_some()
     }
 }
 
@@ -251,9 +229,8 @@ impl Component {
     /// Logs why a call failed.
     pub(crate) fn refuse(&self, call: &Call, reason: &str) -> Outcome {
         let name = call.name;
-        self.shared
-            .log
-            .send(Category::Error, format_args!("{name}: {reason}"));
+        let message = format_args!("{name}: {reason}");
+        self.shared.settings.log.send(Category::Error, message);
         Outcome::Error
     }
 
@@ -265,7 +242,7 @@ impl Component {
             .map(|(_, name)| *name)
             .collect();
         allowed.dedup();
-        self.shared.log.send(
+        self.shared.settings.log.send(
             Category::Error,
             format_args!(
                 "{} is not allowed in the state \"{}\"; it is allowed in: {}",
@@ -290,7 +267,7 @@ impl Component {
                 self.enter(State::StepFailed);
             }
             let message = format_args!("{}: {}", call.name, error.reason());
-            self.shared.log.send(Category::Discard, message);
+            self.shared.settings.log.send(Category::Discard, message);
             return Outcome::Discard;
         }
         if error.kind() == Kind::Broken {
@@ -303,7 +280,10 @@ impl Component {
     #[cold]
     #[inline(never)]
     pub(crate) fn fail_step(&mut self, error: ModelError, time: f64, step: f64) -> Outcome {
-        self.fail(&self.shared.edge.do_step, error.in_step(time, step))
+        self.fail(
+            &self.shared.settings.edge.do_step,
+            error.in_step(time, step),
+        )
     }
 
     #[cold]
@@ -316,7 +296,7 @@ impl Component {
             .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
             .unwrap_or("no message");
         let (name, place) = (call.name, log::take_place_of_panic());
-        self.shared.log.send(
+        self.shared.settings.log.send(
             Category::Fatal,
             format_args!("{name}: {place}the model panicked and is dead: {text}"),
         );
@@ -327,11 +307,11 @@ impl Component {
     pub(crate) fn enter(&mut self, state: State) {
         self.shared.lifecycle.state = state;
         let message = format_args!("state: {}", state.name());
-        self.shared.log.send(Category::Events, message);
+        self.shared.settings.log.send(Category::Events, message);
     }
 
     pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
-        self.shared.log.switch(on, categories)
+        self.shared.settings.log.switch(on, categories)
     }
 
     /// Sets the times of the experiment, and the relative tolerance. A model that is not integrated here keeps
@@ -383,8 +363,6 @@ impl Component {
     pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
         let shared = &mut self.shared;
         self.model.reset(shared.overrides);
-        shared.clock = SampleClock::default();
-        shared.integration = Integration::default();
         shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
         self.enter(State::Instantiated);
         Ok(())
@@ -437,7 +415,7 @@ impl Component {
             _ => State::Instantiated,
         };
         if next != State::Instantiated {
-            self.model.reconfigure()?;
+            self.model.behavior_mut().on_reconfigure()?;
         }
         self.enter(next);
         Ok(())
@@ -520,37 +498,37 @@ impl Component {
     pub(crate) fn handle_event(&mut self, time: f64) -> Result<bool, ModelError> {
         let (model, shared) = (&mut self.model, &mut self.shared);
         if model.facts().is_sampled {
-            let before = shared.clock;
-            let due = shared.clock.due_until(time)?;
-            take_samples(model, &mut shared.clock, due, before)?;
+            let clock = &mut shared.lifecycle.clock;
+            let before = *clock;
+            let due = clock.due_until(time)?;
+            take_samples(model, clock, due, before)?;
             model.check_outputs()?;
             return Ok(false);
         }
         let before = model.states();
-        model.event(time)?;
+        model.behavior_mut().on_event(time)?;
         Ok(model.states() != before)
     }
 
     /// The time of the next event after `time`, if it is known.
     pub(crate) fn next_event(&self, time: f64) -> Option<f64> {
-        match self.model.facts().is_sampled {
-            true => Some(self.shared.clock.next_instant(self.model.sample_time())),
-            false => self
-                .model
-                .next_event(time)
-                .filter(|event| *event > time && event.is_finite()),
+        if self.model.facts().is_sampled {
+            let clock = &self.shared.lifecycle.clock;
+            return Some(clock.next_instant(self.model.sample_time()));
         }
+        let event = self.model.behavior().on_next_event(time);
+        event.filter(|event| *event > time && event.is_finite())
     }
 
     /// Checks a step. Returns the outcome of the call if no step is to be taken.
     #[cold]
     #[inline(never)]
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
-        let call = &self.shared.edge.do_step;
+        let call = &self.shared.settings.edge.do_step;
         let outcome = self.call(call, |c| {
             c.shared
                 .lifecycle
-                .check_step(call.name, time, step, &c.shared.log)
+                .check_step(call.name, time, step, &c.shared.settings.log)
         });
         // Some hosts iterate events with steps of 0.
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
@@ -568,7 +546,7 @@ impl Component {
         if facts.is_integrated {
             return self.integrate(time, step, handles_events);
         }
-        let clock = &mut self.shared.clock;
+        let clock = &mut self.shared.lifecycle.clock;
         take_step(&mut self.model, facts.is_sampled, clock, (time, step))
     }
 
@@ -581,12 +559,9 @@ impl Component {
         handles_events: bool,
     ) -> Result<(), ModelError> {
         let (model, shared) = (&mut self.model, &mut self.shared);
-        let Integrator { workspace, before } = &mut shared.integrator;
-        let Integration { tolerance, handled } = shared.integration;
-        match before {
-            Some(before) => model.save_to(before.as_mut()),
-            None => *before = Some(model.save()),
-        }
+        let Integration { tolerance, handled } = shared.lifecycle.integration;
+        let before = shared.before.get_or_insert_with(|| model.copy());
+        before.assign(model);
         let step = solver::Step {
             time,
             size,
@@ -594,18 +569,12 @@ impl Component {
             longest: model.facts().step.max(1e-3 * size),
             handled: handles_events.then_some(handled),
         };
-        match (
-            solver::advance(&mut Equations(model), workspace, &step),
-            before,
-        ) {
-            (Ok(handled), _) => shared.integration.handled = handled,
-            (Err(error), None) => return Err(error),
-            (Err(error), Some(before)) => {
-                model.restore(before.as_ref());
-                return Err(error);
-            }
+        let advanced = solver::advance(&mut Equations(model), &mut shared.workspace, &step);
+        match advanced {
+            Ok(handled) => shared.lifecycle.integration.handled = handled,
+            Err(_) => _ = model.assign(before.as_ref()),
         }
-        Ok(())
+        advanced.map(drop)
     }
 
     /// The complete state of the instance.
@@ -613,9 +582,7 @@ impl Component {
         Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
-            clock: self.shared.clock,
-            integration: self.shared.integration,
-            model: self.model.save(),
+            model: self.model.copy(),
         }
     }
 
@@ -630,14 +597,13 @@ impl Component {
                 expected.name()
             )));
         }
-        if !self.model.restore(snapshot.model.as_ref()) {
+        if !self.model.assign(snapshot.model.as_ref()) {
             return Err(ModelError::refuse(format_args!(
                 "the state belongs to the model {}, not to {}",
                 text(&snapshot.guid),
                 text(shared.guid)
             )));
         }
-        (shared.clock, shared.integration) = (snapshot.clock, snapshot.integration);
         shared.lifecycle = snapshot.lifecycle;
         Ok(())
     }
@@ -645,10 +611,9 @@ impl Component {
     /// Serializes a state: header, payload, and a checksum of both.
     pub(crate) fn serialize(&self, state: &Snapshot) -> Result<Vec<u8>, ModelError> {
         let mut payload = Saver::default();
-        let saved = payload.put(&state.lifecycle).ok();
-        let saved = saved.and_then(|()| payload.put(&(state.clock, state.integration)).ok());
-        let saved = saved.and_then(|()| self.model.serialize(state.model.as_ref(), &mut payload));
-        if saved.is_none() {
+        let is_own = self.model.type_id() == (*state.model).type_id();
+        let saved = payload.put(&state.lifecycle).is_ok() && state.model.save(&mut payload).is_ok();
+        if !is_own || !saved {
             return Err(ModelError::refuse("the state belongs to another model"));
         }
         let mut bytes = [&MAGIC[..], &VERSION, &state.guid, &payload.into_bytes()].concat();
@@ -683,17 +648,22 @@ impl Component {
         if !lifecycle.can_be_saved() {
             return Err(damaged());
         }
-        let (clock, integration) = loader.take().map_err(|_| damaged())?;
-        let model = self.model.deserialize(&mut loader);
-        let model = model.filter(|_| loader.is_empty()).ok_or_else(damaged)?;
-        if !self.shared.edge.get_fmu_state.is_allowed(lifecycle.state) {
+        let mut model = self.model.copy();
+        if model.load(&mut loader).is_err() || !loader.is_empty() {
+            return Err(damaged());
+        }
+        if !self
+            .shared
+            .settings
+            .edge
+            .get_fmu_state
+            .is_allowed(lifecycle.state)
+        {
             return Err(ModelError::refuse("the bytes are damaged"));
         }
         Ok(Snapshot {
             guid: *expected,
             lifecycle,
-            clock,
-            integration,
             model,
         })
     }
@@ -704,7 +674,7 @@ impl Component {
     pub(crate) fn prepare(
         &mut self,
         references: &[u32],
-    ) -> Result<Option<Box<dyn Any>>, ModelError> {
+    ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         let Lifecycle { mode, state, .. } = self.shared.lifecycle;
         let is_stepped = mode != Mode::ModelExchange
             && matches!(
@@ -721,12 +691,12 @@ impl Component {
 
     /// Evaluates the equations between steps, and discards nothing, as only steps are discarded. Returns the
     /// model before.
-    pub(crate) fn evaluate_aside(&mut self) -> Result<Box<dyn Any>, ModelError> {
-        let saved = self.model.save();
+    pub(crate) fn evaluate_aside(&mut self) -> Result<Box<dyn AnyModel>, ModelError> {
+        let saved = self.model.copy();
         match self.evaluate(self.shared.lifecycle.now()) {
             Ok(()) => Ok(saved),
             Err(error) => {
-                self.model.restore(saved.as_ref());
+                self.model.assign(saved.as_ref());
                 Err(error.not_discarded())
             }
         }
@@ -755,7 +725,7 @@ impl Component {
     /// Computes derivatives, event indicators and outputs from states and inputs.
     fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
         if self.model.facts().is_continuous {
-            self.model.evaluate(time)?;
+            self.model.behavior_mut().on_evaluate(time)?;
             let checked = self.model.check_equations();
             checked.map_err(|error| error.with_kind(Kind::Discarded))?;
         }
@@ -764,10 +734,10 @@ impl Component {
 
     /// Computes the outputs from the start values and inputs; nothing changes if that fails.
     fn initialize(&mut self) -> Result<(), ModelError> {
-        let before = self.model.save();
+        let before = self.model.copy();
         let initialized = self.initialize_model();
         if initialized.is_err() {
-            self.model.restore(before.as_ref());
+            self.model.assign(before.as_ref());
         }
         initialized.map_err(|error| error.with_kind(Kind::Refused))
     }
@@ -778,11 +748,11 @@ impl Component {
         let start = Start {
             time: lifecycle.start_time,
             is_model_exchange: lifecycle.mode == Mode::ModelExchange,
-            resources: shared.resources.clone(),
+            resources: shared.settings.resources.clone(),
         };
         model.renew();
-        model.initialize(&start)?;
-        let mut integration = Integration::default();
+        model.behavior_mut().on_initialize(&start)?;
+        let mut integration = Integration::NONE;
         if facts.is_integrated && !start.is_model_exchange {
             integration = Integration {
                 tolerance: tolerance(lifecycle.tolerance, facts.tolerance)?,
@@ -790,25 +760,26 @@ impl Component {
             };
             // Without event mode, the instance handles the event at the start itself.
             if lifecycle.mode == Mode::CoSimulation {
-                model.event(start.time)?;
+                model.behavior_mut().on_event(start.time)?;
             }
         }
         if facts.is_continuous {
-            model.evaluate(start.time)?;
+            model.behavior_mut().on_evaluate(start.time)?;
         }
         let clock = match facts.is_sampled {
             true => SampleClock::new(start.time, model.sample_time())?,
-            false => SampleClock::default(),
+            false => SampleClock::UNSET,
         };
         model.check_equations().map_err(|error| {
             let reason = error.reason();
             ModelError::new(format_args!("at t = {:?} s: {reason}", start.time))
         })?;
         if facts.is_integrated {
-            shared.integrator.before = Some(model.save());
+            shared.before = Some(model.copy());
         }
-        (shared.clock, shared.integration) = (clock, integration);
-        shared.lifecycle.stale = false;
+        let lifecycle = &mut shared.lifecycle;
+        (lifecycle.clock, lifecycle.integration) = (clock, integration);
+        lifecycle.stale = false;
         Ok(())
     }
 }
@@ -856,7 +827,7 @@ impl solver::System for Equations<'_> {
 
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
         self.0.set_states(states);
-        self.0.evaluate(time)?;
+        self.0.behavior_mut().on_evaluate(time)?;
         Ok(self.0.are_equations_finite() || self.0.check_equations().is_ok())
     }
 
@@ -876,11 +847,11 @@ impl solver::System for Equations<'_> {
     }
 
     fn event(&mut self, time: f64) -> Result<(), ModelError> {
-        self.0.event(time)
+        self.0.behavior_mut().on_event(time)
     }
 
     fn next_event(&self, time: f64) -> Option<f64> {
-        self.0.next_event(time)
+        self.0.behavior().on_next_event(time)
     }
 }
 

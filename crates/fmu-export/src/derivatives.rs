@@ -6,7 +6,7 @@ use fmu_description::{Causality, Dynamics, Type};
 use crate::component::Component;
 use crate::lifecycle::Mode;
 use crate::model::ModelError;
-use crate::values::unknown;
+use crate::values::{check_type, unknown};
 
 impl Component {
     /// The derivative of unknowns with respect to knowns in a direction of the knowns.
@@ -101,14 +101,14 @@ impl Component {
         expected: &str,
         has_part: &dyn Fn(&Field) -> bool,
     ) -> Result<(), ModelError> {
-        let (count, version) = (self.model.facts().count, self.shared.edge.version);
+        let (count, version) = (self.model.facts().count, self.shared.settings.edge.version);
         match self.model.find(reference) {
             None => Err(unknown(count, reference)),
-            Some(scalar) if !has_part(scalar.variable()) => Err(ModelError::refuse(format_args!(
+            Some(scalar) if !has_part(scalar.variable) => Err(ModelError::refuse(format_args!(
                 "{} is not {expected}",
                 scalar.name()
             ))),
-            Some(scalar) => scalar.check_type(Type::Float64, version),
+            Some(scalar) => check_type(&scalar, Type::Float64, version),
         }
     }
 
@@ -118,7 +118,7 @@ impl Component {
             && self
                 .model
                 .find(unknown)
-                .is_some_and(|scalar| matches!(scalar.variable().dynamics, Dynamics::State { .. }));
+                .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State { .. }));
         match is_state {
             true => f64::from(u8::from(unknown == known)),
             false => self.model.derivative(unknown, known),
@@ -181,7 +181,7 @@ impl Component {
         let got = self.get_elements(Type::Float64, &derivatives, &mut |i, value| {
             values[i] = value.as_real().unwrap_or_default();
         });
-        self.model.restore(saved.as_ref());
+        self.model.assign(saved.as_ref());
         got
     }
 
@@ -191,7 +191,7 @@ impl Component {
         let scalar = self.model.find(reference);
         let scalar = scalar.ok_or_else(|| unknown(facts.count, reference))?;
         let name = scalar.name();
-        if scalar.variable().causality != Causality::Output {
+        if scalar.variable.causality != Causality::Output {
             return Err(ModelError::refuse(format_args!("{name} is not an output")));
         }
         check_order(&name, order)?;

@@ -88,7 +88,7 @@ pub(crate) fn create<M: Model, const N: usize>(
 /// Defines functions that get or set Float64 by a fast function of [`Bound`], or else by another one.
 macro_rules! access {
     ($($name:ident($n:ident, *$pointer:ident f64 $(, $n_values:ident)?)
-        = $fast:ident($slice:ident $count:ident) $(if $condition:expr)?, else $rest:path;)*) => {
+        = $fast:ident $([$places:ident])? ($slice:ident $count:ident) $(if $condition:expr)?, else $rest:path;)*) => {
         $(
             /// # Safety
             /// As for all functions of [`Hot`].
@@ -104,7 +104,11 @@ macro_rules! access {
                 unsafe {
                     let c = Self::of(instance);
                     if $($condition &&)? c.is_fast(references, values)
-                        && c.model.$fast(from_raw_parts(references, $n), $slice(values, $count))
+                        && c.model.$fast(
+                            $(Bound::<M, N>::$places,)?
+                            from_raw_parts(references, $n),
+                            $slice(values, $count),
+                        )
                     {
                         return Outcome::Ok;
                     }
@@ -163,9 +167,9 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         set_elements(n, *const f64) = set_elements(from_raw_parts n), else set_float64;
         // Scalars; arrays are left to another function, since its registers would have to be saved here.
         get_variables(n, *mut f64, n_values)
-            = get_scalars(from_raw_parts_mut n_values) if n == n_values, else Self::get_arrays;
+            = get_each[SCALARS](from_raw_parts_mut n_values) if n == n_values, else Self::get_arrays;
         set_variables(n, *const f64, n_values)
-            = set_scalars(from_raw_parts n_values) if n == n_values, else Self::set_arrays;
+            = set_each[SCALARS](from_raw_parts n_values) if n == n_values, else Self::set_arrays;
         get_arrays(n, *mut f64, n_values) = get_arrays(from_raw_parts_mut n_values), else get_float64;
         set_arrays(n, *const f64, n_values) = set_arrays(from_raw_parts n_values), else set_float64;
     }
@@ -198,7 +202,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
             }
             Ok(Err(error)) => (c as &mut Component).fail_step(error, time, step),
             Err(panic) => {
-                let call = &c.shared.edge.do_step;
+                let call = &c.shared.settings.edge.do_step;
                 (c as &mut Component).fail_by_panic(call, panic)
             }
         }
@@ -210,7 +214,7 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         if M::IS_INTEGRATED {
             return (self as &mut Component).integrate(time, step, true);
         }
-        let clock = &mut self.shared.clock;
+        let clock = &mut self.shared.lifecycle.clock;
         take_step(&mut self.model, M::IS_SAMPLED, clock, (time, step))
     }
 }
@@ -236,9 +240,9 @@ macro_rules! thorough_access {
             };
             c.map_or(Outcome::Error, |c| match arrays {
                 Some((references, values)) => {
-                    c.call(&c.shared.edge.$name, |c| c.$name(references, values))
+                    c.call(&c.shared.settings.edge.$name, |c| c.$name(references, values))
                 }
-                None => c.refuse(&c.shared.edge.$name, NULL_ARRAY),
+                None => c.refuse(&c.shared.settings.edge.$name, NULL_ARRAY),
             })
         }
     )* };

@@ -2,7 +2,7 @@
 //! memory that the rows describe.
 
 use fmu_description::table::{self, Bounds, Field, Row, Scalar, Start as Values};
-use fmu_description::{Causality, Dynamics, ValueMut, Variability};
+use fmu_description::{Causality, Dynamics, Value, Variability};
 
 /// Where a Float64 is stored, and the values that it may be set to between steps.
 #[derive(Clone, Copy)]
@@ -298,21 +298,54 @@ unsafe fn clone_all<T: Clone>(to: *mut T, from: *const T, count: usize) {
     }
 }
 
-/// Access to a value.
-///
-/// # Safety
-/// At the place is a value of the type of the variable, which is borrowed mutably for `'a`.
-pub(crate) unsafe fn access<'a>(place: *mut u8, field: &Field) -> ValueMut<'a> {
-    macro_rules! of_type {
-        ($($name:ident)*) => {
+/// Defines access to a value of each type but enumerations.
+macro_rules! access {
+    ($($name:ident $type:ty;)*) => {
+        /// Gets a value.
+        ///
+        /// # Safety
+        /// At the place is a value of the type of the variable.
+        pub(crate) unsafe fn get(place: *mut u8, field: &Field) -> Value {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $(Values::$name(_) => ValueMut::$name(&mut *place.cast()),)*
-                    Values::Enumeration(_, of) => ValueMut::Enumeration(&mut *(of.item)(place)),
+                    $(Values::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*
+                    Values::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
                 }
             }
-        };
-    }
-    of_type!(Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary)
+        }
+
+        /// Sets a value; nothing happens if the variable is of another type, or has no such item.
+        ///
+        /// # Safety
+        /// As [`get`], and the place is borrowed mutably.
+        pub(crate) unsafe fn set(place: *mut u8, field: &Field, value: Value) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                match (field.start, value) {
+                    $((Values::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*
+                    (Values::Enumeration(_, of), Value::Enumeration(item)) => {
+                        (*(of.item)(place)).set(item as i32);
+                    }
+                    _ => {}
+                }
+            }
+        }
+    };
+}
+
+access! {
+    Float32 f32;
+    Float64 f64;
+    Int8 i8;
+    UInt8 u8;
+    Int16 i16;
+    UInt16 u16;
+    Int32 i32;
+    UInt32 u32;
+    Int64 i64;
+    UInt64 u64;
+    Boolean bool;
+    String String;
+    Binary Vec<u8>;
 }

@@ -95,7 +95,7 @@ pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, interface as embedded};
 #[doc(hidden)]
-pub use model::Stepped;
+pub use model::{Behavior, Stepped};
 pub use model::{Continuous, Model, ModelError, Simulate, Start};
 #[doc(hidden)]
 #[cfg(all(feature = "fmi3", not(feature = "fmi2")))]

@@ -4,6 +4,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, Interface};
 use serde::{Deserialize, Serialize};
 
+use crate::clock::SampleClock;
 use crate::log::{Category, Log};
 use crate::model::ModelError;
 
@@ -79,6 +80,26 @@ pub(crate) struct Lifecycle {
     pub(crate) stale: bool,
     /// Whether an input has a time derivative for the next step.
     pub(crate) has_input_derivatives: bool,
+    /// The sample instants of a model with a sample time.
+    pub(crate) clock: SampleClock,
+    pub(crate) integration: Integration,
+}
+
+/// How a model is integrated.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Integration {
+    /// Relative tolerance.
+    pub(crate) tolerance: f64,
+    /// The time until which time events are handled (s).
+    pub(crate) handled: f64,
+}
+
+impl Integration {
+    /// That of a model which is not integrated.
+    pub(crate) const NONE: Self = Self {
+        tolerance: 0.0,
+        handled: 0.0,
+    };
 }
 
 impl Lifecycle {
@@ -92,6 +113,8 @@ impl Lifecycle {
             time: BEFORE_FIRST_STEP,
             stale: true,
             has_input_derivatives: false,
+            clock: SampleClock::UNSET,
+            integration: Integration::NONE,
         }
     }
 

@@ -2,7 +2,7 @@
 //! last panic happened.
 
 use std::cell::RefCell;
-use std::ffi::CStr;
+use std::ffi::{CStr, c_int};
 use std::panic::Location;
 use std::sync::Once;
 
@@ -26,6 +26,17 @@ const STATUSES: u8 = Category::Events.bit() - 1;
 impl Category {
     const fn bit(self) -> u8 {
         1 << self as u8
+    }
+
+    /// The status that goes with a message, with the number that it has in both versions.
+    pub(crate) fn status(self) -> c_int {
+        match self {
+            Self::Events => 0,
+            Self::Warning => 1,
+            Self::Discard => 2,
+            Self::Error => 3,
+            Self::Fatal => 4,
+        }
     }
 
     /// The name of the category in FMI.

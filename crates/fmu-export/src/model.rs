@@ -14,7 +14,7 @@ use crate::resources::Folder;
     message = "`{Self}` is not a model",
     label = "expected a struct with #[derive(Model)]"
 )]
-pub trait Model: Variables + 'static {
+pub trait Model: Variables + Behavior + 'static {
     /// Name of the model, of the FMU and of its binary: a C identifier.
     const NAME: &'static str;
     /// Description of the model in one sentence.
@@ -30,57 +30,6 @@ pub trait Model: Variables + 'static {
     /// Relative tolerance of its integrator; 0 if it has none.
     const TOLERANCE: f64 = 0.0;
 
-    /// The sample time (s); 0 if it has none.
-    fn sample_time(&self) -> f64;
-
-    /// See [`Simulate::initialize`] and [`Continuous::initialize`].
-    ///
-    /// # Errors
-    /// Those of the model.
-    #[doc(hidden)]
-    fn on_initialize(&mut self, start: &Start) -> Result<(), ModelError>;
-
-    /// See [`Simulate::reconfigure`] and [`Continuous::reconfigure`].
-    ///
-    /// # Errors
-    /// Those of the model.
-    #[doc(hidden)]
-    fn on_reconfigure(&mut self) -> Result<(), ModelError>;
-
-    /// See [`Simulate::step`]; not called if the model is integrated.
-    ///
-    /// # Errors
-    /// Those of the model.
-    #[doc(hidden)]
-    fn on_step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
-
-    /// See [`Continuous::evaluate`].
-    ///
-    /// # Errors
-    /// Those of the model.
-    #[doc(hidden)]
-    fn on_evaluate(&mut self, time: f64) -> Result<(), ModelError> {
-        let _ = time;
-        Ok(())
-    }
-
-    /// See [`Continuous::event`].
-    ///
-    /// # Errors
-    /// Those of the model.
-    #[doc(hidden)]
-    fn on_event(&mut self, time: f64) -> Result<(), ModelError> {
-        let _ = time;
-        Ok(())
-    }
-
-    /// See [`Continuous::next_event`].
-    #[doc(hidden)]
-    fn on_next_event(&self, time: f64) -> Option<f64> {
-        let _ = time;
-        None
-    }
-
     /// The model with its start values.
     #[inline(never)] // it is small only once
     fn new() -> Self {
@@ -88,6 +37,34 @@ pub trait Model: Variables + 'static {
         // SAFETY: the rows are those of the model.
         unsafe { set_start_values((&raw mut model).cast(), Self::ROWS) };
         model
+    }
+}
+
+/// What a model does, whether its author implements [`Simulate`] or [`Continuous`]; implemented by
+/// `#[derive(Model)]`. Functions that the model does not have do nothing.
+#[doc(hidden)]
+#[allow(unused_variables, reason = "the names document the arguments")]
+pub trait Behavior {
+    /// The sample time (s); 0 if it has none.
+    fn sample_time(&self) -> f64;
+
+    fn on_initialize(&mut self, start: &Start) -> Result<(), ModelError>;
+
+    fn on_reconfigure(&mut self) -> Result<(), ModelError>;
+
+    /// Not called if the model is integrated.
+    fn on_step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+
+    fn on_evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    fn on_event(&mut self, time: f64) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    fn on_next_event(&self, time: f64) -> Option<f64> {
+        None
     }
 }
 
@@ -104,6 +81,7 @@ pub trait Stepped {}
     message = "`{Self}` does not say what it does",
     note = "write `impl Simulate` for it, with a function `step`"
 )]
+#[allow(unused_variables, reason = "the names document the arguments")]
 pub trait Simulate: Model + Stepped {
     /// Computes the outputs at the start time from the start values of parameters and inputs. All other
     /// fields have their default values. If the host changes a value afterwards, it is called again,
@@ -112,7 +90,6 @@ pub trait Simulate: Model + Stepped {
     /// # Errors
     /// The parameters are inconsistent, or a resource cannot be read.
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        let _ = start;
         Ok(())
     }
 
@@ -150,6 +127,7 @@ pub trait Simulate: Model + Stepped {
     message = "`{Self}` is continuous but has no equations",
     note = "write `impl Continuous` for it, with a function `evaluate`"
 )]
+#[allow(unused_variables, reason = "the names document the arguments")]
 pub trait Continuous: Model {
     /// As [`Simulate::initialize`]: computes states and outputs at the start time. Afterwards,
     /// [`evaluate`](Self::evaluate) is called.
@@ -157,7 +135,6 @@ pub trait Continuous: Model {
     /// # Errors
     /// The parameters are inconsistent, or a resource cannot be read.
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        let _ = start;
         Ok(())
     }
 
@@ -183,13 +160,11 @@ pub trait Continuous: Model {
     /// # Errors
     /// The event cannot be handled.
     fn event(&mut self, time: f64) -> Result<(), ModelError> {
-        let _ = time;
         Ok(())
     }
 
     /// The time of the first event after `time` that is known in advance (s).
     fn next_event(&self, time: f64) -> Option<f64> {
-        let _ = time;
         None
     }
 }

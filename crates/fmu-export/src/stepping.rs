@@ -65,7 +65,7 @@ impl Stepping {
         /// model's default experiment.
         const MAX: f64 = 1e6;
         let facts = c.model.facts();
-        let count = match c.shared.options.intermediate_update.is_some() && facts.is_continuous {
+        let count = match c.shared.settings.intermediate_update.is_some() && facts.is_continuous {
             true => libm::ceil(step / facts.step - 1e-6).clamp(1.0, MAX),
             false => 1.0,
         };
@@ -96,10 +96,10 @@ impl Stepping {
     }
 
     fn take_parts(&mut self, c: &mut Component) -> Result<Next, Outcome> {
-        let call = &c.shared.edge.do_step;
-        let options = &c.shared.options;
-        let may_return = options.early_return_allowed;
-        let calls_back = options.intermediate_update.is_some();
+        let call = &c.shared.settings.edge.do_step;
+        let settings = &c.shared.settings;
+        let may_return = settings.early_return_allowed;
+        let calls_back = settings.intermediate_update.is_some();
         let has_events = c.shared.lifecycle.mode == Mode::CoSimulationWithEvents;
         loop {
             let internal = self.start + self.size * (f64::from(self.k) / self.count);

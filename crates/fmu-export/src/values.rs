@@ -6,10 +6,9 @@ use std::fmt;
 
 use fmi_abi::Version;
 use fmi_abi::state::State;
-use fmu_description::table::{Bounds, Field};
+use fmu_description::table::{Bounds, Field, Scalar};
 use fmu_description::{Causality, Dynamics, Type, Value, Variability, words};
 
-use crate::bound::Scalar;
 use crate::component::Component;
 use crate::lifecycle::{Lifecycle, Mode};
 use crate::model::ModelError;
@@ -97,7 +96,7 @@ impl Component {
         let saved = self.prepare(references)?;
         let got = self.get_elements(of_type, &elements, put);
         if let Some(saved) = saved {
-            self.model.restore(saved.as_ref());
+            self.model.assign(saved.as_ref());
         }
         got
     }
@@ -133,7 +132,7 @@ impl Component {
             };
         }
         let scalar = self.find(of_type, element)?;
-        let value = scalar.value.get();
+        let value = self.model.get(&scalar);
         let fitting = match of_type {
             same if same == value.of_type() => return Ok(value),
             Type::Float64 => value.as_real().map(Value::Float64),
@@ -147,16 +146,17 @@ impl Component {
     /// Whether a value reference belongs to the independent variable, which comes after all others. FMI
     /// 2.0 has none.
     fn is_time(&self, reference: u32) -> bool {
-        self.shared.edge.version == Version::Fmi3 && reference as usize == self.model.facts().count
+        self.shared.settings.edge.version == Version::Fmi3
+            && reference as usize == self.model.facts().count
     }
 
     /// The scalar or element with a value reference, if the functions of a type access it.
-    fn find(&mut self, of_type: Type, reference: u32) -> Result<Scalar<'_>, ModelError> {
-        let (version, count) = (self.shared.edge.version, self.model.facts().count);
+    fn find(&mut self, of_type: Type, reference: u32) -> Result<Scalar, ModelError> {
+        let (version, count) = (self.shared.settings.edge.version, self.model.facts().count);
         let is_known = version == Version::Fmi3 || self.model.is_element(reference);
         let scalar = self.model.find(reference).filter(|_| is_known);
         let scalar = scalar.ok_or_else(|| unknown(count, reference))?;
-        scalar.check_type(of_type, version)?;
+        check_type(&scalar, of_type, version)?;
         Ok(scalar)
     }
 
@@ -166,7 +166,7 @@ impl Component {
         references: &'a [u32],
         n: usize,
     ) -> Result<Cow<'a, [u32]>, ModelError> {
-        if self.shared.edge.version == Version::Fmi2 {
+        if self.shared.settings.edge.version == Version::Fmi2 {
             return Ok(references.into());
         }
         let mut elements = Vec::with_capacity(n);
@@ -193,7 +193,7 @@ impl Component {
 
     /// Checks that a host accesses the variables that it has announced, in an intermediate update.
     pub(crate) fn check_announced(&self, references: &[u32]) -> Result<(), ModelError> {
-        let announced = &self.shared.options.intermediate_variables;
+        let announced = &self.shared.settings.intermediate_variables;
         let is_announced = |reference: &u32| announced.contains(reference);
         if self.shared.lifecycle.state != State::IntermediateUpdate
             || references.iter().all(is_announced)
@@ -225,9 +225,9 @@ impl Component {
         }
         for (i, &element) in elements.iter().enumerate() {
             if let Some(scalar) = self.model.find(element)
-                && let Some(value) = given(i).within(scalar.variable())
+                && let Some(value) = given(i).within(scalar.variable)
             {
-                scalar.value.set(value);
+                self.model.set(&scalar, value);
             }
         }
         let lifecycle = &mut self.shared.lifecycle;
@@ -240,18 +240,18 @@ impl Component {
     fn check(&mut self, of_type: Type, element: u32, value: Given<'_>) -> Result<(), ModelError> {
         let Lifecycle { state, mode, .. } = self.shared.lifecycle;
         let scalar = self.find(of_type, element)?;
-        if let Some(why) = not_settable(scalar.variable(), state, mode) {
+        if let Some(why) = not_settable(scalar.variable, state, mode) {
             return Err(ModelError::refuse(format_args!(
                 "{} is {why}",
                 scalar.name()
             )));
         }
-        match value.within(scalar.variable()) {
+        match value.within(scalar.variable) {
             Some(_) => Ok(()),
             None => Err(ModelError::refuse(format_args!(
                 "{} = {value} is refused; expected {}",
                 scalar.name(),
-                expected(scalar.variable())
+                expected(scalar.variable)
             ))),
         }
     }
@@ -348,7 +348,7 @@ pub(crate) fn unknown(count: usize, reference: u32) -> ModelError {
 
 /// Why a value of a variable of the right type cannot be got: only FMI 2.0 has too few types.
 #[cold]
-fn does_not_fit(scalar: &Scalar<'_>, value: Option<i128>) -> ModelError {
+fn does_not_fit(scalar: &Scalar, value: Option<i128>) -> ModelError {
     let value = value.unwrap_or_default();
     ModelError::refuse(format_args!(
         "{} = {value} does not fit into an Integer of FMI 2.0; expected a value from {} to {}",
@@ -358,24 +358,26 @@ fn does_not_fit(scalar: &Scalar<'_>, value: Option<i128>) -> ModelError {
     ))
 }
 
-impl Scalar<'_> {
-    /// Checks that the functions of a type access the variable in a version of FMI.
-    pub(crate) fn check_type(&self, of_type: Type, version: Version) -> Result<(), ModelError> {
-        let own = self.variable().start.of_type();
-        let accessed = own.accessed_as(version).name(version);
-        let found = of_type.name(version);
-        if accessed == found {
-            return Ok(());
-        }
-        let name = self.name();
-        Err(match own {
-            Type::Binary if version == Version::Fmi2 => ModelError::refuse(format_args!(
-                "{name} is of type Binary, which is not available in FMI 2.0"
-            )),
-            Type::Enumeration => ModelError::refuse(format_args!(
-                "{name} is of type Enumeration, which is accessed as {accessed}, not {found}"
-            )),
-            _ => ModelError::refuse(format_args!("{name} is of type {accessed}, not {found}")),
-        })
+/// Checks that the functions of a type access the variable in a version of FMI.
+pub(crate) fn check_type(
+    scalar: &Scalar,
+    of_type: Type,
+    version: Version,
+) -> Result<(), ModelError> {
+    let own = scalar.variable.start.of_type();
+    let accessed = own.accessed_as(version).name(version);
+    let found = of_type.name(version);
+    if accessed == found {
+        return Ok(());
     }
+    let name = scalar.name();
+    Err(match own {
+        Type::Binary if version == Version::Fmi2 => ModelError::refuse(format_args!(
+            "{name} is of type Binary, which is not available in FMI 2.0"
+        )),
+        Type::Enumeration => ModelError::refuse(format_args!(
+            "{name} is of type Enumeration, which is accessed as {accessed}, not {found}"
+        )),
+        _ => ModelError::refuse(format_args!("{name} is of type {accessed}, not {found}")),
+    })
 }

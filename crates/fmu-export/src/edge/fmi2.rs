@@ -16,11 +16,11 @@ use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi2_functions};
 
 use super::{c_text, text, texts};
-use crate::component::{Component, Edge, Options, Outcome, Settings};
+use crate::component::{Component, Edge, Outcome, Settings};
 use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
-use crate::log::{Category, Log, Sink};
+use crate::log::{Log, Sink};
 use crate::model::ModelError;
 use crate::resources;
 
@@ -77,16 +77,12 @@ pub unsafe fn instantiate(
             "the type is {other}; expected fmi2ModelExchange (0) or fmi2CoSimulation (1)"
         )),
     };
-    let settings = Settings {
-        edge: &EDGE,
-        mode: Mode::CoSimulation,
-        log: Log::new(sink(functions, name), logging_on != fmi2False),
-        resources: match location.map(CStr::to_str).transpose() {
-            Ok(location) => resources::path(location),
-            Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
-        },
-        options: Options::default(),
+    let resources = match location.map(CStr::to_str).transpose() {
+        Ok(location) => resources::path(location),
+        Err(_) => Err(format!("the resource location {location:?} is not UTF-8")),
     };
+    let log = Log::new(sink(functions, name), logging_on != fmi2False);
+    let settings = Settings::new(&EDGE, log, resources);
     super::instantiate("fmi2Instantiate", models, (name, guid), mode, settings)
 }
 
@@ -96,13 +92,7 @@ fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Optio
     let logger = functions?.logger?;
     let instance = name.map(CStr::to_owned).unwrap_or_default();
     Some(Box::new(move |category, message| {
-        let status = match category {
-            Category::Error => fmi2Error,
-            Category::Warning => fmi2Warning,
-            Category::Discard => fmi2Discard,
-            Category::Fatal => fmi2Fatal,
-            Category::Events => fmi2OK,
-        };
+        let status = fmi2Status(category.status());
         let (category, text) = (category.name().as_ptr(), c_text(message));
         // SAFETY: the host provides this function to be called with these C types (FMI 2.0.5, section
         // 2.1.5); all strings are zero-terminated and outlive the call; the text is an argument of the format

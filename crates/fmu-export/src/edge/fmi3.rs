@@ -21,9 +21,9 @@ use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
-use super::{c_text, text, texts};
+use super::{c_text, instantiate, text, texts};
 use crate::bound::Numbers;
-use crate::component::{Component, Edge, IntermediateUpdate, Options, Outcome, Settings};
+use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};
 use crate::lifecycle::Mode;
@@ -79,10 +79,11 @@ pub unsafe fn instantiate_model_exchange(
     log_message: Option<fmi3LogMessageCallback>,
 ) -> fmi3Instance {
     let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
-    let (function, mode) = ("fmi3InstantiateModelExchange", Ok(Mode::ModelExchange));
-    let (texts, options) = ([name, token, resources], Options::default());
     // SAFETY: the caller's promise.
-    unsafe { instantiate(function, models, texts, log, mode, options) }
+    let [name, token, path] = unsafe { [text(name), text(token), text(resources)] };
+    let settings = Settings::new(&EDGE, log, folder(path));
+    let (function, mode) = ("fmi3InstantiateModelExchange", Ok(Mode::ModelExchange));
+    instantiate(function, models, (name, token), mode, settings)
 }
 
 /// `fmi3InstantiateCoSimulation`. On failure, logs the reason and returns NULL.
@@ -106,23 +107,26 @@ pub unsafe fn instantiate_co_simulation(
 ) -> fmi3Instance {
     let log = Log::new(sink(environment, log_message), logging_on != fmi3False);
     // SAFETY: the caller's promise.
-    let variables = unsafe { slice(intermediate_variables, n) };
+    let ([name, token, path], variables) = unsafe {
+        let texts = [text(name), text(token), text(resources)];
+        (texts, slice(intermediate_variables, n))
+    };
     let mode = match (variables, event_mode_used) {
         (None, _) => Err("requiredIntermediateVariables is NULL though its length is not 0".into()),
         (_, fmi3False) => Ok(Mode::CoSimulation),
         _ => Ok(Mode::CoSimulationWithEvents),
     };
-    let options = Options {
+    let settings = Settings {
         early_return_allowed: early_return_allowed != fmi3False,
         intermediate_update: intermediate_update.map(|function| {
             // SAFETY: the host provides this function for this environment.
             Rc::new(move |update| unsafe { call_back(function, environment, update) }) as Rc<_>
         }),
         intermediate_variables: variables.unwrap_or_default().to_vec(),
+        ..Settings::new(&EDGE, log, folder(path))
     };
-    let (function, texts) = ("fmi3InstantiateCoSimulation", [name, token, resources]);
-    // SAFETY: the caller's promise.
-    unsafe { instantiate(function, models, texts, log, mode, options) }
+    let function = "fmi3InstantiateCoSimulation";
+    instantiate(function, models, (name, token), mode, settings)
 }
 
 /// `fmi3InstantiateScheduledExecution`, which logs that it is not supported and returns NULL.
@@ -148,30 +152,6 @@ pub unsafe fn instantiate_scheduled_execution(
     std::ptr::null_mut()
 }
 
-/// Creates an instance of the model with the given token.
-///
-/// # Safety
-/// The texts (name, token and resource path) are NULL or zero-terminated.
-unsafe fn instantiate(
-    function: &str,
-    models: &'static [Entry],
-    texts: [fmi3String; 3],
-    log: Log,
-    mode: Result<Mode, String>,
-    options: Options,
-) -> fmi3Instance {
-    // SAFETY: the caller's promise.
-    let [name, token, path] = texts.map(|pointer| unsafe { text(pointer) });
-    let settings = Settings {
-        edge: &EDGE,
-        mode: Mode::CoSimulation,
-        log,
-        resources: folder(path),
-        options,
-    };
-    super::instantiate(function, models, (name, token), mode, settings)
-}
-
 /// The folder of the resources, which is a path and not a URI in FMI 3.0.
 fn folder(path: Option<&CStr>) -> Folder {
     let path = path.filter(|path| !path.is_empty());
@@ -189,19 +169,12 @@ fn sink(
 ) -> Option<Sink> {
     let log_message = log_message?;
     Some(Box::new(move |category, message| {
-        let status = match category {
-            Category::Error => fmi3Error,
-            Category::Warning => fmi3Warning,
-            Category::Discard => fmi3Discard,
-            Category::Fatal => fmi3Fatal,
-            Category::Events => fmi3OK,
-        };
         // `#` introduces a value reference (FMI 3.0.2, section 2.3.1).
         let text = c_text(&message.replace('#', "##"));
-        let category = category.name().as_ptr();
+        let (status, category) = (category.status(), category.name().as_ptr());
         // SAFETY: the host provides this function to be called with these C types (FMI 3.0.2, section
         // 2.3.1); the strings are zero-terminated and outlive the call.
-        unsafe { log_message(environment, status.0, category, text.as_ptr()) };
+        unsafe { log_message(environment, status, category, text.as_ptr()) };
     }))
 }
 
@@ -292,7 +265,7 @@ unsafe fn in_parts(instance: fmi3Instance, time: f64, step: f64) -> (Outcome, Re
     let Some(c) = borrow() else {
         return failed;
     };
-    let call_back = c.shared.options.intermediate_update.clone();
+    let call_back = c.shared.settings.intermediate_update.clone();
     let mut stepping = match Stepping::begin(c, time, step) {
         Ok(stepping) => stepping,
         Err(returned) => return returned,
