@@ -128,6 +128,20 @@ def table_results(fmus: Path, once: Callable[..., Path]) -> dict[Loop, Columns]:
 
 
 @pytest.fixture(scope="session")
+def ssp_columns(program: Path, variant: Path, once: Callable[..., Path]) -> dict[str, Columns]:
+    """Return the results of the systems of examples/ssp by the native master."""
+    from native import simulate
+
+    systems = {file.stem: file for file in (ROOT / "examples" / "ssp").glob("*.toml")}
+
+    def write(folder: Path) -> None:
+        found = {name: simulate(file, folder) for name, file in systems.items()}
+        (folder / "results").write_bytes(pickle.dumps(found))
+
+    return pickle.loads((once("ssp", write) / "results").read_bytes())
+
+
+@pytest.fixture(scope="session")
 def report_folder(program: Path, sensor: Path, once: Callable[..., Path]) -> Path:
     """Return the folder of a report generated for the tests."""
 

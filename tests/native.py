@@ -1,15 +1,17 @@
-"""The native master as a program, with systems and small C FMUs for it."""
+"""The command line as a program, with systems, small FMUs in C, and packages outside for it."""
 
 import csv
+import fcntl
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
@@ -73,16 +75,19 @@ def write_system(
     components: Mapping[str, Mapping[str, Any]],
     connections: Sequence[str | Mapping[str, Any]] = (),
     fmu: str = "Relay",
+    own: str = "",
     **settings: Any,
 ) -> Path:
-    """Write a system of instances of an FMU with start values, 1 s long in steps of 0.25 s."""
+    """Write a system of instances of an FMU with start values, 1 s long in steps of 0.25 s.
+
+    `own` are further lines of each component.
+    """
     settings = {"start": 0.0, "stop": 1.0, "step": 0.25} | settings
     lines = [f"{key} = {_toml(value)}" for key, value in settings.items()]
     lines.append(f"connections = {_toml(list(connections))}")
     for name, start in components.items():
-        lines += ["[[component]]", f"name = {_toml(name)}", f'fmu = "{fmu}.fmu"']
-        lines.append("[component.start]")
-        lines += [f"{_toml(variable)} = {_toml(value)}" for variable, value in start.items()]
+        lines += ["[[component]]", f"name = {_toml(name)}", f'fmu = "{fmu}.fmu"', own]
+        lines += ["[component.start]", *(f"{_toml(key)} = {_toml(start[key])}" for key in start)]
     file = folder / "system.toml"
     file.write_text("\n".join(lines), encoding="utf-8")
     return file
@@ -97,25 +102,6 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False).replace("NaN", "nan")
 
 
-# --- FMUs in C ------------------------------------------------------------------------------------
-
-DESCRIPTION = (ROOT / "tests" / "c" / "relay.xml").read_text(encoding="utf-8")
-
-GUID = "{relay <&> 'single' \"double\"}"
-"""As in relay.c."""
-
-
-def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
-    """Return the binary of a source in tests/c."""
-    compiler = shutil.which("cc") or pytest.skip("no C compiler")
-    library = folder / "library.so"
-    options = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", *(f"-D{d}" for d in definitions)]
-    subprocess.run(
-        [compiler, *options, "-o", library, ROOT / "tests" / "c" / source, "-lm"], check=True
-    )
-    return library.read_bytes()
-
-
 def replaced(text: str, replacements: Mapping[str, str]) -> str:
     """Return a text with some parts replaced, all of which must be there."""
     for old, new in replacements.items():
@@ -124,22 +110,30 @@ def replaced(text: str, replacements: Mapping[str, str]) -> str:
     return text
 
 
-def description(
-    replacements: Mapping[str, str] | None = None,
-    *,
-    u_unit: str = "",
-    y_unit: str = "",
-    guid: str = GUID,
-) -> str:
-    """Return the model description of relay.c with some text replaced."""
-    text = re.sub(r'guid="[^"]*"', lambda _: f"guid={quoteattr(guid)}", DESCRIPTION)
-    replacements = dict(replacements or {})
-    if u_unit:
-        replacements['"input"><Real start="0"'] = f'"input"><Real start="0" unit="{u_unit}"'
-    if y_unit:
-        output = '"2" causality="output"><Real'
-        replacements[output] = f'{output} unit="{y_unit}"'
-    return replaced(text, replacements)
+# --- FMUs in C ------------------------------------------------------------------------------------
+
+SOURCES = ROOT / "tests" / "c"
+
+RELAY = (SOURCES / "relay.xml").read_text(encoding="utf-8")
+
+INPUT, OUTPUT = '"input"><Real start="0"', '"2" causality="output"><Real'
+"""The input u and the output y in its model description."""
+
+
+def with_units(u: str, y: str) -> dict[str, str]:
+    """Return the replacements that give the input and the output of a relay their units."""
+    units = {INPUT: u, OUTPUT: y}
+    return {text: f'{text} unit="{unit}"' for text, unit in units.items() if unit}
+
+
+def compiled(folder: Path, *definitions: str, source: str = "relay.c") -> bytes:
+    """Return the binary of a source in tests/c."""
+    compiler = shutil.which("cc") or pytest.skip("no C compiler")
+    library = folder / "library.so"
+    options = ["-shared", "-fPIC", "-O1", "-Wall", "-Wextra", *(f"-D{d}" for d in definitions)]
+    command = [compiler, *options, "-o", library, SOURCES / source, "-lm"]
+    subprocess.run(command, check=True)
+    return library.read_bytes()
 
 
 def pack(file: Path, xml: str, binary: bytes, platform: str = "linux64", **resources: str) -> Path:
@@ -150,3 +144,45 @@ def pack(file: Path, xml: str, binary: bytes, platform: str = "linux64", **resou
         for name, text in resources.items():
             archive.writestr(f"resources/{name}", text)
     return file
+
+
+# --- packages outside the repository --------------------------------------------------------------
+
+OUTSIDE = ROOT / "target" / "outside"
+"""The target folder of all packages outside the repository: dependencies are built once."""
+
+
+def call(command: Sequence[object], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command in a folder, whatever its exit code; those outside run one at a time."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
+    options: dict[str, Any] = {"cwd": folder, "env": env, "capture_output": True, "text": True}
+    command = list(map(str, command))
+    if folder == ROOT:
+        return subprocess.run(command, **options)
+    env |= {"CARGO_TARGET_DIR": str(OUTSIDE), "CARGO_INCREMENTAL": "0"}
+    # Debug information takes long to write. An export must override the abort.
+    env |= {"CARGO_PROFILE_DEV_DEBUG": "0", "CARGO_PROFILE_RELEASE_PANIC": "abort"}
+    OUTSIDE.mkdir(parents=True, exist_ok=True)
+    with (OUTSIDE / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return subprocess.run(command, **options)
+
+
+def shell(commands: str, folder: Path = ROOT) -> Path:
+    """Run shell commands, which must succeed, and return the folder in which they end."""
+    commands = commands.replace("target/venv/bin/python", sys.executable)
+    done = call(["bash", "-ec", f"{commands}\npwd"], folder)
+    assert done.returncode == 0, f"{commands}\n{done.stdout}{done.stderr}"
+    return Path(done.stdout.splitlines()[-1])
+
+
+def new_package(name: str, folder: Path) -> Path:
+    """Create a package in a folder; return its folder."""
+    return prepare(shell(f"{PROGRAM} new {name}\ncd {name}", folder))
+
+
+def prepare(package: Path) -> Path:
+    """Let a new package use the versions in Cargo.lock, and find its FMUs in `target`."""
+    shutil.copy(ROOT / "Cargo.lock", package)
+    (package / "target").symlink_to(OUTSIDE)
+    return package

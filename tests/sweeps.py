@@ -1,13 +1,14 @@
 """Small sweeps with the native program, and their progress."""
 
 import csv
+import re
 import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from native import LOOPS, run
+from native import LOOPS, ROOT, replaced, run
 
 TIMEOUT = 300
 """Time limit for something that takes a second on an idle machine [s]."""
@@ -61,6 +62,15 @@ def written(folder: Path, text: str, system: str = "pid-rbf", signals: str = SIG
     text = f'system = "{LOOPS / system}.toml"\n{text}\n{signals}'
     file.write_text(text, encoding="utf-8")
     return file
+
+
+def shortened(folder: Path) -> Path:
+    """Write the examples with two values of each range and five draws; return the folder."""
+    for file in (ROOT / "examples" / "sweep").glob("*.toml"):
+        text = replaced(file.read_text(encoding="utf-8"), {"../closed-loop": str(LOOPS)})
+        text = re.sub(r"(?m)^count = \d+", "count = 2", text)
+        (folder / file.name).write_text(re.sub(r"(?m)^draws = \d+", "draws = 5", text))
+    return folder
 
 
 def local(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:

@@ -1,7 +1,8 @@
 """The C interface of each model's binary: what its own equations decide.
 
 What all models share is in `crates/fmu-export/tests/c_interface`. `cargo fmu validate`, which
-`test_validate.py` runs, compares start values, derivatives and ramps with the binaries.
+`test_validate.py` runs, compares start values, derivatives and ramps with the binaries;
+`tests/c/loop.c` continues every model from the bytes of its state.
 """
 
 from pathlib import Path
@@ -11,26 +12,9 @@ import pytest
 from scipy.signal import lfilter
 
 import reference
-from pendulum_fmus.master import Component, MasterError, Reals
+from pendulum_fmus.master import Component, MasterError
 
 H = 0.001
-
-
-def snapshot(component: Component) -> bytes:
-    """Return the FMU state as bytes."""
-    slave = component.slave
-    state = slave.getFMUstate()
-    serialized = slave.serializeFMUstate(state)
-    slave.freeFMUstate(state)
-    return serialized
-
-
-def resume(component: Component, serialized: bytes) -> None:
-    """Restore the state from the bytes."""
-    slave = component.slave
-    state = slave.deSerializeFMUstate(serialized)
-    slave.setFMUstate(state)
-    slave.freeFMUstate(state)
 
 
 def test_the_library_is_unloaded_after_use(fmus):
@@ -44,46 +28,6 @@ def test_the_library_is_unloaded_after_use(fmus):
             component.step(0.0, H)
             assert is_mapped()
         assert not is_mapped()
-
-
-# A controller's weights change, and every form of the plant has its own state.
-MOVING = [
-    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "transfer_function"}),
-    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "linear"}),
-    ("Pendulum", {"theta0": 0.3, "omega0": -0.5, "model": "nonlinear"}),
-    ("Pid", {"previous_sample_terms": True, "ts": 0.0025}),
-    ("PidRbf", {"rbf.eta": 0.7, "rbf.w0[2]": 1.5}),
-    ("IpidRbf", {"rbf.target": "supervisor", "rbf.alpha": 0.5}),
-    ("Source", {"signal": "sine", "disturbance.amplitude": 1.0, "disturbance.start": 0.02}),
-]
-
-
-def drive(component: Component, first: int) -> list[list[str]]:
-    """Take 20 steps with changing inputs; return all Reals after each, bit for bit."""
-    variables = component.variables.values()
-    inputs = Reals(component, [v.name for v in variables if v.causality == "input"])
-    everything = Reals(component, [v.name for v in variables if v.type == "Real"])
-    trace = []
-    for k in range(first, first + 20):
-        inputs.values[:] = [0.1 * (k % 7 - j) for j in range(inputs.count)]
-        inputs.set()
-        component.step(k * H, H)
-        everything.get()
-        trace.append([value.hex() for value in everything.values])
-    return trace
-
-
-@pytest.mark.parametrize(("model", "start"), MOVING)
-def test_a_state_continues_bit_for_bit_in_a_new_instance(fmus, instance, model, start):
-    """`cargo fmu validate` tests this with the start values of the model description."""
-    component = instance(model, start)
-    before = drive(component, 0)
-    serialized = snapshot(component)
-    expected = drive(component, 20)
-    assert expected[-1] != before[-1], "it moves"
-    with Component("later", fmus / f"{model}.fmu") as later:
-        resume(later, serialized)
-        assert drive(later, 20) == expected
 
 
 DIVERGES = [

@@ -1,13 +1,13 @@
 """The documentation is correct: its commands and programs run, its links and files exist."""
 
-import csv
 import re
 from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
 
-import pages
+import sweeps
+from native import new_package, prepare, shell
 from pendulum_fmus.project import ROOT
 
 PAGES = {
@@ -15,6 +15,8 @@ PAGES = {
     for path in sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
     if path.name != "CHANGELOG.md"  # also names removed files
 }
+
+each_page = pytest.mark.parametrize("page", PAGES)
 
 BLOCK = re.compile(r"(?:`([\w.-]+/[\w./-]+)`:\n\n)?^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 """A fenced block: its file, if the preceding text names one; language; text."""
@@ -26,7 +28,7 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@each_page
 def test_links_and_files_exist(page: str) -> None:
     for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGES[page]):
         path, _, anchor = link.partition("#")
@@ -40,15 +42,21 @@ def test_links_and_files_exist(page: str) -> None:
             assert (ROOT / path).exists(), path
 
 
-@pytest.mark.parametrize("page", PAGES)
+@each_page
 def test_commands_and_programs_run(
-    page: str, program: Path, tmp_path_factory: pytest.TempPathFactory
+    page: str, program: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Run the commands of a page in order, except those that install something.
 
     They run in the root of the repository; a section with a new package, and the numbered sections
-    after it, in a folder outside.
+    after it, in a folder outside. Sweeps have fewer runs, and FMUs are validated quickly.
     """
+    replacements = {
+        r"^(make|cargo install) .*$": "",
+        r"cargo fmu validate (?!.*(--quick|--no-run))": "cargo fmu validate --quick ",
+        r"cargo fmu ": f"{program} ",
+        r"examples/sweep": str(sweeps.shortened(tmp_path)),
+    }
     folder = ROOT
     for section in re.split(r"^## ", PAGES[page], flags=re.MULTILINE):
         if "cargo fmu new" in section:
@@ -61,12 +69,14 @@ def test_commands_and_programs_run(
             elif language == "python":
                 if "ecospy" in block and not find_library("tbb"):
                     pytest.skip("`make system` installs libtbb")
-                pages.run(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
+                shell(f"target/venv/bin/python - <<'END'\n{block}END\n", folder)
             elif language == "sh":
-                commands = re.sub(r"^(make|cargo install) .*$", "", block, flags=re.MULTILINE)
-                folder = pages.run(commands.replace("cargo fmu ", f"{program} "), folder)
+                commands = block
+                for text, other in replacements.items():
+                    commands = re.sub(text, other, commands, flags=re.MULTILINE)
+                folder = shell(commands, folder)
                 if "cargo fmu new" in block:
-                    pages.prepare(folder)
+                    prepare(folder)
 
 
 def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> None:
@@ -74,23 +84,21 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
     blocks = [block for page in PAGES.values() for block in BLOCK.findall(page)]
     models = [text for path, language, text in blocks if language == "rust" and not path]
     modules = [f"mod block_{index} {{\n{text}}}\n" for index, text in enumerate(models)]
-    package = pages.new("guide", tmp_path)
+    package = new_package("guide", tmp_path)
     (package / "src" / "lib.rs").write_text("#![allow(dead_code)]\n" + "".join(modules))
     with (package / "Cargo.toml").open("a") as manifest:
         manifest.write('serde = { version = "1", features = ["derive"] }\n')
         manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
-    pages.run("cargo test", package)
+    shell("cargo test", package)
 
 
 def test_all_units_are_listed() -> None:
     """The tables of variables.md have the symbols and prefixes of the parser."""
     section = PAGES["docs/variables.md"].split("## Units")[1]
-    listed = set(re.findall(r"`([^`]+)`", section))
     parser = (ROOT / "modelDescription" / "src" / "unit.rs").read_text(encoding="utf-8")
-    tables = parser.split("impl Unit")[0]
-    symbols = re.findall(r'^ +\("([^"\\]+)", ', tables, re.MULTILINE)
+    symbols = re.findall(r'^ +\("([^"\\]+)", ', parser.split("impl Unit")[0], re.MULTILINE)
     assert len(symbols) > 40
-    assert listed >= set(symbols)
+    assert set(re.findall(r"`([^`]+)`", section)) >= set(symbols)
 
 
 def test_the_importers_are_those_that_were_run() -> None:
@@ -101,21 +109,18 @@ def test_the_importers_are_those_that_were_run() -> None:
     assert all(f"| {version} |" in PAGES["docs/importers.md"] for version in pinned)
 
 
-def test_what_you_should_see(program: Path, variant: Path, tmp_path: Path) -> None:
+def test_what_you_should_see(ssp_columns: dict) -> None:
     """The table of importing.md: final error, settling time and maximum angle of the four loops."""
     section = PAGES["docs/importing.md"].split("## What you should see")[1].split("\n## ")[0]
     lines = [line.split("|")[2:-1] for line in section.splitlines() if line.startswith("| `")]
     for name, cells in zip(["pid", "pid-rbf", "ipid-rbf", "supervised"], lines, strict=True):
-        file = tmp_path / "loop.csv"
-        outputs = "--output controller.e --output plant.theta"
-        pages.run(f"{program} simulate examples/ssp/{name}.toml {outputs} --csv {file}")
-        with file.open() as opened:
-            rows = [[float(cell) for cell in row] for row in list(csv.reader(opened))[1:]]
-        error, settled, largest = (re.findall(r"-?\d[\d.e-]*", cell)[-1] for cell in cells)
+        columns = ssp_columns[name]
+        errors = columns["controller.e"]
+        error, settled, largest = (float(re.findall(r"-?\d[\d.e-]*", cell)[-1]) for cell in cells)
         if "below" in cells[0]:
-            assert abs(rows[-1][1]) < float(error)
+            assert abs(errors[-1]) < error
         else:
-            assert rows[-1][1] == pytest.approx(float(error), rel=5e-3)
-        last = max(time for time, error, _ in rows if abs(error) > 0.003)
-        assert last == pytest.approx(float(settled), abs=0.006)
-        assert max(angle for _, _, angle in rows) == pytest.approx(float(largest), abs=6e-4)
+            assert errors[-1] == pytest.approx(error, rel=5e-3)
+        last = columns["time"][abs(errors) > 0.003][-1]
+        assert last == pytest.approx(settled, abs=0.006)
+        assert columns["plant.theta"].max() == pytest.approx(largest, abs=6e-4)

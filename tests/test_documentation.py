@@ -6,7 +6,7 @@ import re
 import struct
 import zipfile
 from itertools import groupby, pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 import numpy as np
 import pytest
@@ -14,17 +14,14 @@ from lxml import etree, html
 from PIL import Image
 from playwright.sync_api import Browser
 
-from test_package import MODELS, Fmu, each_fmu, each_model, of
+from test_package import MODELS, Fmu, each_fmu, each_model, fmu, of
 
 PAGE = "documentation/index.html"
 SIZE_OF_DOCUMENTATION = 9_000
 """Maximum compressed size of page and icon, without the licences."""
 
 
-@pytest.fixture
-def fmu(fmus: Path, model: str, version: str) -> Fmu:
-    """Return the FMU of a model."""
-    return of(fmus, model, version)
+__all__ = ["fmu"]  # a fixture
 
 
 @pytest.fixture
@@ -116,22 +113,18 @@ def test_the_table_matches_the_variables_of_the_xml(fmu, page):
 
 
 @each_fmu
-def test_the_page_has_the_identity_of_the_fmu_and_all_sections(fmu, page):
+def test_the_page_has_the_identity_of_the_fmu_and_all_sections_and_is_accessible(fmu, page):
     description = fmu.description
     text = "".join(page.itertext())
-    assert texts(page, ".//h1") == [fmu.model]
     version = f"FMI {'3.0' if fmu.is_fmi_3 else '2.0'}"
     for expected in (description.description, description.guid, fmu.path.name, version):
         assert expected in text
+    assert texts(page, ".//h1") == [fmu.model]
     headings = texts(page, ".//h2")
     for heading in ("What it is", "Equations", "Result", "Coupling", "Limits", "Variables"):
         assert headings.count(heading) == 1
     assert len(page.findall(".//math")) >= 4
     assert len(page.findall(".//figure")) == 2
-
-
-@each_fmu
-def test_the_page_is_accessible(page):
     assert page.get("lang") == "en"
     assert page.find("head/title").text
     levels = [int(e.tag[1]) for e in page.iter("h1", "h2", "h3", "h4")]

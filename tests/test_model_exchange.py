@@ -5,14 +5,12 @@
 
 import math
 from collections.abc import Callable
-from ctypes import byref, c_double, sizeof
-from functools import partial
+from ctypes import c_double
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from fmpy.sundials import CVodeSolver
 from scipy.integrate import solve_ivp
 
 import reference
@@ -32,6 +30,12 @@ def file(fmus: Path, request) -> Callable[[str], Path]:
     return lambda model: fmus / f"{model}{VERSIONS[request.param]}.fmu"
 
 
+def solve(derivative: Callable, initial, times: np.ndarray) -> np.ndarray:
+    """Integrate an equation; return the states at points in time [s], (states, points)."""
+    options = {"method": "DOP853", "t_eval": times, "rtol": 1e-12, "atol": 1e-14}
+    return solve_ivp(derivative, (times[0], times[-1]), initial, **options).y
+
+
 # --- a master by model exchange -----------------------------------------------------------------
 
 
@@ -40,112 +44,88 @@ class Model(Component):
 
     KIND, CLASS = "modelExchange", "Model"
 
-    def set_time(self, time: float) -> None:
-        """Set the time [s]."""
-        self.time = time
-        self.slave.setTime(time)
+    def initialize(self, time: float) -> None:
+        """Initialize it at a time [s]."""
+        super().initialize(time)
+        self.fmi2 = self.description.fmiVersion == "2.0"
+        self.states = (c_double * self.description.numberOfContinuousStates)()
+        self.feeds: list[tuple[Reals, Reals]] = []
 
-    def update(self) -> None:
-        """Update the discrete states, and enter the continuous-time mode."""
-        fmi2 = self.description.fmiVersion == "2.0"
-        update = self.slave.newDiscreteStates if fmi2 else self.slave.updateDiscreteStates
-        needed, _, _, _, defined, time = update()
-        assert not needed
-        self.next_event = time if defined else math.inf
-        assert self.next_event > self.time
-        self.slave.enterContinuousTimeMode()
-
-    def derivatives(self, values) -> None:
-        """Read the derivatives of the continuous states."""
-        fmi2 = self.description.fmiVersion == "2.0"
-        get = self.slave.getDerivatives if fmi2 else self.slave.getContinuousStateDerivatives
-        get(values, self.states)
-
-    @property
-    def states(self) -> int:
-        """The number of continuous states."""
-        return self.description.numberOfContinuousStates
-
-
-class Exchange:
-    """Models whose states CVode integrates together."""
-
-    def __init__(self, system: System, start: float):
-        self.models: list[Model] = list(system.components.values())
-        self.time = start
-        self.feeds: dict[str, list[tuple[Reals, Reals]]] = {model.name: [] for model in self.models}
-        for output, input_ in system.connections:
-            (source, variable), (fed, name) = system.locate(output), system.locate(input_)
-            self.feeds[fed.name].append((Reals(fed, [name]), Reals(source, [variable])))
-        for model in self.models:
-            model.initialize(start)
-        self._update()
-        ends = np.cumsum([0, *(model.states for model in self.models)]).tolist()
-        offsets = [sizeof(c_double) * end for end in ends]
-        self.parts = [p for p in zip(self.models, offsets, strict=False) if p[0].states]
-        self.solver = CVodeSolver(
-            nx=ends[-1], nz=0, get_z=None, input=None, startTime=start, relativeTolerance=1e-12,
-            get_x=partial(self._each, "getContinuousStates"),
-            set_x=partial(self._each, "setContinuousStates"),
-            get_nominals=partial(self._each, "getNominalsOfContinuousStates"),
-            get_dx=self._derivatives, set_time=self._set_time,
-        )  # fmt: skip
-
-    def _each(self, function: str, values, _count: int) -> None:
-        for model, offset in self.parts:
-            getattr(model.slave, function)(byref(values.contents, offset), model.states)
-
-    def _set_time(self, time: float) -> None:
-        for model, _ in self.parts:
-            model.set_time(time)
-
-    def _derivatives(self, values, _count: int) -> None:
-        for model, _ in self.parts:
-            self._feed(model)
-        for model, offset in self.parts:
-            model.derivatives(byref(values.contents, offset))
-
-    def _feed(self, model: Model) -> None:
-        for fed, source in self.feeds[model.name]:
+    def feed(self) -> None:
+        """Fetch the inputs from other models."""
+        for fed, source in self.feeds:
             source.get()
             fed.values[0] = source.values[0]
             fed.set()
 
-    def _update(self) -> None:
-        """Let one model after another fetch its inputs and handle an event."""
-        for model in self.models:
-            self._feed(model)
-            model.update()
+    def update(self) -> None:
+        """Fetch the inputs, update the discrete states, and enter the continuous-time mode."""
+        self.feed()
+        update = self.slave.newDiscreteStates if self.fmi2 else self.slave.updateDiscreteStates
+        needed, _, _, _, defined, time = update()
+        assert not needed
+        self.next_event = time if defined else math.inf
+        self.slave.enterContinuousTimeMode()
 
-    def proceed(self, until: float) -> None:
-        """Integrate until a time [s], or an event that is only apart by rounding."""
-        close = 1e-9 * TS
-        while self.time < until - close:
-            event = min(model.next_event for model in self.models)
-            due = event <= until + close
-            target = event if due else until
-            self.solver.step(self.time, target)
-            self.time = target
-            for model in self.models:
-                model.set_time(target)
-                wanted, _ = model.slave.completedIntegratorStep()
-                assert not wanted
-            if due:
-                for model in self.models:
-                    model.slave.enterEventMode()
-                self._update()
-                self.solver.reset(self.time)
+    def place(self, time: float, states: np.ndarray) -> None:
+        """Set the time [s] and the states."""
+        self.slave.setTime(time)
+        self.states[:] = states
+        if len(states):
+            self.slave.setContinuousStates(self.states, len(states))
+
+    def derivatives(self) -> list[float]:
+        """Fetch the inputs, and return the derivatives of the states."""
+        self.feed()
+        get = self.slave.getDerivatives if self.fmi2 else self.slave.getContinuousStateDerivatives
+        if self.states:
+            get(self.states, len(self.states))
+        return list(self.states)
 
 
 def simulate(
     models: list[Model], connections: list, start: float, step: float, steps: int
 ) -> dict[str, np.ndarray]:
-    """Return the outputs at start + k step, after an event at that time."""
+    """Return the outputs at start + k step, after an event at that time.
+
+    The states of all models are integrated together, from event to event.
+    """
     with System(models, connections) as system:
-        exchange, rows = Exchange(system, start), []
-        outputs = system.reals(system.outputs())
-        for k in range(steps):
-            exchange.proceed(start + k * step)
+        for model in models:
+            model.initialize(start)
+        for output, input_ in system.connections:
+            (source, variable), (fed, name) = system.locate(output), system.locate(input_)
+            fed.feeds.append((Reals(fed, [name]), Reals(source, [variable])))
+        states = []
+        for model in models:
+            model.update()
+            model.slave.getContinuousStates(model.states, len(model.states))
+            states += model.states
+        ends = np.cumsum([len(model.states) for model in models])[:-1]
+
+        def rates(time: float, states: np.ndarray) -> np.ndarray:
+            for model, part in zip(models, np.split(states, ends), strict=True):
+                model.place(time, part)
+            return np.concatenate([model.derivatives() for model in models])
+
+        time, rows, outputs = start, [], system.reals(system.outputs())
+        close = 1e-9 * TS  # apart by rounding
+        for until in start + step * np.arange(steps):
+            while time < until - close:
+                event = min(model.next_event for model in models)
+                target = event if event <= until + close else until
+                states = solve(rates, states, np.array([time, target]))[:, -1]
+                time = target
+                rates(time, states)
+                for model in models:
+                    wanted, _ = model.slave.completedIntegratorStep()
+                    assert not wanted
+                if time == event:
+                    for model in models:
+                        model.slave.enterEventMode()
+                    for model in models:
+                        model.update()
+                        assert model.next_event > time
             for reals in outputs:
                 reals.get()
             rows.append([value for reals in outputs for value in reals.values])
@@ -211,16 +191,9 @@ def test_continuous_inputs_reach_a_plant_between_events(fmus):
     A, B = reference.linear_model()
     both = np.block([[A, np.zeros((4, 4))], [np.zeros((4, 4)), A]])
     both[4:, 2] = B
-    exact = solve(lambda y: both @ y, [0, 0, 0.1, 0, 0, 0, 0, 0], 1)
+    exact = solve(lambda _, y: both @ y, [0, 0, 0.1, 0, 0, 0, 0, 0], np.array([0, 1]))
     assert columns["free.theta"][-1] == pytest.approx(exact[2, -1], rel=1e-8)
     assert columns["driven.theta"][-1] == pytest.approx(exact[6, -1], rel=1e-8)
-
-
-def solve(derivative: Callable, initial, until: float, points: int = 2) -> np.ndarray:
-    """Integrate an equation; return the state at points in time, (states, points)."""
-    times = np.linspace(0, until, points)
-    options = {"method": "DOP853", "t_eval": times, "rtol": 1e-12, "atol": 1e-14}
-    return solve_ivp(lambda _, y: derivative(y), (0, until), initial, **options).y
 
 
 # --- the plant alone ----------------------------------------------------------------------------
@@ -243,8 +216,9 @@ def test_plant_agrees_with_scipy_when_the_force_jumps(file, plant_model):
         input=np.array(force, dtype=[("time", float), ("u", float)]),
         output=["x", "v", "theta", "omega"],
     )  # fmt: skip
-    first = solve(lambda y: EQUATIONS[plant_model](y, 1.0), [0, -0.3, 0.2, 0], 0.5, 6)
-    second = solve(lambda y: EQUATIONS[plant_model](y, -4.0), first[:, -1], 0.5, 6)
+    equation, times = EQUATIONS[plant_model], np.linspace(0, 0.5, 6)
+    first = solve(lambda _, y: equation(y, 1.0), [0, -0.3, 0.2, 0], times)
+    second = solve(lambda _, y: equation(y, -4.0), first[:, -1], times)
     regular = results[np.searchsorted(results["time"], np.linspace(0, 1, 11) - 1e-9)]
     expected = np.hstack([first, second[:, 1:]])
     for name, column in zip(("x", "v", "theta", "omega"), expected, strict=True):

@@ -1,19 +1,39 @@
-"""The native master: equality with FMPy's master, options, output, messages."""
+"""The native master: equality with FMPy, values of every type, connections, options and output.
+
+`crates/cargo-fmu/tests/cmd` has its messages, `crates/fmu-master/tests/equality.rs` the runs of
+Table 1. FMUs in C are `relay.c` and `adaptive.c` of FMI 2.0, and `sums.c` of FMI 3.0.
+"""
 
 import contextlib
 import csv
+import itertools
 import os
 import pty
 import re
 import subprocess
 import termios
-from itertools import product
+from collections.abc import Callable
 from pathlib import Path
 
+import fmpy
 import numpy as np
+import pyarrow.parquet
 import pytest
 
-from native import LOOPS, PROGRAM, refusal, replaced, run, simulate
+from native import (
+    LOOPS,
+    PROGRAM,
+    RELAY,
+    SOURCES,
+    compiled,
+    pack,
+    refusal,
+    replaced,
+    run,
+    simulate,
+    with_units,
+    write_system,
+)
 from pendulum_fmus.loop import FREQUENCY, TS, Loop
 from pendulum_fmus.master import simulate as couple
 from pendulum_fmus.project import FMUS
@@ -27,6 +47,8 @@ FILES = {
     ("IpidRbf", "supervisor"): "supervised.toml",
 }
 """The example system of each loop."""
+
+same = np.testing.assert_array_equal
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -48,15 +70,11 @@ VARIATIONS = [
 @pytest.mark.parametrize(("order", "model", "step"), VARIATIONS)
 @pytest.mark.parametrize(("controller", "target"), FILES)
 def test_every_output_equals_fmpys_bit_for_bit(controller, target, order, model, step, tmp_path):
-    """`crates/fmu-master/tests/equality.rs` compares the runs of Table 1 with the mathematics."""
     steps = 1000
-    start = {
-        "source.signal": "sine",
-        "source.frequency": FREQUENCY["sine"],
-        "source.disturbance.amplitude": 1.0,
-        "source.disturbance.start": 0.1,
-        "source.disturbance.duration": 0.1,
-    }
+    start = {f"source.{name}": value for name, value in {
+        "signal": "sine", "frequency": FREQUENCY["sine"], "disturbance.amplitude": 1.0,
+        "disturbance.start": 0.1, "disturbance.duration": 0.1,
+    }.items()}  # fmt: skip
     loops = ("", "supervisor_")[: 1 + (target == "supervisor")]
     if order == "parallel":
         names = ("controller", "supervisor")[: len(loops)]
@@ -66,15 +84,12 @@ def test_every_output_equals_fmpys_bit_for_bit(controller, target, order, model,
         expected = couple(system, TS, step, steps, order=order)
     start |= {f"{prefix}plant.model": model for prefix in loops}
     sets = (f"--set={name}={value}" for name, value in start.items())
-    stop = TS + (steps - 1) * step
-    options = (f"--order={order}", f"--step={step}", f"--stop={stop}")
+    options = (f"--order={order}", f"--step={step}", f"--stop={TS + (steps - 1) * step}")
     computed = simulate(LOOPS / FILES[controller, target], tmp_path, *sets, *options)
     assert np.any(computed["source.d"])
     assert computed.keys() == expected.keys()
     for name, column in expected.items():
-        # This distinguishes 0.0 from -0.0.
-        differ = np.flatnonzero(computed[name].view(np.uint64) != column.view(np.uint64))
-        assert differ.size == 0, (name, differ[0], computed[name][differ[0]], column[differ[0]])
+        assert computed[name].tobytes() == column.tobytes(), name  # 0.0 is not -0.0
 
 
 def loop_of(folder: Path, example: str, outputs: str = "", **versions: str) -> Path:
@@ -82,8 +97,7 @@ def loop_of(folder: Path, example: str, outputs: str = "", **versions: str) -> P
     text = (LOOPS / example).read_text(encoding="utf-8")
     text = replaced(text, {f"/{model}.fmu": f"/{model}{v}.fmu" for model, v in versions.items()})
     system = folder / example
-    text = text.replace("../../target/fmu", FMUS.as_posix())
-    system.write_text(outputs + text, encoding="utf-8")
+    system.write_text(outputs + text.replace("../../target/fmu", FMUS.as_posix()), encoding="utf-8")
     return system
 
 
@@ -97,23 +111,21 @@ def table(system: Path, *options: str) -> bytes:
 def test_any_pairing_of_versions_gives_the_same_bytes(tmp_path, order):
     options = (f"--order={order}", "--set=plant.theta0=0.1", "--set=source.signal=sine")
     models = ("Pid", "Pendulum", "Source")
-    pairings = [dict(zip(models, v, strict=True)) for v in product(["", "_fmi3"], repeat=3)]
-    first, *others = [table(loop_of(tmp_path, "pid.toml", **p), *options) for p in pairings]
-    assert first.count(b"\n") == 1001
-    assert len(others) == 7
-    assert all(rows == first for rows in others)
+    pairings = itertools.product(["", "_fmi3"], repeat=3)
+    tables = {
+        table(loop_of(tmp_path, "pid.toml", **dict(zip(models, v, strict=True))), *options)
+        for v in pairings
+    }
+    assert [rows.count(b"\n") for rows in tables] == [1001]
 
 
-@pytest.mark.parametrize(("model", "example"), [("PidRbf", "pid-rbf"), ("IpidRbf", "ipid-rbf")])
 @pytest.mark.parametrize("outputs", ["", 'outputs = ["controller.rbf.w[3]", "plant.theta"]\n'])
-def test_elements_of_arrays_are_set_and_recorded_as_variables_of_fmi_2(
-    tmp_path, model, example, outputs
-):
+def test_elements_of_arrays_are_set_and_recorded_as_variables_of_fmi_2(tmp_path, outputs):
     sets = [f"--set=controller.rbf.{name}" for name in ("c[2]=-0.5", "c[4]=1.5", "w0[1]=3")]
 
     def run_with(version: str, *options: str) -> bytes:
-        versions = dict.fromkeys((model, "Pendulum", "Source"), version)
-        return table(loop_of(tmp_path, f"{example}.toml", outputs, **versions), *options)
+        versions = dict.fromkeys(("IpidRbf", "Pendulum", "Source"), version)
+        return table(loop_of(tmp_path, "ipid-rbf.toml", outputs, **versions), *options)
 
     assert run_with("_fmi3", *sets) == run_with("", *sets) != run_with("")
 
@@ -135,22 +147,62 @@ def test_a_structural_parameter_makes_arrays_larger(tmp_path):
     more = forces(8, c=centres + [1e9] * 4, b=widths + [1e-6] * 4, w0=[0.0] * 8)
     np.testing.assert_allclose(more, forces(4), rtol=1e-12)
     assert np.any(forces(1, c=[0.0], b=[1.0], w0=[0.0]) != more)
-
-    def message(*assignments: str) -> str:
-        sets = (f"--set=controller.{assignment}" for assignment in assignments)
-        return refusal(tmp_path, "simulate", system, *sets)
-
     fmu = "PidRbf_fmi3.fmu"
-    assert f"{fmu} has no variable rbf.c; its elements are rbf.c[1] to" in message("rbf.c=1")
-    refused = f"controller ({fmu}), rbf.nodes = 17: fmi3SetUInt64 returned fmi3Error: rbf.nodes"
-    assert refused in message("rbf.nodes=17")
-    missing = "rbf.c[8] cannot be set without controller.rbf.c[5], for which the FMU has no"
-    assert missing in message("rbf.nodes=8", "rbf.c[8]=3")
-    refused = f"controller ({fmu}), rbf.b[2] = -1.0: fmi3SetFloat64 returned fmi3Error: rbf.b[2]"
-    assert refused in message("rbf.b[2]=-1")
+    for assignments, message in {
+        "rbf.c=1": f"{fmu} has no variable rbf.c; its elements are rbf.c[1] to",
+        "rbf.nodes=17": f"controller ({fmu}), rbf.nodes = 17: fmi3SetUInt64 returned fmi3Error: rbf"
+        ".nodes",
+        "rbf.nodes=8 rbf.c[8]=3": "rbf.c[8] cannot be set without controller.rbf.c[5], for which "
+        "the FMU has no",
+        "rbf.b[2]=-1": f"controller ({fmu}), rbf.b[2] = -1.0: fmi3SetFloat64 returned fmi3Error: "
+        "rbf.b[2]",
+    }.items():
+        sets = (f"--set=controller.{assignment}" for assignment in assignments.split())
+        assert message in refusal(tmp_path, "simulate", system, *sets)
 
 
-# --- options --------------------------------------------------------------------------------------
+ADAPTIVE = (SOURCES / "adaptive.xml").read_text(encoding="utf-8")
+
+
+def adaptive(folder: Path, xml: str = ADAPTIVE, *definitions: str) -> Path:
+    """Write an FMU with a solver of its own, whose name is no identifier."""
+    xml = replaced(xml, {'Identifier="Adaptive"': 'Identifier="my-model 2"'})
+    binary = compiled(folder, *definitions, source="adaptive.c")
+    return pack(folder / "my-model 2.fmu", xml, binary)
+
+
+@pytest.mark.parametrize(
+    ("head", "own", "option", "tolerance", "stop"),
+    [
+        ({}, "", (), 1e-3, 1),  # of the default experiment
+        ({"tolerance": 1e-5}, "", (), 1e-5, 1),
+        ({"tolerance": 1e-5}, "tolerance = 1e-7", (), 1e-7, 1),
+        ({"tolerance": 1e-5}, "tolerance = 1e-7", ("--tolerance=1e-6",), 1e-6, 1),
+        ({}, "", (), 0, 1),  # of none
+        ({}, "sampled = true", (), 1e-3, 1 + 1 / 1024),  # a step from the stop time
+    ],
+)
+def test_the_calls_are_those_of_simulate_fmu(tmp_path, head, own, option, tolerance, stop):
+    """They pass the tolerance, the stop time and start values."""
+    step = 1 / 1024  # without rounding errors, since FMPy takes differences of times
+    xml = ADAPTIVE if tolerance else replaced(ADAPTIVE, {' tolerance="1e-3"': ""})
+    fmu, start = adaptive(tmp_path, xml), {"x": 2.0, "u": 0.5}
+    system = write_system(tmp_path, {"a": start}, (), fmu.stem, own, **{"step": step} | head)
+    columns = simulate(system, tmp_path, *option)
+    assert (set(columns["a.tolerance"]), set(columns["a.stop"])) == ({tolerance}, {stop})
+    if stop > 1:
+        return
+    outputs = ["y", "tolerance", "stop"]
+    times = {"stop_time": 1.0, "output_interval": step}
+    given = tolerance if head else None
+    expected = fmpy.simulate_fmu(
+        fmu, start_values=start, output=outputs, relative_tolerance=given, **times
+    )
+    for name, column in columns.items():
+        same(column, expected[name.removeprefix("a.")])
+
+
+# --- options and output ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -160,7 +212,7 @@ def test_a_structural_parameter_makes_arrays_larger(tmp_path):
 def test_options_set_the_times(start, stop, step, steps, tmp_path):
     options = (f"--start={start}", f"--stop={stop}", f"--step={step}")
     time = simulate(PID, tmp_path, *options)["time"]
-    np.testing.assert_array_equal(time, start + step * np.arange(steps))
+    same(time, start + step * np.arange(steps))
 
 
 def test_output_selects_the_columns_and_their_order_and_the_last_set_applies(tmp_path):
@@ -173,31 +225,17 @@ def test_output_selects_the_columns_and_their_order_and_the_last_set_applies(tmp
     assert np.abs(columns["controller.u"]).max() == 7
 
 
-# --- output ---------------------------------------------------------------------------------------
-
-
-def test_the_summary_shows_last_values_with_units_and_the_speed(tmp_path):
+def test_the_summary_shows_the_last_values_with_units(tmp_path):
     result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
     assert result.stderr == "", "no progress bar without a terminal"
-    head, *lines, speed, wrote = result.stdout.splitlines()
-    assert head.split() == ["output", "at", "t", "=", "0.5", "s", "unit"]
+    _, *lines, speed, _ = result.stdout.splitlines()
     with (tmp_path / "out.csv").open(newline="") as file:
         heads, *_, last = csv.reader(file)
-    expected = dict(zip(heads[1:], last[1:], strict=True))
-    assert len(lines) == len(expected)
-    for line in lines:
-        name, value, unit = line.split()
-        assert float(value) == float(f"{float(expected[f'{name} [{unit}]']):.9e}")
-    assert expected.keys() >= {"plant.theta [rad]", "controller.u [N]"}
-    simulated, elapsed, factor = re.fullmatch(
-        r"([\d.]+) s in ([\d.]+) ms: ([\d.]+) times real time", speed
-    ).groups()
-    assert float(simulated) == 0.5
-    # Both are rounded: the duration to a microsecond, the factor to an integer or two digits.
-    seconds = float(elapsed) / 1e3
-    slack = 0.51 + 0.51e-6 / seconds * (0.5 / seconds)
-    assert float(factor) == pytest.approx(0.5 / seconds, abs=slack)
-    assert wrote == "wrote out.csv: 500 rows"
+    expected = {name: f"{float(value):.9e}" for name, value in zip(heads, last, strict=True)}
+    del expected["time [s]"]
+    shown = (line.split() for line in lines)
+    assert {f"{name} [{unit}]": f"{float(value):.9e}" for name, value, unit in shown} == expected
+    assert re.fullmatch(r"0.500000 s in [\d.]+ ms: [\d.]+ times real time", speed)
     assert os.listdir(tmp_path) == ["out.csv"]
 
 
@@ -230,3 +268,268 @@ def test_a_terminal_shows_the_progress():
     assert len({time for time, _ in times}) > 2
     assert all(0 <= float(time) <= 5 and float(factor) >= 0 for time, factor in times)
     assert float(times[-1][1]) > 0
+
+
+# --- values of every type -------------------------------------------------------------------------
+
+TIME = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Communication points of the systems of FMUs in C [s]."""
+
+BEFORE = np.array([0.0, 0.0, 0.25, 0.5, 0.75])
+"""The previous communication point of each [s]."""
+
+SUMS = (SOURCES / "sums.xml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def binaries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Return the binaries of tests/c/relay.c and tests/c/sums.c."""
+    folder = tmp_path_factory.mktemp("binaries")
+    return {name: compiled(folder, source=f"{name}.c") for name in ("relay", "sums")}
+
+
+@pytest.fixture
+def relay(binaries: dict[str, bytes], tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes Relay.fmu, with a changed description, and a system of it."""
+
+    def write(components: dict, connections=(), changes=None, resources=None, **settings) -> Path:
+        xml = replaced(RELAY, changes or {})
+        pack(tmp_path / "Relay.fmu", xml, binaries["relay"], **resources or {})
+        return write_system(tmp_path, components, connections, **settings)
+
+    return write
+
+
+@pytest.fixture
+def sums(binaries: dict[str, bytes], tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes Sums.fmu and a system of it."""
+
+    def write(components: dict, connections=(), changes=None, **settings) -> Path:
+        xml = replaced(SUMS, changes or {})
+        pack(tmp_path / "Sums.fmu", xml, binaries["sums"], "x86_64-linux")
+        return write_system(tmp_path, components, connections, "Sums", **settings)
+
+    return write
+
+
+ALL = ["a.time -> b.u", "a.count -> b.n", "a.odd -> b.b"]
+"""A connection of every type that can be connected."""
+
+START = {"gain": -3, "shape": "square", "add": 7, "invert": True}
+SETS = ["gain=-3e0", "shape=4", "add=7", "invert=true", "status_time=inf"]
+"""Start values of every type, in a file and as options."""
+
+
+@pytest.mark.parametrize(
+    ("order", "names", "start", "sets", "fed"),
+    [
+        ("sequential", "ab", START, [], TIME),
+        ("sequential", "ab", START | {"direct": True}, [], TIME),
+        ("sequential", "ab", {"gain": 5}, SETS, TIME),
+        ("parallel", "ab", START, [], BEFORE),
+        ("sequential", "ba", START, [], BEFORE),
+    ],
+)
+def test_values_of_every_type_reach_inputs(relay, tmp_path, order, names, start, sets, fed):
+    """In parallel order, or when fed from below, a step later."""
+    system = relay({name: start if name == "b" else {} for name in names}, ALL, order=order)
+    columns = simulate(system, tmp_path, *(f"--set=b.{value}" for value in sets))
+    count = fed / 0.25
+    same(columns["a.time"], TIME)
+    same(columns["a.count"], TIME / 0.25)
+    same(columns["a.odd"], TIME / 0.25 % 2)
+    same(columns["b.y"], -3 * fed**2)
+    same(columns["b.choice"], 4)
+    ran = TIME > 0  # without direct feedthrough, a relay outputs nothing before its first step
+    same(columns["b.m"][ran], 7 + count[ran])
+    same(columns["b.c"][ran], count[ran] % 2 == 0)
+
+
+def test_values_are_converted_between_all_types(sums, tmp_path):
+    connections = ["a.n -> b.u[2]", "a.y -> b.x", "a.c -> b.b"]
+    system = sums({"a": {"u[1]": 7, "u[2]": 0, "u[3]": 0, "s[2]": "ab"}, "b": {}}, connections)
+    columns = simulate(system, tmp_path)
+    # u[1] and u[3] of b keep their start values 1 and 3.
+    single = np.float32(0.1)
+    assert {name: column[-1] for name, column in columns.items()} == {
+        "time": 1,
+        "a.n": 7, "a.y": 0.1, "a.c": 1,
+        # The strings have 3 and 2 characters, with 5 in the description of the second.
+        "a.k[1,1]": -23, "a.k[1,2]": -24, "a.k[2,1]": -25, "a.k[2,2]": -26,
+        "a.large": 9007199254740993, "a.largest": 2**64, "a.shape": -5e9,
+        "b.n": 1 + 10 * 7 + 300, "b.y": float(str(single + single)), "b.c": 0,
+        "b.k[1,1]": 0, "b.k[1,2]": -1, "b.k[2,1]": -2, "b.k[2,2]": -3,
+        "b.large": 9007199254740993, "b.largest": 2**64, "b.shape": 2,
+    }  # fmt: skip
+
+
+TYPED = {
+    # name: type in Parquet, text in CSV, value in Parquet
+    "time [s]": ("double", "1.0", 1.0),
+    "a.large": ("int64", "9007199254740993", 9007199254740993),
+    "a.largest": ("uint64", "18446744073709551615", 18446744073709551615),
+    "a.shape": ("int64", "-5000000000", -5000000000),
+    "a.c": ("bool", "true", True),
+    "a.y [1]": ("float", "0.1", 0.10000000149011612),
+    "a.k[2,1]": ("int16", "-2", -2),
+    "a.texts[1]": ("string", "", ""),
+    "a.texts[2]": ("string", 'a "b", c', 'a "b", c'),
+    "a.texts[3]": ("string", "π\nline 2", "π\nline 2"),
+    "a.bytes": ("binary", "001fff", b"\x00\x1f\xff"),
+}
+
+
+def test_results_keep_their_types_and_all_digits(sums, tmp_path):
+    outputs = [name.removesuffix(" [1]") for name in TYPED][1:]
+    system = sums({"a": {}}, outputs=outputs)
+    for name in ("out.csv", "out.parquet"):
+        result = run("simulate", system, "--csv", name, cwd=tmp_path)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert result.stdout.endswith(f"wrote {name}: 5 rows\n")
+    text = (tmp_path / "out.csv").read_bytes().decode()
+    head, *_, last = csv.reader(text.splitlines(keepends=True))
+    assert dict(zip(head, last, strict=True)) == {name: TYPED[name][1] for name in TYPED}
+    assert ',-5000000000,true,0.1,-2,"","a ""b"", c","π\nline 2",001fff\n' in text
+    found = pyarrow.parquet.read_table(tmp_path / "out.parquet")
+    assert {f.name: str(f.type) for f in found.schema} == {name: TYPED[name][0] for name in TYPED}
+    assert found.to_pylist()[-1] == {name: TYPED[name][2] for name in TYPED}
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_elements_are_recorded_in_any_order_and_found_by_an_alias(sums, tmp_path):
+    system = sums({"a": {"also[2]": 5}}, outputs=["a.k[2,1]", "a.n", "a.k[1,2]"])
+    columns = simulate(system, tmp_path)
+    expected = {"time": 0, "a.k[2,1]": -2, "a.n": 1 + 50 + 300, "a.k[1,2]": -1}
+    assert [(name, column[0]) for name, column in columns.items()] == list(expected.items())
+
+
+def test_all_outputs_except_strings_are_recorded_and_any_variable_on_request(relay, tmp_path):
+    named = {'name="y"': 'name="y[1,2].&quot;x&quot;"'} | with_units("", "rad")
+    columns = simulate(relay({"a, b": {}}, (), named), tmp_path)
+    names = ["time", 'y[1,2]."x"', "number", "count", "m", "choice", "odd", "c"]
+    assert list(columns) == ["time", *(f"a, b.{name}" for name in names)]
+    outputs = ["a.add", "a.gain", 'a.y[1,2]."x"', "a.shape", "a.invert"]
+    simulate(relay({"a": {"add": -5, "gain": 0.5}}, (), named, outputs=outputs), tmp_path)
+    head, *_, last = (tmp_path / "results.csv").read_text().splitlines()
+    assert head == 'time [s],a.add,a.gain [1],"a.y[1,2].""x"" [rad]",a.shape,a.invert'
+    assert last == "1.0,-5,0.5,0.0,1,false"
+
+
+def test_start_values_may_be_of_outputs_and_name_resources(relay, tmp_path):
+    files = {"first": "2.5", "größer & so": "1e300"}
+    system = relay({"a": {"file": "first"}, "b": {"file": "größer & so"}}, resources=files)
+    columns = simulate(system, tmp_path)
+    assert (set(columns["a.number"]), set(columns["b.number"])) == ({2.5}, {1e300})
+    old = 'name="number" valueReference="5" causality="output"><Real/>'
+    exact = old.replace('"output"><Real', '"output" initial="exact"><Real start="0"')
+    system = relay({"a": {"number": 7.5}, "b": {}}, (), {old: exact})
+    columns = simulate(system, tmp_path, "--set=b.number=2")
+    assert (set(columns["a.number"]), set(columns["b.number"])) == ({7.5}, {2.0})
+
+
+# --- connections ----------------------------------------------------------------------------------
+
+
+def test_one_output_feeds_several_inputs_and_an_fmu_itself(relay, tmp_path):
+    connections = ["a.time -> b.u", "a.time -> c.u", "c.m -> c.n", "a.choice -> b.n"]
+    components = {"a": {"shape": "square"}, "b": {"add": 1}, "c": {"add": 1}}
+    columns = simulate(relay(components, connections), tmp_path)
+    for name, expected in {
+        "b.y": TIME, "c.y": TIME, "c.m": [0, 1, 2, 3, 4], "b.m": [0, 5, 5, 5, 5],
+    }.items():  # fmt: skip
+        same(columns[name], expected)
+
+
+def test_a_connection_can_convert_the_unit(relay, tmp_path):
+    units, components = with_units("deg", ""), {"a": {}, "b": {"direct": True}}
+    scaled = {"from": "a.time", "to": "b.u", "factor": 2.0, "offset": -1.0}
+    system = relay(components, ["a.count -> b.n", scaled], units)
+    same(simulate(system, tmp_path)["b.y"], 2 * TIME - 1)
+    whole = {"from": "a.count", "to": "b.n", "factor": 2.0}
+    message = refusal(tmp_path, "simulate", relay(components, [whole], units))
+    assert "with a factor: both must be real numbers" in message
+    for u, y in (("radian", "rad"), ("deg", ""), ("gon", "gon")):  # equal or missing
+        system = relay({"a": {"gain": 2, "u": 0.5}, "b": {}}, ["a.y -> b.u"], with_units(u, y))
+        same(simulate(system, tmp_path)["b.y"], [0, 1, 1, 1, 1])
+
+
+DIRECT = {'<Unknown index="3"/>': '<Unknown index="3" dependencies="2"/>'}
+
+
+def test_algebraic_loops_can_be_allowed(relay, tmp_path):
+    links, options = ["a.y -> b.u", "b.y -> a.u"], {"allow_algebraic_loops": True}
+    assert "a.y" in simulate(relay({"a": {"u": 1}, "b": {}}, links, DIRECT, **options), tmp_path)
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+def test_initial_values_pass_through_a_chain_of_direct_outputs(relay, tmp_path, order):
+    """Each doubles its input, starting from 1: the n-th gives 2^n at the first point."""
+    names = "abcde"
+    start = {"direct": True, "gain": 2}
+    # Against the order of stepping, where a single pass would only reach the first one.
+    chain = {name: start | ({"u": 1} if name == "a" else {}) for name in reversed(names)}
+    links = [f"{a}.y -> {b}.u" for a, b in itertools.pairwise(names)]
+    columns = simulate(relay(chain, links, DIRECT, order=order), tmp_path)
+    for power, name in enumerate(names, start=1):
+        same(columns[f"{name}.y"], 2.0**power)
+
+
+@pytest.mark.parametrize(
+    ("own", "changes"),
+    [("sampled = true", {}), ("", {'"output"><Real': '"output" variability="discrete"><Real'})],
+    ids=["declared", "only discrete outputs"],
+)
+def test_a_row_of_a_sampled_fmu_has_the_sample_at_its_time(relay, tmp_path, own, changes):
+    """It is available a step later."""
+    columns = simulate(relay({"a": {}}, (), changes, own=own), tmp_path)
+    same(columns["time"], TIME)
+    same(columns["a.time"], TIME + 0.25)
+
+
+# --- misfits --------------------------------------------------------------------------------------
+
+ELEMENTS = "its variables have 3000019 elements, expected at most 1048576"
+CLOCK = "its clock b must be ticked by the master, which is not supported"
+ARRAY = '"u" valueReference="1" causality="input" start="1 2 3"><Dimension start="3"/>'
+MISFITS = [
+    # changes, start values, connections, outputs, message
+    ({"<CoSimulation ": "<ScheduledExecution "}, {}, [], [], "co-simulation, only scheduled"),
+    ({"<CoSimulation ": "<ModelExchange "}, {}, [], [], "co-simulation, only model exchange"),
+    ({'<Boolean name="b"': '<Clock name="b"'}, {}, [], [], CLOCK),
+    ({'fmiVersion="3.0"': 'fmiVersion="4.0"'}, {}, [], [], "version 4.0, expected 2.0 or 3.0"),
+    ({ARRAY: ARRAY.replace(" 2 3", "").replace("3", "3000000")}, {}, [], [], ELEMENTS),
+    ({}, {"u[1]": 256}, [], [], "a.u[1] = 256 is invalid; expected a whole number from 0 to 255"),
+    ({}, {"u[1]": -1}, [], [], "a.u[1] = -1 is invalid; expected a whole number from 0 to 255"),
+    ({}, {"x": "?"}, [], [], 'a.x = "?" is invalid; expected a number'),
+    ({}, {"bytes": "00"}, [], [], 'a.bytes = "00" cannot be set: a Binary can only be recorded'),
+    ({}, {"u[1]": 99}, [], [], "step of 0.25 s at t = 0.0 s: fmi3DoStep asked to end"),
+    ({}, {}, ["b.n -> a.u[2]"], [], "fmi3SetUInt8 cannot take the value 321"),
+    ({}, {}, ["a.y -> a.u[1]"], [], "a.y (Float32) cannot feed a.u[1] (UInt8): the types differ"),
+    ({}, {}, ["a.n -> a.u"], [], "Sums.fmu has no variable u; its elements are u[1] to u[3]"),
+    ({'"c" valueReference="6"': '"c" clocks="6" valueReference="6"'}, {}, [], ["a.c"],
+     "a.c cannot be recorded: clocked variables are not supported"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "start", "connections", "outputs", "message"), MISFITS)
+def test_what_does_not_fit_is_named(sums, tmp_path, changes, start, connections, outputs, message):
+    system = sums({"a": start, "b": {}}, connections, changes, outputs=outputs)
+    assert message in refusal(tmp_path, "simulate", system)
+
+
+@pytest.mark.parametrize("value", ["0.0", "-1e-6", "inf", "nan"])
+def test_a_tolerance_must_be_positive(relay, tmp_path, value):
+    message = refusal(tmp_path, "simulate", relay({"a": {}}, own=f"tolerance = {value}"))
+    assert "tolerance of a = " in message
+    assert "expected a positive number" in message
+
+
+def test_a_failed_end_of_the_initialization_is_named(tmp_path):
+    fmu = adaptive(tmp_path, ADAPTIVE, "FAIL_INITIALIZATION")
+    message = refusal(tmp_path, "simulate", write_system(tmp_path, {"a": {}}, (), fmu.stem))
+    assert "end of the initialization at t = 0.0 s: fmi2ExitInitializationMode" in message
+
+
+def test_a_system_with_fmi_3_is_no_package_of_ssp_1(sums, tmp_path):
+    message = refusal(tmp_path, "ssp", sums({"a": {}}))
+    assert "Sums.fmu is of FMI 3.0, expected 2.0: SSP 1.0 has no arrays" in message

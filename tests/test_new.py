@@ -9,33 +9,21 @@ from xml.etree import ElementTree
 import fmpy
 import pytest
 
-import pages
-from native import read_csv
+from native import call, prepare, read_csv
 from pendulum_fmus.master import Component, MasterError, System, simulate
 from pendulum_fmus.project import PROGRAM, ROOT
 
 OWN = ROOT / "tests" / "data" / "own"
 """A package with a feature, a program, resources, metadata, and a renamed dependency."""
 
-WORKSPACE = """\
-[workspace]
-resolver = "3"
-members = ["own"]
-
-[profile.quick]
-inherits = "release"
-lto = false
-opt-level = 0
-panic = "abort"
-"""
+WORKSPACE = '[workspace]\nresolver = "3"\nmembers = ["own"]\n'
 
 
-def run(*command: object, cwd: Path, fails: bool = False) -> str:
-    """Run a command outside the repository; return its output, or its message if it must fail."""
-    words = list(map(str, command))
-    result = pages.call(words, cwd, check=False, capture_output=True, text=True)
-    assert (result.returncode != 0) == fails, result.stderr
-    return result.stderr if fails else result.stdout
+def run(*command: object, cwd: Path) -> str:
+    """Run a command outside the repository, which must succeed; return its output."""
+    result = call(command, cwd)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +35,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manifest.write_text(manifest.read_text().replace("[REPOSITORY]", str(ROOT)))
     (workspace / "Cargo.toml").write_text(WORKSPACE)
     run(PROGRAM, "new", "my-controller", cwd=workspace)
-    run(PROGRAM, "export", cwd=pages.prepare(workspace))
+    run(PROGRAM, "export", cwd=prepare(workspace))
     return workspace
 
 
@@ -69,9 +57,8 @@ def test_a_new_package_passes_its_test_and_all_lints(workspace: Path) -> None:
 
 def test_new_fmus_have_no_findings(exported: Path) -> None:
     files = [exported / f"{model}.fmu" for model in ("MyController", "MyControllerPlant", "Own")]
-    lines = run(PROGRAM, "validate", *files, cwd=exported).splitlines()
-    assert len(lines) == 3
-    assert all("no error, no warning" in line for line in lines)
+    said = run(PROGRAM, "validate", *files, cwd=exported)
+    assert said.count("no error, no warning") == len(said.splitlines()) == 3
 
 
 def test_the_loop_of_a_new_package_closes_in_the_native_master_and_in_fmpy(
@@ -92,7 +79,7 @@ def test_the_loop_of_a_new_package_closes_in_the_native_master_and_in_fmpy(
     assert results["plant.y"][-1] == pytest.approx(100.0, rel=1e-3)
 
 
-# --- selecting packages, features and profiles ----------------------------------------------------
+# --- selecting packages and features --------------------------------------------------------------
 
 
 def test_packages_are_selected_as_in_cargo(workspace: Path, tmp_path: Path) -> None:
@@ -108,20 +95,6 @@ def test_packages_are_selected_as_in_cargo(workspace: Path, tmp_path: Path) -> N
         assert sorted(file.stem for file in out.iterdir()) == models
 
 
-@pytest.fixture(scope="module")
-def doubled(workspace: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export the own model with a feature and another profile."""
-    out = tmp_path_factory.mktemp("doubled")
-    options = ["--package", "own", "--features", "doubled", "--profile", "quick"]
-    run(PROGRAM, "export", *options, "--out", out, cwd=workspace)
-    return out / "Own.fmu"
-
-
-def test_features_and_profiles_are_those_of_cargo(workspace: Path, doubled: Path) -> None:
-    assert output(doubled) == 2 * (1.0 + 0.25)
-    assert (workspace / "target" / "quick").is_dir()
-
-
 def output(fmu: Path, u: float = 1.0) -> float:
     """Return the output of the own model, to which a resource adds 0.25, after a step."""
     with Component("own", fmu, {"u": u}) as own:
@@ -130,9 +103,13 @@ def output(fmu: Path, u: float = 1.0) -> float:
         return own.get("y")
 
 
-def test_a_profile_that_aborts_is_overridden(doubled: Path) -> None:
+def test_features_are_those_of_cargo_but_a_panic_never_aborts(workspace, exported, tmp_path):
+    """`native.call` has the other profile."""
+    options = ["--package", "own", "--features", "doubled"]
+    run(PROGRAM, "export", *options, "--out", tmp_path, cwd=workspace)
+    assert output(tmp_path / "Own.fmu") == 2 * (1.0 + 0.25)
     with pytest.raises(MasterError, match=r"status 4: .*u is negative"):
-        output(doubled, -1.0)
+        output(exported / "Own.fmu", -1.0)
 
 
 def test_binaries_contain_no_path_of_this_machine(workspace: Path, exported: Path) -> None:
@@ -182,11 +159,11 @@ def test_errors_of_the_compiler_are_shown(workspace: Path, tmp_path: Path) -> No
     text = library.read_text()
     library.write_text(text.replace('unit = "m"', 'unit = "furlong"', 1))
     try:
-        options = ["--package", "own", "--out", tmp_path]
-        message = run(PROGRAM, "export", *options, cwd=workspace, fails=True)
+        result = call([PROGRAM, "export", "--package", "own", "--out", tmp_path], workspace)
     finally:
         library.write_text(text)
-    assert message.startswith("error: building own failed:\n")
-    assert "furlong" in message
-    assert "--> own/src/lib.rs:" in message
+    assert result.returncode == 1
+    assert result.stderr.startswith("error: building own failed:\n")
+    assert "furlong" in result.stderr
+    assert "--> own/src/lib.rs:" in result.stderr
     assert not list(tmp_path.iterdir())

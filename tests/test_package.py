@@ -83,7 +83,7 @@ def of(fmus: Path, model: str, version: str = "2.0") -> Fmu:
 
 @pytest.fixture
 def fmu(fmus: Path, model: str, version: str) -> Fmu:
-    """Return the FMU of a model."""
+    """Return the FMU of a model, also for the tests of its documentation."""
     return of(fmus, model, version)
 
 
@@ -91,12 +91,6 @@ each_model = pytest.mark.parametrize("model", MODELS)
 each_fmu = pytest.mark.parametrize(
     ("version", "model"), [(version, model) for version in ("2.0", "3.0") for model in MODELS]
 )
-# The three controllers share a library.
-each_library = pytest.mark.parametrize(
-    ("version", "model"),
-    [(version, model) for version in ("2.0", "3.0") for model in ("Pendulum", "PidRbf", "Source")],
-)
-
 # --- the documented interface -------------------------------------------------------------------
 
 # Causality and variability; then name, unit (of an enumeration, its items) and start of each
@@ -157,16 +151,15 @@ def test_variables_match_the_documented_interface(fmus, model):
         variable = variables[name]
         assert variable.causality == causality, name
         assert variable.description, name
+        kind, found = variable.type, variable.start or ""
         if "|" in unit:
             items = {item.name: item.value for item in variable.declaredType.items}
-            assert (variable.type, "|".join(items)) == ("Enumeration", unit), name
-            assert variable.start == items[start], name
+            assert (kind, "|".join(items), found) == ("Enumeration", unit, items[start]), name
         elif unit == "bool":
-            assert (variable.type, variable.start) == ("Boolean", start), name
+            assert (kind, found) == ("Boolean", start), name
         else:
-            assert variable.type == "Real", name
-            assert (variable.unit or variable.declaredType.unit) == unit, name
-            assert (variable.start or "") == start, name
+            own = variable.unit or variable.declaredType.unit
+            assert (kind, own, found) == ("Real", unit, start), name
         if causality == "parameter":
             assert variable.variability == variability, name
 
@@ -183,40 +176,6 @@ def test_fmpy_validates_and_simulates_it(fmu):
         assert np.all(np.isfinite(results[name]))
 
 
-@each_fmu
-def test_identity_and_experiment_are_those_of_the_model(fmus, fmu):
-    description = fmu.description
-    assert (description.modelName, description.fmiVersion[:1]) == (fmu.model, "23"[fmu.is_fmi_3])
-    assert description.coSimulation.modelIdentifier == fmu.model
-    exchange = description.modelExchange
-    if fmu.model == "Source":  # neither sampled nor described by equations
-        assert exchange is None
-    else:
-        assert exchange.modelIdentifier == fmu.model
-    guids = {name: of(fmus, name).description.guid for name in MODELS}
-    assert len(set(guids.values())) == len(MODELS)
-    assert description.guid == guids[fmu.model]
-    experiment = description.defaultExperiment
-    assert (float(experiment.stepSize), float(experiment.stopTime)) == (0.001, 20)
-
-
-@each_model
-def test_no_output_has_direct_feedthrough(fmus, model):
-    xml = of(fmus, model).xml()
-    variables = xml.findall(".//ModelVariables/ScalarVariable")
-    outputs = {
-        str(index) for index, v in enumerate(variables, start=1) if v.get("causality") == "output"
-    }
-    # The plant's outputs are its states.
-    states = {v[0].get("derivative") for v in variables} - {None}
-    listed = xml.findall(".//ModelStructure/Outputs/Unknown")
-    assert {unknown.get("index") for unknown in listed} == outputs
-    for unknown in listed:
-        own = unknown.get("index")
-        assert unknown.get("dependencies") == (own if own in states else "")
-    assert states == (outputs if model == "Pendulum" else set())
-
-
 CAPABILITIES = {
     "2.0": "canHandleVariableCommunicationStepSize canNotUseMemoryManagementFunctions"
     " canGetAndSetFMUstate canSerializeFMUstate",
@@ -226,25 +185,65 @@ CAPABILITIES = {
     " providesIntermediateUpdate canReturnEarlyAfterIntermediateUpdate",
     "3.0 sampled": "mightReturnEarlyFromDoStep hasEventMode",
 }
+CATEGORIES = "logStatusError logStatusWarning logStatusDiscard logStatusFatal logEvents logAll"
 
 
 @each_fmu
-def test_capabilities_and_log_categories_are_those_of_the_implementation(fmu, version):
+def test_identity_experiment_and_capabilities_are_those_of_the_model(fmus, fmu, version):
+    description = fmu.description
+    assert (description.modelName, description.fmiVersion[:1]) == (fmu.model, version[:1])
+    kinds = [description.coSimulation, description.modelExchange]
+    # The source is neither sampled nor described by equations.
+    names = [fmu.model, None if fmu.model == "Source" else fmu.model]
+    assert [kind and kind.modelIdentifier for kind in kinds] == names
+    guids = {name: of(fmus, name).description.guid for name in MODELS}
+    assert len(set(guids.values())) == len(MODELS)
+    assert description.guid == guids[fmu.model]
+    experiment = description.defaultExperiment
+    assert (float(experiment.stepSize), float(experiment.stopTime)) == (0.001, 20)
+    assert [category.name for category in description.logCategories] == CATEGORIES.split()
     kind = fmu.model if fmu.model in ("Pendulum", "Source") else "sampled"
     expected = CAPABILITIES[version] + " " + CAPABILITIES.get(f"{version} {kind}", "")
     flags = fmu.xml().find("CoSimulation").attrib
     assert {name for name, value in flags.items() if value == "true"} == set(expected.split())
     assert int(flags["maxOutputDerivativeOrder"]) == (fmu.model == "Pendulum")
-    categories = "logStatusError logStatusWarning logStatusDiscard logStatusFatal logEvents logAll"
-    found = [category.name for category in fmu.description.logCategories]
-    assert found == categories.split()
+
+
+@each_model
+def test_no_output_has_direct_feedthrough(fmus, model):
+    xml = of(fmus, model).xml()
+    variables = xml.findall(".//ModelVariables/ScalarVariable")
+    outputs = {str(k) for k, v in enumerate(variables, 1) if v.get("causality") == "output"}
+    # The plant's outputs are its states.
+    states = {v[0].get("derivative") for v in variables} - {None}
+    assert states == (outputs if model == "Pendulum" else set())
+    listed = {u.get("index"): u.get("dependencies") for u in xml.findall(".//Outputs/Unknown")}
+    assert listed == {own: own if own in states else "" for own in outputs}
+
+
+@pytest.mark.parametrize("controller", ["Pid", "PidRbf", "IpidRbf"])
+def test_terminals_connect_the_loop(fmus, controller):
+    def terminals(model: str) -> dict[tuple[str, str], str]:
+        """Return the causality of each member of each terminal."""
+        fmu = of(fmus, model, "3.0")
+        causality = {v.get("name"): v.get("causality") for v in fmu.xml().find("ModelVariables")}
+        return {
+            (terminal.get("name"), member.get("memberName")): causality[member.get("variableName")]
+            for terminal in fmu.xml(TERMINALS).find("Terminals")
+            for member in terminal
+        }
+
+    own, others = terminals(controller), terminals("Pendulum") | terminals("Source")
+    assert {name for name, _ in own} == {name for name, _ in others} == {"loop", "reference"}
+    for member, causality in own.items():
+        assert {causality, others[member]} == {"input", "output"}
 
 
 # --- the package --------------------------------------------------------------------------------
 
 
 @each_fmu
-def test_it_has_the_files_of_the_standard_and_no_others(fmu):
+def test_it_is_small_and_has_the_files_of_the_standard_and_no_others(fmu):
     with zipfile.ZipFile(fmu.path) as package:
         entries = package.infolist()
         assert package.testzip() is None
@@ -262,48 +261,22 @@ def test_it_has_the_files_of_the_standard_and_no_others(fmu):
     first, *others = [entry.filename for entry in entries]
     assert first == "modelDescription.xml"
     assert sorted(others) == names
-
-
-@each_fmu
-def test_it_is_small(fmu):
     limits = (180_000, 450_000) if fmu.is_fmi_3 else (160_000, 400_000)
     assert fmu.path.stat().st_size <= limits[0]
     assert len(fmu.read(fmu.library)) <= limits[1]
 
 
-@each_library
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("model", ["Pendulum", "PidRbf", "Source"])  # controllers share a library
 def test_library_exports_the_functions_of_the_standard_and_needs_only_the_c_library(fmu, tmp_path):
+    def told(*command: str) -> list[list[str]]:
+        done = subprocess.run([*command, library], capture_output=True, text=True, check=True)
+        return [line.split() for line in done.stdout.splitlines()]
+
     library = tmp_path / "library.so"
     library.write_bytes(fmu.read(fmu.library))
-    command = ["nm", "-D", "--defined-only", library]
-    nm = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     functions, number = (FMI3_FUNCTIONS, 75) if fmu.is_fmi_3 else (FMI2_FUNCTIONS, 44)
-    assert {line.split()[-1] for line in nm.splitlines()} == functions
+    assert {line[-1] for line in told("nm", "-D", "--defined-only")} == functions
     assert len(functions) == number
-    dump = subprocess.run(["objdump", "-p", library], capture_output=True, text=True, check=True)
-    needed = {line.split()[1] for line in dump.stdout.splitlines() if "NEEDED" in line}
+    needed = {line[1] for line in told("objdump", "-p") if "NEEDED" in line}
     assert needed <= {"libc.so.6", "libm.so.6", "libgcc_s.so.1", "ld-linux-x86-64.so.2"}
-
-
-# --- terminals ----------------------------------------------------------------------------------
-
-
-def terminals(fmu: Fmu) -> dict[str, dict[str, str]]:
-    """Return the causalities of the members of each terminal."""
-    causality = {v.get("name"): v.get("causality") for v in fmu.xml().find("ModelVariables")}
-    return {
-        terminal.get("name"): {
-            member.get("memberName"): causality[member.get("variableName")] for member in terminal
-        }
-        for terminal in fmu.xml(TERMINALS).find("Terminals")
-    }
-
-
-@pytest.mark.parametrize("controller", ["Pid", "PidRbf", "IpidRbf"])
-def test_terminals_connect_the_loop(fmus, controller):
-    of_controller = terminals(of(fmus, controller, "3.0"))
-    others = terminals(of(fmus, "Pendulum", "3.0")) | terminals(of(fmus, "Source", "3.0"))
-    assert set(of_controller) == set(others) == {"loop", "reference"}
-    for name, members in of_controller.items():
-        for member, causality in members.items():
-            assert {causality, others[name][member]} == {"input", "output"}
