@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..loop import FREQUENCY, SETTLING_BAND, settling_time
-from .figure import END
-from .runs import KINDS, Data, Trace, both_plants, sweep
+from .runs import END, KINDS, Data, Trace, both_plants, sweep
 from .stability import (
     LAWS,
     NOMINAL,

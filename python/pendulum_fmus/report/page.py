@@ -14,10 +14,10 @@ from markupsafe import Markup, escape
 from .. import table1
 from ..loop import TS
 from .claims import Finding, Judged, Part, Verdict, counts, judge, number
-from .figure import RESOLUTION, SHOWN, STYLES, Curve, Figure, Panel
+from .figure import RESOLUTION, STYLES, Curve, Figure, Panel
 from .findings import PRINTED, coefficients, poles
 from .measures import MEASURES
-from .runs import GAINS, TRANSFER_FUNCTION, Data
+from .runs import GAINS, SHOWN, TRANSFER_FUNCTION, Data
 from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
 from .statements import texts
 from .traps import SAME, Traps

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from .. import table1
-from .figure import ANGLE, END, SHOWN, STYLES, Figure, Panel, Style, magnitudes, outputs
-from .runs import SIGNALS, Data
+from .figure import ANGLE, STYLES, Figure, Panel, Style, magnitudes, outputs
+from .runs import END, SHOWN, SIGNALS, Data
 
 RC = {
     "font.size": 8,

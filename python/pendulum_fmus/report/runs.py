@@ -30,6 +30,12 @@ AMPLITUDES = {"step": (0.0, 1.0), "sine": (0.0, 1.0, 2.0), "square": (0.0, 1.0, 
 KINDS = ("PID", "PID-RBF", "IPID-RBF", "IPID-RBF own")
 """The controllers: IPID-RBF learns the supervisor's force as in Table 1 or its own as in (29)."""
 
+SHOWN = KINDS[:3]
+"""The controllers compared in the paper's figures."""
+
+END = 20.0
+"""End time of all figures [s]."""
+
 GAINS = {"kp": 300.0, "ki": 500.0, "kd": 100.0}
 """The paper's gains [N/rad, N/(rad s), N s/rad]."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import table1
-from . import beyond, figures, findings
+from . import beyond, figure, findings
 from .claims import COLUMNS, Finding, Judged, Part, Row, number, numbered
 from .figure import Figure
 from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, finite, largest, tone
@@ -183,15 +183,15 @@ def paper_parts(data: Data) -> list[Part]:
         cases = [f"{part['signal']}+{a}" for a in amplitudes] if kind.get("statement") else SIGNALS
         statements = [*part.get("statement", ()), *kind.get("statement", ())]
         judged = numbered([_judged(data, one, cases, known) for one in statements], earlier)
-        figure = _figure(data, part, kind)
+        drawn = _figure(data, part, kind)
         anchor, heading = part.get("anchor"), part.get("heading")
         if "figure" in part:
             anchor = f"figure-{part['figure']}"
-            heading = f"Figure {part['figure']}. {figure.title}"
+            heading = f"Figure {part['figure']}. {drawn.title}"
         notes = [
             text.format_map(known) for text in (*kind.get("notes", ()), *part.get("notes", ()))
         ]
-        found.append(Part(anchor, heading, part.get("caption", ""), notes, figure, judged))
+        found.append(Part(anchor, heading, part.get("caption", ""), notes, drawn, judged))
     return found
 
 
@@ -199,11 +199,11 @@ def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Fig
     """Return the figure of a part of the paper."""
     if "title" in part:
         name = f"figure-{part['figure']}" if "figure" in part else part["name"]
-        panels = figures.panels(part["panels"], getattr(figures, part["draw"])(data))
+        panels = figure.panels(part["panels"], getattr(figure, part["draw"])(data))
         return Figure(name, part["title"], part["alt"], panels)
     if not kind:
         return None
-    signal, rows = part["signal"], figures.zoomed(data, part["kind"], part["signal"], part["zooms"])
+    signal, rows = part["signal"], figure.zoomed(data, part["kind"], part["signal"], part["zooms"])
     disturbed = any("d" in zoom for zoom in part["zooms"])
     shown = signal if kind.get("statement") else SIGNAL_NAMES[signal]
     pulse = ", the measured angle disturbed from 5 s to 5.5 s" * disturbed
@@ -244,12 +244,12 @@ def _criterion(statement: Mapping[str, Any]) -> str:
 def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
     """Return a section beyond the paper, whose statements are ours."""
     section = getattr(beyond, part["name"])(data)
-    panels = figures.panels(part["panels"], section.curves)
-    figure = Figure(part["name"], part["title"], part["alt"], panels)
+    panels = figure.panels(part["panels"], section.curves)
+    drawn = Figure(part["name"], part["title"], part["alt"], panels)
     judged = []
     for statement, rows in zip(part["statement"], section.rows, strict=True):
         remark = statement.get("remark", "").format_map(section.facts)
         found = Finding(statement.get("columns", COLUMNS), rows, remark)
         judged.append(Judged(statement["says"], statement["criterion"], found, found.verdict))
     anchor, notes = f"beyond-{part['name']}", part.get("notes", ())
-    return Part(anchor, part["heading"], "", notes, figure, numbered(judged, []))
+    return Part(anchor, part["heading"], "", notes, drawn, numbered(judged, []))

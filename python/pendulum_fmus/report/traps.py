@@ -16,10 +16,9 @@ import numpy as np
 
 from ..loop import FREQUENCY, STEPS, TS, Columns, Loop
 from .claims import number
-from .figure import SHOWN
 from .findings import PRINTED, coefficients
 from .measures import LIMIT
-from .runs import GAINS, SIGNALS, loop_of, simulate_all
+from .runs import GAINS, SHOWN, SIGNALS, loop_of, simulate_all
 from .stability import ALPHA, CENTRES, ETA, NOMINAL, WIDTH, exponential
 
 AMPLITUDES = (0.0, 1.0)
