@@ -4,25 +4,24 @@
 small, use the colours of the page, and also distinguish curves by dashes.
 """
 
-from collections.abc import Callable, Sequence
-from contextlib import closing
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import Component, System, simulate
 from pendulum_fmus.project import FMUS, ROOT
+from pendulum_fmus.report.figure import thinned
 
-Columns = dict[str, np.ndarray]
+Columns = Mapping[str, np.ndarray]
 
 LEFT, WIDTH, HEIGHT, GAP = 58, 570, 150, 44
 """Size of a panel in pixels."""
 FINE = 4
 """Grid lines per pixel, on which all points lie."""
-TOLERANCE = 0.5
+TOLERANCE = 0.75
 """Maximum deviation of a curve, in grid lines."""
 
 STYLES = (
@@ -33,8 +32,7 @@ STYLES = (
 """Styles of the first, second and third curve of a panel, from back to front."""
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """Axes with curves: names and values over time."""
 
     label: str
@@ -44,40 +42,14 @@ class Panel:
     curves: Columns
 
 
-def extremes(values: np.ndarray, buckets: int) -> np.ndarray:
-    """Return the indices of the minimum and maximum of each bucket, and of the ends."""
-    parts = np.array_split(np.arange(len(values)), min(buckets, len(values)))
-    found = [(part[values[part].argmin()], part[values[part].argmax()]) for part in parts]
-    return np.unique([0, *np.ravel(found), len(values) - 1])
-
-
-def needed(x: np.ndarray, y: np.ndarray, first: int, last: int) -> list[int]:
-    """Return the indices after `first` of points whose polygon fits the curve (Douglas-Peucker)."""
-    if last - first < 2:
-        return [last]
-    inner = slice(first + 1, last)
-    dx, dy = x[last] - x[first], y[last] - y[first]
-    distance = np.abs(dx * (y[inner] - y[first]) - dy * (x[inner] - x[first])) / np.hypot(dx, dy)
-    worst = int(distance.argmax())
-    if distance[worst] <= TOLERANCE:
-        return [last]
-    middle = first + 1 + worst
-    return needed(x, y, first, middle) + needed(x, y, middle, last)
-
-
 def path(x: np.ndarray, y: np.ndarray) -> str:
     """Return the SVG path of a curve, in grid lines."""
-    kept = extremes(y, WIDTH * FINE)
-    x, y = x[kept] * FINE, y[kept] * FINE
-    kept = [0, *needed(x, y, 0, len(x) - 1)]
+    x, y = x * FINE, y * FINE
+    kept = thinned(x, y, TOLERANCE)
     points = np.column_stack([x[kept], y[kept]]).round().astype(int)
-    numbers = "".join(f"{n}" if n < 0 else f" {n}" for n in np.diff(points, axis=0).ravel())
+    steps = np.diff(points, axis=0)
+    numbers = "".join(f"{n}" if n < 0 else f" {n}" for n in steps[steps.any(axis=1)].ravel())
     return f"M{points[0][0]} {points[0][1]}l{numbers.strip()}"
-
-
-def legend_width(name: str) -> int:
-    """Return the approximate width of a legend entry [px]."""
-    return 44 + 8 * len(name)
 
 
 def text(x: int, y: int, words: str, anchor: str = "") -> str:
@@ -86,7 +58,7 @@ def text(x: int, y: int, words: str, anchor: str = "") -> str:
     return f'<text x="{x}" y="{y}"{anchored}>{escape(words)}</text>'
 
 
-def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
+def draw_panel(panel: Panel, time: np.ndarray, top: int) -> list[str]:
     """Return a panel whose upper edge is at `top`."""
 
     def row(value):
@@ -100,35 +72,35 @@ def draw_panel(panel: Panel, time: np.ndarray, top: int) -> str:
         lines.append(text(LEFT - 8, y + 5, f"{tick:g}", "end"))
     lines.append(text(LEFT, top - 8, panel.label))
     x = LEFT + WIDTH * (time - time[0]) / (time[-1] - time[0])
-    legend = LEFT + WIDTH - sum(map(legend_width, panel.curves))
-    for (name, values), style in zip(panel.curves.items(), STYLES, strict=False):
+    widths = [44 + 8 * len(name) for name in panel.curves]  # of the legend, about
+    legend = LEFT + WIDTH - sum(widths)
+    for (name, values), style, width in zip(panel.curves.items(), STYLES, widths, strict=False):
         sample = f"M{legend * FINE} {(top - 13) * FINE}h{28 * FINE}"
         lines.append(text(legend + 33, top - 8, name))
         d = sample + path(x, row(values))
         lines.append(f'<path transform="scale({1 / FINE})" d="{d}" {style} fill="none"/>')
-        legend += legend_width(name)
-    return "\n".join(lines)
+        legend += width
+    return lines
 
 
-def draw(time: np.ndarray, ticks: Sequence[float], panels: Sequence[Panel], about: str) -> str:
+def draw(time: np.ndarray, ticks: Iterable[float], panels: Sequence[Panel], about: str) -> str:
     """Return the SVG of panels with a common time axis; `about` is the text alternative."""
-    tops = [24 + (HEIGHT + GAP) * index for index in range(len(panels))]
-    parts = [draw_panel(panel, time, top) for panel, top in zip(panels, tops, strict=True)]
-    bottom = tops[-1] + HEIGHT
+    parts = []
+    for index, panel in enumerate(panels):
+        parts += draw_panel(panel, time, 24 + (HEIGHT + GAP) * index)
+    bottom = 24 + (HEIGHT + GAP) * len(panels) - GAP
     for tick in ticks:
         x = round(LEFT + WIDTH * (tick - time[0]) / (time[-1] - time[0]))
         parts.append(text(x, bottom + 18, f"{tick:g}", "middle"))
     parts.append(text(LEFT + WIDTH // 2, bottom + 36, "time [s]", "middle"))
     size = f'viewBox="0 0 {LEFT + WIDTH + 12} {bottom + 42}" width="{LEFT + WIDTH + 12}"'
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(about)}">'
-    )
-    return "\n".join([head, *parts, "</svg>\n"])
+    head = f'xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(about)}"'
+    return "\n".join([f"<svg {head}>", *parts, "</svg>\n"])
 
 
 def run(system: System, start: float, stop: float) -> Columns:
     """Co-simulate at 1 ms in sequential order."""
-    with closing(system):
+    with system:
         return simulate(system, start=start, step=TS, steps=round((stop - start) / TS) + 1)
 
 
@@ -139,7 +111,7 @@ Axis = tuple[float, float, Sequence[float]]
 def controlled(
     loop: Loop,
     stop: float,
-    ticks: Sequence[float],
+    ticks: Iterable[float],
     angle: Axis,
     force: Axis,
     names: str,
@@ -161,7 +133,6 @@ def pendulum() -> str:
         controller = Component("controller", FMUS / "Pid.fmu", sampled=True)
         links = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
         loops[model] = run(System([controller, plant], links), 0.0, 5.0)
-
     angles, positions = (
         {f"{name}, {model}": results[f"plant.{name}"] for model, results in loops.items()}
         for name in ("theta", "x")
@@ -177,13 +148,10 @@ The nonlinear cart goes on to -1.6 m, the linear one to -1.25 m and back."""
 
 def source() -> str:
     """Draw the three set-points and the disturbance."""
-
-    def signals(form: str, frequency: float) -> Columns:
+    results = {}
+    for form, frequency in (("square", 0.1), ("sine", 0.2), ("step", 0.2)):
         start = {"signal": form, "frequency": frequency, "disturbance.amplitude": 1.0}
-        return run(System([Component("source", FMUS / "Source.fmu", start)], []), 0.0, 20.0)
-
-    frequencies = {"square": 0.1, "sine": 0.2, "step": 0.2}
-    results = {form: signals(form, frequency) for form, frequency in frequencies.items()}
+        results[form] = run(System([Component("source", FMUS / "Source.fmu", start)], []), 0, 20)
     square = results["square"]
     panels = [
         Panel("r [rad]", -1.1, 1.1, (-1, 0, 1), {f: of["source.r"] for f, of in results.items()}),
@@ -203,10 +171,8 @@ against each other at 50 Hz for 0.4 s; then the network gives all of the force."
 # A sine, which the network learns within the first quarter period
 IPID_RBF = "The angle lies on the sine. After 0.2 s the network gives all of the force."
 
-TURN: Axis = (-0.1, 1.3, (0, 0.5, 1))
-FULL: Axis = (-110, 110, (-100, 0, 100))
-SINE: Axis = (-1.1, 1.1, (-1, 0, 1))
-SMALL: Axis = (-15, 15, (-10, 0, 10))
+TURN, SINE = (-0.1, 1.3, (0, 0.5, 1)), (-1.1, 1.1, (-1, 0, 1))
+FULL, SMALL = (-110, 110, (-100, 0, 100)), (-15, 15, (-10, 0, 10))
 HALVES = (0, 0.5, 1, 1.5, 2)
 
 CONTROLLERS = {
@@ -215,16 +181,14 @@ CONTROLLERS = {
     "IpidRbf": (Loop("IpidRbf", "sine"), 5.0, range(6), SINE, SMALL, "u_n u_p", IPID_RBF),
 }
 
-PLOTS: dict[str, Callable[[], str]] = {
-    "fmu-plant/documentation/Pendulum": pendulum,
-    "fmu-source/documentation/Source": source,
-} | {
-    f"fmu-controller/documentation/{name}": partial(controlled, *plot)
-    for name, plot in CONTROLLERS.items()
-}
-
 if __name__ == "__main__":
-    for folder, plot in PLOTS.items():
+    plots = {
+        "fmu-plant/documentation/Pendulum": pendulum(),
+        "fmu-source/documentation/Source": source(),
+    }
+    for name, plot in CONTROLLERS.items():
+        plots[f"fmu-controller/documentation/{name}"] = controlled(*plot)
+    for folder, plot in plots.items():
         file = ROOT / folder / "result.svg"
-        file.write_text(plot())
+        file.write_text(plot)
         print(file.relative_to(ROOT), file.stat().st_size, "bytes")
