@@ -5,7 +5,7 @@
 //! the parts that make up the identity of the interface.
 
 use crate::hash::{Hash, checksum};
-use crate::table::{Bounds, Dynamics, Field, Scalar, Start};
+use crate::table::{Bounds, Constant, Dynamics, Field, Scalar, Start, each, each_variable};
 use crate::{Causality, Initial, Type, Value, Variability, value};
 
 /// All that an FMU binary knows of a model's interface.
@@ -30,19 +30,17 @@ pub struct Interface {
 }
 
 /// Start values of a variant by value reference, in the text that the exporter passes to the compiler: for
-/// each, `REFERENCE:TYPE LENGTH:VALUE` without spaces, where the type is `r`, `i`, `b`, `s` or `x`: a real
-/// number as 16 hexadecimal digits, its bits; a whole number or the number of an item; 0 or 1; a text; bytes as
-/// hexadecimal digits.
+/// each, `REFERENCE:LENGTH:VALUE`. A value is the bits of a real number as a whole number, a whole number or the
+/// number of an item, 0 or 1, a text, or bytes as hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overrides(&'static str);
 
 /// A start value of a variant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Override<'a> {
+pub struct Override {
     /// The value reference of the variable.
     pub reference: usize,
-    kind: u8,
-    text: &'a str,
+    text: &'static str,
 }
 
 impl Overrides {
@@ -61,24 +59,19 @@ impl Overrides {
     }
 
     /// The first override, and those after it.
-    pub const fn next(self) -> Option<(Override<'static>, Self)> {
+    pub const fn next(self) -> Option<(Override, Self)> {
         if self.0.is_empty() {
             return None;
         }
         let (reference, rest) = split(self.0, b':');
-        let (kind, rest) = rest.split_at(1);
         let (length, rest) = split(rest, b':');
         let (text, rest) = rest.split_at(number(length, 10) as usize);
-        let first = Override {
-            reference: number(reference, 10) as usize,
-            kind: kind.as_bytes()[0],
-            text,
-        };
-        Some((first, Self(rest)))
+        let reference = number(reference, 10) as usize;
+        Some((Override { reference, text }, Self(rest)))
     }
 
     /// The override of a variable, if there is one.
-    const fn find(mut self, reference: usize) -> Option<Override<'static>> {
+    const fn find(mut self, reference: usize) -> Option<Override> {
         while let Some((first, rest)) = self.next() {
             if first.reference == reference {
                 return Some(first);
@@ -89,35 +82,44 @@ impl Overrides {
     }
 }
 
-impl Override<'_> {
+impl Override {
+    /// The value of a variable of a type.
+    const fn get(self, of_type: Type) -> Constant {
+        match of_type {
+            Type::Float32 | Type::Float64 => {
+                Constant::Real(f64::from_bits(number(self.text, 10) as u64))
+            }
+            Type::Boolean => Constant::Boolean(number(self.text, 10) == 1),
+            Type::String => Constant::Text(self.text),
+            Type::Binary => Constant::Digits(self.text),
+            _ => Constant::Whole(number(self.text, 10)),
+        }
+    }
+
     /// The value of a variable; `None` if its type does not have it.
     pub fn value(self, of_type: Type) -> Option<Value> {
-        match self.kind {
-            b'r' => Value::real(of_type, f64::from_bits(number(self.text, 16) as u64)),
-            b'i' => Value::whole(of_type, number(self.text, 10)),
-            b'b' => Some(Value::Boolean(number(self.text, 10) == 1)),
-            b'x' => value::bytes(self.text).map(Value::Binary),
-            _ => Some(Value::String(self.text.to_owned())),
+        match self.get(of_type) {
+            Constant::Real(number) => Value::real(of_type, number),
+            Constant::Whole(number) => Value::whole(of_type, number),
+            Constant::Boolean(value) => Some(Value::Boolean(value)),
+            Constant::Text(text) => Some(Value::String(text.to_owned())),
+            Constant::Bytes(bytes) => Some(Value::Binary(bytes.to_owned())),
+            Constant::Digits(digits) => value::bytes(digits).map(Value::Binary),
         }
     }
 }
 
 /// The text of `BASE=NAME;OVERRIDES` for [`Overrides::of`], from value references and values.
 pub fn variant(base: &str, name: &str, overrides: &[(usize, Value)]) -> String {
-    let overrides: String = overrides
-        .iter()
-        .map(|(reference, value)| {
-            let (kind, text) = match (value, value.as_real()) {
-                (_, Some(real)) => ('r', format!("{:016x}", real.to_bits())),
-                (Value::Boolean(value), _) => ('b', u8::from(*value).to_string()),
-                (Value::String(text), _) => ('s', text.clone()),
-                (Value::Binary(_), _) => ('x', value.to_string()),
-                _ => ('i', value.to_string()),
-            };
-            format!("{reference}:{kind}{}:{text}", text.len())
-        })
-        .collect();
-    format!("{base}={name};{overrides}")
+    let overrides = overrides.iter().map(|(reference, value)| {
+        let text = match (value, value.as_real()) {
+            (_, Some(real)) => real.to_bits().to_string(),
+            (Value::Boolean(value), _) => u8::from(*value).to_string(),
+            _ => value.to_string(),
+        };
+        format!("{reference}:{}:{text}", text.len())
+    });
+    format!("{base}={name};{}", overrides.collect::<String>())
 }
 
 /// The parts of a text before and after a byte.
@@ -156,20 +158,12 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
     let mut hash = Hash::new()
         .text(interface.name)
         .bytes(&[interface.is_sampled as u8, interface.is_continuous as u8]);
-    let mut i = 0;
-    while i < interface.scalars.len() {
-        hash = identify(&interface.scalars[i], hash);
-        i += interface.scalars[i].variable.count();
-    }
+    each_variable!(_i, scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {
+        let of_type = interface.scalars[start.reference].variable.start.of_type();
         hash = hash.number(start.reference as u64);
-        hash = match start.kind {
-            b'r' => hash.number(number(start.text, 16) as u64),
-            b'i' => hash.number(number(start.text, 10) as u64),
-            b'b' => hash.bytes(&[number(start.text, 10) as u8]),
-            _ => hash.text(start.text),
-        };
+        hash = identify_value(start.get(of_type), hash);
         overrides = rest;
     }
     format(hash.0)
@@ -178,19 +172,11 @@ pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
 /// Adds the identity of a variable to a hash.
 const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
     let field = scalar.variable;
-    let mut i = 0;
-    while i < scalar.prefixes.len() {
-        hash = hash.text(scalar.prefixes[i]);
-        i += 1;
-    }
+    each!(prefix in scalar.prefixes => { hash = hash.text(prefix); });
     hash = (hash.text(field.name))
         .bytes(&[field.causality as u8, field.variability as u8])
         .number(field.dimensions.len() as u64);
-    let mut i = 0;
-    while i < field.dimensions.len() {
-        hash = hash.number(field.dimensions[i] as u64);
-        i += 1;
-    }
+    each!(size in field.dimensions => { hash = hash.number(*size as u64); });
     hash = hash.text(field.size);
     hash = match field.dynamics {
         Dynamics::Algebraic => hash.bytes(&[0]),
@@ -198,7 +184,6 @@ const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
         Dynamics::Derivative { of } => hash.bytes(&[2]).text(of),
         Dynamics::EventIndicator => hash.bytes(&[3]),
     };
-    let of_type = field.start.of_type();
     hash = match field.start {
         Start::Float32(_) => hash.bytes(&[0, 1]).text(field.unit),
         Start::Float64(_) => hash.bytes(&[0, 0]).text(field.unit),
@@ -206,7 +191,7 @@ const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
         Start::Enumeration(_, of) => hash.bytes(&[3]).text(of.name),
         Start::String(_) => hash.bytes(&[4]),
         Start::Binary(_) => hash.bytes(&[5]).text(field.mime_type),
-        _ => hash.bytes(&[1, of_type as u8 - Type::Int8 as u8]),
+        _ => hash.bytes(&[1, field.start.of_type() as u8 - Type::Int8 as u8]),
     };
     hash = match field.bounds {
         Bounds::Real(min, max) => hash.number(min.to_bits()).number(max.to_bits()),
@@ -215,22 +200,24 @@ const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
     };
     let mut i = 0;
     while i < field.start.len() {
-        hash = match field.start {
-            Start::Float32(_) | Start::Float64(_) => hash.number(field.start.real(i).to_bits()),
-            Start::Boolean(values) => hash.bytes(&[values[i] as u8]),
-            Start::String(values) => hash.text(values[i]),
-            Start::Binary(values) => hash.number(values[i].len() as u64).bytes(values[i]),
-            _ => hash.number(field.start.whole(i) as u64),
-        };
+        hash = identify_value(field.start.get(i), hash);
         i += 1;
     }
-    let items = field.start.items();
-    let mut i = 0;
-    while i < items.len() {
-        hash = hash.text(items[i].name).number(items[i].value as u64);
-        i += 1;
-    }
+    each!(item in field.start.items() => {
+        hash = hash.text(item.name).number(item.value as u64);
+    });
     hash
+}
+
+/// Adds a start value to a hash.
+const fn identify_value(value: Constant, hash: Hash) -> Hash {
+    match value {
+        Constant::Real(number) => hash.number(number.to_bits()),
+        Constant::Whole(number) => hash.number(number as u64),
+        Constant::Boolean(value) => hash.bytes(&[value as u8]),
+        Constant::Text(text) | Constant::Digits(text) => hash.text(text),
+        Constant::Bytes(bytes) => hash.number(bytes.len() as u64).bytes(bytes),
+    }
 }
 
 /// Size of the copy of an interface in bytes.
@@ -269,14 +256,12 @@ struct Writer<const N: usize> {
 
 impl<const N: usize> Writer<N> {
     const fn raw(&mut self, bytes: &[u8]) {
-        let mut i = 0;
-        while i < bytes.len() {
+        each!(byte in bytes => {
             if self.length < N {
-                self.bytes[self.length] = bytes[i];
+                self.bytes[self.length] = *byte;
             }
             self.length += 1;
-            i += 1;
-        }
+        });
     }
 
     /// Adds a whole number, seven bits a byte.
@@ -307,22 +292,28 @@ impl<const N: usize> Writer<N> {
         }
     }
 
-    /// Adds a real number as a `Value` of a type.
-    const fn real(&mut self, of_type: Type, number: f64) {
+    /// Adds a `Value` of a type.
+    const fn value(&mut self, of_type: Type, value: Constant) {
         self.raw(&[of_type as u8]);
-        match of_type {
-            Type::Float32 => self.raw(&(number as f32).to_le_bytes()),
-            _ => self.raw(&number.to_le_bytes()),
-        }
-    }
-
-    /// Adds a whole number as a `Value` of a type.
-    const fn whole(&mut self, of_type: Type, number: i128) {
-        self.raw(&[of_type as u8]);
-        match of_type {
-            Type::Int8 | Type::UInt8 => self.raw(&[number as u8]),
-            Type::UInt16 | Type::UInt32 | Type::UInt64 => self.number(number as u128),
-            _ => self.signed(number),
+        match (value, of_type) {
+            (Constant::Real(number), Type::Float32) => self.raw(&(number as f32).to_le_bytes()),
+            (Constant::Real(number), _) => self.raw(&number.to_le_bytes()),
+            (Constant::Whole(number), Type::Int8 | Type::UInt8) => self.raw(&[number as u8]),
+            (Constant::Whole(number), Type::UInt16 | Type::UInt32 | Type::UInt64) => {
+                self.number(number as u128);
+            }
+            (Constant::Whole(number), _) => self.signed(number),
+            (Constant::Boolean(value), _) => self.raw(&[value as u8]),
+            (Constant::Text(text), _) => self.text(text.as_bytes()),
+            (Constant::Bytes(bytes), _) => self.text(bytes),
+            (Constant::Digits(digits), _) => {
+                self.number(digits.len() as u128 / 2);
+                let mut rest = digits;
+                while let Some((byte, others)) = rest.split_at_checked(2) {
+                    self.raw(&[number(byte, 16) as u8]);
+                    rest = others;
+                }
+            }
         }
     }
 
@@ -335,17 +326,10 @@ impl<const N: usize> Writer<N> {
         self.raw(&stop_time.to_le_bytes());
         self.raw(&step_size.to_le_bytes());
         self.raw(&interface.tolerance.to_le_bytes());
-        let (mut fields, mut i) = (0, 0);
-        while i < scalars.len() {
-            fields += 1;
-            i += scalars[i].variable.count();
-        }
-        self.number(fields);
-        let mut i = 0;
-        while i < scalars.len() {
-            self.variable(i, interface);
-            i += scalars[i].variable.count();
-        }
+        let mut variables = 0;
+        each_variable!(_i, _scalar in scalars => { variables += 1; });
+        self.number(variables);
+        each_variable!(i, _scalar in scalars => { self.variable(i, interface); });
         self.text(&guid(interface));
     }
 
@@ -353,13 +337,8 @@ impl<const N: usize> Writer<N> {
     const fn variable(&mut self, reference: usize, interface: &Interface) {
         let (scalar, scalars) = (&interface.scalars[reference], interface.scalars);
         let field = scalar.variable;
-        let parts = scalar.name_parts();
         self.number(scalar.name_length() as u128);
-        let mut i = 0;
-        while i < parts.len() {
-            self.raw(parts[i].as_bytes());
-            i += 1;
-        }
+        each!(part in scalar.name_parts() => { self.raw(part.as_bytes()); });
         self.number(reference as u128);
         self.text(field.description.as_bytes());
         // Outputs of a model with a sample time change at its sample instants only.
@@ -378,11 +357,7 @@ impl<const N: usize> Writer<N> {
             None => self.raw(&[0]),
         }
         self.number(field.dimensions.len() as u128);
-        let mut i = 0;
-        while i < field.dimensions.len() {
-            self.number(field.dimensions[i] as u128);
-            i += 1;
-        }
+        each!(size in field.dimensions => { self.number(*size as u128); });
         self.exported(scalar, scalars);
         self.raw(&[field.start.of_type() as u8]);
         self.some_text(field.unit);
@@ -421,11 +396,7 @@ impl<const N: usize> Writer<N> {
 
     const fn references(&mut self, names: &[&str], scalar: &Scalar, scalars: &[Scalar]) {
         self.number(names.len() as u128);
-        let mut i = 0;
-        while i < names.len() {
-            self.number(scalar.position(names[i], scalars) as u128);
-            i += 1;
-        }
+        each!(name in names => { self.number(scalar.position(name, scalars) as u128); });
     }
 
     /// Adds the smallest and the largest value, or none if the type has the same.
@@ -435,23 +406,19 @@ impl<const N: usize> Writer<N> {
             (Bounds::None, Start::Enumeration(_, of)) => of.bounds(),
             (bounds, _) => bounds,
         };
-        let mut i = 0;
-        while i < 2 {
-            match both {
-                Bounds::Real(min, max) if [min, max][i].is_finite() => {
-                    self.raw(&[1]);
-                    self.real(of_type, [min, max][i]);
+        let (low, high) = of_type.range();
+        each!(i, limit in [low, high] => {
+            let bound = match both {
+                Bounds::Real(min, max) if [min, max][i].is_finite() => Constant::Real([min, max][i]),
+                Bounds::Whole(min, max) if [min, max][i] != *limit => Constant::Whole([min, max][i]),
+                _ => {
+                    self.raw(&[0]);
+                    continue;
                 }
-                Bounds::Whole(min, max)
-                    if [min, max][i] != [of_type.range().0, of_type.range().1][i] =>
-                {
-                    self.raw(&[1]);
-                    self.whole(of_type, [min, max][i]);
-                }
-                _ => self.raw(&[0]),
-            }
-            i += 1;
-        }
+            };
+            self.raw(&[1]);
+            self.value(of_type, bound);
+        });
     }
 
     /// Adds the start values; a variant replaces some.
@@ -460,45 +427,12 @@ impl<const N: usize> Writer<N> {
         self.number(start.len() as u128);
         let mut i = 0;
         while i < start.len() {
-            match (overrides.find(reference + i), start) {
-                (Some(start), _) => self.replaced(of_type, start),
-                (None, Start::Float32(_) | Start::Float64(_)) => {
-                    self.real(of_type, start.real(i));
-                }
-                (None, Start::Boolean(values)) => self.raw(&[of_type as u8, values[i] as u8]),
-                (None, Start::String(values)) => {
-                    self.raw(&[of_type as u8]);
-                    self.text(values[i].as_bytes());
-                }
-                (None, Start::Binary(values)) => {
-                    self.raw(&[of_type as u8]);
-                    self.text(values[i]);
-                }
-                (None, _) => self.whole(of_type, start.whole(i)),
-            }
+            let value = match overrides.find(reference + i) {
+                Some(start) => start.get(of_type),
+                None => start.get(i),
+            };
+            self.value(of_type, value);
             i += 1;
-        }
-    }
-
-    /// Adds the start value of a variant as a `Value` of a type.
-    const fn replaced(&mut self, of_type: Type, start: Override<'static>) {
-        match start.kind {
-            b'r' => self.real(of_type, f64::from_bits(number(start.text, 16) as u64)),
-            b'i' => self.whole(of_type, number(start.text, 10)),
-            b'b' => self.raw(&[of_type as u8, number(start.text, 10) as u8]),
-            b'x' => {
-                self.raw(&[of_type as u8]);
-                self.number(start.text.len() as u128 / 2);
-                let mut rest = start.text;
-                while let Some((byte, others)) = rest.split_at_checked(2) {
-                    self.raw(&[number(byte, 16) as u8]);
-                    rest = others;
-                }
-            }
-            _ => {
-                self.raw(&[of_type as u8]);
-                self.text(start.text.as_bytes());
-            }
         }
     }
 
@@ -510,13 +444,11 @@ impl<const N: usize> Writer<N> {
         self.text(of.name.as_bytes());
         self.text(of.description.as_bytes());
         self.number(of.items.len() as u128);
-        let mut i = 0;
-        while i < of.items.len() {
-            self.text(of.items[i].name.as_bytes());
-            self.signed(of.items[i].value as i128);
-            self.text(of.items[i].description.as_bytes());
-            i += 1;
-        }
+        each!(item in of.items => {
+            self.text(item.name.as_bytes());
+            self.signed(item.value as i128);
+            self.text(item.description.as_bytes());
+        });
     }
 }
 
@@ -525,16 +457,14 @@ const fn format(hash: u128) -> [u8; GUID_LENGTH] {
     const VERSION: u128 = 0xf << 76;
     const VARIANT: u128 = 0b11 << 62;
     let hash = hash & !VERSION & !VARIANT | 8 << 76 | 0b10 << 62;
-    let mut text = *b"{00000000-0000-0000-0000-000000000000}";
-    let mut digit = 0;
-    let mut i = 0;
-    while i < GUID_LENGTH {
-        if text[i] == b'0' {
+    const ZERO: [u8; GUID_LENGTH] = *b"{00000000-0000-0000-0000-000000000000}";
+    let (mut text, mut digit) = (ZERO, 0);
+    each!(i, zero in ZERO => {
+        if *zero == b'0' {
             let value = (hash >> (124 - 4 * digit)) as usize & 0xf;
             text[i] = b"0123456789abcdef"[value];
             digit += 1;
         }
-        i += 1;
-    }
+    });
     text
 }

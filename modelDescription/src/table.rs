@@ -6,6 +6,36 @@ use crate::hash::Hash;
 use crate::variables::AnyChoice;
 use crate::{Causality, Type, Value, Variability};
 
+/// A `for` loop in constant evaluation: over references to the items of a slice, with their indices if they are named.
+macro_rules! each {
+    ($item:ident in $items:expr => $body:block) => {
+        each!(_i, $item in $items => $body)
+    };
+    ($i:ident, $item:ident in $items:expr => $body:block) => {{
+        let items = &$items;
+        let mut next = 0;
+        while next < items.len() {
+            let ($i, $item) = (next, &items[next]);
+            next += 1;
+            $body
+        }
+    }};
+}
+
+/// As `each`, over the first scalars of all variables.
+macro_rules! each_variable {
+    ($i:ident, $scalar:ident in $scalars:expr => $body:block) => {{
+        let scalars = &$scalars;
+        let mut next = 0;
+        while next < scalars.len() {
+            let ($i, $scalar) = (next, &scalars[next]);
+            next += $scalar.variable.count();
+            $body
+        }
+    }};
+}
+pub(crate) use {each, each_variable};
+
 /// Maximum number of groups that contain each other, and the variable itself.
 pub const MAX_DEPTH: usize = 4;
 /// Maximum length of a name in bytes, including the index of an array element.
@@ -88,26 +118,21 @@ pub enum Dynamics<S = &'static str> {
     EventIndicator,
 }
 
-/// The type of a variable, and the start value of each element, in row-major order; none if the model
-/// calculates the initial value.
+/// A start value in constant evaluation, in which there is no [`Value`].
 #[derive(Debug, Clone, Copy)]
-#[allow(missing_docs, reason = "the types of FMI 3.0")]
-pub enum Start {
-    Float32(&'static [f32]),
-    Float64(&'static [f64]),
-    Int8(&'static [i8]),
-    UInt8(&'static [u8]),
-    Int16(&'static [i16]),
-    UInt16(&'static [u16]),
-    Int32(&'static [i32]),
-    UInt32(&'static [u32]),
-    Int64(&'static [i64]),
-    UInt64(&'static [u64]),
-    Boolean(&'static [bool]),
-    String(&'static [&'static str]),
-    Binary(&'static [&'static [u8]]),
-    /// The numbers of items.
-    Enumeration(&'static [i32], &'static Enumeration),
+pub enum Constant {
+    /// A real number.
+    Real(f64),
+    /// A whole number, or the number of an item.
+    Whole(i128),
+    /// True or false.
+    Boolean(bool),
+    /// A text.
+    Text(&'static str),
+    /// Bytes.
+    Bytes(&'static [u8]),
+    /// Bytes as hexadecimal digits.
+    Digits(&'static str),
 }
 
 /// The smallest and the largest value of a variable.
@@ -160,14 +185,32 @@ pub struct Scalar {
     pub offset: usize,
 }
 
-/// Defines what is the same for all types.
+/// Defines the start values of all types.
 macro_rules! starts {
-    ($($name:ident: $ty:ty,)*; real $($real:ident)*; whole $($whole:ident)*) => {
+    (
+        $($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($other:ident: $other_type:ty),*
+    ) => {
+        /// The type of a variable, and the start value of each element, in row-major order; none if the model
+        /// calculates the initial value.
+        #[derive(Debug, Clone, Copy)]
+        #[allow(missing_docs, reason = "the types of FMI 3.0")]
+        pub enum Start {
+            $($real(&'static [$real_type]),)*
+            $($whole(&'static [$whole_type]),)*
+            Boolean(&'static [bool]),
+            String(&'static [&'static str]),
+            Binary(&'static [&'static [u8]]),
+            /// The numbers of items.
+            Enumeration(&'static [i32], &'static Enumeration),
+        }
+
         impl Start {
             /// The type.
             pub const fn of_type(&self) -> Type {
                 match self {
-                    $(Self::$name(_) => Type::$name,)*
+                    $(Self::$real(_) => Type::$real,)*
+                    $(Self::$whole(_) => Type::$whole,)*
+                    $(Self::$other(_) => Type::$other,)*
                     Self::Enumeration(..) => Type::Enumeration,
                 }
             }
@@ -175,7 +218,9 @@ macro_rules! starts {
             /// How many start values there are: none if the model calculates them.
             pub const fn len(&self) -> usize {
                 match self {
-                    $(Self::$name(values) => values.len(),)*
+                    $(Self::$real(values) => values.len(),)*
+                    $(Self::$whole(values) => values.len(),)*
+                    $(Self::$other(values) => values.len(),)*
                     Self::Enumeration(values, _) => values.len(),
                 }
             }
@@ -183,7 +228,9 @@ macro_rules! starts {
             /// Size of an element of the field in bytes.
             pub const fn element_size(&self) -> usize {
                 match self {
-                    $(Self::$name(_) => size_of::<$ty>(),)*
+                    $(Self::$real(_) => size_of::<$real_type>(),)*
+                    $(Self::$whole(_) => size_of::<$whole_type>(),)*
+                    $(Self::$other(_) => size_of::<$other_type>(),)*
                     Self::Enumeration(_, of) => of.size,
                 }
             }
@@ -191,50 +238,28 @@ macro_rules! starts {
             /// The first start value, which others follow.
             pub const fn as_ptr(&self) -> *const u8 {
                 match self {
-                    $(Self::$name(values) => values.as_ptr().cast(),)*
+                    $(Self::$real(values) => values.as_ptr().cast(),)*
+                    $(Self::$whole(values) => values.as_ptr().cast(),)*
+                    $(Self::$other(values) => values.as_ptr().cast(),)*
                     Self::Enumeration(values, _) => values.as_ptr().cast(),
                 }
             }
 
-            /// A start value that is a real number, less than [`len`](Self::len); 0 for other types.
-            pub const fn real(&self, element: usize) -> f64 {
+            /// The start value of an element, less than [`len`](Self::len).
+            pub const fn get(&self, element: usize) -> Constant {
                 match self {
-                    $(Self::$real(values) => values[element] as f64,)*
-                    _ => 0.0,
-                }
-            }
-
-            /// A start value that is a whole number, or the number of an item, less than
-            /// [`len`](Self::len); 0 for other types.
-            pub const fn whole(&self, element: usize) -> i128 {
-                match self {
-                    $(Self::$whole(values) => values[element] as i128,)*
-                    Self::Enumeration(values, _) => values[element] as i128,
-                    _ => 0,
+                    $(Self::$real(values) => Constant::Real(values[element] as f64),)*
+                    $(Self::$whole(values) => Constant::Whole(values[element] as i128),)*
+                    Self::Enumeration(values, _) => Constant::Whole(values[element] as i128),
+                    Self::Boolean(values) => Constant::Boolean(values[element]),
+                    Self::String(values) => Constant::Text(values[element]),
+                    Self::Binary(values) => Constant::Bytes(values[element]),
                 }
             }
         }
     };
 }
-
-starts! {
-    Float32: f32,
-    Float64: f64,
-    Int8: i8,
-    UInt8: u8,
-    Int16: i16,
-    UInt16: u16,
-    Int32: i32,
-    UInt32: u32,
-    Int64: i64,
-    UInt64: u64,
-    Boolean: bool,
-    String: String,
-    Binary: Vec<u8>,
-    ;
-    real Float32 Float64;
-    whole Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64
-}
+crate::types!(starts!);
 
 impl Start {
     /// Whether the model calculates the initial value.
@@ -254,13 +279,12 @@ impl Start {
 impl Enumeration {
     /// The smallest and the largest number of an item.
     pub(crate) const fn bounds(&self) -> Bounds {
-        let (mut min, mut max, mut i) = (i128::MAX, i128::MIN, 0);
-        while i < self.items.len() {
-            let value = self.items[i].value as i128;
+        let (mut min, mut max) = (i128::MAX, i128::MIN);
+        each!(item in self.items => {
+            let value = item.value as i128;
             min = if value < min { value } else { min };
             max = if value > max { value } else { max };
-            i += 1;
-        }
+        });
         Bounds::Whole(min, max)
     }
 }
@@ -283,11 +307,7 @@ impl Field {
     /// Number of scalar variables it represents.
     pub const fn count(&self) -> usize {
         let mut count = 1;
-        let mut i = 0;
-        while i < self.dimensions.len() {
-            count *= self.dimensions[i];
-            i += 1;
-        }
+        each!(size in self.dimensions => { count *= *size; });
         count
     }
 }
@@ -323,11 +343,7 @@ impl Scalar {
     /// Hash of a name in the group of the variable.
     const fn hash(&self, name: &str) -> u128 {
         let mut hash = Hash::new();
-        let mut i = 0;
-        while i < MAX_DEPTH {
-            hash = hash.prefix(self.prefixes[i]);
-            i += 1;
-        }
+        each!(prefix in self.prefixes => { hash = hash.prefix(prefix); });
         hash.bytes(name.as_bytes()).0
     }
 
@@ -335,11 +351,12 @@ impl Scalar {
     /// scalars if there is none.
     pub(crate) const fn position(&self, name: &str, scalars: &[Self]) -> usize {
         let hash = self.hash(name);
-        let mut i = 0;
-        while i < scalars.len() && scalars[i].hash(scalars[i].variable.name) != hash {
-            i += scalars[i].variable.count();
-        }
-        i
+        each_variable!(i, other in scalars => {
+            if other.hash(other.variable.name) == hash {
+                return i;
+            }
+        });
+        scalars.len()
     }
 
     /// Index of the state of which it is the derivative; `None` if it is no derivative.
@@ -364,9 +381,10 @@ impl Scalar {
         if let Some(size) = self.size(scalars)
             && let start = scalars[size].variable.start
             && !start.is_empty()
-            && start.whole(0) < count as i128
+            && let Constant::Whole(size) = start.get(0)
+            && size < count as i128
         {
-            return start.whole(0) as usize;
+            return size as usize;
         }
         count
     }
@@ -379,34 +397,25 @@ impl Scalar {
             _ => ("", self.variable.name),
         };
         (parts[0], parts[2 * MAX_DEPTH + 1]) = (start, name);
-        let mut i = 0;
-        while i < MAX_DEPTH {
-            if !self.prefixes[i].is_empty() {
-                (parts[2 * i + 1], parts[2 * i + 2]) = (self.prefixes[i], ".");
+        each!(i, prefix in self.prefixes => {
+            if !prefix.is_empty() {
+                (parts[2 * i + 1], parts[2 * i + 2]) = (prefix, ".");
             }
-            i += 1;
-        }
+        });
         parts
     }
 
     /// Length of the name of the variable in bytes.
     pub(crate) const fn name_length(&self) -> usize {
-        let (parts, mut length, mut i) = (self.name_parts(), 0, 0);
-        while i < parts.len() {
-            length += parts[i].len();
-            i += 1;
-        }
+        let mut length = 0;
+        each!(part in self.name_parts() => { length += part.len(); });
         length
     }
 
     /// Length of the name of the last element.
     const fn last_name_length(&self) -> usize {
         let mut length = self.name_length();
-        let mut i = 0;
-        while i < self.variable.dimensions.len() {
-            length += 2 + self.variable.dimensions[i].ilog10() as usize;
-            i += 1;
-        }
+        each!(size in self.variable.dimensions => { length += 2 + size.ilog10() as usize; });
         length + !self.variable.dimensions.is_empty() as usize
     }
 }
@@ -435,14 +444,12 @@ fn state_of(name: &str) -> Option<&str> {
 /// Number of scalar variables in a table.
 pub const fn count(rows: &[Row]) -> usize {
     let mut sum = 0;
-    let mut i = 0;
-    while i < rows.len() {
-        sum += match &rows[i] {
+    each!(row in rows => {
+        sum += match row {
             Row::Field(field) => field.count(),
             Row::Group { rows, .. } => count(rows),
         };
-        i += 1;
-    }
+    });
     sum
 }
 
@@ -503,31 +510,20 @@ const fn find(
     (mut prefixes, depth, base): ([&'static str; MAX_DEPTH], usize, usize),
     mut index: usize,
 ) -> Option<Scalar> {
-    let mut i = 0;
-    while i < rows.len() {
-        let count = count(std::slice::from_ref(&rows[i]));
-        match &rows[i] {
+    each!(row in rows => {
+        let count = count(std::slice::from_ref(row));
+        match row {
             _ if index >= count => index -= count,
             Row::Field(variable) => {
-                return Some(Scalar {
-                    variable,
-                    prefixes,
-                    element: index,
-                    offset: base,
-                });
+                return Some(Scalar { variable, prefixes, element: index, offset: base });
             }
-            Row::Group {
-                prefix,
-                offset,
-                rows,
-            } => {
+            Row::Group { prefix, offset, rows } => {
                 assert!(depth < MAX_DEPTH, "structs are nested more than 4 deep");
                 prefixes[depth] = prefix;
                 return find(rows, (prefixes, depth + 1, base + *offset), index);
             }
         }
-        i += 1;
-    }
+    });
     None
 }
 
@@ -568,32 +564,24 @@ const fn row(rows: &'static [Row], index: usize) -> &'static [Row] {
 /// Fails the compilation if two variables have the same name, a name is too long, or a variable
 /// depends on one that does not exist. The derive macros check the rest.
 pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
-    let mut i = 0;
-    while i < N {
-        let scalar = &scalars[i];
-        let variable = scalar.variable;
+    each_variable!(i, scalar in scalars => {
         assert!(
             scalar.last_name_length() <= MAX_NAME,
             "a variable's name has more than 63 characters"
         );
         assert!(
-            scalar.position(variable.name, scalars) == i,
+            scalar.position(scalar.variable.name, scalars) == i,
             "two variables have the same name"
         );
-        let mut k = 0;
-        while k < variable.initially_from.len() {
+        each!(name in scalar.variable.initially_from => {
             assert!(
-                scalar.position(variable.initially_from[k], scalars) < N,
+                scalar.position(name, scalars) < N,
                 "`initially_from` names a variable that does not exist"
             );
-            k += 1;
-        }
+        });
         check_dynamics(scalar, scalars);
-        if !variable.size.is_empty() {
-            check_size(scalar, scalars);
-        }
-        i += variable.count();
-    }
+        check_size(scalar, scalars);
+    });
 }
 
 /// Fails the compilation if the number of elements in use of an array is no structural parameter, or may
@@ -624,15 +612,13 @@ const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
         Dynamics::State { .. } => {
             let hash = scalar.hash(scalar.variable.name);
             let mut derivatives = 0;
-            let mut i = 0;
-            while i < scalars.len() {
-                if let Dynamics::Derivative { of } = scalars[i].variable.dynamics
-                    && scalars[i].hash(of) == hash
+            each_variable!(_i, other in scalars => {
+                if let Dynamics::Derivative { of } = other.variable.dynamics
+                    && other.hash(of) == hash
                 {
                     derivatives += 1;
                 }
-                i += scalars[i].variable.count();
-            }
+            });
             assert!(
                 derivatives == 1,
                 "a state needs one field with #[derivative(of = ...)]"

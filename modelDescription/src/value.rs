@@ -7,40 +7,30 @@ use serde::{Deserialize, Serialize};
 
 use crate::Type;
 
-/// The value of a scalar variable, or of an element of an array.
-#[derive(Debug, Clone, PartialEq, PartialOrd, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "the types of FMI 3.0")]
-pub enum Value {
-    Float32(f32),
-    Float64(f64),
-    Int8(i8),
-    UInt8(u8),
-    Int16(i16),
-    UInt16(u16),
-    Int32(i32),
-    UInt32(u32),
-    Int64(i64),
-    UInt64(u64),
-    Boolean(bool),
-    String(String),
-    Binary(Vec<u8>),
-    /// The number of an item.
-    Enumeration(i64),
-}
+/// Defines the values of all types.
+macro_rules! values {
+    (
+        $($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($other:ident: $other_type:ty),*
+    ) => {
+        /// The value of a scalar variable, or of an element of an array.
+        #[derive(Debug, Clone, PartialEq, PartialOrd, Serialize, Deserialize)]
+        #[allow(missing_docs, reason = "the types of FMI 3.0")]
+        pub enum Value {
+            $($real($real_type),)*
+            $($whole($whole_type),)*
+            $($other($other_type),)*
+            /// The number of an item.
+            Enumeration(i64),
+        }
 
-/// Defines what is the same for all types of whole numbers.
-macro_rules! whole_numbers {
-    ($($name:ident)*) => {
         impl Value {
             /// Its type.
             pub const fn of_type(&self) -> Type {
                 match self {
-                    Self::Float32(_) => Type::Float32,
-                    Self::Float64(_) => Type::Float64,
-                    $(Self::$name(_) => Type::$name,)*
-                    Self::Boolean(_) => Type::Boolean,
-                    Self::String(_) => Type::String,
-                    Self::Binary(_) => Type::Binary,
+                    $(Self::$real(_) => Type::$real,)*
+                    $(Self::$whole(_) => Type::$whole,)*
+                    $(Self::$other(_) => Type::$other,)*
+                    Self::Enumeration(_) => Type::Enumeration,
                 }
             }
 
@@ -48,7 +38,8 @@ macro_rules! whole_numbers {
             /// type does not have it.
             pub fn whole(of_type: Type, number: i128) -> Option<Self> {
                 Some(match of_type {
-                    $(Type::$name => Self::$name(number.try_into().ok()?),)*
+                    $(Type::$whole => Self::$whole(number.try_into().ok()?),)*
+                    Type::Enumeration => Self::Enumeration(number.try_into().ok()?),
                     _ => return None,
                 })
             }
@@ -56,14 +47,27 @@ macro_rules! whole_numbers {
             /// The whole number, or the number of the item; `None` for other types.
             pub fn as_whole(&self) -> Option<i128> {
                 match self {
-                    $(Self::$name(value) => Some((*value).into()),)*
+                    $(Self::$whole(value) => Some((*value).into()),)*
+                    Self::Enumeration(value) => Some((*value).into()),
                     _ => None,
+                }
+            }
+        }
+
+        impl Type {
+            /// The smallest and the largest whole number, or number of an item, which is an Int64; for other types,
+            /// a range without numbers.
+            pub const fn range(self) -> (i128, i128) {
+                match self {
+                    $(Self::$whole => (<$whole_type>::MIN as i128, <$whole_type>::MAX as i128),)*
+                    Self::Enumeration => (i64::MIN as i128, i64::MAX as i128),
+                    _ => (1, 0),
                 }
             }
         }
     };
 }
-whole_numbers!(Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Enumeration);
+crate::types!(values!);
 
 impl Value {
     /// A real number as a value of a type of real numbers, rounded for a Float32; `None` for other types,

@@ -228,7 +228,7 @@ pub mod derive {
     pub use crate::Interface;
     use crate::hash::Hash;
     pub use crate::table::{Bounds, Dynamics, Enumeration, Field, Item, Row, Start};
-    use crate::table::{count, find_name, shared_name};
+    use crate::table::{Constant, count, each, find_name, shared_name};
     pub use crate::vocabulary::{Causality, Variability};
 
     /// The elements of an array that are in use.
@@ -271,13 +271,12 @@ pub mod derive {
     pub const fn checked(start: Start, bounds: Bounds, message: &str) -> Start {
         let mut i = 0;
         while i < start.len() {
-            let is_within = match bounds {
-                Bounds::Real(min, max) => {
-                    let value = start.real(i);
+            let is_within = match (bounds, start.get(i)) {
+                (Bounds::Real(min, max), Constant::Real(value)) => {
                     min <= value && value <= max && value.is_finite()
                 }
-                Bounds::Whole(min, max) => min <= start.whole(i) && start.whole(i) <= max,
-                Bounds::None => true,
+                (Bounds::Whole(min, max), Constant::Whole(value)) => min <= value && value <= max,
+                _ => true,
             };
             if !is_within {
                 panic!("{}", message);
@@ -290,15 +289,13 @@ pub mod derive {
     /// Checks that the variables of a group have other names than all other rows.
     #[track_caller]
     pub const fn unique(rows: &'static [Row], group: usize, message: &str) {
-        let mut i = 0;
-        while i < rows.len() {
+        each!(i, row in rows => {
             // Two groups are compared once.
-            let is_due = i < group || matches!(rows[i], Row::Field(_)) && i != group;
+            let is_due = i < group || matches!(row, Row::Field(_)) && i != group;
             if is_due && let Some(name) = shared_name(rows, group, i) {
                 fail(message, name);
             }
-            i += 1;
-        }
+        });
     }
 
     /// Checks that a variable exists.

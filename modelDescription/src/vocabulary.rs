@@ -119,6 +119,20 @@ words! {
     }
 }
 
+/// Calls a macro with the types of real numbers, the types of whole numbers, and the other types but Enumeration
+/// and Clock, each with its type in Rust.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! types {
+    ($($callback:tt)*) => {
+        $($callback)* {
+            Float32: f32, Float64: f64;
+            Int8: i8, UInt8: u8, Int16: i16, UInt16: u16, Int32: i32, UInt32: u32, Int64: i64, UInt64: u64;
+            Boolean: bool, String: String, Binary: Vec<u8>
+        }
+    };
+}
+
 /// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.5, section
 /// 2.2.4).
 pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
@@ -177,22 +191,6 @@ impl Type {
     /// Whether it is a type of whole numbers; an Enumeration is none.
     pub const fn is_integer(self) -> bool {
         self as u8 >= Self::Int8 as u8 && self as u8 <= Self::UInt64 as u8
-    }
-
-    /// The smallest and the largest whole number, or number of an item, which is an Int64; for other types,
-    /// a range without numbers.
-    pub const fn range(self) -> (i128, i128) {
-        match self {
-            Self::Int8 => (i8::MIN as i128, i8::MAX as i128),
-            Self::UInt8 => (0, u8::MAX as i128),
-            Self::Int16 => (i16::MIN as i128, i16::MAX as i128),
-            Self::UInt16 => (0, u16::MAX as i128),
-            Self::Int32 => (i32::MIN as i128, i32::MAX as i128),
-            Self::UInt32 => (0, u32::MAX as i128),
-            Self::Int64 | Self::Enumeration => (i64::MIN as i128, i64::MAX as i128),
-            Self::UInt64 => (0, u64::MAX as i128),
-            _ => (1, 0),
-        }
     }
 
     /// The type whose functions get and set a variable: those of an Enumeration are those of an Integer

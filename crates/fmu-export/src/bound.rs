@@ -662,7 +662,7 @@ mod tests {
 
     #[test]
     fn a_variant_may_use_fewer_elements() {
-        let mut model = lists(Some("Lists=Small;0:i1:1"));
+        let mut model = lists(Some("Lists=Small;0:1:1"));
         assert_eq!((&mut model as &mut dyn AnyModel).elements(1), Some(1));
         assert!(!(&mut model as &mut dyn AnyModel).is_element(2));
         assert!(!model.get_elements(&[2], &mut [0.0]) && !model.set_elements(&[2], &[0.0]));

@@ -36,13 +36,13 @@ interfaces! {
     SIZES SIZES_COPY: Sizes, None;
     OTHER OTHER_COPY: Sizes, Some(OTHER_VARIANT);
     LISTS LISTS_COPY: Lists, None;
-    LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:i1:3");
+    LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
 /// Start values of one variable of each type.
 const SMALL_VARIANT: &str =
-    "Tank=SmallTank;1:r16:3fe00000000000002:r16:40240000000000007:i1:38:s6:r\u{e9}:1;9:b1:0";
-const OTHER_VARIANT: &str = "Sizes=Other;5:i20:184467440737095516157:x4:01230:r16:3fd3333340000000";
+    "Tank=SmallTank;1:19:46026788191726469122:19:46218191175889715207:1:38:6:r\u{e9}:1;9:1:0";
+const OTHER_VARIANT: &str = "Sizes=Other;5:20:184467440737095516157:4:01230:19:4599075939685498880";
 
 fn description(copy: &[u8]) -> Description {
     let mut models = read_interfaces(copy).unwrap();
@@ -206,7 +206,7 @@ fn start_values_survive_the_way_through_the_compiler() {
         assert_eq!(v.start[element], value);
     }
     // A variant of another model does not concern this one.
-    let plain = fmu_export::interface::<Sizes, { Sizes::COUNT }>(Some("Size=Other;5:i1:1"));
+    let plain = fmu_export::interface::<Sizes, { Sizes::COUNT }>(Some("Size=Other;5:1:1"));
     assert_eq!((plain.name, guid(&plain)), ("Sizes", guid(&SIZES)));
 }
 

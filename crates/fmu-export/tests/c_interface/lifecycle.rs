@@ -284,7 +284,7 @@ fn a_model_reads_the_resource_that_a_parameter_names() {
 const N: usize = <Every as Variables>::COUNT;
 /// gain = 3, order = 4, law = ignored, label = "slow", matrix[2,1] = -0.5, flags[1] = true
 const FAST: Interface = interface::<Every, N>(Some(
-    "Every=Fast;3:r16:400800000000000010:r16:bfe000000000000024:i1:425:b1:128:i1:231:s4:slow",
+    "Every=Fast;3:19:461393781824107315210:20:1382605085602742272024:1:425:1:128:1:231:4:slow",
 ));
 static VARIANTS: &[Entry] = &[Entry::of::<Every, N>(FAST, &[])];
 
