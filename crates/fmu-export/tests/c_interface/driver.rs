@@ -9,6 +9,7 @@ use std::sync::Once;
 
 use fmu_description::Type;
 pub use fmu_export::abi::Version::{self, Fmi2, Fmi3};
+use fmu_export::abi::{fmi2_functions, fmi3_functions};
 use fmu_export::{Entry, fmi2::*, fmi3::*};
 
 use crate::models::{MODELS, fmi2Instantiate, number};
@@ -385,6 +386,90 @@ pub fn results(event: bool, early: bool, time: f64) -> Results {
 /// What an update of discrete states returns: whether states changed, and the time of the next event.
 pub type Discrete = (bool, Option<f64>);
 
+/// A function of an instance, from the rows of `fmi-abi`.
+pub struct Function {
+    pub operation: &'static str,
+    /// For each argument, why it is refused if it is NULL.
+    pub refusals: &'static [Option<&'static str>],
+    /// Calls it with arrays of `n` elements, where the argument at an index is NULL, and the others are zero or
+    /// point to zeros.
+    pub call: fn(Fmu, n: usize, null: usize) -> Status,
+}
+
+/// No argument.
+pub const NONE: usize = usize::MAX;
+
+macro_rules! functions {
+    (
+        Free { $($_0:tt)* }
+        $($_1:ident { $($name:ident($($_2:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
+    ) => {
+        &[$($(Function {
+            operation: stringify!($operation),
+            refusals: &[$(refusal!($kind)),*],
+            call: |f, n, null| {
+                #[allow(unused, reason = "not all functions have arguments")]
+                let (n, null, mut index, mut memory) = (n, null, 0..10, [0_u128; 10]);
+                // SAFETY: the instance lives or is NULL; zero is a value of all types, and each pointer has
+                // memory of its own, enough for two numbers or `fmi2EventInfo`.
+                Status(unsafe { $name(f.c, $(argument!($kind, index.next().unwrap(), null, n, memory)),*).0 })
+            },
+        },)*)*]
+    };
+}
+
+macro_rules! refusal {
+    ([in? $($_0:tt)*]) => {
+        None
+    };
+    ([out? $($_0:tt)*]) => {
+        None
+    };
+    ([in $_0:ty; $_1:ident]) => {
+        Some("an array is NULL though its length is not 0")
+    };
+    ([out $_0:ty; $_1:ident]) => {
+        Some("an array is NULL though its length is not 0")
+    };
+    ([out $_0:ty]) => {
+        Some("a pointer to a result is NULL")
+    };
+    ($_0:tt) => {
+        None
+    };
+}
+
+macro_rules! argument {
+    ([len], $index:expr, $null:ident, $n:ident, $memory:ident) => {{
+        $index;
+        $n
+    }};
+    ([in $($_0:tt)*], $index:expr, $null:ident, $n:ident, $memory:ident) => {
+        match $index {
+            index if index == $null => null(),
+            index => (&raw const $memory[index]).cast(),
+        }
+    };
+    ([out $($_0:tt)*], $index:expr, $null:ident, $n:ident, $memory:ident) => {
+        match $index {
+            index if index == $null => null_mut(),
+            index => (&raw mut $memory[index]).cast(),
+        }
+    };
+    ($_0:ty, $index:expr, $null:ident, $n:ident, $memory:ident) => {{
+        $index;
+        std::mem::zeroed()
+    }};
+}
+
+/// The functions of a version that have an instance.
+pub fn functions(version: Version) -> &'static [Function] {
+    match version {
+        Fmi2 => fmi2_functions!(functions!),
+        Fmi3 => fmi3_functions!(functions!),
+    }
+}
+
 /// Defines methods that pass their arguments to the function of FMI 2.0, of FMI 3.0, or of the version.
 macro_rules! calls {
     ($($method:ident $arguments:tt = $($two:ident $of_2:tt)? / $($three:ident $of_3:tt)?;)*) => {
@@ -715,15 +800,6 @@ impl Fmu {
             }
         };
         Status(status)
-    }
-
-    /// Enters initialization mode by one function.
-    pub fn enter_only(self) -> Status {
-        match self.kind.0 {
-            // SAFETY: the instance lives or is NULL.
-            Fmi2 => Status(unsafe { fmi2EnterInitializationMode(self.c).0 }),
-            Fmi3 => self.enter(0.0, None, None),
-        }
     }
 
     /// Goes to the end of the initialization.

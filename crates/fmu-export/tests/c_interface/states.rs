@@ -3,11 +3,10 @@
 
 use std::cell::RefCell;
 use std::ffi::c_void;
-use std::ptr::{null, null_mut};
+use std::ptr::null_mut;
 use std::rc::Rc;
 
-use fmu_description::Type;
-use fmu_export::{fmi2::*, fmi3::*};
+use fmu_export::fmi2::{fmi2LastSuccessfulTime, fmi2Terminated};
 
 use crate::driver::*;
 use crate::models::*;
@@ -47,139 +46,112 @@ fn name(state: char) -> &'static str {
 
 /// A call with valid arguments.
 type Call = fn(Fmu) -> Status;
-type Row = (&'static str, &'static str, &'static str, Call);
 
 const ALIVE_2: &str = "INESCFTX";
 const ALIVE: &str = "INESCFTXGRV";
 const READABLE: &str = "INESCFTXGRVU";
 const COMPUTED: &str = "NESCFTX";
 
-/// Calls with valid arguments, by the operation: the states that allow them in FMI 2.0 and 3.0, or "-" if a
-/// version lacks them. Only in model exchange with "m", in co-simulation with "c", not without events with "e".
+/// Operations, with the states that allow them in FMI 2.0 and 3.0, or "-" if a version lacks them; only in model
+/// exchange with "m", in co-simulation with "c", not without events with "e". The last column is the number of
+/// elements that their arrays need.
 #[rustfmt::skip]
-const TABLE: &[Row] = &[
-    ("set_debug_logging", ALIVE_2, ALIVE, |f| f.switch_log(true, &[c"logAll"])),
-    ("setup_experiment", "I", "-", |f| f.setup(0.0, None)),
-    ("enter_initialization_mode", "I", "I", |f| f.enter_only()),
-    ("exit_initialization_mode", "N", "N", Fmu::exit_initialization_mode),
-    ("terminate", "SFEC", "SFEC", Fmu::terminate),
-    ("reset", ALIVE_2, ALIVE, Fmu::reset),
-    ("enter_configuration_mode", "-", "ISE", Fmu::enter_configuration_mode),
-    ("exit_configuration_mode", "-", "GRV", Fmu::exit_configuration_mode),
-    ("get_float64", COMPUTED, READABLE, |f| f.get_f64(&[], &mut [])),
-    ("get_float32", "-", READABLE, |f| f.get_f32(&[], &mut [])),
-    ("get_int8", "-", READABLE, |f| f.get_i8(&[], &mut [])),
-    ("get_uint8", "-", READABLE, |f| f.get_u8(&[], &mut [])),
-    ("get_int16", "-", READABLE, |f| f.get_i16(&[], &mut [])),
-    ("get_uint16", "-", READABLE, |f| f.get_u16(&[], &mut [])),
-    ("get_int32", COMPUTED, READABLE, |f| f.get_i32(&[], &mut [])),
-    ("get_uint32", "-", READABLE, |f| f.get_u32(&[], &mut [])),
-    ("get_int64", "-", READABLE, |f| f.get_i64(&[], &mut [])),
-    ("get_uint64", "-", READABLE, |f| f.get_u64(&[], &mut [])),
-    ("get_boolean", COMPUTED, READABLE, |f| f.get_all(Type::Boolean, &[], 0).0),
-    ("get_string", COMPUTED, READABLE, |f| f.get_strings(&[], &mut [])),
-    ("get_binary", "-", READABLE, |f| f.get_binaries(&[], &mut [], &mut [])),
-    ("set_float64", "INESC", "INESCU", |f| f.set_f64(&[], &[])),
-    ("set_float32", "-", "INESCU", |f| f.set_f32(&[], &[])),
-    ("set_int8", "-", "INES", |f| f.set_i8(&[], &[])),
-    ("set_uint8", "-", "INES", |f| f.set_u8(&[], &[])),
-    ("set_int16", "-", "INES", |f| f.set_i16(&[], &[])),
-    ("set_uint16", "-", "INES", |f| f.set_u16(&[], &[])),
-    ("set_int32", "INES", "INES", |f| f.set_i32(&[], &[])),
-    ("set_uint32", "-", "INES", |f| f.set_u32(&[], &[])),
-    ("set_int64", "-", "INES", |f| f.set_i64(&[], &[])),
-    ("set_uint64", "-", "INESGRV", |f| f.set_u64(&[], &[])),
-    ("set_boolean", "INES", "INES", |f| f.set_all(Type::Boolean, &[], &[])),
-    ("set_string", "INES", "INES", |f| f.set_strings(&[], &[])),
-    ("set_binary", "-", "INES", |f| f.set_binaries(&[], &[], &[])),
-    ("get_fmu_state", ALIVE_2, ALIVE, save_and_free),
-    ("set_fmu_state", ALIVE_2, ALIVE, |f| with_state(f, Fmu::set_state)),
-    ("free_fmu_state", ALIVE_2, ALIVE, |f| f.free_state(&mut null_mut())),
-    ("serialized_fmu_state_size", ALIVE_2, ALIVE, |f| with_state(f, |f, st| f.serialized_size(st, &mut 0))),
-    ("serialize_fmu_state", ALIVE_2, ALIVE, |f| with_state(f, |f, st| f.serialize_into(st, &mut [0; 999]))),
-    ("deserialize_fmu_state", ALIVE_2, ALIVE, deserialize),
-    ("get_directional_derivative", COMPUTED, COMPUTED, |f| f.directional(&[Ball::ENERGY], &[Ball::DRIVE], &[1.0], &mut [0.0])),
-    ("get_adjoint_derivative", "-", COMPUTED, |f| f.adjoint(&[Ball::ENERGY], &[Ball::DRIVE], &[1.0], &mut [0.0])),
-    ("enter_event_mode", "mEC", "eSC", Fmu::enter_event_mode),
-    ("update_discrete_states", "mE", "E", |f| f.try_update(&mut (false, None))),
-    ("enter_continuous_time_mode", "mE", "mE", Fmu::enter_continuous_time_mode),
-    ("completed_integrator_step", "mC", "mC", |f| f.completed_step(&mut [0; 2])),
-    ("set_time", "mEC", "mEC", |f| f.set_time(0.25)),
-    ("set_continuous_states", "mC", "mC", |f| f.set_states(&[1.0, 2.0])),
-    ("get_continuous_state_derivatives", "mNECTX", "mNECTX", |f| f.get_derivatives(&mut [0.0; 2])),
-    ("get_event_indicators", "mNECTX", "mNECTX", |f| f.get_indicators(&mut [0.0])),
-    ("get_continuous_states", "mNECTX", "mNECTX", |f| f.get_states(&mut [0.0; 2])),
-    ("get_nominals_of_continuous_states", "mINECTX", "mNECTX", |f| f.get_nominals(&mut [0.0; 2])),
-    ("get_number_of_event_indicators", "-", "mINESCFTXGRV", |f| f.count_indicators(&mut 0)),
-    ("get_number_of_continuous_states", "-", "mINESCFTXGRV", |f| f.count_states(&mut 0)),
-    ("enter_step_mode", "-", "cE", Fmu::enter_step_mode),
-    ("set_input_derivatives", "cINS", "-", |f| f.set_input_derivatives(&[], &[], &[])),
-    ("get_output_derivatives", "cSFTX", "cSFTXU", |f| f.get_output_derivatives(&[Ball::H], &[1], &mut [0.0])),
-    ("do_step", "cS", "cS", |f| f.step(0.25, 0.125)),
-    ("get_real_status", "cSFT", "-", |f| f.real_status(fmi2LastSuccessfulTime, &mut 0.0)),
-    ("get_boolean_status", "cSFT", "-", |f| f.boolean_status(fmi2Terminated, &mut 0)),
+const TABLE: &[(&str, &str, &str, usize)] = &[
+    ("set_debug_logging reset get_fmu_state set_fmu_state free_fmu_state serialized_fmu_state_size \
+      serialize_fmu_state deserialize_fmu_state", ALIVE_2, ALIVE, 0),
+    ("setup_experiment", "I", "-", 0),
+    ("enter_initialization_mode", "I", "I", 0),
+    ("exit_initialization_mode", "N", "N", 0),
+    ("terminate", "SFEC", "SFEC", 0),
+    ("enter_configuration_mode", "-", "ISE", 0),
+    ("exit_configuration_mode", "-", "GRV", 0),
+    ("get_float64 get_int32 get_boolean get_string", COMPUTED, READABLE, 0),
+    ("get_float32 get_int8 get_uint8 get_int16 get_uint16 get_uint32 get_int64 get_uint64 get_binary",
+        "-", READABLE, 0),
+    ("set_float64", "INESC", "INESCU", 0),
+    ("set_float32", "-", "INESCU", 0),
+    ("set_int32 set_boolean set_string", "INES", "INES", 0),
+    ("set_int8 set_uint8 set_int16 set_uint16 set_uint32 set_int64 set_binary", "-", "INES", 0),
+    ("set_uint64", "-", "INESGRV", 0),
+    ("get_directional_derivative", COMPUTED, COMPUTED, 0),
+    ("get_adjoint_derivative", "-", COMPUTED, 0),
+    ("enter_event_mode", "mEC", "eSC", 0),
+    ("update_discrete_states", "mE", "E", 0),
+    ("enter_continuous_time_mode", "mE", "mE", 0),
+    ("completed_integrator_step", "mC", "mC", 0),
+    ("set_time", "mEC", "mEC", 0),
+    ("set_continuous_states", "mC", "mC", 2),
+    ("get_continuous_states get_continuous_state_derivatives", "mNECTX", "mNECTX", 2),
+    ("get_nominals_of_continuous_states", "mINECTX", "mNECTX", 2),
+    ("get_event_indicators", "mNECTX", "mNECTX", 1),
+    ("get_number_of_event_indicators get_number_of_continuous_states", "-", "mINESCFTXGRV", 0),
+    ("enter_step_mode", "-", "cE", 0),
+    ("set_input_derivatives", "cINS", "-", 0),
+    ("get_output_derivatives", "cSFTX", "cSFTXU", 0),
+    ("do_step", "cS", "cS", 0),
+    ("get_real_status get_boolean_status", "cSFT", "-", 0),
 ];
 
-const NONE: *const u32 = null();
-
-/// Functions that the model description declares as unsupported, and words of the reason.
-const UNSUPPORTED: &[(&str, Version, &str, Call)] = {
-    macro_rules! unsupported {
-        ($($version:ident $operation:ident = $function:ident($($argument:expr),*): $words:expr;)*) => {
-            // SAFETY: these functions use the instance only.
-            &[$((stringify!($operation), $version, $words, |f| unsafe {
-                Status($function(f.c, $($argument),*).0)
-            })),*]
-        };
-    }
-    const ASYNCHRONOUS: &str = "canRunAsynchronuously is false";
-    const CLOCKS: &str = "the model has no clocks";
-    const DEPENDENCIES: &str = "providesPerElementDependencies is false";
-    unsupported! {
-        Fmi2 cancel_step = fmi2CancelStep(): ASYNCHRONOUS;
-        Fmi2 get_status = fmi2GetStatus(0, null_mut()): ASYNCHRONOUS;
-        Fmi2 get_integer_status = fmi2GetIntegerStatus(0, null_mut()): ASYNCHRONOUS;
-        Fmi2 get_string_status = fmi2GetStringStatus(1, null_mut()): ASYNCHRONOUS;
-        Fmi3 get_clock = fmi3GetClock(NONE, 0, null_mut()): CLOCKS;
-        Fmi3 set_clock = fmi3SetClock(NONE, 0, null()): CLOCKS;
-        Fmi3 get_interval_decimal = fmi3GetIntervalDecimal(NONE, 0, null_mut(), null_mut()): CLOCKS;
-        Fmi3 get_interval_fraction
-            = fmi3GetIntervalFraction(NONE, 0, null_mut(), null_mut(), null_mut()): CLOCKS;
-        Fmi3 get_shift_decimal = fmi3GetShiftDecimal(NONE, 0, null_mut()): CLOCKS;
-        Fmi3 get_shift_fraction = fmi3GetShiftFraction(NONE, 0, null_mut(), null_mut()): CLOCKS;
-        Fmi3 set_interval_decimal = fmi3SetIntervalDecimal(NONE, 0, null()): CLOCKS;
-        Fmi3 set_interval_fraction = fmi3SetIntervalFraction(NONE, 0, null(), null()): CLOCKS;
-        Fmi3 set_shift_decimal = fmi3SetShiftDecimal(NONE, 0, null()): CLOCKS;
-        Fmi3 set_shift_fraction = fmi3SetShiftFraction(NONE, 0, null(), null()): CLOCKS;
-        Fmi3 activate_model_partition
-            = fmi3ActivateModelPartition(0, 0.0): "the FMU is not for scheduled execution";
-        Fmi3 evaluate_discrete_states
-            = fmi3EvaluateDiscreteStates(): "providesEvaluateDiscreteStates is false";
-        Fmi3 get_number_of_variable_dependencies
-            = fmi3GetNumberOfVariableDependencies(0, null_mut()): DEPENDENCIES;
-        Fmi3 get_variable_dependencies = fmi3GetVariableDependencies(
-            0, null_mut(), null_mut(), null_mut(), null_mut(), 0): DEPENDENCIES;
-    }
-};
-
-/// Functions that are no calls of an instance.
-const FREE: [&str; 7] = [
-    "get_types_platform",
-    "get_version",
-    "instantiate",
-    "instantiate_model_exchange",
-    "instantiate_co_simulation",
-    "instantiate_scheduled_execution",
-    "free_instance",
+/// Operations that the model description declares as unsupported, and words of the reason.
+const UNSUPPORTED: &[(&str, &str)] = &[
+    (
+        "cancel_step get_status get_integer_status get_string_status",
+        "canRunAsynchronuously is false",
+    ),
+    (
+        "activate_model_partition",
+        "the FMU is not for scheduled execution",
+    ),
+    (
+        "evaluate_discrete_states",
+        "providesEvaluateDiscreteStates is false",
+    ),
+    (
+        "get_number_of_variable_dependencies get_variable_dependencies",
+        "providesPerElementDependencies is false",
+    ),
+    (
+        "get_clock set_clock get_interval_decimal get_interval_fraction get_shift_decimal get_shift_fraction \
+      set_interval_decimal set_interval_fraction set_shift_decimal set_shift_fraction",
+        "the model has no clocks",
+    ),
 ];
 
-/// The letters of a row for a version, after the kind of instances that have the function.
-fn row(version: Version, in_2: &'static str, in_3: &'static str) -> Option<(char, &'static str)> {
+/// Operations that are no calls of an instance.
+const FREE: &str = "get_types_platform get_version instantiate instantiate_model_exchange \
+    instantiate_co_simulation instantiate_scheduled_execution free_instance";
+
+fn has(operations: &str, operation: &str) -> bool {
+    operations.split_whitespace().any(|one| one == operation)
+}
+
+/// The row of a function for a version: the kind of instances that have it, the letters of its states, and the
+/// length of its arrays; or why it is not supported.
+fn row(version: Version, operation: &str) -> Result<(char, &'static str, usize), &'static str> {
+    let Some((_, in_2, in_3, n)) = TABLE.iter().find(|row| has(row.0, operation)) else {
+        let row = UNSUPPORTED.iter().find(|row| has(row.0, operation));
+        return Err(row.expect(operation).1);
+    };
     let letters = if version == Fmi2 { in_2 } else { in_3 };
+    assert_ne!(*letters, "-", "{operation}");
     match letters.chars().next() {
-        Some('-') => None,
-        Some(kind @ ('m' | 'c' | 'e')) => Some((kind, &letters[1..])),
-        _ => Some((' ', letters)),
+        Some(kind @ ('m' | 'c' | 'e')) => Ok((kind, &letters[1..], *n)),
+        _ => Ok((' ', letters, *n)),
+    }
+}
+
+/// Calls a function with valid arguments.
+fn call(f: Fmu, function: &Function, n: usize) -> Status {
+    match function.operation {
+        "get_fmu_state" => save_and_free(f),
+        "set_fmu_state" => with_state(f, Fmu::set_state),
+        "serialized_fmu_state_size" => with_state(f, |f, state| f.serialized_size(state, &mut 0)),
+        "serialize_fmu_state" => with_state(f, |f, state| f.serialize_into(state, &mut [0; 999])),
+        "deserialize_fmu_state" => deserialize(f),
+        "do_step" => f.step(0.25, 0.125),
+        "get_real_status" => f.real_status(fmi2LastSuccessfulTime, &mut 0.0),
+        "get_boolean_status" => f.boolean_status(fmi2Terminated, &mut 0),
+        _ => (function.call)(f, n, NONE),
     }
 }
 
@@ -215,6 +187,16 @@ fn deserialize(fmu: Fmu) -> Status {
         }
         status
     })
+}
+
+/// Checks that results are never NULL, and arrays only if they are empty.
+fn check_null(it: &Instance, function: &Function, n: usize) {
+    for (null, refusal) in function.refusals.iter().enumerate() {
+        if let Some(words) = refusal {
+            it.refuses(words, |f| (function.call)(f, 1, null));
+            assert!(n > 0 || words.contains("result") || (function.call)(**it, 0, null) == OK);
+        }
+    }
 }
 
 /// A ball in a state, or a list in a state of configuration. After a step, the time is 0.25.
@@ -272,12 +254,22 @@ fn all() -> impl Iterator<Item = (Kind, char)> {
 #[test]
 fn calls_are_allowed_according_to_the_table() {
     for (kind, state) in all() {
-        for &(operation, in_2, in_3, call) in TABLE {
-            let Some((only, letters)) = row(kind.0, in_2, in_3) else {
-                continue;
-            };
+        for function in functions(kind.0) {
+            let (it, operation) = (bring(kind, state), function.operation);
             println!("{operation} in {} of {kind:?}", name(state));
-            let it = bring(kind, state);
+            let (only, letters, n) = match row(kind.0, operation) {
+                Ok(row) => row,
+                Err(_) if state == '!' => {
+                    assert_eq!(call(*it, function, 0), ERROR);
+                    continue;
+                }
+                Err(reason) => {
+                    let words = format!("{}: ", it.name(operation));
+                    it.refuses(&words, |f| call(f, function, 0));
+                    it.fails(ERROR, reason, |f| call(f, function, 0));
+                    continue;
+                }
+            };
             let allowed = STATES.iter().filter(|(state, _)| letters.contains(*state));
             let mut allowed: Vec<&str> = allowed.map(|(_, name)| *name).collect();
             allowed.dedup();
@@ -291,17 +283,18 @@ fn calls_are_allowed_according_to_the_table() {
                 _ if !letters.contains(state) => &forbidden,
                 _ if operation == "enter_configuration_mode" => "structural parameters",
                 _ => {
-                    assert_eq!(call(*it), OK, "{:?}", it.messages());
+                    check_null(&it, function, n);
+                    assert_eq!(call(*it, function, n), OK, "{:?}", it.messages());
                     continue;
                 }
             };
             match (state, why == forbidden) {
-                ('!', false) => assert_eq!(call(*it), ERROR),
+                ('!', false) => assert_eq!(call(*it, function, n), ERROR),
                 ('!', true) => {
-                    assert_eq!(call(*it), FATAL);
+                    assert_eq!(call(*it, function, n), FATAL);
                     assert_eq!(it.last_message(), forbidden);
                 }
-                _ => it.refuses(why, call),
+                _ => it.refuses(why, |f| call(f, function, n)),
             }
         }
     }
@@ -317,15 +310,18 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
         };
         let plain = new();
         plain.steps(0.0, 0.25);
-        for &(operation, in_2, in_3, call) in TABLE {
-            let Some((_, letters)) = row(Fmi3, in_2, in_3) else {
+        for function in functions(Fmi3) {
+            let Ok((_, letters, n)) = row(Fmi3, function.operation) else {
                 continue;
             };
-            println!("{operation} in an intermediate update of {kind:?}");
+            println!(
+                "{} in an intermediate update of {kind:?}",
+                function.operation
+            );
             let (it, statuses) = (new(), Rc::new(RefCell::new(Vec::new())));
             let answers = statuses.clone();
             it.on_update(move |fmu, _| {
-                answers.borrow_mut().push(call(fmu));
+                answers.borrow_mut().push(call(fmu, function, n));
                 None
             });
             assert_eq!(it.steps(0.0, 0.25), results(false, false, 0.25));
@@ -337,39 +333,15 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
 }
 
 #[test]
-fn unsupported_calls_are_refused_with_a_reason_in_every_state() {
-    for (kind, state) in all() {
-        for (operation, version, why, call) in UNSUPPORTED {
-            let it = bring(kind, state);
-            match state {
-                _ if *version != kind.0 => {}
-                '!' => assert_eq!(call(*it), ERROR),
-                _ => it.refuses(&format!("{}: ", it.name(operation)), |fmu| {
-                    let status = call(fmu);
-                    it.says(why);
-                    status
-                }),
-            }
-        }
-    }
-}
-
-#[test]
 fn the_tests_know_all_functions() {
     for (version, count) in [(Fmi2, 44), (Fmi3, 75)] {
-        let has = |line: &&Row| row(version, line.1, line.2).is_some();
-        let rows = TABLE.iter().filter(has);
-        let unsupported = UNSUPPORTED.iter().filter(|(_, of, ..)| *of == version);
-        let known: Vec<&str> = (rows.map(|row| row.0))
-            .chain(unsupported.map(|row| row.0))
-            .chain(FREE)
-            .filter(|operation| version.function(operation).is_some())
-            .collect();
-        assert_eq!(known.len(), count);
         let all = version.functions().iter();
-        for (call, operation) in all {
-            assert!(known.contains(operation), "{}", call.name);
-        }
+        let is_free = |(_, operation): &&(_, &str)| has(FREE, operation);
+        let (free, others): (Vec<_>, Vec<_>) = all.partition(is_free);
+        assert_eq!(free.len() + others.len(), count);
+        let others = others.iter().map(|(_, operation)| *operation);
+        let known = functions(version).iter().map(|function| function.operation);
+        assert!(known.eq(others));
     }
 }
 
@@ -378,12 +350,8 @@ fn a_null_instance_is_an_error_and_can_be_freed() {
     for version in [Fmi2, Fmi3] {
         let (kind, c) = ((version, Stepped), null_mut());
         let null = Fmu { kind, c };
-        for (_, in_2, in_3, call) in TABLE {
-            assert!(row(version, in_2, in_3).is_none() || call(null) == ERROR);
-        }
-        for (_, of, _, call) in UNSUPPORTED {
-            assert!(*of != version || call(null) == ERROR);
-        }
+        let mut functions = functions(version).iter();
+        assert!(functions.all(|function| call(null, function, 0) == ERROR));
         null.free();
     }
 }

@@ -2,7 +2,7 @@
 //! intermediate updates, and ramps of inputs.
 
 use std::cell::RefCell;
-use std::ptr::{null, null_mut};
+use std::ptr::null_mut;
 use std::rc::Rc;
 
 use fmu_description::Type;
@@ -867,19 +867,4 @@ fn invalid_input_derivatives_are_refused() {
         let (of, orders, slopes) = ([U, reference], [1, order], [1.0, slope]);
         it.refuses(words, |f| f.set_input_derivatives(&of, &orders, &slopes));
     }
-    let (of, order, slope) = (&raw const OF, &raw const ONE, &raw const SLOPE);
-    let cases = [
-        (null(), order, slope),
-        (of, null(), slope),
-        (of, order, null()),
-    ];
-    for (of, order, slope) in cases {
-        // SAFETY: the instance lives, and arrays are NULL or have one element.
-        let call = |f: Fmu| unsafe { fmi2SetRealInputDerivatives(f.c, of, 1, order, slope) };
-        it.refuses("NULL", |f| Status(call(f).0));
-    }
 }
-
-static OF: u32 = U;
-static ONE: i32 = 1;
-static SLOPE: f64 = 1.0;

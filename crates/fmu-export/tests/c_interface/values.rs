@@ -2,10 +2,9 @@
 //! which behaves like the slow one.
 
 use std::ffi::{CString, c_char};
-use std::ptr::{null, null_mut};
+use std::ptr::null;
 
 use fmu_description::Type;
-use fmu_export::{fmi2::*, fmi3::*};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -223,64 +222,6 @@ fn unknown_references_and_wrong_types_are_refused() {
     three.refuses(words, |f| f.get_i32(&[LAW], &mut [0]));
     let words = "u is of type Float64, not Float32";
     three.refuses(words, |f| f.get_f32(&[U], &mut [0.0]));
-}
-
-#[test]
-fn arrays_may_be_null_only_if_they_are_empty() {
-    macro_rules! check {
-        ($($version:ident: $function:ident($value:expr $(, $n:literal)?);)*) => {
-            $(for phase in PHASES {
-                let (it, mut value) = (in_phase($version, phase.max(1)), $value);
-                for (references, values) in [(true, false), (false, true), (false, false)] {
-                    let reference = U;
-                    let references = if references { &raw const reference } else { null() };
-                    let values = if values { &raw mut value } else { null_mut() };
-                    it.refuses("an array is NULL though its length is not 0", |f| {
-                        // SAFETY: the instance lives, and arrays are NULL or have one element.
-                        Status(unsafe { $function(f.c, references, 1, values $(, $n)?).0 })
-                    });
-                }
-            })*
-        };
-    }
-    check! {
-        Fmi2: fmi2GetReal(0.0);
-        Fmi2: fmi2GetInteger(0);
-        Fmi2: fmi2GetBoolean(0);
-        Fmi2: fmi2GetString(null());
-        Fmi2: fmi2SetReal(0.0);
-        Fmi2: fmi2SetInteger(0);
-        Fmi2: fmi2SetBoolean(0);
-        Fmi2: fmi2SetString(null());
-        Fmi3: fmi3GetFloat64(0.0, 1);
-        Fmi3: fmi3GetInt8(0, 1);
-        Fmi3: fmi3GetBoolean(0, 1);
-        Fmi3: fmi3GetString(null(), 1);
-        Fmi3: fmi3SetFloat64(0.0, 1);
-        Fmi3: fmi3SetInt8(0, 1);
-        Fmi3: fmi3SetBoolean(0, 1);
-        Fmi3: fmi3SetString(null(), 1);
-    }
-    let (three, r) = (in_phase(Fmi3, 2), [BYTES]);
-    let (i, no, mut size) = (three.c, null_mut(), 0);
-    // SAFETY: as above.
-    unsafe {
-        let words = "an array is NULL";
-        three.refuses(words, |_| {
-            Status(fmi3SetBinary(i, r.as_ptr(), 1, null(), [null()].as_ptr(), 1).0)
-        });
-        three.refuses(words, |_| {
-            Status(fmi3GetBinary(i, r.as_ptr(), 1, null_mut(), no, 1).0)
-        });
-        three.refuses(words, |_| {
-            Status(fmi3GetBinary(i, r.as_ptr(), 1, &mut size, null_mut(), 1).0)
-        });
-        assert_eq!(fmi3GetFloat64(i, null(), 0, null_mut(), 0).0, 0);
-        assert_eq!(fmi3SetFloat64(i, null(), 0, null(), 0).0, 0);
-        let two = in_phase(Fmi2, 2);
-        assert_eq!(fmi2GetReal(two.c, null(), 0, null_mut()).0, 0);
-        assert_eq!(fmi2SetReal(two.c, null(), 0, null()).0, 0);
-    }
 }
 
 #[test]
