@@ -22,7 +22,6 @@ workers, and a worker can send anything to the coordinator. Use a trusted networ
 
 import argparse
 import contextlib
-import fcntl
 import json
 import logging
 import os
@@ -32,9 +31,8 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 from dask.distributed import (
     Client,
@@ -95,18 +93,14 @@ class Files(WorkerPlugin):
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def run(command: list, **settings) -> subprocess.CompletedProcess:
-    """Run the native program."""
-    return subprocess.run(list(map(str, command)), capture_output=True, check=False, **settings)
-
-
 def simulate(plugin: str, first: int, end: int) -> subprocess.CompletedProcess:
     """Run the program for some runs on the current worker."""
     folder = get_worker().plugins[plugin].folder
-    options = ["--system", "system.toml", "--fmus", "fmus", "--threads", 1]
-    command = [folder / "cargo-fmu", "sweep", "sweep.toml", *options, "--rows", f"{first}..{end}"]
+    options = ["--system", "system.toml", "--fmus", "fmus", "--threads", "1"]
+    command = [folder / "cargo-fmu", "sweep", "sweep.toml", *options, f"--rows={first}..{end}"]
     # FMUs are unpacked in the folder, too, so that they are removed with the worker
-    result = run(command, cwd=folder, env={**os.environ, "TMPDIR": str(folder)})
+    place = {"cwd": folder, "env": {**os.environ, "TMPDIR": str(folder)}}
+    result = subprocess.run(command, capture_output=True, check=False, **place)
     if result.returncode < 0 or result.returncode in INTERRUPTED:
         raise ChildProcessError(f"the program was killed ({result.returncode})")
     return result
@@ -145,37 +139,6 @@ def checked(result: subprocess.CompletedProcess) -> bytes:
     return result.stdout
 
 
-def indices(lines: bytes) -> list[int]:
-    """Return the sorted runs of some rows."""
-    return sorted(int(line.split(b",", 1)[0]) for line in lines.splitlines())
-
-
-@contextlib.contextmanager
-def journal(path: Path, header: bytes) -> Iterator[tuple[BinaryIO, list[int]]]:
-    """Lock and open the journal; yield it with the runs that are done."""
-    try:
-        file = path.open("a+b", buffering=0)
-    except OSError as error:
-        raise SweepError(f"cannot open {path}: {error.strerror}") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise SweepError(
-                f"{path} is in use by another process: wait for it, or give another --out"
-            ) from error
-        file.seek(0)
-        text = file.read()
-        if not (text.startswith(header) or header.startswith(text)):
-            raise SweepError(f"{path} belongs to another sweep: delete it or give another --out")
-        # A last line without its end was torn by a kill
-        whole = text[: text.rfind(b"\n") + 1] if text.startswith(header) else b""
-        file.truncate(len(whole))
-        if not whole:
-            file.write(header)
-        yield file, indices(whole[len(header) :])
-
-
 def rows_of(future: Future, first: int, end: int) -> bytes:
     """Return the rows of a chunk."""
     name = f"the runs {first}..{end}"
@@ -189,60 +152,64 @@ def rows_of(future: Future, first: int, end: int) -> bytes:
         raise SweepError(
             f"a worker failed at {name}: {error}; does it run on the same platform?"
         ) from error
-    if indices(rows) != list(range(first, end)):
+    if sorted(int(row.split(b",", 1)[0]) for row in rows.splitlines()) != [*range(first, end)]:
         raise SweepError(f"a worker returned rows that do not match {name}")
     return rows
 
 
-def compute(
-    client: Client, files: Files, runs: int, done: list[int], file: BinaryIO, size: int | None
-) -> None:
-    """Simulate the remaining runs, and append their rows to the journal."""
+def compute(client: Client, files: Files, missing: list, rows: IO, size: int | None) -> None:
+    """Simulate the missing runs, and write their rows."""
     threads, begin = sum(client.nthreads().values()), time.monotonic()
     if not threads:
         print(f"no worker yet; `dask worker {client.scheduler.address}` starts one", flush=True)
-    left = runs - len(done)
+    left = sum(end - first for first, end in missing)
     size = size or max(1, min(left // (8 * max(1, threads)), MOST))
-    gaps = [(a + 1, b) for a, b in pairwise([-1, *done, runs])]
-    chunks = [(k, min(k + size, end)) for first, end in gaps for k in range(first, end, size)]
+    chunks = [(k, min(k + size, end)) for first, end in missing for k in range(first, end, size)]
     client.register_plugin(files, name=files.name)
-    bar = tqdm(total=runs, initial=len(done), unit="run", leave=False, disable=None)
     try:
         submitted = {client.submit(simulate, files.name, *c, retries=RETRIES): c for c in chunks}
-        for future in as_completed(submitted):
-            first, end = submitted[future]
-            file.write(rows_of(future, first, end))
-            os.fsync(file.fileno())
-            bar.update(end - first)
+        with tqdm(total=left, unit="run", leave=False, disable=None) as bar:
+            for future in as_completed(submitted):
+                first, end = submitted[future]
+                rows.write(rows_of(future, first, end))
+                rows.flush()
+                bar.update(end - first)
     finally:
-        bar.close()
         with contextlib.suppress(Exception):  # the scheduler may be gone
             client.unregister_worker_plugin(files.name)
     seconds = time.monotonic() - begin
     print(f"{left} runs in {seconds:.3f} s: {left / seconds:.0f} a second")
-    if done:
-        print(f"{len(done)} runs were already done")
+
+
+def files_of(program: Path, sweep: Path, plan: dict) -> Files:
+    """Return the files of a sweep by their names on the workers."""
+    files = {"cargo-fmu": program, "sweep.toml": sweep, "system.toml": Path(plan["system"])}
+    for fmu in map(Path, plan["fmus"]):
+        other = files.setdefault(f"fmus/{fmu.name}", fmu)
+        if other.read_bytes() != fmu.read_bytes():
+            raise SweepError(f"{other} and {fmu} are different FMUs; give them different names")
+    return Files(files)
 
 
 def sweep(options: argparse.Namespace) -> None:
-    """Run the sweep of the command line."""
-    out = options.out or Path(options.sweep.with_suffix(".csv").name)
-    if out.suffix not in (".csv", ".parquet") or out.is_dir():
-        raise SweepError(f"{out}: expected a file named .csv or .parquet")
-    program = [options.program.resolve(), "sweep", options.sweep]
-    if not program[0].is_file():
-        raise SweepError(f"cannot run {program[0]}: `make fmus` builds the program")
-    plan = json.loads(checked(run([*program, "--plan"])))
-    files = {"cargo-fmu": program[0], "sweep.toml": options.sweep}
-    files["system.toml"] = Path(plan["system"])
-    for fmu in map(Path, plan["fmus"]):
-        other = files.setdefault(f"fmus/{fmu.name}", fmu)  # in one folder on the workers
-        if other.read_bytes() != fmu.read_bytes():
-            raise SweepError(f"{other} and {fmu} are different FMUs; give them different names")
-    part = out.with_name(f"{out.name}.part")
-    with connected(options) as client, journal(part, plan["header"].encode()) as (file, done):
-        compute(client, Files(files), plan["runs"], done, file, options.chunk)
-    print(checked(run([*program, "--out", out])).decode().splitlines()[-1])
+    """Run the sweep of the command line; the native program keeps the journal."""
+    program = options.program.resolve()
+    if not program.is_file():
+        raise SweepError(f"cannot run {program}: `make fmus` builds the program")
+    command = [program, "sweep", options.sweep, "--collect"]
+    command += ["--out", options.out] if options.out else []
+    pipes = dict.fromkeys(["stdin", "stdout", "stderr"], subprocess.PIPE)
+    with subprocess.Popen(list(map(str, command)), **pipes) as collector:
+        if outline := collector.stdout.readline():
+            plan, missing = json.loads(outline)
+            files = files_of(program, options.sweep, plan)
+            with connected(options) as client, contextlib.suppress(BrokenPipeError):
+                compute(client, files, missing, collector.stdin, options.chunk)
+            done = plan["runs"] - sum(end - first for first, end in missing)
+            print(f"{done} runs were already done\n" if done else "", end="")
+        said, errors = collector.communicate()
+    result = subprocess.CompletedProcess(command, collector.returncode, said, errors)
+    print(checked(result).decode(), end="")
 
 
 def positive(text: str) -> int:

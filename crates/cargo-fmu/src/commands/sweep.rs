@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use fmu_master::sweep::{Study, Workers};
+use fmu_master::sweep::{Outline, Study, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -40,6 +40,10 @@ pub struct SweepArgs {
     /// Print the plan as JSON; used by the coordinator of a distributed sweep
     #[arg(long, conflicts_with_all = ["out", "rows"])]
     plan: bool,
+    /// Print the plan and the runs that are missing as JSON, and read their rows from standard input; used by
+    /// the coordinator of a distributed sweep
+    #[arg(long, hide = true, conflicts_with_all = ["rows", "plan"])]
+    collect: bool,
     #[command(flatten)]
     limited: Limited,
 }
@@ -88,7 +92,17 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         writeln!(out, "{outline}")?;
         true
     } else {
-        write(&study, &workers, args, out)?
+        let by_default =
+            || Path::new(args.sweep.file_stem().unwrap_or_default()).with_extension("csv");
+        let file = args.out.clone().unwrap_or_else(by_default);
+        let runs = match args.collect {
+            true => collect(&study, &workers, &file, out)?,
+            false => write(&study, &workers, &file, out)?,
+        };
+        if let Some(runs) = runs {
+            writeln!(out, "wrote {}: {runs} rows", file.display())?;
+        }
+        runs.is_some()
     };
     match session.signal().filter(|_| !is_complete) {
         Some(signal) => Ok(session::code(signal)),
@@ -96,23 +110,36 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
 }
 
-/// Executes the remaining runs and prints a summary; returns false if cancelled.
+/// Collects the rows that a coordinator passes on; returns their number unless some are missing.
+fn collect(
+    study: &Study,
+    workers: &Workers<'_>,
+    file: &Path,
+    out: &mut impl Write,
+) -> Result<Option<u64>> {
+    let mut runs = 0;
+    let begin = |outline: &Outline<'_>, missing: &[(u64, u64)]| {
+        runs = outline.runs;
+        Ok(writeln!(
+            out,
+            "{}",
+            serde_json::to_string(&(outline, missing))?
+        )?)
+    };
+    let is_complete = study.collect(file, workers, begin, io::stdin().lock())?;
+    Ok(is_complete.then_some(runs))
+}
+
+/// Executes the remaining runs and prints a summary; returns the number of all rows unless cancelled.
 fn write(
     study: &Study,
     workers: &Workers<'_>,
-    args: &SweepArgs,
+    file: &Path,
     out: &mut impl Write,
-) -> Result<bool> {
-    let file = match &args.out {
-        Some(file) => file.clone(),
-        None => {
-            let name = args.sweep.file_stem().unwrap_or_default();
-            Path::new(name).with_extension("csv")
-        }
-    };
+) -> Result<Option<u64>> {
     let bar = progress_bar()?;
     let mut begin = Instant::now();
-    let (is_complete, progress) = study.write(&file, workers, |progress| {
+    let (is_complete, progress) = study.write(file, workers, |progress| {
         if progress.done == 0 {
             bar.set_length(progress.runs);
             bar.reset_eta();
@@ -129,7 +156,7 @@ fn write(
         anstream::eprintln!(
             "interrupted; {all} of {runs} runs are in {file}.part; run the same command to resume"
         );
-        return Ok(false);
+        return Ok(None);
     }
     let rate = done as f64 / elapsed;
     writeln!(out, "{done} runs in {elapsed:.3} s: {rate:.0} a second")?;
@@ -143,8 +170,7 @@ fn write(
             "{failed} runs failed, the first was run {run}: {failure}"
         )?;
     }
-    writeln!(out, "wrote {file}: {runs} rows")?;
-    Ok(true)
+    Ok(Some(runs))
 }
 
 fn progress_bar() -> Result<ProgressBar> {

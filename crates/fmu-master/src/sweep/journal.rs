@@ -14,20 +14,13 @@
 //!
 //! The fingerprint are hexadecimal digits that differ between sweeps. The lines of the finished runs, as CSV (see
 //! [`table`]), are in any order; a run may appear twice with the same values. A last line without a line feed was
-//! torn by a kill; it is cut off when the journal is next opened.
-//!
-//! # Other programs
-//!
-//! Writers hold an exclusive lock on the file: `File::try_lock`, which is `flock` on Unix
-//! (`fcntl.flock(file, LOCK_EX | LOCK_NB)` in Python). A program that collects lines from workers takes
-//! the lock, writes the two header lines if the file is empty, cuts off a torn line if there is one,
-//! appends whole lines, and closes the file. [`Journal::open`] and [`Journal::finish`] then write the
-//! table.
+//! torn by a kill; it is cut off when the journal is next opened. A process that writes holds an exclusive lock
+//! on the file.
 //!
 //! # Durability
 //!
 //! However the process ends, only the runs in progress are lost. Rows are synced to disk in the
-//! background when a row is appended, at most once a second, and by [`Journal::sync`]: a power failure
+//! background when a row is appended, at most once a second, and by [`Journal::keep`]: a power failure
 //! loses the rows of about the last second, and these runs are repeated.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -52,8 +45,8 @@ pub struct Journal {
     /// The index of the run, then its values and results.
     columns: Vec<Column>,
     runs: u64,
-    /// The runs that were finished when the journal was opened.
-    pub done: BTreeSet<u64>,
+    /// The runs that have a row.
+    done: BTreeSet<u64>,
     length: u64,
     synced: Instant,
     /// The last sync, on a thread of its own, as a disk may take long.
@@ -118,9 +111,10 @@ impl Journal {
     /// The line does not match the columns or the number of runs, or cannot be written; nothing of it is
     /// left in the file.
     pub fn append(&mut self, line: &str) -> Result<()> {
-        self.index(line)?;
+        let index = self.index(line)?;
         let written = match self.file.write_all(line.as_bytes()) {
             Ok(()) => {
+                self.done.insert(index);
                 self.length += line.len() as u64;
                 self.sync_sometimes()
             }
@@ -130,6 +124,14 @@ impl Journal {
             }
         };
         written.with_context(|| self.cannot("write"))
+    }
+
+    /// The first and the last run, excluded, of each gap between the runs that have a row.
+    pub fn missing(&self) -> Vec<(u64, u64)> {
+        let mut first = 0;
+        let gap = |&run: &u64| (std::mem::replace(&mut first, run + 1), run);
+        let gaps = self.done.iter().chain([&self.runs]).map(gap);
+        gaps.filter(|(first, end)| first < end).collect()
     }
 
     /// Starts to sync the file if it is time, unless the last sync is still in progress; returns the error
@@ -157,7 +159,7 @@ impl Journal {
     ///
     /// # Errors
     /// They cannot be written.
-    pub fn sync(&mut self) -> Result<()> {
+    pub fn keep(mut self) -> Result<()> {
         let synced = self.wait().and_then(|()| self.file.sync_data());
         synced.with_context(|| self.cannot("write"))
     }
@@ -183,6 +185,14 @@ impl Journal {
             .values()
             .map(|line| Ok(table::parse(&self.columns, line)?.0));
         table::write(&self.output, self.format, &self.columns, rows)?;
+        self.remove()
+    }
+
+    /// Removes the journal.
+    ///
+    /// # Errors
+    /// The file cannot be removed.
+    pub fn remove(self) -> Result<()> {
         fs::remove_file(&self.path).with_context(|| self.cannot("remove"))
     }
 
@@ -327,7 +337,7 @@ mod tests {
         assert!(error.ends_with("a.csv.part: 2 of 4 runs are missing, the first is 1"));
 
         let mut journal = open(&output).unwrap();
-        assert_eq!(Vec::from_iter(&journal.done), [&0, &2]);
+        assert_eq!(journal.missing(), [(1, 2), (3, 4)]);
         for run in [3, 1, 3] {
             journal.append(LINES[run]).unwrap();
         }

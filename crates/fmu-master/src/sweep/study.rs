@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
+use std::io::BufRead;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -364,17 +365,17 @@ impl Study {
     ) -> Result<(bool, Progress)> {
         let pool = &mut self.pool(workers);
         self.try_corners(pool)?;
+        let mut journal = self.journal(file)?;
+        let missing = journal.missing();
         let runs = self.parameters.runs;
-        let mut journal = Journal::open(file, &self.fingerprint, self.columns.clone(), runs)?;
-        let is_pending = |run: &u64| !journal.done.contains(run);
-        let pending = Vec::from_iter((0..runs).filter(is_pending));
         let mut progress = Progress {
             runs,
-            before: runs - pending.len() as u64,
+            before: runs - missing.iter().map(|(first, end)| end - first).sum::<u64>(),
             ..Progress::default()
         };
         report(&progress);
-        let is_complete = self.execute(pending.into_iter(), pool, |run, done| {
+        let pending = missing.into_iter().flat_map(|(first, end)| first..end);
+        let is_complete = self.execute(pending, pool, |run, done| {
             journal.append(&done.line)?;
             progress.done += 1;
             if let Some(failure) = done.failure {
@@ -389,9 +390,45 @@ impl Study {
         })?;
         match is_complete {
             true => journal.finish()?,
-            false => journal.sync()?,
+            false => journal.keep()?,
         }
         Ok((is_complete, progress))
+    }
+
+    fn journal(&self, file: &Path) -> Result<Journal> {
+        let (columns, runs) = (self.columns.clone(), self.parameters.runs);
+        Journal::open(file, &self.fingerprint, columns, runs)
+    }
+
+    /// Collects the rows of a sweep that other machines run: `begin` receives the outline and the ranges of
+    /// the runs that are not yet in the journal of `file`, and `lines` has their rows. When they end, writes
+    /// all rows to `file` and returns true, unless some are missing.
+    ///
+    /// # Errors
+    /// As [`Study::outline`] and [`Study::write`]; or a line is no row.
+    pub fn collect(
+        &self,
+        file: &Path,
+        workers: &Workers<'_>,
+        begin: impl FnOnce(&Outline<'_>, &[(u64, u64)]) -> Result<()>,
+        mut lines: impl BufRead,
+    ) -> Result<bool> {
+        let outline = self.outline(workers)?;
+        let mut journal = self.journal(file)?;
+        begin(&outline, &journal.missing())?;
+        let mut line = String::new();
+        // A line without its end was torn by a kill.
+        while lines.read_line(&mut line)? > 0 && line.ends_with('\n') {
+            journal.append(&line)?;
+            line.clear();
+        }
+        let missing = journal.missing();
+        match missing[..] {
+            [] => journal.finish()?,
+            [(0, end)] if end == self.parameters.runs => journal.remove()?,
+            _ => journal.keep()?,
+        }
+        Ok(missing.is_empty())
     }
 
     /// The information that the coordinator of a distributed sweep needs, after the extreme values were tried.
