@@ -6,7 +6,7 @@
 
 use crate::hash::{Hash, checksum};
 use crate::table::{Bounds, Constant, Dynamics, Field, Scalar, Start, each, each_variable};
-use crate::{Causality, Initial, Type, Value, Variability, value};
+use crate::{Causality, Initial, Type, Value, Variability};
 
 /// All that an FMU binary knows of a model's interface.
 #[derive(Debug, Clone, Copy)]
@@ -98,14 +98,7 @@ impl Override {
 
     /// The value of a variable; `None` if its type does not have it.
     pub fn value(self, of_type: Type) -> Option<Value> {
-        match self.get(of_type) {
-            Constant::Real(number) => Value::real(of_type, number),
-            Constant::Whole(number) => Value::whole(of_type, number),
-            Constant::Boolean(value) => Some(Value::Boolean(value)),
-            Constant::Text(text) => Some(Value::String(text.to_owned())),
-            Constant::Bytes(bytes) => Some(Value::Binary(bytes.to_owned())),
-            Constant::Digits(digits) => value::bytes(digits).map(Value::Binary),
-        }
+        self.get(of_type).value(of_type)
     }
 }
 

@@ -135,6 +135,20 @@ pub enum Constant {
     Digits(&'static str),
 }
 
+impl Constant {
+    /// The value of a variable; `None` if its type does not have it.
+    pub fn value(self, of_type: Type) -> Option<Value> {
+        match self {
+            Self::Real(number) => Value::real(of_type, number),
+            Self::Whole(number) => Value::whole(of_type, number),
+            Self::Boolean(value) => Some(Value::Boolean(value)),
+            Self::Text(text) => Some(Value::String(text.to_owned())),
+            Self::Bytes(bytes) => Some(Value::Binary(bytes.to_owned())),
+            Self::Digits(digits) => crate::value::bytes(digits).map(Value::Binary),
+        }
+    }
+}
+
 /// The smallest and the largest value of a variable.
 #[derive(Debug, Clone, Copy)]
 pub enum Bounds {
@@ -232,16 +246,6 @@ macro_rules! starts {
                     $(Self::$whole(_) => size_of::<$whole_type>(),)*
                     $(Self::$other(_) => size_of::<$other_type>(),)*
                     Self::Enumeration(_, of) => of.size,
-                }
-            }
-
-            /// The first start value, which others follow.
-            pub const fn as_ptr(&self) -> *const u8 {
-                match self {
-                    $(Self::$real(values) => values.as_ptr().cast(),)*
-                    $(Self::$whole(values) => values.as_ptr().cast(),)*
-                    $(Self::$other(values) => values.as_ptr().cast(),)*
-                    Self::Enumeration(values, _) => values.as_ptr().cast(),
                 }
             }
 

@@ -302,14 +302,9 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
 
     fn renew(&mut self) {
         let mut fresh = M::new();
+        let to = (&raw mut fresh).cast();
         // SAFETY: both are models with these rows.
-        unsafe {
-            copy_settable(
-                (&raw mut fresh).cast(),
-                (&raw const self.model).cast(),
-                M::ROWS,
-            )
-        };
+        unsafe { copy_settable(to, self.memory(), M::ROWS) };
         if Self::HAS_INPUT_DERIVATIVES {
             for reference in 0..N {
                 if let Some(derivative) = fresh.input_derivative(reference) {
@@ -614,57 +609,4 @@ pub(crate) fn take_samples<M: AnyModel + ?Sized>(
         remaining -= 1;
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::Simulate;
-
-    /// An array of variable size
-    #[derive(fmu_derive::Model)]
-    #[model(crate = crate)]
-    struct Lists {
-        /// number of gains
-        #[structural_parameter(start = 2, min = 1, max = 3)]
-        n: u64,
-        /// gains
-        #[input(size = "n", start = [1, 2, 3])]
-        gains: [f64; 3],
-        /// sum
-        #[output]
-        sum: f64,
-    }
-
-    impl Simulate for Lists {
-        fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-            self.sum = self.gains[..self.n as usize].iter().sum();
-            Ok(())
-        }
-    }
-
-    fn lists(variant: Option<&'static str>) -> Bound<Lists, 5> {
-        let variant = variant.and_then(|text| Overrides::of(Lists::NAME, text));
-        Bound::new(variant.map_or(Overrides::NONE, |(_, overrides)| overrides))
-    }
-
-    #[test]
-    fn elements_that_are_in_use_can_be_addressed() {
-        let mut model = lists(None);
-        let mut known = (0..6).filter(|&r| (&mut model as &mut dyn AnyModel).is_element(r));
-        assert!(known.by_ref().eq([1, 2, 4]));
-        drop(known);
-        assert!(
-            model.get_elements(&[2, 4], &mut [0.0; 2]) && !model.get_elements(&[3], &mut [0.0])
-        );
-        assert!(model.set_elements(&[2], &[0.5]) && !model.set_elements(&[3], &[0.5]));
-    }
-
-    #[test]
-    fn a_variant_may_use_fewer_elements() {
-        let mut model = lists(Some("Lists=Small;0:1:1"));
-        assert_eq!((&mut model as &mut dyn AnyModel).elements(1), Some(1));
-        assert!(!(&mut model as &mut dyn AnyModel).is_element(2));
-        assert!(!model.get_elements(&[2], &mut [0.0]) && !model.set_elements(&[2], &[0.0]));
-    }
 }

@@ -238,28 +238,11 @@ pub(crate) struct Facts {
 /// At the place is a struct with these rows, which is borrowed mutably.
 pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
     table::each_field(rows, 0, &mut |field, offset| {
-        let count = field.start.len().min(field.count());
-        // SAFETY: `Variables` promises this many values of the type of the table at this offset.
-        unsafe {
-            let place = model.byte_add(offset);
-            match field.start {
-                Values::String(start) => {
-                    let texts = std::slice::from_raw_parts_mut(place.cast::<String>(), count);
-                    (texts.iter_mut().zip(start)).for_each(|(to, text)| *to = (*text).into());
-                }
-                Values::Binary(start) => {
-                    let all = std::slice::from_raw_parts_mut(place.cast::<Vec<u8>>(), count);
-                    (all.iter_mut().zip(start)).for_each(|(to, bytes)| *to = (*bytes).into());
-                }
-                Values::Enumeration(start, of) => {
-                    for (element, number) in start.iter().enumerate().take(count) {
-                        (*(of.item)(place.byte_add(element * of.size))).set(*number);
-                    }
-                }
-                numbers => {
-                    let size = count * numbers.element_size();
-                    numbers.as_ptr().copy_to_nonoverlapping(place, size);
-                }
+        for element in 0..field.start.len().min(field.count()) {
+            let place = offset + element * field.start.element_size();
+            if let Some(value) = field.start.get(element).value(field.start.of_type()) {
+                // SAFETY: `Variables` promises a value of the type of the table for each element.
+                unsafe { set(model.byte_add(place), field, value) };
             }
         }
     });
@@ -268,39 +251,25 @@ pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
 /// Copies what the host sets: inputs and parameters.
 ///
 /// # Safety
-/// At both places is a struct with these rows; that to which is copied is borrowed mutably.
-pub(crate) unsafe fn copy_settable(to: *mut u8, from: *const u8, rows: &'static [Row]) {
+/// At both places is a struct with these rows, which are borrowed mutably.
+pub(crate) unsafe fn copy_settable(to: *mut u8, from: *mut u8, rows: &'static [Row]) {
     use Causality::{Input, Parameter, StructuralParameter};
     table::each_field(rows, 0, &mut |field, offset| {
-        if !matches!(field.causality, Input | Parameter | StructuralParameter) {
-            return;
-        }
-        // SAFETY: `Variables` promises this many values of the type of the table at this offset; all but
-        // texts and bytes can be copied.
-        unsafe {
-            let (to, from, count) = (to.byte_add(offset), from.byte_add(offset), field.count());
-            match field.start {
-                Values::String(_) => clone_all::<String>(to.cast(), from.cast(), count),
-                Values::Binary(_) => clone_all::<Vec<u8>>(to.cast(), from.cast(), count),
-                _ => from.copy_to_nonoverlapping(to, count * field.start.element_size()),
+        if matches!(field.causality, Input | Parameter | StructuralParameter) {
+            for element in 0..field.count() {
+                let place = offset + element * field.start.element_size();
+                // SAFETY: as for start values.
+                unsafe {
+                    let value = get(from.byte_add(place), field);
+                    set(to.byte_add(place), field, value);
+                }
             }
         }
     });
 }
 
-/// # Safety
-/// At both places are this many values; those to which is copied are borrowed mutably.
-unsafe fn clone_all<T: Clone>(to: *mut T, from: *const T, count: usize) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let from = std::slice::from_raw_parts(from, count);
-        std::slice::from_raw_parts_mut(to, count).clone_from_slice(from);
-    }
-}
-
-/// Defines access to a value of each type but enumerations.
 macro_rules! access {
-    ($($name:ident $type:ty;)*) => {
+    ($($($name:ident: $type:ty),*);*) => {
         /// Gets a value.
         ///
         /// # Safety
@@ -309,7 +278,7 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match field.start {
-                    $(Values::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*
+                    $($(Values::$name(_) => Value::$name((*place.cast::<$type>()).clone()),)*)*
                     Values::Enumeration(_, of) => Value::Enumeration((*(of.item)(place)).get().into()),
                 }
             }
@@ -323,7 +292,7 @@ macro_rules! access {
             // SAFETY: the caller's promise.
             unsafe {
                 match (field.start, value) {
-                    $((Values::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*
+                    $($((Values::$name(_), Value::$name(value)) => *place.cast::<$type>() = value,)*)*
                     (Values::Enumeration(_, of), Value::Enumeration(item)) => {
                         (*(of.item)(place)).set(item as i32);
                     }
@@ -334,18 +303,4 @@ macro_rules! access {
     };
 }
 
-access! {
-    Float32 f32;
-    Float64 f64;
-    Int8 i8;
-    UInt8 u8;
-    Int16 i16;
-    UInt16 u16;
-    Int32 i32;
-    UInt32 u32;
-    Int64 i64;
-    UInt64 u64;
-    Boolean bool;
-    String String;
-    Binary Vec<u8>;
-}
+fmu_description::types!(access!);

@@ -6,30 +6,22 @@ use std::ffi::c_void;
 use std::ptr::null_mut;
 use std::rc::Rc;
 
+use fmu_export::abi::state::State;
 use fmu_export::fmi2::{fmi2LastSuccessfulTime, fmi2Terminated};
 
 use crate::driver::*;
 use crate::models::*;
 
-/// The states with the letters that stand for them below, in the order of messages.
-const STATES: [(char, &str); 13] = [
-    ('I', "instantiated"),
-    ('G', "configuration mode"),
-    ('N', "initialization mode"),
-    ('E', "event mode"),
-    ('C', "continuous-time mode"),
-    ('S', "step complete"),
-    ('F', "step failed"),
-    ('U', "intermediate update mode"),
-    ('R', "reconfiguration mode"), // from step mode
-    ('V', "reconfiguration mode"), // from event mode
-    ('T', "terminated"),
-    ('X', "error"),
-    ('!', "fatal"),
-];
+/// The letters that stand for the states below, in the order of [`State::ALL`].
+const LETTERS: &str = "IGNECSFURVTX!";
+
+/// The states with their letters and names.
+fn named() -> impl Iterator<Item = (char, &'static str)> {
+    LETTERS.chars().zip(State::ALL.map(|(_, name)| name))
+}
 
 /// The states that a host can bring an instance to, outside of callbacks.
-fn states(kind: Kind) -> &'static str {
+pub fn states(kind: Kind) -> &'static str {
     match kind {
         (Fmi2, Exchanged) => "INECTX!",
         (Fmi2, _) => "INSFTX!",
@@ -39,9 +31,8 @@ fn states(kind: Kind) -> &'static str {
     }
 }
 
-fn name(state: char) -> &'static str {
-    let (_, name) = STATES.iter().find(|(letter, _)| *letter == state).unwrap();
-    name
+pub fn name(state: char) -> &'static str {
+    named().find(|(letter, _)| *letter == state).unwrap().1
 }
 
 /// A call with valid arguments.
@@ -270,8 +261,8 @@ fn calls_are_allowed_according_to_the_table() {
                     continue;
                 }
             };
-            let allowed = STATES.iter().filter(|(state, _)| letters.contains(*state));
-            let mut allowed: Vec<&str> = allowed.map(|(_, name)| *name).collect();
+            let allowed = named().filter(|(state, _)| letters.contains(*state));
+            let mut allowed: Vec<&str> = allowed.map(|(_, name)| name).collect();
             allowed.dedup();
             let (call_name, state_name) = (it.name(operation), name(state));
             let forbidden = format!("{call_name} is not allowed in the state \"{state_name}\"; ");
