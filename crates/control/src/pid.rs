@@ -174,40 +174,26 @@ impl Pid {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn pid(integral: Integral) -> Pid {
-        Pid {
-            gains: Gains {
-                kp: 300.0,
-                ki: 500.0,
-                kd: 100.0,
-            },
-            ts: 0.001,
-            u_max: 1e9,
-            ..Pid::new(integral)
-        }
-    }
+    use crate::closed_loop::pid;
 
     #[test]
     fn a_ramp_matches_the_closed_form_of_every_term() {
         // e(k) = k a: x2 = a/ts, x3 = a ts k(k+1)/2.
         let (a, ts) = (0.01, 0.001);
-        let mut c = pid(Integral::Sum);
+        let mut c = pid(Integral::Sum, false);
+        c.u_max = 1e9;
         for k in 1..=1000 {
             let n = f64::from(k);
             let u = c.sample(n * a, 0.0, 0.0);
             let expected = 300.0 * n * a + 100.0 * a / ts + 500.0 * a * ts * n * (n + 1.0) / 2.0;
-            assert!(
-                (u / expected - 1.0).abs() < 1e-12,
-                "k = {k}: {u} {expected}"
-            );
+            assert!((u / expected - 1.0).abs() < 1e-12, "{k}: {u} {expected}");
         }
     }
 
     #[test]
     fn the_leaky_sum_of_a_constant_error_converges_to_its_fixed_point() {
         // x3 = (x3 + e) ts has the fixed point e ts/(1 - ts).
-        let mut c = pid(Integral::Leaky);
+        let mut c = pid(Integral::Leaky, false);
         for _ in 0..10 {
             c.sample(1.0, 0.0, 0.0);
         }
@@ -216,25 +202,19 @@ mod tests {
 
     #[test]
     fn previous_sample_terms_delay_the_force_by_one_sample() {
-        let mut now = pid(Integral::Sum);
-        let mut later = Pid {
-            previous_sample_terms: true,
-            ..now
-        };
+        let [mut now, mut later] = [false, true].map(|previous| pid(Integral::Sum, previous));
         let mut last = 0.0;
         for k in 0..100 {
             let r = libm::sin(0.1 * f64::from(k));
             let u = now.sample(r, 0.0, 0.0);
-            assert_eq!(later.sample(r, 0.0, 0.0), last);
-            assert_eq!(now.e, later.e);
+            assert_eq!((later.sample(r, 0.0, 0.0), later.e), (last, now.e));
             last = u;
         }
     }
 
     #[test]
     fn the_force_is_limited_and_nan_propagates() {
-        let mut c = pid(Integral::Sum);
-        c.u_max = 100.0;
+        let mut c = pid(Integral::Sum, false);
         assert_eq!(c.sample(1.0, 0.0, 0.0), 100.0);
         assert_eq!(c.sample(-1.0, 0.0, 0.0), -100.0);
         assert!(c.u_p < -100.0);
@@ -242,47 +222,24 @@ mod tests {
     }
 
     #[test]
-    fn with_anti_windup_the_force_leaves_its_limit_at_once() {
+    fn with_anti_windup_the_sum_stops_at_the_limit_but_takes_errors_that_reduce_the_force() {
         for sign in [1.0, -1.0] {
-            let mut c = integrator(true);
-            run(&mut c, sign, 1000);
+            let mut c = pid(Integral::Sum, false);
+            (c.gains.kp, c.gains.kd, c.anti_windup) = (0.0, 0.0, true);
+            for _ in 0..1000 {
+                c.sample(sign, 0.0, 0.0);
+            }
             assert_eq!(c.u, sign * 100.0);
             // The sum stopped at most one sample (ki e ts = 0.5 N) beyond the limit.
             assert!((c.u_p.abs() - 100.0).abs() <= 0.5 + 1e-9, "{}", c.u_p);
-            run(&mut c, -sign, 2);
+            // A proportional term keeps the force at its limit while the integral alone would leave it.
+            let mut kept = c;
+            kept.gains.kp = -1e6;
+            assert_eq!(kept.sample(-sign, 0.0, 0.0), sign * 100.0);
+            assert!(kept.terms.x3.abs() < c.terms.x3.abs());
+            c.sample(-sign, 0.0, 0.0);
+            c.sample(-sign, 0.0, 0.0);
             assert!(c.u.abs() < 100.0, "{}", c.u);
-        }
-    }
-
-    #[test]
-    fn anti_windup_keeps_summing_errors_that_reduce_the_force() {
-        // With the sum filled, a proportional term keeps the force at its limit while the integral
-        // alone would have left it.
-        let mut c = integrator(true);
-        run(&mut c, 1.0, 100);
-        let sum = c.terms.x3;
-        c.gains.kp = -1e6;
-        c.sample(-1.0, 0.0, 0.0);
-        assert_eq!(c.u, 100.0);
-        assert!(c.terms.x3 < sum);
-    }
-
-    fn integrator(anti_windup: bool) -> Pid {
-        let mut pid = pid(Integral::Sum);
-        pid.gains = Gains {
-            ki: 500.0,
-            ..Gains::default()
-        };
-        Pid {
-            u_max: 100.0,
-            anti_windup,
-            ..pid
-        }
-    }
-
-    fn run(pid: &mut Pid, e: f64, samples: u32) {
-        for _ in 0..samples {
-            pid.sample(e, 0.0, 0.0);
         }
     }
 }

@@ -42,12 +42,7 @@ mod tests {
 
     #[test]
     fn equals_the_exponential_of_nalgebra() {
-        #[rustfmt::skip]
-        let a = Matrix3::new(
-            0.1, 2.0, -0.3,
-            0.4, -0.5, 1.6,
-            -0.7, 0.8, 0.9,
-        );
+        let a = Matrix3::new(0.1, 2.0, -0.3, 0.4, -0.5, 1.6, -0.7, 0.8, 0.9);
         for scale in [1e-6, 1e-3, 0.1, 1.0, 10.0] {
             let a = a * scale;
             let expected = a.exp();
@@ -61,14 +56,6 @@ mod tests {
         let d = expm1(&Matrix2::new(1e-9, 0.0, 0.0, -1e-12));
         assert_eq!(d[(0, 0)], libm::expm1(1e-9));
         assert_eq!(d[(1, 1)], libm::expm1(-1e-12));
-    }
-
-    #[test]
-    fn the_exponential_of_a_skew_symmetric_matrix_is_a_rotation() {
-        let angle = 2.5;
-        let d = expm1(&Matrix2::new(0.0, -angle, angle, 0.0));
-        assert!((d[(0, 0)] + 1.0 - libm::cos(angle)).abs() < 1e-15);
-        assert!((d[(1, 0)] - libm::sin(angle)).abs() < 1e-15);
     }
 
     #[test]

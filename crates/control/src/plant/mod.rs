@@ -151,10 +151,6 @@ mod tests {
 
     const P: Parameters = Parameters::PAPER;
 
-    fn columns(j: Jacobian) -> [[f64; 4]; 5] {
-        [j.x, j.v, j.theta, j.omega, j.u].map(Into::into)
-    }
-
     /// A state far from the upright position, and a force.
     const SWING: [f64; 5] = [0.3, 0.5, 2.0, -1.5, 3.0];
 
@@ -165,19 +161,27 @@ mod tests {
         let at = |[x, v, theta, omega, u]: [f64; 5]| {
             <[f64; 4]>::from(derivative(&[x, v, theta, omega].into(), u))
         };
-        let delta = 1e-4;
-        for (j, column) in columns(*jacobian).iter().enumerate() {
-            let (mut above, mut below) = (SWING, SWING);
-            above[j] += delta;
-            below[j] -= delta;
-            let (above, below) = (at(above), at(below));
+        let Jacobian {
+            x,
+            v,
+            theta,
+            omega,
+            u,
+        } = *jacobian;
+        for (j, column) in [x, v, theta, omega, u]
+            .map(<[f64; 4]>::from)
+            .iter()
+            .enumerate()
+        {
+            let [above, below] = [1e-4, -1e-4].map(|delta| {
+                let mut moved = SWING;
+                moved[j] += delta;
+                at(moved)
+            });
             for i in 0..4 {
-                let difference = (above[i] - below[i]) / (2.0 * delta);
-                assert!(
-                    (column[i] - difference).abs() < 1e-6,
-                    "derivative {i} by variable {j}: {} {difference}",
-                    column[i]
-                );
+                let difference = (above[i] - below[i]) / 2e-4;
+                let error = (column[i] - difference).abs();
+                assert!(error < 1e-6, "derivative {i} by variable {j}: {column:?}");
             }
         }
     }
@@ -217,5 +221,60 @@ mod tests {
         {
             assert!(residual.abs() < 1e-14, "{residual}");
         }
+    }
+
+    /// The ends of a motion of the nonlinear and of the linear plant from the same state.
+    fn ends(start: State, u: Force, step: f64) -> [[f64; 4]; 2] {
+        let (mut full, mut linear) = (start, start);
+        nonlinear::advance(&P, &mut full, u, step).unwrap();
+        Linear::new(&P).advance(&mut linear, u, step);
+        [full, linear].map(Into::into)
+    }
+
+    #[test]
+    fn a_ramp_of_the_force_is_the_limit_of_many_held_steps() {
+        let (n, step) = (4096, 0.5);
+        let mut repeated = [State::from([0.3, -0.2, 0.05, 0.1]); 2];
+        let single = ends(
+            repeated[0],
+            Force {
+                value: 1.0,
+                slope: 4.0,
+            },
+            step,
+        );
+        let small = step / f64::from(n);
+        for k in 0..n {
+            // The value in the middle of each small step: second order.
+            let middle = Force::from(1.0 + 4.0 * (f64::from(k) + 0.5) * small);
+            let [full, linear] = repeated;
+            repeated = [
+                ends(full, middle, small)[0].into(),
+                ends(linear, middle, small)[1].into(),
+            ];
+        }
+        for (single, repeated) in single.into_iter().zip(repeated) {
+            let repeated: [f64; 4] = repeated.into();
+            assert!((0..4).all(|i| (single[i] / repeated[i] - 1.0).abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn the_sensitivities_match_the_central_difference() {
+        let (step, delta) = (0.3, 1e-3);
+        let start = State::from([0.0, 0.5, 2.0, -1.0]);
+        let force = |value| Force { value, slope: 5.0 };
+        let [above, below] = [delta, -delta].map(|delta| ends(start, force(2.0 + delta), step));
+        let full = nonlinear::sensitivity(&P, &start, force(2.0), step).unwrap();
+        let linear = Linear::new(&P).sensitivity(step);
+        for (k, analytic) in [full, linear].map(<[f64; 4]>::from).iter().enumerate() {
+            for i in 0..4 {
+                let difference = (above[k][i] - below[k][i]) / (2.0 * delta);
+                let error = (analytic[i] / difference - 1.0).abs();
+                assert!(error < 1e-6, "{k}, {i}: {analytic:?} {difference}");
+            }
+        }
+        let sampled = TransferFunction::new(&P, 0.001, State::default()).sensitivity(300);
+        assert!((sampled / linear.theta - 1.0).abs() < 1e-6);
     }
 }

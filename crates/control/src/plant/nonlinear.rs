@@ -287,36 +287,6 @@ mod tests {
         assert!((order - 5.0).abs() < 0.2, "order {order}");
     }
 
-    #[test]
-    fn the_sensitivity_matches_the_central_difference() {
-        let (p, step, delta) = (Parameters::PAPER, 0.3, 1e-3);
-        let force = |value| Force { value, slope: 5.0 };
-        let end = |value: f64| {
-            let mut state = SWING;
-            advance(&p, &mut state, force(value), step).unwrap();
-            <[f64; 4]>::from(state)
-        };
-        let (above, below) = (end(2.0 + delta), end(2.0 - delta));
-        let analytic: [f64; 4] = sensitivity(&p, &SWING, force(2.0), step).unwrap().into();
-        for i in 0..4 {
-            let difference = (above[i] - below[i]) / (2.0 * delta);
-            let error = analytic[i] / difference - 1.0;
-            assert!(error.abs() < 1e-6, "{i}: {analytic:?} {difference}");
-        }
-    }
-
-    #[test]
-    fn a_force_ramp_matches_the_linear_plant_at_small_angles() {
-        let force = Force {
-            value: 1e-4,
-            slope: 1e-3,
-        };
-        let (mut full, mut linear) = (State::default(), State::default());
-        advance(&Parameters::PAPER, &mut full, force, 0.2).unwrap();
-        Linear::new(&Parameters::PAPER).advance(&mut linear, force, 0.2);
-        assert!((full.theta / linear.theta - 1.0).abs() < 1e-6);
-    }
-
     /// A step of 1e6 s: the first trial substep overflows, and later ones adapt their size.
     #[test]
     fn a_substep_that_overflows_is_retried_with_a_smaller_size() {
