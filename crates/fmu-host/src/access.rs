@@ -12,78 +12,68 @@ pub fn operation(verb: &str, of_type: Type) -> String {
     format!("{verb}_{}", of_type.as_str().to_ascii_lowercase())
 }
 
-impl Instance {
-    /// Gets the values of all elements of variables of one type. An Enumeration is accessed as a number. A
-    /// Boolean is true unless it is 0.
-    ///
-    /// # Errors
-    /// As for every call: the function is missing or returned a failure status.
-    pub fn get_values(&mut self, of_type: Type, r: &[u32], values: &mut [Value]) -> Result {
-        let (i, n) = (self, values.len());
-        match of_type.accessed_as(i.version()) {
-            Type::Float32 => get_numbers(i, r, values, Value::Float32),
-            Type::Float64 => get_numbers(i, r, values, Value::Float64),
-            Type::Int8 => get_numbers(i, r, values, Value::Int8),
-            Type::UInt8 => get_numbers(i, r, values, Value::UInt8),
-            Type::Int16 => get_numbers(i, r, values, Value::Int16),
-            Type::UInt16 => get_numbers(i, r, values, Value::UInt16),
-            Type::Int32 => get_numbers(i, r, values, Value::Int32),
-            Type::UInt32 => get_numbers(i, r, values, Value::UInt32),
-            Type::Int64 | Type::Enumeration => get_numbers(i, r, values, Value::Int64),
-            Type::UInt64 => get_numbers(i, r, values, Value::UInt64),
-            Type::Boolean => {
-                let mut own = vec![0; n];
-                let got = i.get_boolean(r, &mut own)?;
-                fill(values, own, |value| Value::Boolean(value != 0));
-                Ok(got)
+/// Defines the access to variables of all types.
+macro_rules! access {
+    ($($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($_0:tt)*) => {
+        impl Instance {
+            /// Gets the values of all elements of variables of one type. An Enumeration is accessed as a number. A
+            /// Boolean is true unless it is 0.
+            ///
+            /// # Errors
+            /// As for every call: the function is missing or returned a failure status.
+            pub fn get_values(&mut self, of_type: Type, r: &[u32], values: &mut [Value]) -> Result {
+                let (i, n) = (self, values.len());
+                match of_type.accessed_as(i.version()) {
+                    $(Type::$real => get_numbers(i, r, values, Value::$real),)*
+                    $(Type::$whole => get_numbers(i, r, values, Value::$whole),)*
+                    Type::Enumeration => get_numbers(i, r, values, Value::Int64),
+                    Type::Boolean => {
+                        let mut own = vec![0; n];
+                        let got = i.get_boolean(r, &mut own)?;
+                        fill(values, own, |value| Value::Boolean(value != 0));
+                        Ok(got)
+                    }
+                    Type::String => {
+                        fill(values, i.get_string(r, n)?, Value::String);
+                        Ok(Success::Ok)
+                    }
+                    Type::Binary | Type::Clock => {
+                        fill(values, i.get_binary(r, n)?, Value::Binary);
+                        Ok(Success::Ok)
+                    }
+                }
             }
-            Type::String => {
-                fill(values, i.get_string(r, n)?, Value::String);
-                Ok(Success::Ok)
-            }
-            Type::Binary | Type::Clock => {
-                fill(values, i.get_binary(r, n)?, Value::Binary);
-                Ok(Success::Ok)
-            }
-        }
-    }
 
-    /// Sets the values of all elements of variables of one type.
-    ///
-    /// # Errors
-    /// As for every call, and if a whole number does not fit the type.
-    pub fn set_values(&mut self, of_type: Type, r: &[u32], values: &[Value]) -> Result {
-        let (kind, i) = (of_type.accessed_as(self.version()), self);
-        let reals = || {
-            values
-                .iter()
-                .map(|value| value.as_real().unwrap_or_default())
-        };
-        match kind {
-            Type::Float32 => i.set_float32(r, &Vec::from_iter(reals().map(|value| value as f32))),
-            Type::Float64 => i.set_float64(r, &Vec::from_iter(reals())),
-            Type::Int8 => set_whole::<i8>(i, kind, r, values),
-            Type::UInt8 => set_whole::<u8>(i, kind, r, values),
-            Type::Int16 => set_whole::<i16>(i, kind, r, values),
-            Type::UInt16 => set_whole::<u16>(i, kind, r, values),
-            Type::Int32 => set_whole::<i32>(i, kind, r, values),
-            Type::UInt32 => set_whole::<u32>(i, kind, r, values),
-            Type::Int64 | Type::Enumeration => set_whole::<i64>(i, kind, r, values),
-            Type::UInt64 => set_whole::<u64>(i, kind, r, values),
-            Type::Boolean => {
-                let own = values.iter().map(|value| *value == Value::Boolean(true));
-                i.set_boolean(r, &Vec::from_iter(own.map(i32::from)))
-            }
-            Type::String | Type::Binary | Type::Clock => {
-                let own = values.iter().map(|value| match value {
-                    Value::String(text) => CString::new(text.as_str()).unwrap_or_default(),
-                    _ => CString::default(),
-                });
-                i.set_string(r, &Vec::from_iter(own))
+            /// Sets the values of all elements of variables of one type.
+            ///
+            /// # Errors
+            /// As for every call, and if a whole number does not fit the type.
+            pub fn set_values(&mut self, of_type: Type, r: &[u32], values: &[Value]) -> Result {
+                let (kind, i, values) = (of_type.accessed_as(self.version()), self, values.iter());
+                match kind {
+                    $(Type::$real => {
+                        let own = values.map(|value| value.as_real().unwrap_or_default() as $real_type);
+                        Number::set(i, r, &Vec::from_iter(own))
+                    })*
+                    $(Type::$whole => set_whole::<$whole_type>(i, kind, r, values),)*
+                    Type::Enumeration => set_whole::<i64>(i, kind, r, values),
+                    Type::Boolean => {
+                        let own = values.map(|value| i32::from(*value == Value::Boolean(true)));
+                        i.set_boolean(r, &Vec::from_iter(own))
+                    }
+                    Type::String | Type::Binary | Type::Clock => {
+                        let own = values.map(|value| match value {
+                            Value::String(text) => CString::new(text.as_str()).unwrap_or_default(),
+                            _ => CString::default(),
+                        });
+                        i.set_string(r, &Vec::from_iter(own))
+                    }
+                }
             }
         }
-    }
+    };
 }
+fmu_description::types!(access!);
 
 fn get_numbers<T: Number>(
     i: &mut Instance,
@@ -103,15 +93,13 @@ fn fill<T>(values: &mut [Value], own: Vec<T>, value: impl Fn(T) -> Value) {
     }
 }
 
-fn set_whole<T: Number + TryFrom<i128>>(
+fn set_whole<'a, T: Number + TryFrom<i128>>(
     i: &mut Instance,
     kind: Type,
     r: &[u32],
-    values: &[Value],
+    values: impl Iterator<Item = &'a Value>,
 ) -> Result {
-    let own = values
-        .iter()
-        .map(|value| value.as_whole().unwrap_or_default());
+    let own = values.map(|value| value.as_whole().unwrap_or_default());
     let own = own.map(|value| T::try_from(value).map_err(|_| value));
     match own.collect::<std::result::Result<Vec<T>, i128>>() {
         Ok(own) => T::set(i, r, &own),

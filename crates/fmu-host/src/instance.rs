@@ -191,7 +191,14 @@ unsafe impl Send for Instance {}
 type Experiment = ((bool, f64), f64, (bool, f64));
 
 /// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
-pub struct State(pub(crate) *mut c_void);
+#[repr(transparent)]
+pub struct State(*mut c_void);
+
+impl From<&State> for *mut c_void {
+    fn from(state: &State) -> Self {
+        state.0
+    }
+}
 
 unsafe extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
@@ -687,11 +694,11 @@ impl Instance {
                 (flags.map(flag), info.nextEventTime)
             }
             Version::Fmi3 => {
-                let (mut flags, mut next) = ([UNWRITTEN_3; 5], 0.0);
+                let (mut flags, mut next) = ([UNWRITTEN as fmi3Boolean; 5], 0.0);
                 let [a, t, n, s, d] = &mut flags;
                 Fmi3(self).update_discrete_states(a, t, n, s, d, &mut next)?;
                 let [a, t, _, s, d] = flags;
-                ([a, t, s, d].map(flag_3), next)
+                ([a, t, s, d].map(|value| flag(value.cast_signed())), next)
             }
         };
         let [again, terminate, states_changed, is_defined] = flags.map(|flag| flag == Some(true));
@@ -713,9 +720,9 @@ impl Instance {
                 [event, terminate].map(flag)
             }
             Version::Fmi3 => {
-                let [mut event, mut terminate] = [UNWRITTEN_3; 2];
+                let [mut event, mut terminate] = [UNWRITTEN as fmi3Boolean; 2];
                 Fmi3(self).completed_integrator_step(true, &mut event, &mut terminate)?;
-                [event, terminate].map(flag_3)
+                [event, terminate].map(|value| flag(value.cast_signed()))
             }
         };
         Ok(Completed {
@@ -725,20 +732,13 @@ impl Instance {
     }
 }
 
-/// A result that the FMU has not written.
+/// A result that the FMU has not written: all bits are set.
 const UNWRITTEN: fmi2Boolean = -1;
 
-/// As [`UNWRITTEN`], for FMI 3.0.
-const UNWRITTEN_3: fmi3Boolean = 0xff;
-
 /// A result, if the FMU has written it.
-fn flag(value: fmi2Boolean) -> Option<bool> {
+fn flag(value: impl Into<fmi2Boolean>) -> Option<bool> {
+    let value = value.into();
     (value != UNWRITTEN).then_some(value != fmi2False)
-}
-
-/// As [`flag`], for FMI 3.0.
-fn flag_3(value: fmi3Boolean) -> Option<bool> {
-    (value != UNWRITTEN_3).then_some(value != fmi3False)
 }
 
 impl Drop for Instance {
@@ -783,7 +783,7 @@ macro_rules! functions {
         Free { $($_0:tt)* }
         $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
     ) => {
-        #[allow(dead_code, clippy::too_many_arguments, reason = "as in the standard")]
+        #[allow(dead_code, clippy::too_many_arguments, clippy::useless_conversion, reason = "as in the standard")]
         impl $version<'_> {
             $($(method!($inline $version $functions $name $operation [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
         }
@@ -821,22 +821,16 @@ macro_rules! method {
 
 /// The type of an argument of a method.
 macro_rules! rust_type {
-    ([in? fmi2Byte; $n:ident]) => {
+    ([in $(?)? fmi2Byte; $n:ident]) => {
         &[u8]
     };
-    ([out? fmi2Byte; $n:ident]) => {
+    ([out $(?)? fmi2Byte; $n:ident]) => {
         &mut [u8]
     };
-    ([in? $type:ty; $n:ident]) => {
+    ([in $(?)? $type:ident; $n:ident]) => {
         &[$type]
     };
-    ([in $type:ty; $n:ident]) => {
-        &[$type]
-    };
-    ([out? $type:ty; $n:ident]) => {
-        &mut [$type]
-    };
-    ([out $type:ty; $n:ident]) => {
+    ([out $(?)? $type:ident; $n:ident]) => {
         &mut [$type]
     };
     ([out? fmi2FMUstate]) => {
@@ -845,10 +839,7 @@ macro_rules! rust_type {
     ([out? fmi3FMUState]) => {
         &mut State
     };
-    ([out? $type:ty]) => {
-        &mut $type
-    };
-    ([out $type:ty]) => {
+    ([out $(?)? $type:ident]) => {
         &mut $type
     };
     (fmi2FMUstate) => {
@@ -892,26 +883,11 @@ macro_rules! c_value {
     ($arg:ident [out $(?)? $type:ident; $n:ident]) => {
         $arg.as_mut_ptr().cast()
     };
-    ($arg:ident [out? fmi2FMUstate]) => {
-        &raw mut $arg.0
-    };
-    ($arg:ident [out? fmi3FMUState]) => {
-        &raw mut $arg.0
-    };
-    ($arg:ident fmi2FMUstate) => {
-        $arg.0
-    };
-    ($arg:ident fmi3FMUState) => {
-        $arg.0
-    };
-    ($arg:ident fmi2Boolean) => {
-        $arg.into()
-    };
-    ($arg:ident fmi3Boolean) => {
-        $arg.into()
+    ($arg:ident [out $(?)? $type:ident]) => {
+        (&raw mut *$arg).cast()
     };
     ($arg:ident $kind:tt) => {
-        $arg
+        $arg.into()
     };
 }
 

@@ -1,5 +1,6 @@
 //! Memory that several processes share.
 
+use std::fmt::Debug;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
@@ -7,7 +8,7 @@ use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use memmap2::{MmapOptions, MmapRaw};
+use memmap2::MmapOptions;
 
 /// A file mapped to memory. What one process writes is visible to the others, and survives it. Clones
 /// share the memory.
@@ -15,14 +16,7 @@ use memmap2::{MmapOptions, MmapRaw};
 pub struct SharedMemory {
     /// The words that the owner keeps, so that an access takes no detour.
     words: NonNull<[AtomicU64]>,
-    _owner: Arc<Owner>,
-}
-
-/// What keeps the words.
-#[derive(Debug)]
-enum Owner {
-    Map { _map: MmapRaw },
-    Own { _words: Arc<[AtomicU64]> },
+    _owner: Arc<dyn Debug + Send + Sync>,
 }
 
 // SAFETY: the words are atomic, and their owner may be dropped by any thread.
@@ -48,10 +42,10 @@ impl SharedMemory {
 
     /// Ordinary memory of this process.
     pub fn private(words: usize) -> Self {
-        let own: Arc<[AtomicU64]> = (0..words).map(|_| AtomicU64::new(0)).collect();
+        let own: Vec<_> = (0..words).map(|_| AtomicU64::new(0)).collect();
         Self {
-            words: NonNull::from(&*own),
-            _owner: Arc::new(Owner::Own { _words: own }),
+            words: NonNull::from(own.as_slice()),
+            _owner: Arc::new(own),
         }
     }
 
@@ -72,7 +66,7 @@ impl SharedMemory {
         let first = first.ok_or_else(|| io::Error::other("it has no address"))?;
         Ok(Self {
             words: NonNull::slice_from_raw_parts(first, words),
-            _owner: Arc::new(Owner::Map { _map: map }),
+            _owner: Arc::new(map),
         })
     }
 
