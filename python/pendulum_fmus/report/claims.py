@@ -171,6 +171,7 @@ class Part:
     notes: Sequence[str]  # on how it was drawn
     figure: Figure | None
     judged: Sequence[Judged]
+    beside: int  # how many of them stand beside the figure
 
 
 def counts(parts: Sequence[Part]) -> dict[Verdict, int]:

@@ -44,17 +44,8 @@ QUANTITY = re.compile(r"(\d) (%|s|ms|Hz|N|rad|kg|m)(?![\w/])")
 STEP = 3
 """Tables are distinguished by the width that they need, in steps [em]."""
 
-PANEL, TEXT_LINE, TABLE_LINE, CLAIM = 270, 22, 30, 90
-"""Estimated heights: a panel, a line of text, a line of a table, all else in a claim [px]."""
 
-HIGHEST = 450
-"""Height to which a panel can be stretched [px]."""
-
-LINE = 60
-"""Estimated characters in a line of text."""
-
-
-# --- layout: estimated widths and heights, from which the styles choose --------------------------
+# --- layout -------------------------------------------------------------------------------------
 
 
 def unbroken(text: str) -> Markup:
@@ -91,50 +82,23 @@ def needed_width(table: Finding) -> int:
     return STEP * -int(-width // STEP)
 
 
-def beside(figure: Figure | None, judged: Sequence[Judged], ours: bool) -> int:
-    """Return how many claims stand beside a figure: about as high as it, 0 if one is higher."""
-    if not figure:
-        return 0
-    room = PANEL * _rows(figure)
-    heights = [_height(one, ours) for one in judged]
-    if heights[0] > HIGHEST * _rows(figure):
-        return 0
-    return min(range(1, len(judged) + 1), key=lambda n: abs(sum(heights[:n]) - room))
-
-
-def _rows(figure: Figure) -> int:
-    """Return the rows of panels on a wide page, where rows of three become columns of it."""
-    return 3 if in_threes(figure) else len(figure.rows)
-
-
 def in_threes(figure: Figure) -> bool:
     """Return whether there are rows of three panels, too many for the width beside text."""
     return len(figure.rows) > 1 and all(len(row) == 3 for row in figure.rows)
 
 
-def _height(one: Judged, ours: bool) -> int:
-    """Return the estimated height of a claim on a wide page [px]."""
-    texts = [one.says, one.criterion, one.finding.remark]
-    lines = sum(-(-len(text) // LINE) for text in texts)
-    rows = 0 if one.source or folded(one, ours) else 1 + len(one.finding.rows)
-    if needed_width(one.finding) > 33:
-        rows *= 2  # with names on lines of their own
-    return CLAIM + TEXT_LINE * lines + TABLE_LINE * rows
-
-
 # --- figures ------------------------------------------------------------------------------------
 
 
-def pack(column: np.ndarray, kind: str) -> str:
+def pack(column: np.ndarray) -> str:
     """Return a column as base64 of little-endian numbers."""
-    return base64.b64encode(np.ascontiguousarray(column, dtype=kind).tobytes()).decode()
+    return base64.b64encode(np.ascontiguousarray(column, dtype="<f8").tobytes()).decode()
 
 
 def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
     """Return all data for the page's script; the panels in the order of the page.
 
-    A column has the samples of a curve that any panel needs, in full precision. A clock has the x
-    of all samples of the columns that share it; a column has positions in it.
+    A column has the samples of a curve that any panel needs, in full precision.
     """
     panels = [panel for figure in figures for row in figure.rows for panel in row]
     curves: dict[str, Curve] = {}
@@ -144,23 +108,12 @@ def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
             needed = np.union1d(panel.needed(curve), panel.markers(index))
             kept[curve.key] = np.union1d(kept.get(curve.key, needed), needed).astype(int)
             curves[curve.key] = curve
-    shared: dict[bytes, list[str]] = {}
-    for key, curve in curves.items():
-        shared.setdefault(curve.x.tobytes(), []).append(key)
-    clocks, columns = [], dict.fromkeys(curves)
-    for clock, keys in enumerate(shared.values()):
-        samples = np.unique(np.concatenate([kept[key] for key in keys]))
-        clocks.append(pack(curves[keys[0]].x[samples], "<f8"))
-        for key in keys:
-            at, y = np.searchsorted(samples, kept[key]), curves[key].y[kept[key]]
-            columns[key] = {"clock": clock, "at": pack(at, "<u4"), "y": pack(y, "<f8")}
-    numbers = {key: number for number, key in enumerate(curves)}
 
     def curve_json(panel: Panel, index: int) -> dict[str, Any]:
         curve, style = panel.curves[index], STYLES[panel.curves[index].style]
         marks = np.searchsorted(kept[curve.key], panel.markers(index)).tolist()
         return {
-            "column": numbers[curve.key],
+            "column": curve.key,
             "style": curve.style,
             "name": curve.name or style.name,
             "marks": marks if style.marker else [],
@@ -183,8 +136,10 @@ def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
         style["dash"] = [round(part * style["width"], 2) for part in style["dash"]]  # in pixels
         del style["name"]
     return {
-        "clocks": clocks,
-        "columns": list(columns.values()),
+        "columns": {
+            key: {axis: pack(getattr(curve, axis)[kept[key]]) for axis in "xy"}
+            for key, curve in curves.items()
+        },
         "panels": [panel_json(panel) for panel in panels],
         "styles": styles,
     }
@@ -266,7 +221,6 @@ def render(parts: Sequence[Part], data: Data, traps: Traps, beyond: Sequence[Par
         trap_columns=[f"{name}{disturbed}" for disturbed in ("", ", disturbed") for name in SHOWN],
         beyond=beyond,
         counts=counts(parts),
-        beside=beside,
         folded=folded,
         widths=range(STEP, MOST, STEP),
         styles=STYLES,

@@ -191,7 +191,8 @@ def paper_parts(data: Data) -> list[Part]:
         notes = [
             text.format_map(known) for text in (*kind.get("notes", ()), *part.get("notes", ()))
         ]
-        found.append(Part(anchor, heading, part.get("caption", ""), notes, drawn, judged))
+        beside = part.get("beside", 1) if drawn else 0
+        found.append(Part(anchor, heading, part.get("caption", ""), notes, drawn, judged, beside))
     return found
 
 
@@ -252,4 +253,5 @@ def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
         found = Finding(statement.get("columns", COLUMNS), rows, remark)
         judged.append(Judged(statement["says"], statement["criterion"], found, found.verdict))
     anchor, notes = f"beyond-{part['name']}", part.get("notes", ())
-    return Part(anchor, part["heading"], "", notes, drawn, numbered(judged, []))
+    judged, beside = numbered(judged, []), part.get("beside", 1)
+    return Part(anchor, part["heading"], "", notes, drawn, judged, beside)

@@ -1,19 +1,15 @@
 // The data in the page: columns of numbers, styles, and the colours of the reader's scheme.
-const { clocks, columns, panels, styles } = JSON.parse(document.getElementById("data").textContent);
+const { columns, panels, styles } = JSON.parse(document.getElementById("data").textContent);
 
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 const doubles = (text) => new Float64Array(bytes(text));
-const times = clocks.map(doubles);
 
-function unpack({ clock, at, y }) {
-  const x = Float64Array.from(new Uint32Array(bytes(at)), (k) => times[clock][k]);
-  return { x, y: doubles(y) };
-}
+const unpack = ({ x, y }) => ({ x: doubles(x), y: doubles(y) });
 
 const unpacked = new Map();
-function column(number) {
-  if (!unpacked.has(number)) unpacked.set(number, unpack(columns[number]));
-  return unpacked.get(number);
+function column(key) {
+  if (!unpacked.has(key)) unpacked.set(key, unpack(columns[key]));
+  return unpacked.get(key);
 }
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
