@@ -33,9 +33,8 @@ def run(options: argparse.Namespace) -> bool:
         ours = [beyond_part(data, section) for section in bar]
         drawing += printed.start([part.figure for part in ours], folder, pool)
         say(f"drawing {len(drawing)} figures ...")
-        file = options.out / "index.html"
-        file.write_text(page.render(parts, data, mistakes, ours), encoding="utf-8")
-        page.write_documents(options.docs or options.out, data, parts, mistakes)
+        docs = options.docs or options.out
+        file = page.write(options.out, docs, parts, ours, data, mistakes)
         printed.write_overview(data.results, options.out)
         bar = tqdm(drawing, unit="figure", leave=False, disable=None)
         files = sum(len(job.get()) for job in bar)

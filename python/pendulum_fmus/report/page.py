@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
 
 from .. import table1
 from ..loop import TS
+from . import stability
 from .claims import Finding, Judged, Part, Verdict, counts, judge, number
 from .figure import RESOLUTION, STYLES, Curve, Figure, Panel
 from .findings import PRINTED, coefficients, poles
 from .measures import MEASURES
 from .runs import GAINS, SHOWN, TRANSFER_FUNCTION, Data
-from .stability import DELAYS, ETA, RAMP, limit, printed_bound, radius
 from .statements import texts
 from .traps import SAME, Traps
 
@@ -156,18 +156,6 @@ class Shown(float):
         return text.replace("-", "−")
 
 
-def environment(*, escaped: bool) -> Environment:
-    """Return the environment of the templates, for HTML if `escaped`."""
-    return Environment(
-        loader=FileSystemLoader(ASSETS),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=not escaped,
-        autoescape=escaped,
-    )
-
-
 def settings(traps: Traps) -> dict[str, Any]:
     """Return the misprints, the settings and the mistakes by name."""
     _, cubic, other, last = map(float, PRINTED)
@@ -198,16 +186,21 @@ def lines(data: Data) -> list[tuple]:
     return found
 
 
-def asset(name: str) -> Markup:
-    """Return a file that becomes part of the page as it is."""
-    return Markup((ASSETS / name).read_text(encoding="utf-8"))
-
-
-def render(parts: Sequence[Part], data: Data, traps: Traps, beyond: Sequence[Part]) -> str:
-    """Return the page as HTML."""
-    html = environment(escaped=True)
-    html.filters |= {
+def write(
+    out: Path, docs: Path, parts: Sequence[Part], beyond: Sequence[Part], data: Data, traps: Traps
+) -> Path:
+    """Write the page to the folder `out` and DOCUMENTS to `docs`; return the path of the page."""
+    environment = Environment(
+        loader=FileSystemLoader(ASSETS),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=select_autoescape(["html.j2"]),
+    )
+    environment.filters |= {
         "capital": lambda text: text[:1].upper() + text[1:],
+        "md": lambda text: text.replace("|", "\\|"),
         "unbroken": unbroken,
         "typeset": typeset,
         "needed_width": needed_width,
@@ -215,56 +208,35 @@ def render(parts: Sequence[Part], data: Data, traps: Traps, beyond: Sequence[Par
     }
     figures = page_json(part.figure for part in [*parts, *beyond] if part.figure)
     encoded = json.dumps(figures, allow_nan=False, separators=(",", ":"))
-    return html.get_template("page.html.j2").render(
-        parts=parts,
-        lines=lines(data),
-        trap_columns=[f"{name}{disturbed}" for disturbed in ("", ", disturbed") for name in SHOWN],
-        beyond=beyond,
-        counts=counts(parts),
-        folded=folded,
-        widths=range(STEP, MOST, STEP),
-        styles=STYLES,
-        asset=asset,
-        scripts=SCRIPTS,
-        data=encoded.replace("</", "<\\/"),  # in a script element
-        resolution=RESOLUTION,
-        **settings(traps),
-    )
-
-
-def write_documents(folder: Path, data: Data, parts: Sequence[Part], traps: Traps) -> None:
-    """Write DOCUMENTS to a folder."""
-    markdown = environment(escaped=False)
-    markdown.filters["md"] = lambda text: text.replace("|", "\\|")
-    found = counts(parts)
-    context = settings(traps) | facts(data)
-    context |= {"parts": parts, "counts": found, "statements": sum(found.values())}
-    for name in DOCUMENTS:
-        text = markdown.get_template(f"{name}.j2").render(context)
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-def facts(data: Data) -> dict[str, Any]:
-    """Return the numbers of docs/numbers.md by name."""
     held, difference = data("PID").e[-1], data.loop(TRANSFER_FUNCTION).e[-1]
-    return {
-        "apart": from_print(data),
-        "fitted": table1.FITTED,
-        "ramp": RAMP,
+    context = settings(traps) | {
+        "parts": parts,
+        "beyond": beyond,
+        "counts": counts(parts),
+        "lines": lines(data),
+        "table1": table1,
+        "stability": stability,
         "ki": GAINS["ki"],
-        "static": RAMP / (RAMP - GAINS["ki"]),
+        # of the page
+        "trap_columns": [*SHOWN, *(f"{name}, disturbed" for name in SHOWN)],
+        "folded": folded,
+        "widths": range(STEP, MOST, STEP),
+        "styles": STYLES,
+        "asset": lambda name: Markup((ASSETS / name).read_text(encoding="utf-8")),
+        "scripts": SCRIPTS,
+        "data": encoded.replace("</", "<\\/"),  # in a script element
+        "resolution": RESOLUTION,
+        # of docs/numbers.md
+        "apart": from_print(data),
         "lost": MEASURES["lost"].of(data, "PID-RBF"),
         "pole": max(poles().real),
         "cancelled": float(np.prod(-np.expm1(poles() * TS)).real),
-        "tolerance": table1.TOLERANCE,
-        "transient": table1.TRANSIENT_TOLERANCE,
-        "zero": table1.ZERO,
         "forms": abs(difference / held - 1),
-        "bound": printed_bound(),
-        "limits": [limit(law) for law in DELAYS.values()],
-        "eta": ETA,
-        "radius": radius(DELAYS["2 samples"]),
     }
+    for folder, name in ((out, "index.html"), *((docs, name) for name in DOCUMENTS)):
+        text = environment.get_template(f"{name}.j2").render(context)
+        (folder / name).write_text(text, encoding="utf-8")
+    return out / "index.html"
 
 
 def from_print(data: Data) -> dict[str, str]:
