@@ -103,7 +103,7 @@ def write(figure: Figure, folder: Path, kinds: Sequence[str] = ("svg", "pdf")) -
         drawn = sheet(figure)
         for path in paths:
             date = "Date" if path.suffix == ".svg" else "CreationDate"
-            drawn.savefig(path, metadata={date: None, "Title": figure.title})
+            drawn.savefig(path, dpi=150, metadata={date: None, "Title": figure.title})
     return paths
 
 
@@ -117,9 +117,11 @@ def start(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[AsyncResu
 # --- the overview -------------------------------------------------------------------------------
 
 
-def overview(results: table1.Results, path: Path) -> None:
-    """Draw angles above absolute errors of the three controllers, one column per signal."""
-    data = Data(results)
+def write_overview(results: table1.Results, folder: Path) -> list[Path]:
+    """Write table1.txt to a folder, and closed-loop.png: angles above absolute errors."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table, data = folder / "table1.txt", Data(results)
+    table.write_text(table1.report(results)[0] + "\n", encoding="utf-8")
     traces = {s: {kind: data(kind, s) for kind in SHOWN} for s in SIGNALS}
     above = {"xlim": (0, END), "ylim": (-1.6, 1.6)}
     below = {"xlim": (0, END), "ylim": (1e-6, 5), "log_y": True}
@@ -127,25 +129,4 @@ def overview(results: table1.Results, path: Path) -> None:
         [Panel(s, ANGLE, outputs(traces[s]), **above) for s in SIGNALS],
         [Panel("", "|e| [rad]", magnitudes(traces[s]), **below) for s in SIGNALS],
     ]
-    with rc_context(RC | {"savefig.dpi": 150, "font.size": 9, "axes.titlesize": 10}):
-        drawn = Sheet(figsize=(10, 4.4), layout="constrained")
-        grid = drawn.subplots(2, 3, sharex="col", sharey="row")
-        for axes, row in zip(grid, rows, strict=True):
-            for one, panel in zip(axes, row, strict=True):
-                draw_panel(one, panel)
-        for one in [*grid[:, 1:].flat]:
-            one.set_ylabel("")
-        for one in grid[0]:
-            one.set_xlabel("")
-        handles = legend(Figure("overview", "", "", rows))
-        drawn.legend(handles=handles, loc="outside upper center", ncols=4)
-        drawn.savefig(path)
-
-
-def write_overview(results: table1.Results, folder: Path) -> list[Path]:
-    """Write table1.txt and closed-loop.png to a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table, picture = folder / "table1.txt", folder / "closed-loop.png"
-    table.write_text(table1.report(results)[0] + "\n", encoding="utf-8")
-    overview(results, picture)
-    return [table, picture]
+    return [table, *write(Figure("closed-loop", "The loops of Table 1", "", rows), folder, ["png"])]
