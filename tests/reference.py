@@ -6,17 +6,13 @@ FMUs, so that results can be compared column by column. SI units, angles in rad.
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
-
-from pendulum_fmus.loop import Loop
-from pendulum_fmus.master import simulate
 
 M, m, l, g, I, b = 1.096, 0.109, 0.25, 9.8, 0.0034, 0.1  # noqa: E741
 """Cart [kg], rod [kg], pivot to centre of mass [m], gravity [m/s²], inertia [kg m²], friction
@@ -252,32 +248,3 @@ def closed_loop(
         for name, value in row.items():
             columns[name].append(value)
     return {name: np.array(values) for name, values in columns.items()}
-
-
-def both(
-    fmus: Path, controller: str, signal: str = "step", disturbance: float = 0.0, **options
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the columns (steps,) of the loop of FMUs and of the independent one."""
-    timing = {"start": TS, "step": TS, "order": "sequential"} | {
-        name: options.pop(name) for name in ("start", "step", "steps", "order") if name in options
-    }
-    expected = closed_loop(controller, signal, disturbance, **options, **timing)
-    with Loop(controller, signal, disturbance, **options).system(fmus) as system:
-        record = [name for name in expected if name != "time"]
-        return simulate(system, record=record, **timing), expected
-
-
-def assert_close(
-    computed: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], tolerance: float = 1e-10
-) -> None:
-    """Compare sample by sample, relative to the maximum value so far, or to 1 if that is larger.
-
-    Relative to the maximum, since in an unstable loop deviations grow as fast as the signals.
-    """
-    for name, column in expected.items():
-        scale = np.maximum(1.0, np.maximum.accumulate(np.abs(column)))
-        deviation = np.abs(computed[name] - column) / scale
-        worst = int(np.argmax(deviation))
-        assert deviation[worst] <= tolerance, (
-            f"{name}, sample {worst}: {computed[name][worst]!r} instead of {column[worst]!r}"
-        )
