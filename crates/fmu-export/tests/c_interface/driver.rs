@@ -386,80 +386,107 @@ pub fn results(event: bool, early: bool, time: f64) -> Results {
 /// What an update of discrete states returns: whether states changed, and the time of the next event.
 pub type Discrete = (bool, Option<f64>);
 
+/// An argument of a function: a number, or memory for so many elements.
+#[derive(Debug, Clone, Copy)]
+pub struct Argument {
+    number: f64,
+    memory: *mut c_void,
+    length: usize,
+}
+
+impl Argument {
+    pub fn number(number: impl Into<f64>) -> Self {
+        Self {
+            number: number.into(),
+            memory: null_mut(),
+            length: 0,
+        }
+    }
+
+    pub fn memory<T>(memory: *const T, length: usize) -> Self {
+        Self {
+            number: 0.0,
+            memory: memory.cast_mut().cast(),
+            length,
+        }
+    }
+}
+
+macro_rules! arguments {
+    ($(<$($t:ident)?> $type:ty, $value:ident => $argument:expr;)*) => {
+        $(impl<$($t)?> From<$type> for Argument {
+            fn from($value: $type) -> Self {
+                $argument
+            }
+        })*
+    };
+}
+
+arguments! {
+    <> f64, number => Self::number(number);
+    <> c_int, number => Self::number(number);
+    <> bool, number => Self::number(u8::from(number));
+    <T> &[T], slice => Self::memory(slice.as_ptr(), slice.len());
+    <T> &mut [T], slice => Self::memory(slice.as_mut_ptr(), slice.len());
+    <T> &mut T, one => Self::memory(one, 1);
+    <T> *mut T, pointer => Self::memory(pointer, 1);
+}
+
+/// What an argument is, in the rows of `fmi-abi`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Place {
+    Length(&'static str),
+    /// With the name of its length; NULL is refused, or left to the operation.
+    Array(&'static str, bool),
+    /// NULL is refused.
+    Result,
+    Other,
+}
+
 /// A function of an instance, from the rows of `fmi-abi`.
 pub struct Function {
     pub operation: &'static str,
-    /// For each argument, why it is refused if it is NULL.
-    pub refusals: &'static [Option<&'static str>],
-    /// Calls it with arrays of `n` elements, where the argument at an index is NULL, and the others are zero or
-    /// point to zeros.
-    pub call: fn(Fmu, n: usize, null: usize) -> Status,
+    arguments: &'static [Place],
+    call: fn(Fmu, &[Argument]) -> c_int,
 }
-
-/// No argument.
-pub const NONE: usize = usize::MAX;
 
 macro_rules! functions {
     (
         Free { $($_0:tt)* }
-        $($_1:ident { $($name:ident($($_2:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
+        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_2:ident)|+;)* })*
     ) => {
         &[$($(Function {
             operation: stringify!($operation),
-            refusals: &[$(refusal!($kind)),*],
-            call: |f, n, null| {
+            arguments: &[$(kind!($arg $kind)),*],
+            call: |f, arguments| {
                 #[allow(unused, reason = "not all functions have arguments")]
-                let (n, null, mut index, mut memory) = (n, null, 0..10, [0_u128; 10]);
-                // SAFETY: the instance lives or is NULL; zero is a value of all types, and each pointer has
-                // memory of its own, enough for two numbers or `fmi2EventInfo`.
-                Status(unsafe { $name(f.c, $(argument!($kind, index.next().unwrap(), null, n, memory)),*).0 })
+                let mut arguments = arguments.iter();
+                // SAFETY: the instance lives or is NULL, and pointers are NULL or have memory of the lengths.
+                unsafe { $name(f.c, $(argument!(arguments.next().unwrap(), $kind)),*).0 }
             },
         },)*)*]
     };
 }
 
-macro_rules! refusal {
-    ([in? $($_0:tt)*]) => {
-        None
-    };
-    ([out? $($_0:tt)*]) => {
-        None
-    };
-    ([in $_0:ty; $_1:ident]) => {
-        Some("an array is NULL though its length is not 0")
-    };
-    ([out $_0:ty; $_1:ident]) => {
-        Some("an array is NULL though its length is not 0")
-    };
-    ([out $_0:ty]) => {
-        Some("a pointer to a result is NULL")
-    };
-    ($_0:tt) => {
-        None
-    };
+#[rustfmt::skip]
+macro_rules! kind {
+    ($name:ident [len]) => { Place::Length(stringify!($name)) };
+    ($name:ident [in? $type:ty; $n:ident]) => { Place::Array(stringify!($n), false) };
+    ($name:ident [out? $type:ty; $n:ident]) => { Place::Array(stringify!($n), false) };
+    ($name:ident [in $type:ty; $n:ident]) => { Place::Array(stringify!($n), true) };
+    ($name:ident [out $type:ty; $n:ident]) => { Place::Array(stringify!($n), true) };
+    ($name:ident [out? $type:ty]) => { Place::Other };
+    ($name:ident [out $type:ty]) => { Place::Result };
+    ($name:ident $type:ty) => { Place::Other };
 }
 
+#[rustfmt::skip]
 macro_rules! argument {
-    ([len], $index:expr, $null:ident, $n:ident, $memory:ident) => {{
-        $index;
-        $n
-    }};
-    ([in $($_0:tt)*], $index:expr, $null:ident, $n:ident, $memory:ident) => {
-        match $index {
-            index if index == $null => null(),
-            index => (&raw const $memory[index]).cast(),
-        }
-    };
-    ([out $($_0:tt)*], $index:expr, $null:ident, $n:ident, $memory:ident) => {
-        match $index {
-            index if index == $null => null_mut(),
-            index => (&raw mut $memory[index]).cast(),
-        }
-    };
-    ($_0:ty, $index:expr, $null:ident, $n:ident, $memory:ident) => {{
-        $index;
-        std::mem::zeroed()
-    }};
+    ($argument:expr, [len]) => { $argument.length };
+    ($argument:expr, [$($_0:tt)*]) => { $argument.memory.cast() };
+    ($argument:expr, fmi2FMUstate) => { $argument.memory };
+    ($argument:expr, fmi3FMUState) => { $argument.memory };
+    ($argument:expr, $type:ty) => { $argument.number as $type };
 }
 
 /// The functions of a version that have an instance.
@@ -470,158 +497,133 @@ pub fn functions(version: Version) -> &'static [Function] {
     }
 }
 
-/// Defines methods that pass their arguments to the function of FMI 2.0, of FMI 3.0, or of the version.
-macro_rules! calls {
-    ($($method:ident $arguments:tt = $($two:ident $of_2:tt)? / $($three:ident $of_3:tt)?;)*) => {
-        impl Fmu {
-            $(calls!(@ $method $arguments [$($two $of_2)?] [$($three $of_3)?]);)*
-        }
-    };
-    (@ $method:ident($($argument:ident: $type:ty),*) [$($two:ident($($a:expr),*))?] [$($three:ident($($b:expr),*))?]) => {
-        pub fn $method(self, $($argument: $type),*) -> Status {
-            // SAFETY: the instance lives or is NULL, and pointers and lengths are from slices.
-            unsafe {
-                match self.kind.0 {
-                    $(Fmi2 => Status($two(self.c, $($a),*).0),)?
-                    $(Fmi3 => Status($three(self.c, $($b),*).0),)?
-                    #[allow(unreachable_patterns, reason = "unless one version lacks it")]
-                    version => panic!("{version:?} has no {}", stringify!($method)),
-                }
+impl Function {
+    /// Calls it with these arguments, and the lengths of the arrays among them.
+    fn call(&self, f: Fmu, given: impl IntoIterator<Item = Argument>) -> Status {
+        let (mut given, mut all) = (given.into_iter(), [Argument::number(0); 10]);
+        for (argument, kind) in all.iter_mut().zip(self.arguments) {
+            if !matches!(kind, Place::Length(_)) {
+                *argument = given.next().expect(self.operation);
             }
         }
-    };
+        assert!(given.next().is_none(), "{}", self.operation);
+        for (k, kind) in self.arguments.iter().enumerate() {
+            if let Place::Length(name) = kind {
+                let arrays = all.iter().zip(self.arguments);
+                let mut lengths =
+                    arrays.filter(|(_, kind)| matches!(kind, Place::Array(n, _) if n == name));
+                let length = lengths.next().unwrap().0.length;
+                assert!(
+                    lengths.all(|(array, _)| array.length == length),
+                    "{}",
+                    self.operation
+                );
+                all[k].length = length;
+            }
+        }
+        Status((self.call)(f, &all))
+    }
+
+    /// Calls it with zero, and with arrays of `n` zeros; the argument `null` is NULL.
+    pub fn call_with_zeros(&self, f: Fmu, n: usize, null: Option<usize>) -> Status {
+        // Enough for two numbers, or `fmi2EventInfo`.
+        let mut memory = [[0_u64; 4]; 10];
+        let arguments = self.arguments.iter().zip(&mut memory).enumerate();
+        let arguments = arguments.filter(|(_, (kind, _))| !matches!(kind, Place::Length(_)));
+        let arguments = arguments.map(|(k, (kind, memory))| match kind {
+            _ if null == Some(k) => Argument::memory(null_mut::<c_void>(), n),
+            Place::Other if self.operation.ends_with("set_fmu_state") => Argument::number(0),
+            _ => Argument::memory(memory, n),
+        });
+        self.call(f, arguments)
+    }
+
+    /// Why it refuses that an argument is NULL.
+    pub fn refusals(&self) -> impl Iterator<Item = (usize, &'static str)> {
+        let reason = |kind: &Place| match kind {
+            Place::Array(_, true) => Some("an array is NULL though its length is not 0"),
+            Place::Result => Some("a pointer to a result is NULL"),
+            _ => None,
+        };
+        let arguments = self.arguments.iter().enumerate();
+        arguments.filter_map(move |(k, kind)| Some((k, reason(kind)?)))
+    }
 }
 
-calls! {
-    exit_initialization_mode() = fmi2ExitInitializationMode() / fmi3ExitInitializationMode();
-    enter_event_mode() = fmi2EnterEventMode() / fmi3EnterEventMode();
-    enter_continuous_time_mode() = fmi2EnterContinuousTimeMode() / fmi3EnterContinuousTimeMode();
-    enter_step_mode() = / fmi3EnterStepMode();
-    enter_configuration_mode() = / fmi3EnterConfigurationMode();
-    exit_configuration_mode() = / fmi3ExitConfigurationMode();
-    terminate() = fmi2Terminate() / fmi3Terminate();
-    reset() = fmi2Reset() / fmi3Reset();
-    get_state(state: *mut *mut c_void) = fmi2GetFMUstate(state) / fmi3GetFMUState(state);
-    set_state(state: *mut c_void) = fmi2SetFMUstate(state) / fmi3SetFMUState(state);
-    free_state(state: *mut *mut c_void) = fmi2FreeFMUstate(state) / fmi3FreeFMUState(state);
-    serialized_size(state: *mut c_void, size: *mut usize)
-        = fmi2SerializedFMUstateSize(state, size) / fmi3SerializedFMUStateSize(state, size);
-    serialize_to(state: *mut c_void, bytes: *mut u8, n: usize)
-        = fmi2SerializeFMUstate(state, bytes.cast(), n) / fmi3SerializeFMUState(state, bytes, n);
-    deserialize_from(bytes: *const u8, n: usize, state: *mut *mut c_void)
-        = fmi2DeSerializeFMUstate(bytes.cast(), n, state) / fmi3DeserializeFMUState(bytes, n, state);
-    set_time(time: f64) = fmi2SetTime(time) / fmi3SetTime(time);
-    count_states(count: &mut usize) = / fmi3GetNumberOfContinuousStates(count);
-    count_indicators(count: &mut usize) = / fmi3GetNumberOfEventIndicators(count);
-    directional(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64])
-        = fmi2GetDirectionalDerivative(
-            unknowns.as_ptr(), same(unknowns, to), knowns.as_ptr(), same(knowns, seed),
-            seed.as_ptr(), to.as_mut_ptr())
-        / fmi3GetDirectionalDerivative(
-            unknowns.as_ptr(), unknowns.len(), knowns.as_ptr(), knowns.len(),
-            seed.as_ptr(), seed.len(), to.as_mut_ptr(), to.len());
-    adjoint(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64])
-        = / fmi3GetAdjointDerivative(
-            unknowns.as_ptr(), unknowns.len(), knowns.as_ptr(), knowns.len(),
-            seed.as_ptr(), seed.len(), to.as_mut_ptr(), to.len());
-    set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64])
-        = fmi2SetRealInputDerivatives(
-            references.as_ptr(), same(references, orders), orders.as_ptr(), values.as_ptr()) /;
-    get_output_derivatives(references: &[u32], orders: &[i32], to: &mut [f64])
-        = fmi2GetRealOutputDerivatives(
-            references.as_ptr(), same(references, orders).min(same(references, to)),
-            orders.as_ptr(), to.as_mut_ptr())
-        / fmi3GetOutputDerivatives(
-            references.as_ptr(), same(references, orders), orders.as_ptr(), to.as_mut_ptr(), to.len());
-    switch(on: bool, n: usize, names: *const *const c_char)
-        = fmi2SetDebugLogging(on.into(), n, names) / fmi3SetDebugLogging(on.into(), n, names);
-    setup(start: f64, stop: Option<f64>)
-        = fmi2SetupExperiment(0, f64::NAN, start, stop.is_some().into(), stop.unwrap_or(f64::NAN)) /;
-    real_status(kind: c_int, value: &mut f64) = fmi2GetRealStatus(kind, value) /;
-    boolean_status(kind: c_int, value: &mut i32) = fmi2GetBooleanStatus(kind, value) /;
-    get_binaries(references: &[u32], sizes: &mut [usize], to: &mut [*const u8])
-        = / fmi3GetBinary(
-            references.as_ptr(), references.len(), sizes.as_mut_ptr(), to.as_mut_ptr(), to.len());
-    set_binaries(references: &[u32], sizes: &[usize], values: &[*const u8])
-        = / fmi3SetBinary(
-            references.as_ptr(), references.len(), sizes.as_ptr(), values.as_ptr(), values.len());
-}
-
-/// The common length of two arrays.
-fn same<T, U>(one: &[T], other: &[U]) -> usize {
-    assert_eq!(one.len(), other.len());
-    one.len()
-}
-
-/// Functions that get and set values of a type.
-macro_rules! values {
-    ($($get:ident($($get_2:ident)? / $get_3:ident) $set:ident($($set_2:ident)? / $set_3:ident): $type:ty;)*) => {
-        calls! {
-            $(
-                $get(of: &[u32], to: &mut [$type])
-                    = $($get_2(of.as_ptr(), same(of, to), to.as_mut_ptr()))?
-                    / $get_3(of.as_ptr(), of.len(), to.as_mut_ptr(), to.len());
-                $set(of: &[u32], values: &[$type])
-                    = $($set_2(of.as_ptr(), same(of, values), values.as_ptr()))?
-                    / $set_3(of.as_ptr(), of.len(), values.as_ptr(), values.len());
-            )*
+/// Defines methods that call the function of an operation.
+macro_rules! methods {
+    ($($method:ident($($argument:ident: $type:ty),*) = $operation:ident;)*) => {
+        impl Fmu {
+            $(pub fn $method(self, $($argument: $type),*) -> Status {
+                self.call(stringify!($operation), [$($argument.into()),*])
+            })*
         }
     };
 }
 
-values! {
-    get_f64(fmi2GetReal / fmi3GetFloat64) set_f64(fmi2SetReal / fmi3SetFloat64): f64;
-    get_i32(fmi2GetInteger / fmi3GetInt32) set_i32(fmi2SetInteger / fmi3SetInt32): i32;
-    get_strings(fmi2GetString / fmi3GetString) set_strings(fmi2SetString / fmi3SetString): *const c_char;
+methods! {
+    switch(on: bool, categories: &[*const c_char]) = set_debug_logging;
+    setup(has_tolerance: bool, tolerance: f64, start: f64, stops: bool, stop: f64) = setup_experiment;
+    exit_initialization_mode() = exit_initialization_mode;
+    enter_event_mode() = enter_event_mode;
+    enter_continuous_time_mode() = enter_continuous_time_mode;
+    enter_step_mode() = enter_step_mode;
+    enter_configuration_mode() = enter_configuration_mode;
+    exit_configuration_mode() = exit_configuration_mode;
+    terminate() = terminate;
+    reset() = reset;
+    get_f64(references: &[u32], values: &mut [f64]) = get_float64;
+    set_f64(references: &[u32], values: &[f64]) = set_float64;
+    get_f32(references: &[u32], values: &mut [f32]) = get_float32;
+    get_i32(references: &[u32], values: &mut [i32]) = get_int32;
+    set_i32(references: &[u32], values: &[i32]) = set_int32;
+    get_i64(references: &[u32], values: &mut [i64]) = get_int64;
+    set_i64(references: &[u32], values: &[i64]) = set_int64;
+    get_u64(references: &[u32], values: &mut [u64]) = get_uint64;
+    set_u64(references: &[u32], values: &[u64]) = set_uint64;
+    get_strings(references: &[u32], values: &mut [*const c_char]) = get_string;
+    set_strings(references: &[u32], values: &[*const c_char]) = set_string;
+    get_binaries(references: &[u32], sizes: &mut [usize], values: &mut [*const u8]) = get_binary;
+    set_binaries(references: &[u32], sizes: &[usize], values: &[*const u8]) = set_binary;
+    get_state(state: *mut *mut c_void) = get_fmu_state;
+    set_state(state: *mut c_void) = set_fmu_state;
+    free_state(state: *mut *mut c_void) = free_fmu_state;
+    serialized_size(state: *mut c_void, size: *mut usize) = serialized_fmu_state_size;
+    serialize_into(state: *mut c_void, bytes: &mut [u8]) = serialize_fmu_state;
+    deserialize(bytes: &[u8], state: *mut *mut c_void) = deserialize_fmu_state;
+    directional(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64]) = get_directional_derivative;
+    adjoint(unknowns: &[u32], knowns: &[u32], seed: &[f64], to: &mut [f64]) = get_adjoint_derivative;
+    set_time(time: f64) = set_time;
+    set_states(states: &[f64]) = set_continuous_states;
+    get_states(to: &mut [f64]) = get_continuous_states;
+    get_derivatives(to: &mut [f64]) = get_continuous_state_derivatives;
+    get_nominals(to: &mut [f64]) = get_nominals_of_continuous_states;
+    get_indicators(to: &mut [f64]) = get_event_indicators;
+    count_states(count: &mut usize) = get_number_of_continuous_states;
+    count_indicators(count: &mut usize) = get_number_of_event_indicators;
+    set_input_derivatives(references: &[u32], orders: &[i32], values: &[f64]) = set_input_derivatives;
+    get_output_derivatives(references: &[u32], orders: &[i32], to: &mut [f64]) = get_output_derivatives;
+    real_status(kind: c_int, value: *mut f64) = get_real_status;
+    boolean_status(kind: c_int, value: *mut i32) = get_boolean_status;
 }
 
-/// Functions of model exchange that get numbers.
-macro_rules! vectors {
-    ($($get:ident($get_2:ident / $get_3:ident);)*) => {
-        calls! {
-            $($get(to: &mut [f64])
-                = $get_2(to.as_mut_ptr(), to.len()) / $get_3(to.as_mut_ptr(), to.len());)*
-            set_states(states: &[f64])
-                = fmi2SetContinuousStates(states.as_ptr(), states.len())
-                / fmi3SetContinuousStates(states.as_ptr(), states.len());
-        }
-    };
-}
-
-vectors! {
-    get_states(fmi2GetContinuousStates / fmi3GetContinuousStates);
-    get_derivatives(fmi2GetDerivatives / fmi3GetContinuousStateDerivatives);
-    get_nominals(fmi2GetNominalsOfContinuousStates / fmi3GetNominalsOfContinuousStates);
-    get_indicators(fmi2GetEventIndicators / fmi3GetEventIndicators);
-}
-
-/// The numbers of FMI 3.0.
+/// Defines access to numbers of all types.
 macro_rules! numbers {
-    ($($get:ident($get_function:ident) $set:ident($set_function:ident): $type:ty as $name:ident;)*) => {
-        values! { $($get(/ $get_function) $set(/ $set_function): $type;)* }
-
+    ($($name:ident $type:ident)*) => {
         impl Fmu {
-            fn set_3(self, of: Type, references: &[u32], values: &[f64]) -> Status {
-                match of {
-                    $(Type::$name => {
-                        let values: Vec<_> = values.iter().map(|value| *value as $type).collect();
-                        self.$set(references, &values)
-                    })*
-                    _ => panic!("{of:?} is no other number"),
+            fn set_numbers(self, of: Type, references: &[u32], values: &[f64]) -> Status {
+                match (of, self.kind.0) {
+                    $((Type::$name, _) => self.set_as(of, references, values, |value| value as $type),)*
+                    (_, Fmi2) => self.set_as(of, references, values, |value| value as c_int),
+                    (_, Fmi3) => self.set_as(of, references, values, |value| value as u8),
                 }
             }
 
-            fn get_3(self, of: Type, references: &[u32], to: &mut [f64]) -> Status {
-                match of {
-                    $(Type::$name => {
-                        let mut values: Vec<_> = to.iter().map(|value| *value as $type).collect();
-                        let status = self.$get(references, &mut values);
-                        for (to, value) in to.iter_mut().zip(values) {
-                            *to = value as f64;
-                        }
-                        status
-                    })*
-                    _ => panic!("{of:?} is no other number"),
+            fn get_numbers(self, of: Type, references: &[u32], n: usize) -> (Status, Vec<f64>) {
+                match (of, self.kind.0) {
+                    $((Type::$name, _) => self.get_as(of, references, vec![77 as $type; n], |value| value as f64),)*
+                    (_, Fmi2) => self.get_as(of, references, vec![77 as c_int; n], f64::from),
+                    (_, Fmi3) => self.get_as(of, references, vec![77_u8; n], f64::from),
                 }
             }
         }
@@ -629,18 +631,35 @@ macro_rules! numbers {
 }
 
 numbers! {
-    get_f32(fmi3GetFloat32) set_f32(fmi3SetFloat32): f32 as Float32;
-    get_i8(fmi3GetInt8) set_i8(fmi3SetInt8): i8 as Int8;
-    get_u8(fmi3GetUInt8) set_u8(fmi3SetUInt8): u8 as UInt8;
-    get_i16(fmi3GetInt16) set_i16(fmi3SetInt16): i16 as Int16;
-    get_u16(fmi3GetUInt16) set_u16(fmi3SetUInt16): u16 as UInt16;
-    get_u32(fmi3GetUInt32) set_u32(fmi3SetUInt32): u32 as UInt32;
-    get_i64(fmi3GetInt64) set_i64(fmi3SetInt64): i64 as Int64;
-    get_u64(fmi3GetUInt64) set_u64(fmi3SetUInt64): u64 as UInt64;
-    get_booleans(fmi3GetBoolean) set_booleans(fmi3SetBoolean): fmi3Boolean as Boolean;
+    Float32 f32 Float64 f64 Int8 i8 UInt8 u8 Int16 i16 UInt16 u16 Int32 i32 UInt32 u32 Int64 i64 UInt64 u64
 }
 
 impl Fmu {
+    /// Calls the function of an operation.
+    pub fn call<const N: usize>(self, operation: &str, arguments: [Argument; N]) -> Status {
+        let mut all = functions(self.kind.0).iter();
+        let function = all.find(|function| function.operation == operation);
+        function.expect(operation).call(self, arguments)
+    }
+
+    fn set_as<T>(self, of: Type, references: &[u32], values: &[f64], to: fn(f64) -> T) -> Status {
+        let values: Vec<T> = values.iter().map(|value| to(*value)).collect();
+        let operation = format!("set_{}", of.as_str().to_lowercase());
+        self.call(&operation, [references.into(), (&*values).into()])
+    }
+
+    fn get_as<T>(
+        self,
+        of: Type,
+        references: &[u32],
+        mut values: Vec<T>,
+        from: fn(T) -> f64,
+    ) -> (Status, Vec<f64>) {
+        let operation = format!("get_{}", of.as_str().to_lowercase());
+        let status = self.call(&operation, [references.into(), (&mut *values).into()]);
+        (status, values.into_iter().map(from).collect())
+    }
+
     /// Whether the version accesses a type as another.
     pub fn accessed_as(self, of: Type) -> Type {
         match (self.kind.0, of) {
@@ -654,63 +673,41 @@ impl Fmu {
 
     /// Sets variables of a type to numbers; Strings to their texts, Binaries to as many bytes.
     pub fn set_all(self, of: Type, references: &[u32], values: &[f64]) -> Status {
-        let integers: Vec<i32> = values.iter().map(|&value| value as i32).collect();
-        match (self.kind.0, self.accessed_as(of)) {
-            (_, Type::Float64) => self.set_f64(references, values),
-            (_, Type::Int32) => self.set_i32(references, &integers),
-            (_, Type::String) => {
+        match self.accessed_as(of) {
+            Type::String => {
                 let texts = values.iter().map(|v| CString::new(v.to_string()).unwrap());
                 let texts: Vec<_> = texts.collect();
                 let texts: Vec<_> = texts.iter().map(|text| text.as_ptr()).collect();
                 self.set_strings(references, &texts)
             }
-            (Fmi3, Type::Binary) => {
+            Type::Binary => {
                 let sizes: Vec<_> = values.iter().map(|&value| value as usize).collect();
                 self.set_binaries(references, &sizes, &vec![[0; 256].as_ptr(); values.len()])
             }
-            // SAFETY: the instance lives or is NULL.
-            (Fmi2, Type::Boolean) => Status(unsafe {
-                let n = same(references, values);
-                fmi2SetBoolean(self.c, references.as_ptr(), n, integers.as_ptr()).0
-            }),
-            (_, other) => self.set_3(other, references, values),
+            other => self.set_numbers(other, references, values),
         }
     }
 
     /// Gets variables of a type as numbers, see [`set_all`](Self::set_all); what is not returned is 77.
     pub fn get_all(self, of: Type, references: &[u32], n: usize) -> (Status, Vec<f64>) {
-        let (mut found, mut integers) = (vec![77.0; n], vec![77; n]);
-        let status = match (self.kind.0, self.accessed_as(of)) {
-            (_, Type::Float64) => self.get_f64(references, &mut found),
-            (_, Type::Int32) => {
-                let status = self.get_i32(references, &mut integers);
-                found = integers.into_iter().map(f64::from).collect();
-                status
-            }
-            (_, Type::String) => {
+        match self.accessed_as(of) {
+            Type::String => {
                 let mut texts = vec![c"77".as_ptr(); n];
                 let status = self.get_strings(references, &mut texts);
                 // SAFETY: strings of the FMU, valid until its next call, or the literal.
                 let texts = texts.iter().map(|&text| unsafe { CStr::from_ptr(text) });
-                found = texts.map(|text| number(text.to_str().unwrap())).collect();
-                status
+                (
+                    status,
+                    texts.map(|text| number(text.to_str().unwrap())).collect(),
+                )
             }
-            (Fmi3, Type::Binary) => {
+            Type::Binary => {
                 let mut sizes = vec![77; n];
                 let status = self.get_binaries(references, &mut sizes, &mut vec![null(); n]);
-                found = sizes.into_iter().map(|size| size as f64).collect();
-                status
+                (status, sizes.into_iter().map(|size| size as f64).collect())
             }
-            // SAFETY: the instance lives or is NULL.
-            (Fmi2, Type::Boolean) => unsafe {
-                let (from, to) = (references.as_ptr(), integers.as_mut_ptr());
-                let status = fmi2GetBoolean(self.c, from, references.len(), to);
-                found = integers.into_iter().map(f64::from).collect();
-                Status(status.0)
-            },
-            (_, other) => self.get_3(other, references, &mut found),
-        };
-        (status, found)
+            other => self.get_numbers(other, references, n),
+        }
     }
 
     /// The values of scalars of a type.
@@ -782,24 +779,16 @@ impl Fmu {
 
     /// Sets the experiment and enters initialization mode; in FMI 2.0 by two functions.
     pub fn enter(self, start: f64, stop: Option<f64>, tolerance: Option<f64>) -> Status {
-        let [ends, tolerated] = [stop, tolerance].map(|value| value.is_some());
-        let [stop, tolerance] = [stop, tolerance].map(|value| value.unwrap_or(f64::NAN));
-        // SAFETY: the instance lives or is NULL.
-        #[rustfmt::skip]
-        let status = unsafe {
-            match self.kind.0 {
-                Fmi2 => match fmi2SetupExperiment(
-                    self.c, tolerated.into(), tolerance, start, ends.into(), stop,
-                ) {
-                    fmi2Status(0) => fmi2EnterInitializationMode(self.c).0,
-                    failed => failed.0,
-                },
-                Fmi3 => fmi3EnterInitializationMode(
-                    self.c, tolerated.into(), tolerance, start, ends.into(), stop,
-                ).0,
-            }
-        };
-        Status(status)
+        let [ends, tolerated] = [stop, tolerance].map(|value| value.is_some().into());
+        let [stop, tolerance] = [stop, tolerance].map(|value| value.unwrap_or(f64::NAN).into());
+        let experiment = [tolerated, tolerance, start.into(), ends, stop];
+        match self.kind.0 {
+            Fmi2 => match self.call("setup_experiment", experiment) {
+                OK => self.call("enter_initialization_mode", []),
+                failed => failed,
+            },
+            Fmi3 => self.call("enter_initialization_mode", experiment),
+        }
     }
 
     /// Goes to the end of the initialization.
@@ -820,30 +809,37 @@ impl Fmu {
 
     pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {
         let names: Vec<_> = categories.iter().map(|name| name.as_ptr()).collect();
-        self.switch(on, names.len(), names.as_ptr())
+        self.switch(on, &names)
     }
 
     /// Takes a step; in FMI 2.0, a failed step ends where it started.
     pub fn step_to(self, time: f64, step: f64) -> (Status, Results) {
-        let (mut event, mut terminate, mut early, mut last) = (7, 7, 7, f64::NAN);
-        // SAFETY: the instance lives or is NULL.
-        let status = Status(unsafe {
-            match self.kind.0 {
-                Fmi2 => fmi2DoStep(self.c, time, step, 1).0,
-                Fmi3 => {
-                    let (event, terminate, early) = (&mut event, &mut terminate, &mut early);
-                    fmi3DoStep(self.c, time, step, 1, event, terminate, early, &mut last).0
-                }
-            }
-        });
-        match self.kind.0 {
-            Fmi2 if status == OK => (status, results(false, false, time + step)),
-            Fmi2 => (status, results(false, false, time)),
-            Fmi3 => {
-                assert!(event <= 1 && early <= 1 && terminate == 0);
-                (status, results(event == 1, early == 1, last))
-            }
+        let ([mut event, mut terminate, mut early], mut last) = ([7_u8; 3], f64::NAN);
+        let begin: [Argument; 3] = [time.into(), step.into(), true.into()];
+        if self.kind.0 == Fmi2 {
+            let status = self.call("do_step", begin);
+            let end = if status == OK { time + step } else { time };
+            return (status, results(false, false, end));
         }
+        let [time, step, flag] = begin;
+        let ends = [
+            (&mut event).into(),
+            (&mut terminate).into(),
+            (&mut early).into(),
+        ];
+        let [of_event, of_end, of_early] = ends;
+        let all = [
+            time,
+            step,
+            flag,
+            of_event,
+            of_end,
+            of_early,
+            (&mut last).into(),
+        ];
+        let status = self.call("do_step", all);
+        assert!(event <= 1 && early <= 1 && terminate == 0);
+        (status, results(event == 1, early == 1, last))
     }
 
     pub fn step(self, time: f64, step: f64) -> Status {
@@ -859,49 +855,47 @@ impl Fmu {
     }
 
     pub fn completed_step(self, flags: &mut [i32; 2]) -> Status {
-        let [event, terminate] = flags;
-        let mut small = [7; 2];
-        let [small_event, small_terminate] = &mut small;
-        // SAFETY: the instance lives or is NULL.
-        Status(unsafe {
-            match self.kind.0 {
-                Fmi2 => fmi2CompletedIntegratorStep(self.c, 1, event, terminate).0,
-                Fmi3 => {
-                    let done = fmi3CompletedIntegratorStep(self.c, 1, small_event, small_terminate);
-                    *flags = small.map(i32::from);
-                    done.0
-                }
-            }
-        })
+        let (mut small, operation) = ([7_u8; 2], "completed_integrator_step");
+        let ([event, end], [small_event, small_end]) = (&mut *flags, &mut small);
+        if self.kind.0 == Fmi2 {
+            return self.call(operation, [true.into(), event.into(), end.into()]);
+        }
+        let arguments = [true.into(), small_event.into(), small_end.into()];
+        let status = self.call(operation, arguments);
+        *flags = small.map(i32::from);
+        status
     }
 
     /// Handles an event. After a failure, nothing is written.
     pub fn try_update(self, result: &mut Discrete) -> Status {
-        let (mut flags, mut next) = ([7; 5], f64::NAN);
-        let [needed, terminate, nominals, values, defined] = &mut flags;
-        // SAFETY: the instance lives or is NULL.
-        #[rustfmt::skip]
-        let status = Status(unsafe {
-            match self.kind.0 {
-                Fmi2 => {
-                    let mut info = fmi2EventInfo {
-                        newDiscreteStatesNeeded: 7, terminateSimulation: 7, nominalsOfContinuousStatesChanged: 7,
-                        valuesOfContinuousStatesChanged: 7, nextEventTimeDefined: 7, nextEventTime: next,
-                    };
-                    let status = fmi2NewDiscreteStates(self.c, &mut info);
-                    *needed = info.newDiscreteStatesNeeded as u8;
-                    *terminate = info.terminateSimulation as u8;
-                    *nominals = info.nominalsOfContinuousStatesChanged as u8;
-                    *values = info.valuesOfContinuousStatesChanged as u8;
-                    *defined = info.nextEventTimeDefined as u8;
-                    next = info.nextEventTime;
-                    status.0
-                }
-                Fmi3 => fmi3UpdateDiscreteStates(
-                    self.c, needed, terminate, nominals, values, defined, &mut next,
-                ).0,
+        let (mut flags, mut next, operation) = ([7_u8; 5], f64::NAN, "update_discrete_states");
+        let status = match self.kind.0 {
+            Fmi2 => {
+                let mut info = fmi2EventInfo {
+                    newDiscreteStatesNeeded: 7,
+                    terminateSimulation: 7,
+                    nominalsOfContinuousStatesChanged: 7,
+                    valuesOfContinuousStatesChanged: 7,
+                    nextEventTimeDefined: 7,
+                    nextEventTime: next,
+                };
+                let status = self.call(operation, [(&mut info).into()]);
+                flags = [
+                    info.newDiscreteStatesNeeded,
+                    info.terminateSimulation,
+                    info.nominalsOfContinuousStatesChanged,
+                    info.valuesOfContinuousStatesChanged,
+                    info.nextEventTimeDefined,
+                ]
+                .map(|flag| flag as u8);
+                next = info.nextEventTime;
+                status
             }
-        });
+            Fmi3 => {
+                let [a, b, c, d, e] = flags.each_mut().map(Argument::from);
+                self.call(operation, [a, b, c, d, e, (&mut next).into()])
+            }
+        };
         if status == OK {
             assert_eq!(flags[..3], [0; 3]);
             assert!(flags[3] <= 1 && flags[4] <= 1);
@@ -924,14 +918,6 @@ impl Fmu {
         let mut state = null_mut();
         self.get_state(&mut state);
         state
-    }
-
-    pub fn serialize_into(self, state: *mut c_void, bytes: &mut [u8]) -> Status {
-        self.serialize_to(state, bytes.as_mut_ptr(), bytes.len())
-    }
-
-    pub fn deserialize(self, bytes: &[u8], state: *mut *mut c_void) -> Status {
-        self.deserialize_from(bytes.as_ptr(), bytes.len(), state)
     }
 
     #[track_caller]

@@ -1,6 +1,7 @@
 //! FMU states (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.10): contents, ownership, serialization, and
 //! damaged or forged bytes.
 
+use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 
 use fmu_description::Type;
@@ -83,33 +84,22 @@ fn restored_states_continue_bit_for_bit_in_any_instance() {
 }
 
 #[test]
-fn states_are_independent_copies_that_can_be_overwritten() {
+fn states_can_be_overwritten_and_freed() {
     for version in [Fmi2, Fmi3] {
         let it = moving(version);
-        let saved = |k| {
-            drive(*it, k, 1);
-            (it.save(), it.snapshot())
-        };
-        let mut states: Vec<_> = (5..10).map(saved).collect();
-        for k in [3, 0, 3, 4, 2, 1] {
-            let (state, expected) = &states[k];
-            assert_eq!(it.set_state(*state), OK);
-            assert_eq!(&it.snapshot(), expected);
-        }
-        let (state, fresh) = (&mut states[0].0, Instance::of(it.kind, EVERY).snapshot());
+        let fresh = Instance::of(it.kind, EVERY).snapshot();
+        let state = &mut it.save();
         let address = *state;
-        drive(*it, 7, 1);
+        drive(*it, 5, 1);
         assert_eq!(it.get_state(state), OK);
         assert_eq!((*state, it.serialize(*state)), (address, it.snapshot()));
         assert_eq!(it.deserialize(&fresh[1..], state), ERROR);
         assert_eq!((*state, it.serialize(*state)), (address, it.snapshot()));
         assert_eq!(it.deserialize(&fresh, state), OK);
         assert_eq!((*state, it.serialize(*state)), (address, fresh));
-        for (state, _) in &mut states {
-            assert_eq!(it.free_state(state), OK);
-            assert!(state.is_null());
-            assert_eq!(it.free_state(state), OK, "it is NULL now");
-        }
+        ok([it.free_state(state)]);
+        assert!(state.is_null());
+        ok([it.free_state(state)]);
     }
 }
 
@@ -145,7 +135,7 @@ fn a_state_of_another_model_or_mode_is_refused() {
 fn buffers_and_pointers_are_checked() {
     for version in [Fmi2, Fmi3] {
         let it = moving(version);
-        let (mut state, mut none) = (it.save(), null_mut());
+        let (mut state, mut none) = (it.save(), null_mut::<c_void>());
         let bytes = it.serialize(state);
         let size = bytes.len();
         for room in [0, 1, 10, size / 2, size - 1] {
@@ -168,10 +158,17 @@ fn buffers_and_pointers_are_checked() {
         it.refuses(words, |f| f.serialized_size(state, null_mut()));
         it.refuses(words, |f| f.deserialize(&bytes, null_mut()));
         let words = "the buffer is NULL";
-        it.refuses(words, |f| f.serialize_to(state, null_mut(), size));
+        let (nothing, state_of) = (Argument::memory(null::<u8>(), size), Argument::from(state));
+        it.refuses(words, |f| {
+            f.call("serialize_fmu_state", [state_of, nothing])
+        });
         let words = "the bytes are NULL";
-        it.refuses(words, |f| f.deserialize_from(null(), size, &mut none));
-        it.refuses("damaged", |f| f.deserialize_from(null(), 0, &mut none));
+        let to = Argument::from(&mut none);
+        it.refuses(words, |f| f.call("deserialize_fmu_state", [nothing, to]));
+        let nothing = Argument::memory(null::<u8>(), 0);
+        it.refuses("damaged", |f| {
+            f.call("deserialize_fmu_state", [nothing, to])
+        });
         assert_eq!((none.is_null(), it.free_state(null_mut())), (true, OK));
         let mut memory = [0u128; 64];
         for offset in [0, 1] {
@@ -286,15 +283,6 @@ fn uses(f: Fmu, model: usize) {
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
-
-    #[test]
-    fn noise_is_refused(noise in prop::collection::vec(any::<u8>(), 0..1000), keep in 0..70usize) {
-        let it = moving(Fmi3);
-        let bytes = it.snapshot();
-        assert_refused(&it, &noise);
-        assert_refused(&it, &sealed(&noise));
-        assert_refused(&it, &[&bytes[..keep], &noise].concat());
-    }
 
     /// A forged state with a valid checksum may be accepted, but using it must not crash or hang.
     #[test]

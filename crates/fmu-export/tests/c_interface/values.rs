@@ -323,10 +323,9 @@ fn numbers_of_each_type_keep_their_extreme_values() {
     let it = in_phase(Fmi3, 2);
     macro_rules! keeps {
         ($($get:ident $set:ident($reference:expr): $type:ty;)*) => {
-            $(for value in [<$type>::MIN, <$type>::MAX, 7 as $type] {
-                assert_eq!(it.$set(&[$reference], &[value]), OK);
-                let mut read = [1 as $type];
-                assert_eq!(it.$get(&[$reference], &mut read), OK);
+            $(for value in [<$type>::MIN, <$type>::MAX] {
+                let mut read = [7 as $type];
+                ok([it.$set(&[$reference], &[value]), it.$get(&[$reference], &mut read)]);
                 assert_eq!(read, [value]);
             })*
         };
@@ -467,23 +466,6 @@ fn sizes_of_arrays_are_set_in_configuration_mode() {
         // An FMU state includes the sizes, and the mode.
         it.resume(&saved);
         assert_eq!(sizes(3, 1)(*it), OK);
-    }
-}
-
-#[test]
-fn a_parameter_takes_effect_in_the_next_step_and_large_outputs_are_accepted() {
-    for kind in PLAIN {
-        let it = Instance::running(kind, EVERY);
-        assert_eq!(it.set_f64(&[U, LIMIT], &[100.0, 50.0]), OK);
-        it.steps(0.0, 1.0);
-        assert_eq!(it.set(LIMIT, 30.0), OK);
-        assert_eq!(it.get([Y]), [50.0]);
-        it.steps(1.0, 1.0);
-        assert_eq!(it.get([Y]), [30.0]);
-        // Though their sum overflows.
-        assert_eq!(it.set_f64(&[LIMIT, U], &[1.5e308, 1.5e308]), OK);
-        it.steps(2.0, 1.0);
-        assert_eq!(it.get([Y]), [1.5e308]);
     }
 }
 
