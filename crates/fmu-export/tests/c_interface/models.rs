@@ -318,7 +318,7 @@ impl Simulate for Sampled {
     }
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        assert_eq!(step, self.ts);
+        assert_eq!(step.to_bits(), self.ts.to_bits());
         if self.count + 1 == self.fails_at {
             fail(self.failure)?;
         }
