@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import median, quantiles
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from measure import MODELS, REFERENCE, SOURCE, VERSIONS, Costs
 from pendulum_fmus.report import printed
@@ -30,6 +32,8 @@ AIMS = {
     "Pendulum, linear move": "at most 2",
 }
 """Limits of a cycle, as multiples of a cycle of the bare PID in C."""
+
+MISSED = ("missed", "unclear")
 
 MET = {"most": operator.le, "least": operator.ge}
 
@@ -65,20 +69,23 @@ class Ratio:
 
     @property
     def cells(self) -> list[str]:
-        """The last four cells of a row."""
+        """The last four cells of a row; empty for what is compared with itself."""
+        if self.ours is self.other:
+            return [""] * 4
         return [*map(number, self.both), self.aim, self.verdict]
 
 
-Ratios = dict[str, Ratio]
+Ratios = dict[Any, Ratio]
 
 
 def cycle_ratios(costs: Costs) -> Ratios:
     """Return the costs of cycles relative to the bare PID in C."""
     found = {}
     for name, inputs in product((REFERENCE.name, *MODELS, SOURCE.name), INPUTS):
-        what, key = f"a cycle of {code(name)} whose inputs {inputs}", f"{name} {inputs}"
-        ours, other = costs[f"cycle/{key}"], costs[f"cycle/{REFERENCE.name} {inputs}"]
-        found[key] = Ratio(what, ours, "the bare PID", other, AIMS.get(key, ""))
+        what = f"a cycle of {code(name)} whose inputs {inputs}"
+        ours, other = (costs[f"cycle/{n} {inputs}"] for n in (name, REFERENCE.name))
+        aim = AIMS.get(f"{name} {inputs}", "")
+        found[name, inputs] = Ratio(what, ours, "the bare PID", other, aim)
     return found
 
 
@@ -88,7 +95,7 @@ def version_ratios(costs: Costs) -> Ratios:
     for name, inputs in product([case.name for case in VERSIONS], INPUTS):
         new, old = (costs[f"cycle/{name}{version} {inputs}"] for version in (", FMI 3.0", ""))
         what = f"a cycle in FMI 3.0 of {code(name)} whose inputs {inputs}"
-        found[f"{name} {inputs}"] = Ratio(what, new, "FMI 2.0", old, "at most 1.2")
+        found[name, inputs] = Ratio(what, new, "FMI 2.0", old, "at most 1.2")
     return found
 
 
@@ -120,168 +127,55 @@ def node_costs(costs: Costs, inputs: str) -> list[tuple[int, float]]:
     return [(n, min(costs[f"nodes/{n} {inputs}"])) for n in counts]
 
 
-# --- tables -------------------------------------------------------------------------------
+# --- the page -----------------------------------------------------------------------------
 
 
-def blocks(results: Mapping) -> dict[str, str]:
-    """Return all texts by the name of their place in the page."""
-    costs = results["costs"]
-    ratios = [find(costs) for find in (cycle_ratios, version_ratios, host_ratios)]
-    return {
-        "care": care(costs, *ratios),
-        "missed": missed(*ratios),
-        "cycle": cycles(costs, ratios[0]),
-        "versions": versions(ratios[1]),
-        "host": host(ratios[2]),
-        "counts": counts(results["counts"]),
-        "other": once(results),
-        "noise": noise(costs),
-        "machine": machine(results),
-    }
-
-
-def care(costs: Costs, cycles: Ratios, versions: Ratios, host: Ratios) -> str:
-    """Return the figures that matter to each reader."""
-    cycle = "a cycle of `{}` whose inputs all move, relative to a PID in plain C"
-    step = "a native step of two coupled FMUs, relative to the cycles of these FMUs"
-    newer = "the same cycle in FMI 3.0, relative to FMI 2.0"
-    rows = [
-        ("import one FMU", cycle.format("Pid"), cycles["Pid move"]),
-        ("", cycle.format("PidRbf"), cycles["PidRbf move"]),
-        ("", newer, versions["PidRbf move"]),
-        ("run co-simulations natively", step, host["pair/own"]),
-        ("", "the speed of the same run, relative to FMPy", host["pair/native"]),
-        ("sweep", "a loop with its metrics, relative to the same loop in C", host["sweep/C"]),
-        ("", "the speed with two processes, relative to one", host.get("sweep/2")),
-    ]
-    found = [(*words, f"{r.cells[0]} times", r.aim, r.verdict) for *words, r in rows if r]
-    if "loading/open" in costs:
-        last = [node_costs(costs, kind)[-2:] for kind in INPUTS[::-1]]
-        each = [(cost - less) / (more - fewer) for (fewer, less), (more, cost) in last]
-        figure = "one more node of a large network, while the set-point moves; while it stands"
-        shown = "; ".join(f"{cost:.2g} ns" for cost in each)
-        found.append(("enlarge the network", figure, shown, "", ""))
-    return markdown("You | What counts | Measured | Aim |", found)
-
-
-def missed(*kinds: Ratios) -> str:
-    """Return what misses its aim, at least by one of both ratios."""
-    items = [
-        f"- {r.what}, relative to {r.to}: {r.cells[0]}, of minima {r.cells[1]}; aim: {r.aim}"
-        for ratios in kinds
-        for r in ratios.values()
-        if r.verdict in ("missed", "unclear")
-    ]
-    return "\n".join(items) or "All aims are met."
-
-
-def cycles(costs: Costs, ratios: Ratios) -> str:
-    """Return the table of cycles."""
-    rows = []
-    for key, ratio in ratios.items():
-        name, _, inputs = key.rpartition(" ")
-        inside = costs.get(f"in process/{key}")
-        last = ratio.cells if name != REFERENCE.name else [""] * 4
-        rows.append([code(name), inputs, *times(ratio.ours), inside and ns(min(inside)), *last])
-    head = "FMU | Inputs | Minimum | Median | In process | Times the bare PID | Of minima | Aim |"
-    return markdown(head, rows)
-
-
-def versions(ratios: Ratios) -> str:
-    """Return the table of cycles in both versions of FMI."""
-    rows = []
-    for key, ratio in ratios.items():
-        name, _, inputs = key.rpartition(" ")
-        medians = (ns(median(costs)) for costs in (ratio.other, ratio.ours))
-        rows.append([code(name), inputs, *medians, *ratio.cells])
-    return markdown("FMU | Inputs | FMI 2.0 | FMI 3.0 | Ratio | Of minima | Aim |", rows)
-
-
-def host(ratios: Ratios) -> str:
-    """Return the table of the native master."""
-    rows = [
-        [ratio.what, ns(median(ratio.ours)), ratio.to, ns(median(ratio.other)), *ratio.cells]
-        for ratio in ratios.values()
-    ]
-    return markdown("What | Median | Against | Median | Ratio | Of minima | Aim |", rows)
-
-
-def counts(counts: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the table of instructions."""
-    rows = [
-        [code(name), f"{n['instructions']:.0f}", f"{n['accesses']:.0f}", f"{n['misses']:.2f}"]
-        for name, n in counts.items()
-    ]
-    table = markdown("A cycle or step of | Instructions | Reads and writes | Cache misses", rows)
-    return table if rows else "Not counted: valgrind is not installed."
-
-
-def once(results: Mapping) -> str:
-    """Return the table of what happens once, and of PythonFMU."""
-    costs, rows = results["costs"], []
-    for name, size in results["bytes"].items():
-        lives = times(costs[f"life/{name}"])
-        rows.append([f"{code(name)}, instantiate to free", *lives, f"{size:.0f} B"])
-    if "python/Pid" in costs:
-        python = costs["python/PythonPid"]
-        slower = Ratio("", python, "", costs["python/Pid"]).cells[0]
-        rows.append(["a cycle of a PID in PythonFMU", *times(python), f"{slower} times `Pid`"])
-    if "loading/open" in costs:
-        rows.append(["open and unpack an FMU", *times(costs["loading/open"]), ""])
-    name, largest = max(results["sizes"].items(), key=lambda item: item[1])
-    rows.append([f"largest file, {code(name)}", "", "", f"{largest / 1000:.0f} KB"])
-    return markdown("What | Minimum | Median |", rows)
-
-
-def noise(costs: Costs) -> str:
-    """Return how far measurements of the same FMU are apart."""
-    pairs = [
-        [
-            (f"cycle/{n} {i}", f"cycle/{n} again {i}")
-            for n in (REFERENCE.name, "PidRbf")
-            for i in INPUTS
+def render(results: Mapping) -> str:
+    """Return the page docs/speed.md."""
+    costs, environment = (
+        results["costs"],
+        Environment(
+            loader=FileSystemLoader(Path(__file__).parent),
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            keep_trailing_newline=True,
+        ),
+    )
+    environment.filters |= {"code": code, "median": median, "ns": ns, "row": row}
+    kinds = [find(costs) for find in (cycle_ratios, version_ratios, host_ratios)]
+    context = dict(zip(("cycles", "versions", "host"), kinds, strict=True)) | {
+        "missed": [r for ratios in kinds for r in ratios.values() if r.verdict in MISSED],
+        "nodes": [],
+        "python": None,
+        "noise": [
+            noise(costs, [f"cycle/{name}" for name in (REFERENCE.name, "PidRbf")], INPUTS),
+            noise(costs, ["pair/own"], [""]),
         ],
-        [("pair/own again", "pair/own")],
+        "spreads": [median(c) / min(c) for name, c in costs.items() if name.startswith("cycle/")],
+    }
+    if "python/Pid" in costs:
+        context["python"] = Ratio("", costs["python/PythonPid"], "", costs["python/Pid"])
+    if "loading/open" in costs:
+        for kind in INPUTS[::-1]:
+            (fewer, less), (more, cost) = node_costs(costs, kind)[-2:]
+            context["nodes"].append(f"{(cost - less) / (more - fewer):.2g} ns")
+    return environment.get_template("speed.md.j2").render(results | context)
+
+
+def noise(costs: Costs, names: Sequence[str], inputs: Sequence[str]) -> dict[str, str]:
+    """Return how far measurements of the same are apart: the most of them, and the limit."""
+    ratios = [
+        Ratio("", costs[f"{name} {kind}".strip()], "", costs[f"{name} again {kind}".strip()])
+        for name, kind in product(names, inputs)
     ]
-    parts, limits = [], []
-    for names in pairs:
-        ratios = [Ratio("", costs[one], "", costs[other]) for one, other in names]
-        limits.append(max(0.005, *(abs(value - 1) for ratio in ratios for value in ratio.both)))
-        single = quantiles((value for ratio in ratios for value in ratio.rounds), n=20)
-        parts.append(f"{single[0]:.2f} to {single[-1]:.2f}")
-    cycles = [rounds for name, rounds in costs.items() if name.startswith("cycle/")]
-    spreads = [median(rounds) / min(rounds) for rounds in cycles]
-    return (
-        f"- Cycles: from {parts[0]} in nine of ten rounds. Ratios that differ from\n"
-        f"  each other or from an aim by less than {limits[0]:.1%} are noise. The median of a\n"
-        f"  cycle is {min(spreads):.2f} to {max(spreads):.2f} times its minimum.\n"
-        "- The native master, where each measurement is a process of its own: from\n"
-        f"  {parts[1]} in nine of ten rounds; less than {limits[1]:.1%} is noise."
-    )
+    limit = max(0.005, *(abs(value - 1) for ratio in ratios for value in ratio.both))
+    single = quantiles((value for ratio in ratios for value in ratio.rounds), n=20)
+    return {"text": f"{single[0]:.2f} to {single[-1]:.2f}", "limit": f"{limit:.1%}"}
 
 
-def machine(results: Mapping) -> str:
-    """Return where the numbers come from."""
-    m = results["machine"]
-    cores = f"{m['cores']} core{'s' * (m['cores'] > 1)}"
-    text = (
-        f"Measured on: {m['processor']}, {cores}, {m['system']};\n"
-        f"{m['rustc']}, {m['cc']}, Python {m['python']}."
-    )
-    quick = "\nMeasured with `--quick`: these numbers only show that the script works."
-    return text + quick * results["quick"]
-
-
-# --- text ---------------------------------------------------------------------------------
-
-
-def markdown(head: str, rows: Iterable[Sequence[str | None]]) -> str:
-    """Return a table with a head of cells between bars."""
-    names = [name.strip() for name in head.split("|")]
-    lines = [names, ["---"] * len(names), *rows]
-    return "\n".join(
-        "|" + "".join(f" {cell} |" if cell else " |" for cell in line) for line in lines
-    )
+def row(cells: Iterable[str]) -> str:
+    """Return a row of a table."""
+    return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells)
 
 
 def code(name: str) -> str:
@@ -292,11 +186,6 @@ def code(name: str) -> str:
 def number(value: float) -> str:
     """Return a ratio with three digits."""
     return f"{value:.2f}" if value < 10 else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
-
-
-def times(rounds: Sequence[float]) -> list[str]:
-    """Return minimum and median."""
-    return [ns(min(rounds)), ns(median(rounds))]
 
 
 def ns(time: float) -> str:

@@ -1,20 +1,18 @@
 """Measure the speed of the FMUs and the native master, for docs/speed.md.
 
-`make bench` measures; `make bench PUBLISH=1` also updates tables and pictures of the page. Every
+`make bench` measures; `make bench PUBLISH=1` also updates the page and its pictures. Every
 comparison is a ratio of measurements that alternate in one run on one machine. The results go to
-target/bench: results.json, table.md with all tables, and the pictures.
+target/bench: results.json, speed.md and the pictures.
 """
 
 import argparse
 import json
-import re
 import shutil
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from measure import Bench
-from page import blocks, draw
+from page import draw, render
 from pendulum_fmus.project import ROOT
 
 PAGE = ROOT / "docs" / "speed.md"
@@ -29,7 +27,7 @@ def main() -> None:
         help="few rounds, with the program of `make fmus`, to check that everything works")
     kind.add_argument("--redraw", action="store_true", help="use the last measurements")
     parser.add_argument("--publish", type=Path, nargs="?", const=PAGE, metavar="PAGE",
-        help="update tables and pictures of a page, by default docs/speed.md")
+        help="write the page and its pictures, by default docs/speed.md")
     parser.add_argument("--out", type=Path, default=ROOT / "target" / "bench",
         help="folder of the results")
     # fmt: on
@@ -44,26 +42,14 @@ def main() -> None:
             results = Bench(Path(folder), quick=options.quick).measure()
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
-    texts, pictures = blocks(results), draw(results, out)
-    table = "\n\n".join(texts.values()) + "\n"
-    (out / "table.md").write_text(table, encoding="utf-8")
-    print(table)
+    text, pictures = render(results), draw(results, out)
+    (out / "speed.md").write_text(text, encoding="utf-8")
+    print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
     if options.publish:
-        publish(texts, pictures, options.publish)
-
-
-def publish(texts: Mapping[str, str], pictures: Sequence[Path], page: Path) -> None:
-    """Replace the page's pictures, and its texts between `<!-- NAME -->` and `<!-- / -->`."""
-    text = page.read_text(encoding="utf-8")
-    for name, block in texts.items():
-        place = re.compile(rf"(?<=<!-- {name} -->\n).*?(?=<!-- / -->)", re.DOTALL)
-        text, count = place.subn(lambda _, block=block: f"\n{block}\n\n", text)
-        if count != 1:
-            raise SystemExit(f"{page} has {count} places for {name!r}")
-    page.write_text(text, encoding="utf-8")
-    for picture in pictures:
-        if picture.parent != page.parent.resolve():
-            shutil.copy(picture, page.parent)
+        options.publish.write_text(text, encoding="utf-8")
+        for picture in pictures:
+            if picture.parent != options.publish.parent.resolve():
+                shutil.copy(picture, options.publish.parent)
 
 
 if __name__ == "__main__":
