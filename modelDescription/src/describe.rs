@@ -4,9 +4,11 @@ use anyhow::{Result, anyhow, ensure};
 use serde::Deserialize;
 
 use crate::unit::{self, Unit};
-use crate::variable::{Item, Variable};
+use crate::variable::Variable;
 use crate::xml::Element;
-use crate::{Dynamics, FmiVersion, Initial, LOG_CATEGORIES, Value, Variability, fmi2, fmi3};
+use crate::{
+    Causality, Dynamics, FmiVersion, Initial, LOG_CATEGORIES, Type, Value, Variability, fmi2, fmi3,
+};
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
 /// a binary has its fields in this order.
@@ -45,18 +47,12 @@ pub struct Origin {
     pub generation_tool: String,
 }
 
-/// What a model description lists as a variable: a scalar or an element of an array in FMI 2.0, a variable
-/// in FMI 3.0, which is its element 0.
-#[derive(Clone, Copy)]
-pub(crate) struct Entry<'a> {
-    pub(crate) v: &'a Variable,
-    pub(crate) element: usize,
-}
-
-impl Entry<'_> {
-    pub(crate) fn reference(&self) -> usize {
-        self.v.reference as usize + self.element
-    }
+/// Writes the model description of a version of FMI.
+pub(crate) struct Writer<'a> {
+    pub(crate) model: &'a Description,
+    version: FmiVersion,
+    /// The variables that the version lists, in the order of their value references.
+    pub(crate) variables: Vec<Variable>,
 }
 
 /// The lists of the model structure: their names in FMI 2.0, which has three, the elements of FMI 3.0, and what
@@ -85,9 +81,14 @@ impl Description {
     /// A unit is unknown, two enumerations with different items have the same name, or a variable has the
     /// name of the independent variable of FMI 3.0.
     pub fn to_xml(&self, version: FmiVersion, origin: &Origin) -> Result<Element<'static>> {
-        let (entries, token) = match version {
-            FmiVersion::Fmi2 => (fmi2::entries(self), "guid"),
-            FmiVersion::Fmi3 => (fmi3::entries(self)?, "instantiationToken"),
+        let (variables, token) = match version {
+            FmiVersion::Fmi2 => (fmi2::variables(self), "guid"),
+            FmiVersion::Fmi3 => (fmi3::variables(self)?, "instantiationToken"),
+        };
+        let writer = Writer {
+            model: self,
+            version,
+            variables,
         };
         let root = Element::new("fmiModelDescription")
             .with("fmiVersion", version.as_str())
@@ -112,25 +113,18 @@ impl Description {
                 .with("name", name.to_string_lossy())
                 .with("description", description)
         });
-        let definitions = |root: Element<'static>, units, types| {
-            root.listing("UnitDefinitions", units)
-                .listing("TypeDefinitions", types)
-                .holding(Element::new("LogCategories").holding_all(categories))
-                .holding(experiment)
-        };
-        let types = self.types(version)?;
         let root = match version {
-            FmiVersion::Fmi2 => {
-                let root = fmi2::interfaces(self, &entries, root);
-                definitions(root, self.units(&[])?, types).holding(fmi2::variables(&entries))
-            }
-            FmiVersion::Fmi3 => {
-                let root = fmi3::interfaces(self, root);
-                definitions(root, self.units(&[fmi3::TIME.1])?, types)
-                    .holding(fmi3::variables(self, &entries))
-            }
+            FmiVersion::Fmi2 => fmi2::interfaces(&writer, root),
+            FmiVersion::Fmi3 => fmi3::interfaces(self, root),
         };
-        Ok(root.holding(self.structure(version, &entries)))
+        let variables = writer.variables.iter().map(|v| writer.variable(v));
+        Ok(root
+            .listing("UnitDefinitions", writer.units()?)
+            .listing("TypeDefinitions", writer.types()?)
+            .holding(Element::new("LogCategories").holding_all(categories))
+            .holding(experiment)
+            .holding(Element::new("ModelVariables").holding_all(variables))
+            .holding(writer.structure()))
     }
 
     /// The scalar variables: their value references, their variables, and their elements.
@@ -147,47 +141,6 @@ impl Description {
         let start = (self.variables.iter().find(is_size)).and_then(|size| size.start.first());
         let size = start.and_then(|size| usize::try_from(size.as_whole()?).ok());
         size.map_or(v.count(), |size| size.min(v.count()))
-    }
-
-    fn units(&self, others: &[&str]) -> Result<Vec<Element<'static>>> {
-        let units = self.variables.iter().filter_map(|v| v.unit.as_deref());
-        let mut definitions = Vec::new();
-        for unit in units.chain(others.iter().copied()) {
-            let definition = unit_definition(unit)?;
-            if !definitions.contains(&definition) {
-                definitions.push(definition);
-            }
-        }
-        Ok(definitions)
-    }
-
-    /// The definitions of enumerations.
-    fn types(&self, version: FmiVersion) -> Result<Vec<Element<'static>>> {
-        let mut definitions: Vec<Element<'static>> = Vec::new();
-        for of_type in (self.variables.iter()).filter_map(|v| v.declared_type.as_ref()) {
-            let named = |element: Element<'static>| {
-                (element.with("name", &of_type.name)).with("description", &of_type.description)
-            };
-            let items = of_type.items.iter().map(item);
-            let definition = match version {
-                FmiVersion::Fmi2 => named(Element::new("SimpleType"))
-                    .holding(Element::new("Enumeration").holding_all(items)),
-                FmiVersion::Fmi3 => named(Element::new("EnumerationType")).holding_all(items),
-            };
-            let name = Some(&*of_type.name);
-            let mut others = definitions.iter();
-            let other = others.find(|other| other.attribute("name") == name);
-            ensure!(
-                other.is_none_or(|other| *other == definition),
-                "two enumerations of {} have the name {}; expected different names",
-                self.name,
-                of_type.name
-            );
-            if other.is_none() {
-                definitions.push(definition);
-            }
-        }
-        Ok(definitions)
     }
 
     /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.
@@ -219,44 +172,166 @@ impl Description {
         let is_known = outputs.peek().is_some() && outputs.all(Variable::is_state);
         u32::from(self.is_continuous && is_known)
     }
+}
+
+impl Writer<'_> {
+    fn units(&self) -> Result<Vec<Element<'static>>> {
+        let mut definitions = Vec::new();
+        let all = self.model.variables.iter().chain(&self.variables);
+        for unit in all.filter_map(|v| v.unit.as_deref()) {
+            let definition = unit_definition(unit)?;
+            if !definitions.contains(&definition) {
+                definitions.push(definition);
+            }
+        }
+        Ok(definitions)
+    }
+
+    /// The definitions of enumerations.
+    fn types(&self) -> Result<Vec<Element<'static>>> {
+        let mut definitions: Vec<Element<'static>> = Vec::new();
+        for of_type in (self.model.variables.iter()).filter_map(|v| v.declared_type.as_ref()) {
+            let named = |element: Element<'static>| {
+                (element.with("name", &of_type.name)).with("description", &of_type.description)
+            };
+            let items = of_type.items.iter().map(|item| {
+                Element::new("Item")
+                    .with("name", &item.name)
+                    .with("value", item.value)
+                    .with("description", &item.description)
+            });
+            let definition = match self.version {
+                FmiVersion::Fmi2 => named(Element::new("SimpleType"))
+                    .holding(Element::new("Enumeration").holding_all(items)),
+                FmiVersion::Fmi3 => named(Element::new("EnumerationType")).holding_all(items),
+            };
+            let name = Some(&*of_type.name);
+            let mut others = definitions.iter();
+            let other = others.find(|other| other.attribute("name") == name);
+            ensure!(
+                other.is_none_or(|other| *other == definition),
+                "two enumerations of {} have the name {}; expected different names",
+                self.model.name,
+                of_type.name
+            );
+            if other.is_none() {
+                definitions.push(definition);
+            }
+        }
+        Ok(definitions)
+    }
+
+    /// The number by which attributes refer to a variable: its position in FMI 2.0, from 1, and its value reference
+    /// in FMI 3.0.
+    fn number(&self, reference: usize) -> Option<usize> {
+        let by_reference = |v: &Variable| v.reference as usize;
+        match self.version {
+            FmiVersion::Fmi2 => {
+                let found = (self.variables).binary_search_by_key(&reference, by_reference);
+                found.ok().map(|position| position + 1)
+            }
+            FmiVersion::Fmi3 => Some(reference),
+        }
+    }
+
+    /// The element of a variable. In FMI 2.0, it holds one for the type; in FMI 3.0, it has the attributes of both,
+    /// holds the dimensions, and the start values of texts and bytes.
+    fn variable(&self, v: &Variable) -> Element<'static> {
+        let of_type = v.of_type.name(self.version);
+        let is_2 = self.version == FmiVersion::Fmi2;
+        let element = Element::new(if is_2 { "ScalarVariable" } else { of_type })
+            .with("name", &v.name)
+            .with("valueReference", v.reference)
+            .with("description", &v.description)
+            .with("causality", v.causality.as_str())
+            .with("variability", v.variability.as_str())
+            .with_some("initial", v.initial.map(Initial::as_str));
+        let starts = v.start.iter().map(text);
+        let start = (!v.start.is_empty()).then(|| list(starts.clone()));
+        if is_2 {
+            return element.holding(self.typed(Element::new(of_type), v, start));
+        }
+        let is_intermediate = self.model.is_continuous
+            && v.variability == Variability::Continuous
+            && matches!(v.causality, Causality::Input | Causality::Output);
+        // A dimension of constant size, or the size of a structural parameter.
+        let dimension = |size: &usize| match v.exported.size {
+            Some(reference) => Element::new("Dimension").with("valueReference", reference),
+            None => Element::new("Dimension").with("start", size),
+        };
+        let has_elements = matches!(v.of_type, Type::String | Type::Binary);
+        let elements = starts.map(|value| Element::new("Start").with("value", value));
+        let element = element
+            .with_some("intermediateUpdate", is_intermediate.then_some(true))
+            .holding_all(v.dimensions.iter().map(dimension))
+            .holding_all(elements.take(if has_elements { v.start.len() } else { 0 }));
+        self.typed(element, v, start.filter(|_| !has_elements))
+    }
+
+    /// Adds the attributes that each version has in the element of a type.
+    fn typed(
+        &self,
+        element: Element<'static>,
+        v: &Variable,
+        start: Option<String>,
+    ) -> Element<'static> {
+        let (unit, declared) = (v.unit.as_deref(), v.declared_type.as_ref());
+        let display_unit = unit.and_then(Unit::display).map(|(name, _)| name);
+        let nominal = match v.exported.dynamics {
+            Dynamics::State { nominal } if nominal != 1.0 => Some(nominal),
+            _ => None,
+        };
+        let derivative = match v.exported.dynamics {
+            Dynamics::Derivative { of } => self.number(of),
+            _ => None,
+        };
+        element
+            .with_some("mimeType", v.mime_type.as_ref())
+            .with_some("declaredType", declared.map(|of_type| &of_type.name))
+            .with_some("unit", unit)
+            .with_some("displayUnit", display_unit)
+            .with_some("min", v.min.as_ref().map(text))
+            .with_some("max", v.max.as_ref().map(text))
+            .with_some("nominal", nominal)
+            .with_some("start", start)
+            .with_some("derivative", derivative)
+            .with_some("reinit", v.is_state().then_some(true))
+    }
 
     /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions
     /// of variables, and FMI 3.0 their value references.
     ///
     /// Where all dependencies are the default, they are listed all the same, of FMI 2.0 the initial
     /// unknowns: CasADi demands it. All of FMI 3.0 include the independent variable.
-    fn structure(&self, version: FmiVersion, entries: &[Entry<'_>]) -> Element<'static> {
-        let is_2 = version == FmiVersion::Fmi2;
-        let number = |reference| match version {
-            FmiVersion::Fmi2 => fmi2::index(reference, entries),
-            FmiVersion::Fmi3 => Some(reference),
-        };
-        let time = (!is_2).then(|| fmi3::time_reference(self));
+    fn structure(&self) -> Element<'static> {
+        let is_2 = self.version == FmiVersion::Fmi2;
         let all = |is: fn(&Variable) -> bool| {
-            let known = entries.iter().filter(|entry| is(entry.v));
-            known.map(Entry::reference).chain(time).collect()
+            let known = self.variables.iter().filter(|v| is(v));
+            known.map(|v| v.reference as usize).collect()
         };
         let structure = Element::new("ModelStructure");
         LISTS.iter().fold(structure, |structure, (of_2, of_3, is)| {
-            let is_initial = *of_2 == "InitialUnknowns";
-            let unknown = |entry: &Entry<'_>| {
-                let dependencies = match is_initial {
+            let unknown = |v: &Variable| {
+                let dependencies = match *of_2 == "InitialUnknowns" {
                     true => {
-                        let given = self.initially_from(entry, entries);
+                        let is_unknown =
+                            self.model.is_continuous && v.exported.initially_from.is_empty();
+                        let given = (!is_unknown).then(|| sorted(&v.exported.initially_from));
                         Some(given.unwrap_or_else(|| all(Variable::is_initially_known)))
                     }
                     false => {
                         let default = || (!is_2).then(|| all(Variable::is_known));
-                        self.dependencies(entry).or_else(default)
+                        self.dependencies(v).or_else(default)
                     }
                 };
                 let name = if is_2 { "index" } else { "valueReference" };
+                let number = |reference| self.number(reference);
                 let dependencies = dependencies.map(|all| list(all.into_iter().filter_map(number)));
                 Element::new(if is_2 { "Unknown" } else { of_3 })
-                    .with_some(name, number(entry.reference()))
+                    .with_some(name, number(v.reference as usize))
                     .with_some("dependencies", dependencies)
             };
-            let unknowns = entries.iter().filter(|entry| is(entry.v)).map(unknown);
+            let unknowns = self.variables.iter().filter(|v| is(v)).map(unknown);
             match (is_2, of_2.is_empty()) {
                 (true, true) => structure,
                 (true, false) => structure.listing(of_2, unknowns.collect()),
@@ -265,106 +340,24 @@ impl Description {
         })
     }
 
-    /// Value references of the inputs and states that an entry depends on at a communication point or an
+    /// Value references of the inputs and states that a variable depends on at a communication point or an
     /// event, in ascending order. An array has the one of its first element.
     ///
     /// Outputs of a model without equations change in steps and at sample instants only, and never
     /// depend on an input at the same instant, so that importers see no false algebraic loops.
-    fn dependencies(&self, entry: &Entry<'_>) -> Option<Vec<usize>> {
-        let v = entry.v;
-        let is_held = !self.is_continuous || v.variability != Variability::Continuous;
+    fn dependencies(&self, v: &Variable) -> Option<Vec<usize>> {
+        let is_held = !self.model.is_continuous || v.variability != Variability::Continuous;
         match v.exported.dynamics {
-            Dynamics::State { .. } => Some(vec![entry.reference()]),
+            Dynamics::State { .. } => Some(vec![v.reference as usize]),
             _ if v.is_output() && is_held => Some(Vec::new()),
             _ if v.exported.depends_on.is_empty() => None,
             _ => Some(sorted(&v.exported.depends_on)),
         }
     }
-
-    /// Value references of the entries that determine the value of an entry after the initialization: those
-    /// of an array of the same dimensions element by element.
-    fn initially_from(&self, entry: &Entry<'_>, entries: &[Entry<'_>]) -> Option<Vec<usize>> {
-        let v = entry.v;
-        let is_used = |other: &&Entry<'_>| {
-            let is_whole = v.dimensions.is_empty() || v.dimensions != other.v.dimensions;
-            v.exported
-                .initially_from
-                .contains(&(other.v.reference as usize))
-                && (is_whole || entry.element == other.element)
-        };
-        let is_unknown = self.is_continuous && v.exported.initially_from.is_empty();
-        let known = entries.iter().filter(is_used).map(Entry::reference);
-        (!is_unknown).then(|| known.collect())
-    }
-}
-
-/// The attributes that each version has in the element of a variable.
-pub(crate) fn attributes(
-    element: Element<'static>,
-    entry: &Entry<'_>,
-    name: &str,
-) -> Element<'static> {
-    let v = entry.v;
-    element
-        .with("name", name)
-        .with("valueReference", entry.reference())
-        .with("description", &v.description)
-        .with("causality", v.causality.as_str())
-        .with("variability", v.variability.as_str())
-        .with_some("initial", v.initial.map(Initial::as_str))
-}
-
-/// The attributes that each version has in the element of a type, bounds and start value; `range` has the
-/// bounds that need no attributes, and `derivative` refers to the state of a derivative.
-pub(crate) fn typed(
-    element: Element<'static>,
-    v: &Variable,
-    range: (i128, i128),
-    start: Option<String>,
-    derivative: Option<usize>,
-) -> Element<'static> {
-    let unit = v.unit.as_deref();
-    let whole = |bound: &Option<Value>, of_type| {
-        let bound = bound.as_ref().and_then(Value::as_whole);
-        bound.unwrap_or(of_type)
-    };
-    let (min, max) = match v.of_type.is_integer() {
-        true => {
-            let (low, high) = v.of_type.range();
-            let (min, max) = (whole(&v.min, low), whole(&v.max, high));
-            let (is_min, is_max) = (min > range.0, max < range.1);
-            (
-                is_min.then(|| min.to_string()),
-                is_max.then(|| max.to_string()),
-            )
-        }
-        false => (v.min.as_ref().map(text), v.max.as_ref().map(text)),
-    };
-    let nominal = match v.exported.dynamics {
-        Dynamics::State { nominal } if nominal != 1.0 => Some(nominal),
-        _ => None,
-    };
-    element
-        .with_some("mimeType", v.mime_type.as_ref())
-        .with_some(
-            "declaredType",
-            v.declared_type.as_ref().map(|of_type| &of_type.name),
-        )
-        .with_some("unit", unit)
-        .with_some(
-            "displayUnit",
-            unit.and_then(Unit::display).map(|(name, _)| name),
-        )
-        .with_some("min", min)
-        .with_some("max", max)
-        .with_some("nominal", nominal)
-        .with_some("start", start)
-        .with_some("derivative", derivative)
-        .with_some("reinit", v.is_state().then_some(true))
 }
 
 /// A value as the text of an attribute: numbers without an exponent.
-pub(crate) fn text(value: &Value) -> String {
+fn text(value: &Value) -> String {
     match value {
         Value::Float32(value) => value.to_string(),
         Value::Float64(value) => value.to_string(),
@@ -373,7 +366,7 @@ pub(crate) fn text(value: &Value) -> String {
 }
 
 /// A list as the value of an attribute.
-pub(crate) fn list(items: impl IntoIterator<Item = impl ToString>) -> String {
+fn list(items: impl IntoIterator<Item = impl ToString>) -> String {
     let items: Vec<_> = items.into_iter().map(|item| item.to_string()).collect();
     items.join(" ")
 }
@@ -405,11 +398,4 @@ fn unit_definition(name: &str) -> Result<Element<'static>> {
         .with("name", name)
         .holding(base)
         .holding_all(display))
-}
-
-fn item(item: &Item) -> Element<'static> {
-    Element::new("Item")
-        .with("name", &item.name)
-        .with("value", item.value)
-        .with("description", &item.description)
 }

@@ -1,15 +1,15 @@
 //! The model description of FMI 2.0.
 
-use crate::describe::{Description, Entry, attributes, text, typed};
-use crate::variable::Variable;
+use crate::describe::{Description, Writer};
+use crate::variable::{Exported, Variable};
 use crate::xml::Element;
-use crate::{Causality, Dynamics, FmiVersion, Type, Value};
+use crate::{Causality, Dynamics, Type, Value};
 
 /// The scalar variables that FMI 2.0 can express, of arrays the elements that are in use by default.
-pub(crate) fn entries(model: &Description) -> Vec<Entry<'_>> {
+pub(crate) fn variables(model: &Description) -> Vec<Variable> {
     let variables = model.variables.iter().filter(|v| can_express(v));
     variables
-        .flat_map(|v| (0..model.elements(v)).map(move |element| Entry { v, element }))
+        .flat_map(|v| (0..model.elements(v)).map(move |element| scalar(model, v, element)))
         .collect()
 }
 
@@ -26,14 +26,65 @@ fn can_express(v: &Variable) -> bool {
         && (v.start.iter().filter_map(Value::as_whole)).all(|n| (low..=high).contains(&n))
 }
 
+/// An element of a variable. It depends on the elements of arrays of other dimensions, and on the same element of an
+/// array of the same ones. A type of whole numbers other than Integer has its bounds.
+fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
+    let from = |other: &&Variable| {
+        let references = &v.exported.initially_from;
+        references.contains(&(other.reference as usize))
+    };
+    let elements_of = |other: &Variable| {
+        let first = other.reference as usize;
+        match v.dimensions.is_empty() || v.dimensions != other.dimensions {
+            true => first..first + model.elements(other),
+            false => first + element..first + element + 1,
+        }
+    };
+    let ((low, high), (least, most)) = (Type::Int32.range(), v.of_type.range());
+    let whole = |bound: &Option<Value>, of_type| {
+        let bound = bound.as_ref().and_then(Value::as_whole);
+        Some(bound.unwrap_or(of_type))
+    };
+    let value = |bound| Value::whole(v.of_type, bound);
+    let (min, max) = match v.of_type.is_integer() {
+        true => (
+            whole(&v.min, least)
+                .filter(|min| *min > low)
+                .and_then(value),
+            whole(&v.max, most)
+                .filter(|max| *max < high)
+                .and_then(value),
+        ),
+        false => (v.min.clone(), v.max.clone()),
+    };
+    Variable {
+        name: v.element_name(&v.name, element),
+        reference: v.reference + element as u32,
+        dimensions: Vec::new(),
+        min,
+        max,
+        start: v.start.get(element).cloned().into_iter().collect(),
+        exported: Exported {
+            dynamics: match v.exported.dynamics {
+                Dynamics::Derivative { of } => Dynamics::Derivative { of: of + element },
+                other => other,
+            },
+            initially_from: (model.variables.iter().filter(from))
+                .flat_map(elements_of)
+                .collect(),
+            ..v.exported.clone()
+        },
+        ..v.clone()
+    }
+}
+
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`. Memory comes from
 /// Rust's allocator, not from the callbacks of the host.
-pub(crate) fn interfaces(
-    model: &Description,
-    entries: &[Entry<'_>],
-    root: Element<'static>,
-) -> Element<'static> {
-    let event_indicators = entries.iter().filter(|entry| entry.v.is_event_indicator());
+pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element<'static> {
+    let Writer {
+        model, variables, ..
+    } = writer;
+    let event_indicators = variables.iter().filter(|v| v.is_event_indicator());
     let exchange = Element::new("ModelExchange")
         .with("modelIdentifier", &model.name)
         .with("needsExecutionTool", false)
@@ -72,32 +123,4 @@ pub(crate) fn interfaces(
     )
     .holding_all(is_for_exchange.then_some(exchange))
     .holding(co_simulation)
-}
-
-/// The position of a scalar among the entries, from 1.
-pub(crate) fn index(reference: usize, entries: &[Entry<'_>]) -> Option<usize> {
-    let found = entries.binary_search_by_key(&reference, Entry::reference);
-    found.ok().map(|position| position + 1)
-}
-
-/// `ModelVariables`
-pub(crate) fn variables(entries: &[Entry<'_>]) -> Element<'static> {
-    let variable = |entry: &Entry<'_>| {
-        let Entry { v, element } = *entry;
-        let of_type = Element::new(v.of_type.name(FmiVersion::Fmi2));
-        let start = v.start.get(element).map(text);
-        let state = match v.exported.dynamics {
-            Dynamics::Derivative { of } => index(of + element, entries),
-            _ => None,
-        };
-        let name = v.element_name(&v.name, element);
-        attributes(Element::new("ScalarVariable"), entry, &name).holding(typed(
-            of_type,
-            v,
-            Type::Int32.range(),
-            start,
-            state,
-        ))
-    };
-    Element::new("ModelVariables").holding_all(entries.iter().map(variable))
 }

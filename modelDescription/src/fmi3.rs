@@ -2,23 +2,39 @@
 
 use anyhow::{Result, ensure};
 
-use crate::describe::{Description, Entry, attributes, list, text, typed};
+use crate::describe::Description;
+use crate::variable::Variable;
 use crate::xml::Element;
-use crate::{Causality, Dynamics, FmiVersion, Type, Variability};
+use crate::{Causality, FmiVersion, Variability};
 
-/// Name and unit of the independent variable.
-pub(crate) const TIME: (&str, &str) = ("time", "s");
+/// Name of the independent variable.
+const TIME: &str = "time";
 
-/// The variables; an array has the value reference of its first element.
-pub(crate) fn entries(model: &Description) -> Result<Vec<Entry<'_>>> {
+/// The variables, with the start values that are in use by default, and the independent variable, whose value
+/// reference comes after all scalars.
+pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
     ensure!(
-        model.variables.iter().all(|v| v.name != TIME.0),
-        "a variable of {} has the name {:?}, which is that of the independent variable of FMI 3.0; expected another name",
+        model.variables.iter().all(|v| v.name != TIME),
+        "a variable of {} has the name {TIME:?}, which is that of the independent variable of FMI 3.0; expected another name",
         model.name,
-        TIME.0
     );
-    let variables = model.variables.iter();
-    Ok(variables.map(|v| Entry { v, element: 0 }).collect())
+    let variables = model.variables.iter().map(|v| {
+        let start = v.start.iter().take(model.elements(v));
+        Variable {
+            start: start.cloned().collect(),
+            ..v.clone()
+        }
+    });
+    let time = Variable {
+        name: TIME.into(),
+        reference: model.scalars().count() as u32,
+        description: "Simulation time".into(),
+        causality: Causality::Independent,
+        variability: Variability::Continuous,
+        unit: Some("s".into()),
+        ..Variable::default()
+    };
+    Ok(variables.chain([time]).collect())
 }
 
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`.
@@ -51,53 +67,6 @@ pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element
         .with("hasEventMode", model.is_for_model_exchange());
     root.holding_all(model.is_for_model_exchange().then_some(exchange))
         .holding(co_simulation)
-}
-
-/// `ModelVariables`, with the independent variable.
-pub(crate) fn variables(model: &Description, entries: &[Entry<'_>]) -> Element<'static> {
-    let time = Element::new("Float64")
-        .with("name", TIME.0)
-        .with("valueReference", time_reference(model))
-        .with("description", "Simulation time")
-        .with("causality", Causality::Independent.as_str())
-        .with("variability", Variability::Continuous.as_str())
-        .with("unit", TIME.1);
-    Element::new("ModelVariables")
-        .holding_all(entries.iter().map(|entry| variable(model, entry)))
-        .holding(time)
-}
-
-fn variable(model: &Description, entry: &Entry<'_>) -> Element<'static> {
-    let v = entry.v;
-    let is_intermediate = model.is_continuous
-        && v.variability == Variability::Continuous
-        && matches!(v.causality, Causality::Input | Causality::Output);
-    // A dimension of constant size, or the size of a structural parameter.
-    let dimension = |size: &usize| match v.exported.size {
-        Some(reference) => Element::new("Dimension").with("valueReference", reference),
-        None => Element::new("Dimension").with("start", size),
-    };
-    let starts = v.start.iter().take(model.elements(v)).map(text);
-    let has_elements = matches!(v.of_type, Type::String | Type::Binary);
-    let (elements, start) = match has_elements || v.start.is_empty() {
-        true => (starts.collect(), None),
-        false => (Vec::new(), Some(list(starts))),
-    };
-    let state = match v.exported.dynamics {
-        Dynamics::Derivative { of } => Some(of),
-        _ => None,
-    };
-    let element = attributes(Element::new(v.of_type.as_str()), entry, &v.name)
-        .with_some("intermediateUpdate", is_intermediate.then_some(true))
-        .holding_all(v.dimensions.iter().map(dimension));
-    let start_element = |value: String| Element::new("Start").with("value", value);
-    typed(element, v, v.of_type.range(), start, state)
-        .holding_all(elements.into_iter().map(start_element))
-}
-
-/// The value reference of the independent variable comes after all scalars.
-pub(crate) fn time_reference(model: &Description) -> usize {
-    model.scalars().count()
 }
 
 /// Corners of the icon and of the coordinate system that it fills.

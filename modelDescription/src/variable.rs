@@ -199,12 +199,13 @@ impl Variable {
 
     /// Whether what is computed at any time may depend on it.
     pub(crate) fn is_known(&self) -> bool {
-        self.causality == Causality::Input || self.is_state()
+        matches!(self.causality, Causality::Input | Causality::Independent) || self.is_state()
     }
 
     /// Whether what is computed during initialization may depend on it.
     pub(crate) fn is_initially_known(&self) -> bool {
-        matches!(self.causality, Causality::Input | Causality::Parameter)
+        use Causality::{Independent, Input, Parameter};
+        matches!(self.causality, Input | Parameter | Independent)
             || self.is_state() && self.initial == Some(Initial::Exact)
     }
 
