@@ -7,6 +7,7 @@
 typedef void *Component;
 typedef void *State;
 typedef const unsigned *References;
+typedef int Flag;
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
 
 typedef struct {
@@ -19,7 +20,13 @@ typedef struct {
 
 enum { MODEL_EXCHANGE, CO_SIMULATION, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 };
 
-/* The functions that a co-simulation host calls: result, name and arguments. */
+typedef struct {
+    int discrete_states_need_update, terminate, nominals_changed, values_changed;
+    int next_event_time_defined;
+    double next_event_time;
+} Event;
+
+/* The functions that the hosts call: result, name and arguments. */
 #define FUNCTIONS(F)                                                                              \
     F(Component, Instantiate,                                                                     \
       (const char *, int, const char *, const char *, const Callbacks *, int, int))               \
@@ -57,16 +64,7 @@ enum { MODEL_EXCHANGE, CO_SIMULATION, LAST_SUCCESSFUL_TIME = 2, TERMINATED = 3 }
     F(Status, GetStatus, (Component, int, Status *))                                              \
     F(Status, GetRealStatus, (Component, int, double *))                                          \
     F(Status, GetBooleanStatus, (Component, int, int *))                                          \
-    F(Status, GetStringStatus, (Component, int, const char **))
-
-typedef struct {
-    int discrete_states_need_update, terminate, nominals_changed, values_changed;
-    int next_event_time_defined;
-    double next_event_time;
-} Event;
-
-/* Further functions that a host of model exchange calls. */
-#define EXCHANGE_FUNCTIONS(F)                                                                     \
+    F(Status, GetStringStatus, (Component, int, const char **))                                   \
     F(Status, EnterEventMode, (Component))                                                        \
     F(Status, NewDiscreteStates, (Component, Event *))                                            \
     F(Status, EnterContinuousTimeMode, (Component))                                               \

@@ -10,12 +10,16 @@ typedef void *Component; /* an instance, with the name of FMI 2.0, as the scenar
 typedef void *State;
 typedef const unsigned *References;
 typedef const char *Text;
+typedef bool Flag;
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status;
 
 typedef void (*Logger)(void *, Status, const char *, const char *);
 typedef void (*IntermediateUpdate)(void *, double, bool, bool, bool, bool, bool *, double *);
 
-/* The functions of state, with the names of FMI 2.0. */
+enum { MODEL_EXCHANGE, CO_SIMULATION };
+
+/* Functions with the names of FMI 2.0. */
+#define GetDerivatives GetContinuousStateDerivatives
 #define GetFMUstate GetFMUState
 #define SetFMUstate SetFMUState
 #define FreeFMUstate FreeFMUState
