@@ -1,6 +1,7 @@
 //! Values of variables, each in the type of its variable, and their syntax in a model description.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -181,27 +182,25 @@ pub fn bytes(text: &str) -> Option<Vec<u8>> {
 /// Whether a text is an `xs:dateTime`: `YYYY-MM-DDThh:mm:ss` with an optional fraction and time
 /// zone.
 pub fn is_date_time(text: &str) -> bool {
-    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let within = |part: &str, min: u32, max: u32| {
-        let is_within = |number| (min..=max).contains(&number);
-        part.len() == 2 && digits(part) && part.parse().is_ok_and(is_within)
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    // Whether numbers of two digits with a separator between them are within limits.
+    let within = |text: &str, separator: char, limits: &[RangeInclusive<u32>]| {
+        let numbers: Vec<&str> = text.split(separator).collect();
+        let fits = |(number, limits): (&&str, &RangeInclusive<u32>)| {
+            number.len() == 2 && digits(number) && number.parse().is_ok_and(|n| limits.contains(&n))
+        };
+        numbers.len() == limits.len() && numbers.iter().zip(limits).all(fits)
     };
-    let clock = |hour, minute| within(hour, 0, 24) && within(minute, 0, 59);
     let Some((date, time)) = trim(text).split_once('T') else {
         return false;
     };
     let (time, zone) = time.split_at(time.find(['Z', '+', '-']).unwrap_or(time.len()));
     let (time, fraction) = time.split_once('.').unwrap_or((time, "0"));
-    let date: Vec<&str> = date.trim_start_matches('-').split('-').collect();
-    let time: Vec<&str> = time.split(':').collect();
-    let difference = zone.trim_start_matches(['+', '-']).split_once(':');
-    matches!(date[..], [year, month, day]
-        if year.len() >= 4 && digits(year) && within(month, 1, 12) && within(day, 1, 31))
-        && matches!(time[..], [hour, minute, second]
-            if clock(hour, minute) && within(second, 0, 59))
-        && digits(fraction)
-        && (matches!(zone, "" | "Z")
-            || difference.is_some_and(|(hour, minute)| clock(hour, minute)))
+    let (year, day) = (date.trim_start_matches('-').split_once('-')).unwrap_or_default();
+    let difference = zone.trim_start_matches(['+', '-']);
+    (year.len() >= 4 && digits(year) && within(day, '-', &[1..=12, 1..=31]))
+        && (digits(fraction) && within(time, ':', &[0..=24, 0..=59, 0..=59]))
+        && (matches!(zone, "" | "Z") || within(difference, ':', &[0..=24, 0..=59]))
 }
 
 #[cfg(test)]

@@ -392,9 +392,8 @@ impl Instance {
     }
 
     /// The failure of a function that returned success, by the operation that it performs.
-    fn broke<T>(&self, operation: &'static str, cause: Cause) -> Result<T> {
-        let function = self.version.function(operation).unwrap_or(operation);
-        Err(Failure::new(function, cause))
+    fn broke(&self, operation: &'static str, cause: Cause) -> Failure {
+        Failure::new(self.version.function(operation).unwrap_or(operation), cause)
     }
 
     /// Gets `n` numbers: `instance.read(n, Instance::get_event_indicators)`.
@@ -478,10 +477,8 @@ impl Instance {
     pub fn get_string(&mut self, references: &[u32], n: usize) -> Result<Vec<String>> {
         let texts = self.get_string_late(references, n, || ())?;
         let cause = Cause::Broke("returned NULL for a string");
-        match texts.into_iter().collect() {
-            Some(texts) => Ok(texts),
-            None => self.broke("get_string", cause),
-        }
+        let texts: Option<_> = texts.into_iter().collect();
+        texts.ok_or_else(|| self.broke("get_string", cause))
     }
 
     /// As [`Instance::get_string`], but the strings, which may be NULL, are copied only after `between` was
@@ -563,7 +560,7 @@ impl Instance {
         let cause = Cause::Broke("returned success and no state");
         match state.0.is_null() {
             false => Ok(state),
-            true => self.broke("get_fmu_state", cause),
+            true => Err(self.broke("get_fmu_state", cause)),
         }
     }
 
@@ -578,7 +575,7 @@ impl Instance {
         let cause = Cause::Broke("did not set the state to NULL");
         match state.0.is_null() {
             true => Ok(freed),
-            false => self.broke("free_fmu_state", cause),
+            false => Err(self.broke("free_fmu_state", cause)),
         }
     }
 
@@ -595,7 +592,7 @@ impl Instance {
         let mut n = 0;
         call!(both self.serialized_fmu_state_size(state, &mut n))?;
         if n > max {
-            return self.broke("serialized_fmu_state_size", Cause::TooLarge(n));
+            return Err(self.broke("serialized_fmu_state_size", Cause::TooLarge(n)));
         }
         let mut bytes = vec![0_u8; n];
         bytes.extend_from_slice(&GUARD);
@@ -603,7 +600,7 @@ impl Instance {
         call!(both self.serialize_fmu_state(state, to))?;
         if bytes.split_off(n) != GUARD {
             let cause = Cause::Broke("wrote more bytes than the size that it returned before");
-            return self.broke("serialize_fmu_state", cause);
+            return Err(self.broke("serialize_fmu_state", cause));
         }
         Ok(bytes)
     }

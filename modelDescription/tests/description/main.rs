@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use fmu_description::hash::checksum;
 use fmu_description::interface::{guid, size, variant, write};
-use fmu_description::table::Start;
+use fmu_description::table::{Bounds, Field, Start};
 use fmu_description::xml::parse;
 use fmu_description::{
-    DeclaredType, Description, Exported, FmiVersion, Initial, Interface, Item, ModelDescription,
-    Origin, Row, Type, Value, Variable, read_interfaces,
+    Causality, DeclaredType, Description, Dynamics, Exported, FmiVersion, Initial, Interface,
+    ModelDescription, Origin, Row, Type, Value, Variability, Variable, read_interfaces,
 };
 use fmu_export::prelude::*;
 use models::{Lists, Reservoir, Sizes, Spring};
@@ -116,7 +116,7 @@ fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
                 expected.dimensions = vec![model.elements(v)];
                 expected.start.truncate(model.elements(v));
             }
-            if v.causality == fmu_description::Causality::Input {
+            if v.causality == Causality::Input {
                 expected.initial = Some(Initial::Exact);
             }
             expected
@@ -129,47 +129,46 @@ fn the_xml_of_fmi_3_reads_back_as_the_variables_of_the_model() {
 
 #[test]
 fn descriptions_that_no_importer_could_read_are_errors() {
-    let error = |change: fn(&mut Description), version| {
+    let other_items = |tank: &mut Description| {
+        let mut variables = tank.variables.iter_mut();
+        let mode = variables.find(|v| v.of_type == Type::Enumeration).unwrap();
+        let mut declared = DeclaredType::clone(mode.declared_type.as_ref().unwrap());
+        declared.items.pop();
+        mode.declared_type = Some(Arc::new(declared));
+    };
+    type Case = (fn(&mut Description), &'static [FmiVersion], &'static str);
+    let cases: [Case; 3] = [
+        (
+            other_items,
+            &FmiVersion::ALL,
+            "two enumerations of Tank have the name PumpMode",
+        ),
+        (
+            |tank| tank.variables[0].unit = Some("Nm".into()),
+            &FmiVersion::ALL,
+            "\"Nm\" is not a unit",
+        ),
+        (
+            |tank| tank.variables[0].name = "time".into(),
+            &[FmiVersion::Fmi3],
+            "the independent variable of FMI 3.0",
+        ),
+    ];
+    for (change, versions, expected) in cases {
         let mut tank = description(&TANK_COPY);
         change(&mut tank);
-        let xml = tank.to_xml(version, &Origin::default());
-        xml.map(|_| ()).unwrap_err().to_string()
-    };
-    let other_items = |tank: &mut Description| {
-        let mode = tank
-            .variables
-            .iter_mut()
-            .find(|v| v.of_type == Type::Enumeration);
-        mode.unwrap().declared_type = Some(Arc::new(DeclaredType {
-            name: "PumpMode".into(),
-            items: vec![Item {
-                name: "by_hand".into(),
-                value: 1,
-                description: String::new(),
-            }],
-            ..DeclaredType::default()
-        }));
-    };
-    let unknown_unit: fn(&mut Description) = |tank| tank.variables[0].unit = Some("Nm".into());
-    let named_time: fn(&mut Description) = |tank| tank.variables[0].name = "time".into();
-    for version in FmiVersion::ALL {
-        let text = error(other_items, version);
-        assert!(
-            text.contains("two enumerations of Tank have the name PumpMode"),
-            "{text}"
-        );
-        let text = error(unknown_unit, version);
-        assert!(text.contains("\"Nm\" is not a unit"), "{text}");
+        for version in versions {
+            let error = tank.to_xml(*version, &Origin::default()).unwrap_err();
+            assert!(error.to_string().contains(expected), "{error}");
+        }
     }
-    let text = error(named_time, FmiVersion::Fmi3);
-    assert!(
-        text.contains("the independent variable of FMI 3.0"),
-        "{text}"
-    );
     let mut tank = description(&TANK_COPY);
     tank.variables[0].exported.terminal = "pipe.flow".into();
-    let text = tank.terminals(true).unwrap_err().to_string();
-    assert!(text.contains("member flow of the terminal pipe"), "{text}");
+    let error = tank.terminals(true).unwrap_err().to_string();
+    assert!(
+        error.contains("member flow of the terminal pipe"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -210,56 +209,52 @@ fn start_values_survive_the_way_through_the_compiler() {
     assert_eq!((plain.name, guid(&plain)), ("Sizes", guid(&SIZES)));
 }
 
-/// Models that differ in one thing only.
-macro_rules! identities {
-    ($($name:ident: $ty:ty, ($($option:tt)*), $description:literal;)*) => {
-        $(
-            #[derive(Model)]
-            #[model(name = "Same")]
-            #[allow(dead_code, reason = "only the table is under test")]
-            #[doc = "a model"]
-            struct $name {
-                #[doc = $description]
-                #[parameter($($option)*)]
-                value: $ty,
-            }
-
-            impl Simulate for $name {
-                fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-                    Ok(())
-                }
-            }
-        )*
-
-        #[test]
-        fn the_guid_changes_with_the_interface_only() {
-            let interfaces = [$(fmu_export::interface::<$name, 1>(None)),*];
-            let [described, different @ ..] = interfaces;
-            assert_eq!(guid(&described), guid(&different[0]));
-            let sampled = Interface { is_sampled: true, ..described };
-            let renamed = Interface { name: "Other", ..described };
-            let empty = Interface { scalars: &[], ..described };
-            let mut guids = different.map(|interface| guid(&interface)).to_vec();
-            guids.extend([sampled, renamed, empty].map(|interface| guid(&interface)));
-            for (i, guid) in guids.iter().enumerate() {
-                assert!(!guids[..i].contains(guid), "{i}");
-            }
+#[test]
+fn the_guid_changes_with_the_interface_only() {
+    // The GUID of a model with one variable after a change.
+    let changed = |change: fn(&mut Field, &mut Interface)| {
+        let (mut scalar, mut interface) = (TANK.scalars[0], TANK);
+        let mut field = *scalar.variable;
+        change(&mut field, &mut interface);
+        scalar.variable = Box::leak(Box::new(field));
+        if !interface.scalars.is_empty() {
+            interface.scalars = Box::leak(Box::new([scalar]));
         }
+        guid(&interface)
     };
-}
-identities! {
-    Described: f64, (start = 1), "another description";
-    Double: f64, (start = 1), "a value";
-    Larger: f64, (start = 2), "a value";
-    Bounded: f64, (start = 1, min = 0), "a value";
-    InMetres: f64, (start = 1, unit = "m"), "a value";
-    Tunable: f64, (start = 1, tunable), "a value";
-    Single: f32, (start = 1), "a value";
-    Byte: u8, (start = 1, max = 100), "a value";
-    SignedByte: i8, (start = 1, min = 0, max = 100), "a value";
-    Binary: Vec<u8>, (start = b"a"), "a value";
-    OtherBinary: Vec<u8>, (start = b"b"), "a value";
-    Picture: Vec<u8>, (start = b"a", mime_type = "image/png"), "a value";
+    let plain = changed(|_, _| ());
+    assert_eq!(changed(|field, _| field.description = "another"), plain);
+    assert_eq!(changed(|field, _| field.terminal = "another.one"), plain);
+    let mut guids = vec![plain];
+    for change in [
+        |_, interface| interface.is_sampled = false,
+        |_, interface| interface.is_continuous = true,
+        |_, interface| interface.name = "Other",
+        |_, interface| interface.scalars = &[],
+        |field, _| field.name = "other",
+        |field, _| field.causality = Causality::Local,
+        |field, _| field.variability = Variability::Discrete,
+        |field, _| field.dimensions = &[1],
+        |field, _| field.size = "other",
+        |field, _| field.unit = "m",
+        |field, _| field.dynamics = Dynamics::State { nominal: 1.0 },
+        |field, _| field.bounds = Bounds::Real(0.0, 1.0),
+        |field, _| field.start = Start::Float64(&[2.0]),
+        |field, _| field.start = Start::Float32(&[0.25]),
+        |field, _| field.start = Start::UInt8(&[1]),
+        |field, _| field.start = Start::Int8(&[1]),
+        |field, _| field.start = Start::Boolean(&[true]),
+        |field, _| field.start = Start::String(&["a"]),
+        |field, _| field.start = Start::Binary(&[b"a"]),
+        |field, _| field.start = Start::Binary(&[b"b"]),
+        |field, _| (field.start, field.mime_type) = (Start::Binary(&[b"a"]), "image/png"),
+    ] as [fn(&mut Field, &mut Interface); _]
+    {
+        guids.push(changed(change));
+    }
+    for (i, guid) in guids.iter().enumerate() {
+        assert!(!guids[..i].contains(guid), "{i}");
+    }
 }
 
 macro_rules! table {
