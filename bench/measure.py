@@ -9,6 +9,7 @@ import subprocess
 import sys
 import sysconfig
 import time
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,6 +17,7 @@ from importlib.util import find_spec
 from math import prod
 from pathlib import Path
 from statistics import median
+from typing import Any, Self
 
 import fmpy
 from fmpy.model_description import ModelVariable
@@ -34,69 +36,38 @@ Costs = dict[str, list[float]]
 
 @dataclass(frozen=True)
 class Case:
-    """An FMU with its inputs, outputs and start values, for the C host."""
+    """An FMU with its inputs, outputs and start values, for the C host: a table of cases.toml."""
 
     name: str
     model: str
+    outputs: Sequence[str]
     inputs: Mapping[str, float | str | None] = field(default_factory=dict)
     """A constant, the output FMU.INDEX of another case, or None for a signal that moves."""
-    outputs: Sequence[str] = ("u",)
     start: Mapping[str, float | bool] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> Self:
+        """Return the case of a table, in which listed inputs move."""
+        inputs = table.get("inputs", {})
+        inputs = inputs if isinstance(inputs, Mapping) else dict.fromkeys(inputs)
+        return cls(**{**table, "inputs": inputs})
 
-STANDING = {"r": 1.0, "y": 0.99, "d": 0.0, "u_supervisor": 10.0, "u": 1e-4}
-"""Inputs that stand. The force is so small that the plant stays upright."""
 
-CONTROLLER = dict.fromkeys(["r", "y", "d"])
+TABLES = tomllib.loads((BENCH / "cases.toml").read_text(encoding="utf-8"))
 
-REFERENCE = Case("bare PID in C", "CPid", CONTROLLER)
-
-PLANTS = {
-    f"Pendulum, {name}": Case(
-        f"Pendulum, {name}", "Pendulum", {"u": None}, ["theta"], {"model": item}
-    )
-    for name, item in (("linear", 2), ("nonlinear", 3), ("transfer function", 1))
-}
-
-MODELS = {
-    "Pid": Case("Pid", "Pid", CONTROLLER),
-    "PidRbf": Case("PidRbf", "PidRbf", CONTROLLER),
-    "IpidRbf": Case("IpidRbf", "IpidRbf", {**CONTROLLER, "u_supervisor": None}),
-    **PLANTS,
-}
-"""The FMUs of the project with inputs; all move."""
-
-ALL_OUTPUTS = Case(
-    "PidRbf, all outputs",
-    "PidRbf",
-    CONTROLLER,
-    ["u", "u_p", "e", "u_n", *(f"rbf.{x}[{i}]" for x in "wh" for i in range(1, 5))],
+REFERENCE, ALL_OUTPUTS, SOURCE = (
+    Case.of(TABLES[k]) for k in ("reference", "all_outputs", "source")
 )
-"""The outputs of the network are arrays in FMI 3.0."""
+
+MODELS = {table["name"]: Case.of(table) for table in TABLES["models"]}
+
+LOOP, PAIR = (list(map(Case.of, TABLES[key])) for key in ("loop", "pair"))
 
 VERSIONS = [*list(MODELS.values())[:4], ALL_OUTPUTS]
 """The cases that are compared with FMI 3.0."""
 
-SOURCE = Case("Source", "Source", {}, ["r", "d"])
-
-LOOP = [
-    Case(
-        "controller",
-        "PidRbf",
-        {"r": "source.0", "y": "plant.0", "d": "source.1"},
-        ["u", "e"],
-        {"previous_sample_terms": True},
-    ),
-    Case("plant", "Pendulum", {"u": "controller.0"}, ["theta"]),
-    replace(SOURCE, name="source"),
-]
-"""examples/closed-loop/pid-rbf.toml."""
-
-PAIR = [
-    Case("controller", "PidRbf", {"y": "plant.0"}, ["u", "e"], {"r": 0.01}),
-    Case("plant", "Pendulum", {"u": "controller.0"}, ["theta"]),
-]
-"""bench/coupled.toml."""
+STANDING = {"r": 1.0, "y": 0.99, "d": 0.0, "u_supervisor": 10.0, "u": 1e-4}
+"""Inputs that stand. The force is so small that the plant stays upright."""
 
 
 def standing(case: Case) -> Case:
