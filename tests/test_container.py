@@ -88,11 +88,9 @@ def test_a_compiled_master_gives_the_same_bits(fmus, tmp_path, controller, targe
     outputs = ["source.r", "source.d", "plant.theta"]
     loop = Loop(controller, "square", 1.0, target, previous_sample_terms=False)
     with loop.system(fmus) as system:
-        models = {name: c.description.modelName for name, c in system.components.items()}
         ours = simulate(system, TS, TS, STEPS, order="parallel", record=outputs)
-        connections = system.connections
-    files = {name: fmus / f"{model}.fmu" for name, model in models.items()}
-    path = container(files, connections, outputs, parameters, tmp_path)
+    files = {name: fmus / file for name, file in loop.files().items()}
+    path = container(files, loop.connections(), outputs, parameters, tmp_path)
     times = {"start_time": TS, "stop_time": STEPS * TS, "step_size": TS, "output_interval": TS}
     theirs = fmpy.simulate_fmu(path, **times)
     for name in outputs:

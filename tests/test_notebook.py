@@ -1,9 +1,9 @@
 """The notebook runs, its numbers are correct, and its stored outputs are current."""
 
+import copy
 import json
 import re
 import runpy
-from functools import cache
 from pathlib import Path
 
 import nbformat
@@ -24,7 +24,7 @@ import json
 
 runs = {**steps, **gains}
 columns = {name: {key: run[key].tolist() for key in run} for name, run in runs.items()}
-print(json.dumps({"K": K.tolist(), "runs": columns}))
+print(json.dumps([K.tolist(), columns]))
 """
 """A cell that prints the exact numbers."""
 
@@ -32,28 +32,17 @@ TS = reference.TS
 STEPS = 10000
 
 
-@cache
-def stored() -> NotebookNode:
-    """Return the notebook as it is in the repository."""
-    return nbformat.read(NOTEBOOK, as_version=4)
+STORED = nbformat.read(NOTEBOOK, as_version=4)
 
 
 @pytest.fixture(scope="module")
-def executed(fmus: Path) -> tuple[NotebookNode, dict]:
+def executed(fmus: Path) -> tuple[NotebookNode, np.ndarray, dict]:
     """Execute the notebook; return it, the gain of the LQR, and the columns of all runs."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook = copy.deepcopy(STORED)
     notebook.cells.append(new_code_cell(PROBE))
     execute(notebook, NOTEBOOK.parent)
-    values = json.loads(notebook.cells.pop().outputs[0].text)
-    columns = values["runs"].items()
-    values["runs"] = {name: {k: np.array(v) for k, v in run.items()} for name, run in columns}
-    return notebook, values
-
-
-@pytest.fixture(scope="module")
-def numbers(executed) -> dict:
-    """Return the gain of the LQR and the columns of all runs."""
-    return executed[1]
+    gain, runs = json.loads(notebook.cells.pop().outputs[0].text)
+    return notebook, gain, {name: {k: np.array(run[k]) for k in run} for name, run in runs.items()}
 
 
 def texts(notebook: NotebookNode) -> list[str]:
@@ -74,19 +63,19 @@ def table(notebook: NotebookNode, header: str) -> dict[str, list[float]]:
 
 
 def test_stored_notebook_is_valid_executed_and_small_and_has_no_machine_names() -> None:
-    nbformat.validate(stored())
-    code = [cell for cell in stored().cells if cell.cell_type == "code"]
+    nbformat.validate(STORED)
+    code = [cell for cell in STORED.cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
     assert NOTEBOOK.stat().st_size < 400_000
-    text = "\n".join([cell.source for cell in stored().cells] + texts(stored()))
+    text = "\n".join([cell.source for cell in STORED.cells] + texts(STORED))
     assert not re.search(r"/(home|root|tmp|Users|usr)/|[A-Z]:\\", text)
-    assert not any(cell.metadata for cell in stored().cells)
-    assert stored().metadata.language_info == {"name": "python"}
+    assert not any(cell.metadata for cell in STORED.cells)
+    assert STORED.metadata.language_info == {"name": "python"}
 
 
 def test_stored_outputs_match_a_run(executed) -> None:
-    notebook, _ = executed
-    assert texts(stored()) == texts(notebook)
+    notebook = executed[0]
+    assert texts(STORED) == texts(notebook)
     assert sum("image/png" in output.get("data", {}) for cell in notebook.cells
                for output in cell.get("outputs", [])) == 4  # fmt: skip
 
@@ -106,40 +95,41 @@ def feedback_model() -> tuple[np.ndarray, np.ndarray]:
     return phi[:3, :3], phi[:3, 3:]
 
 
-def test_gain_is_the_lqr_gain(numbers) -> None:
+def test_gain_is_the_lqr_gain(executed) -> None:
     A, B = feedback_model()
     Q, R = np.diag([1e6, 1e5, 1e3]), np.eye(1)
     P = solve_discrete_are(A, B, Q, R)
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)[0]
-    np.testing.assert_allclose(numbers["K"], K, rtol=1e-6)
+    np.testing.assert_allclose(executed[1], K, rtol=1e-6)
 
 
-def test_own_controller_matches_numpy(numbers) -> None:
+def test_own_controller_matches_numpy(executed) -> None:
+    _, gain, runs = executed
     plant, integral, theta = reference.Plant(), 0.0, []
     for _ in range(STEPS):
         _, v, angle, omega = plant.state
         theta.append(angle)
         e = angle - 1.0
-        u = reference.b * v - np.dot(numbers["K"], (integral, e, omega))
+        u = reference.b * v - np.dot(gain, (integral, e, omega))
         integral += e * TS * (abs(u) < 100)
         plant.step(min(max(u, -100), 100), TS)
-    run = numbers["runs"]["LQR"]
+    run = runs["LQR"]
     np.testing.assert_allclose(run["plant.theta"], theta, rtol=0, atol=1e-9)
     assert np.max(np.abs(run["controller.u"])) <= 100
     assert run["plant.theta"][-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_printed_tables_follow_from_the_runs(executed, numbers) -> None:
-    notebook, _ = executed
+def test_printed_tables_follow_from_the_runs(executed) -> None:
+    notebook, _, runs = executed
     printed = table(notebook, " " * 11 + "settling")
     assert list(printed) == ["PID", "PID-RBF", "IPID-RBF", "LQR"]
     for name, row in printed.items():
-        run = numbers["runs"][name]
+        run = runs[name]
         t, e = run["time"], 1 - run["plant.theta"]
         settled = t[max(k for k in range(STEPS) if abs(e[k]) > 0.003) + 1]
         integrals = [sum(x) * TS for x in (abs(e), e * e, t * abs(e))]
         expected = [settled, *integrals, max(run["plant.theta"]) - 1]
         assert row == pytest.approx(expected, abs=6e-4), name
     for name, row in table(notebook, "kp").items():
-        theta = numbers["runs"][name]["plant.theta"]
+        theta = runs[name]["plant.theta"]
         assert row == pytest.approx([max(theta[:5000]) - 1, -min(theta) - 1], abs=6e-4), name

@@ -1,4 +1,7 @@
-"""The Pendulum FMU alone, against closed forms and SciPy's integrators."""
+"""The Pendulum FMU alone, against closed forms and SciPy's integrators.
+
+`test_master.py` and `test_c_interface.py` test what it refuses.
+"""
 
 import math
 from collections.abc import Iterable
@@ -8,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 import reference
-from pendulum_fmus.master import Component, MasterError, Reals
+from pendulum_fmus.master import Component, Reals
 
 STATE = ("x", "v", "theta", "omega")
 """The outputs in the order of the reference's state."""
@@ -115,18 +118,3 @@ def test_the_difference_equation_has_the_coefficients_of_the_paper():
     # (41), without the fourth digits of the zeros: num[2] is a difference of nearly equal numbers
     np.testing.assert_allclose(num[[1, 3]], [1.17824452e-06, -1.17820983e-06], rtol=1e-8)
     np.testing.assert_allclose(den, [1, -2.9999395157378, 2.9998512006421, -0.9999116872136])
-
-
-@pytest.mark.parametrize("h", [0.0015, 0.00025, 1 / 1024])
-def test_the_transfer_function_rejects_a_step_of_no_whole_number_of_samples(instance, h):
-    plant = instance("Pendulum", {"model": "transfer_function"})
-    with pytest.raises(MasterError, match=r"status 3.*(multiple|whole number).*ts"):
-        plant.step(0.0, h)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("M", math.nan), ("M", -1.0), ("l", 0.0), ("ts", 0.0), ("g", math.inf)]
-)
-def test_invalid_parameters_are_rejected_by_name(instance, name, value):
-    with pytest.raises(MasterError, match=rf"status 3: .*\b{name}"):
-        instance("Pendulum", {name: value})

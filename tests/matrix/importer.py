@@ -211,15 +211,9 @@ def gemseo() -> Iterable[float]:
     from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
     from numpy import array
 
-    plant = FMUDiscipline(
-        FMUS["plant"],
-        ["u"],
-        ["theta"],
-        initial_time=0.0,
-        final_time=STOP,
-        time_step=STEP,
-        use_co_simulation=not EXCHANGE,
-    )
+    times = {"initial_time": 0.0, "final_time": STOP, "time_step": STEP}
+    kind = {"use_co_simulation": not EXCHANGE}
+    plant = FMUDiscipline(FMUS["plant"], ["u"], ["theta"], **times, **kind)
     return plant.execute({"u": array([FORCE])})["theta"]
 
 
@@ -251,19 +245,12 @@ def fmugym() -> Iterable[float]:
     inputs.add_var_box("u", -10.0, 10.0)
     outputs.add_var_box("theta", -10.0, 10.0)
     others = "input_noise output_noise random_vars set_point_stop terminations".split()
-    environment = Environment(
-        FMUGymConfig(
-            fmu_path=str(FMUS["plant"]),
-            stop_time=2 * STOP,
-            sim_step_size=STEP,
-            action_step_size=STEP,
-            inputs=inputs,
-            outputs=outputs,
-            set_point_map=State2Out("none"),
-            set_point_nominal_start=TargetValue("none"),
-            **{name: VarSpace("none") for name in others},
-        )
-    )
+    settings = {
+        "set_point_map": State2Out("none"), "set_point_nominal_start": TargetValue("none"),
+        "stop_time": 2 * STOP, "sim_step_size": STEP, "action_step_size": STEP,
+    }  # fmt: skip
+    settings |= {"inputs": inputs, "outputs": outputs} | {n: VarSpace("none") for n in others}
+    environment = Environment(FMUGymConfig(fmu_path=str(FMUS["plant"]), **settings))
     yield environment.reset()[0][0]
     for _ in range(STEPS):
         yield environment.step(np.array([FORCE]))[0][0]

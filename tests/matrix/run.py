@@ -83,13 +83,18 @@ SCRIPTS = {
 OTHERS = {"OMSimulator": "3.0.0.post198", "mosaik-fmi": "1.1.0.post0", "PyFMI": "2.5"}
 """Packages that did not install when this was written; it is tried again."""
 
-Row = tuple[str, str, str, str, str, str]
-"""A line of the table: importer, its version, kind, case, result, version of FMI."""
+SINGLE = [
+    run for run in product([CS, EVENTS, ME], PARTS, FMI) if run[0] != EVENTS or run[2] == "3.0"
+]
+"""Kind, case and version of FMI of the runs of a single FMU."""
 
 
-def rows(folder: Path) -> Iterator[Row]:
-    """Run everything; temporary files are in the folder."""
-    for kind, case, fmi in parts():
+def rows(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Run everything, with temporary files in the folder.
+
+    Yields lines of the table: importer, its version, kind, case, result, version of FMI.
+    """
+    for kind, case, fmi in SINGLE:
         result = compare(by_fmpy(kind, case, fmi), case)
         yield "FMPy, `simulate_fmu`", version("fmpy"), kind, CASES[case], result, fmi
     for fmi in FMI:
@@ -99,7 +104,7 @@ def rows(folder: Path) -> Iterator[Row]:
     pinned = re.search(r"fmi-sim ([\d.]+)", told.stdout + told.stderr)[1]
     result = by_fmi_sim(CS, "plant", FMUS / "Pendulum_fmi3.fmu", folder)
     yield "fmi-sim", pinned, CS, CASES["plant"], result, "3.0"
-    for kind, case, fmi in parts():
+    for kind, case, fmi in SINGLE:
         file, used = FMUS / f"{PARTS[case][0]}{FMI[fmi]}.fmu", fmi
         if fmi == "3.0":
             file, used = without_units(file, folder), "3.0 without units"
@@ -122,13 +127,6 @@ def rows(folder: Path) -> Iterator[Row]:
         yield name, pinned, "", "installation", result, ""
 
 
-def parts() -> Iterator[tuple[str, str, str]]:
-    """Yield kind, case and version of FMI of the runs of a single FMU."""
-    for part in product([CS, EVENTS, ME], PARTS, FMI):
-        if part[0] != EVENTS or part[2] == "3.0":
-            yield part
-
-
 # --- what is expected -----------------------------------------------------------------------------
 
 
@@ -149,7 +147,8 @@ def expected(case: str) -> dict[str, np.ndarray]:
     if case == "controller":
         return {"the loop": recorded("controller.u")}
     A, B = reference.linear_model()
-    euler = angle(np.eye(4) + STEP * A, STEP * B, force := forces(case))
+    force = np.ones(SHORT + 1) if case == "plant" else recorded("controller.u")
+    euler = angle(np.eye(4) + STEP * A, STEP * B, force)
     if case == "plant":
         times = STEP * np.arange(SHORT + 1)
         exact = [reference.linear_response((0, 0, 0, 0), 1.0, t)[2] for t in times]
@@ -167,11 +166,6 @@ def recorded(name: str) -> np.ndarray:
     return loop("sequential", "Pid")[name][: SHORT + 1]
 
 
-def forces(case: str) -> np.ndarray:
-    """Return the force [N] on the pendulum in each step."""
-    return np.ones(SHORT + 1) if case == "plant" else recorded("controller.u")
-
-
 def angle(A: np.ndarray, B: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Return the angle [rad] of the pendulum from its difference equation."""
     states = [np.zeros(4)]
@@ -185,13 +179,12 @@ def inputs(case: str) -> np.ndarray | None:
 
     The force jumps at the samples, the inputs of the controller between them.
     """
+    if case == "plant":
+        return None
     names, late = {
-        "plant": ({}, 0),
         "driven": ({"u": "controller.u"}, 0),
         "controller": ({"r": "source.r", "d": "source.d", "y": "plant.theta"}, 0.5),
     }[case]
-    if not names:
-        return None
     jumps = STEP * (np.arange(1, SHORT + 1) - late)
     times = np.concatenate([[0], np.repeat(jumps, 2), [STEP * (SHORT + 1)]])
     values = [np.repeat(recorded(name), 2) for name in names.values()]
@@ -243,12 +236,10 @@ def by_fmpy(kind: str, case: str, fmi: str) -> np.ndarray:
 
 def by_container(fmi: str, folder: Path) -> np.ndarray:
     """Simulate a container FMU, of FMI 2.0, with the loop of FMUs of either version."""
-    models = {"source": "Source", "controller": "IpidRbf", "plant": "Pendulum"}
-    files = {name: FMUS / f"{model}{FMI[fmi]}.fmu" for name, model in models.items()}
-    with Loop("IpidRbf", "step").system(FMUS) as system:
-        connections = system.connections
+    loop = Loop("IpidRbf", "step", fmi3=("all",) if FMI[fmi] else ())
+    files = {name: FMUS / file for name, file in loop.files().items()}
     (own := folder / f"container-{fmi}").mkdir()
-    path = container(files, connections, ["plant.theta"], {}, own)
+    path = container(files, loop.connections(), ["plant.theta"], {}, own)
     times = {"stop_time": LONG * STEP, "step_size": STEP, "output_interval": STEP}
     return fmpy.simulate_fmu(path, **times)["plant.theta"]
 
@@ -313,17 +304,8 @@ def by_script(function: str, packages: str, kind: str, case: str, fmi: str, fold
 
 def uv(packages: Sequence[str], *command: object) -> subprocess.CompletedProcess[str]:
     """Run a command with this Python and packages that are installed for it."""
-    head = [
-        sys.executable,
-        "-m",
-        "uv",
-        "--quiet",
-        "run",
-        "--no-project",
-        "--python",
-        sys.executable,
-    ]
-    options = [option for package in packages for option in ("--with", package)]
+    head = [sys.executable, *"-m uv --quiet run --no-project --python".split(), sys.executable]
+    options = [f"--with={package}" for package in packages]
     words = [str(word) for word in [*head, *options, *command]]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
