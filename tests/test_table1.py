@@ -1,7 +1,6 @@
 """Closed loops of the FMUs against the independent implementation; Table 1 of the paper."""
 
 import math
-from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import reference
 from pendulum_fmus import table1
 from pendulum_fmus.loop import TS, Loop, execute
 from pendulum_fmus.master import simulate
-from pendulum_fmus.table1 import Entry, agrees, rounded
+from pendulum_fmus.table1 import agrees
 
 TIMES = {"start": 4.8, "step": TS, "steps": 1000, "order": "sequential"}
 """The disturbance and the jump of the square wave are at 5 s."""
@@ -72,26 +71,11 @@ def test_two_samples_of_delay_end_in_a_limit_cycle(fmus, controller):
 
 # --- Table 1 ------------------------------------------------------------------------------------
 
-ENTRIES = table1.entries()
-
-
-def name(entry: Entry) -> str:
-    """Return the name of the test of an entry."""
-    return "-".join([*entry.label, "settling"] if entry.settling else entry.label)
-
-
-@pytest.mark.parametrize("entry", ENTRIES, ids=name)
-def test_number(table_results, entry):
-    computed = entry.computed(table_results[entry.run])
-    assert entry.close(computed), f"{computed!r} is not close to {entry.expected!r}"
-    if entry.every_digit:
-        assert rounded(computed, entry.printed) == Decimal(entry.printed)
-
 
 def test_the_report_confirms_every_number_and_shows_misses(table_results):
     text, all_hold = table1.report(table_results)
-    assert all_hold
-    assert text.count(" ok\n") + text.count(" (ok)\n") == len(ENTRIES) == 18 + 4 + 2
+    assert all_hold, text
+    assert text.count(" ok\n") + text.count(" (ok)\n") == len(table1.entries()) == 18 + 4 + 2
     assert "18 of 18 numbers of Table 1 reproduced, 12 to every digit" in text
     assert max(map(len, text.splitlines())) <= 80
     run = Loop("Pid", "step", 0.0)
