@@ -131,12 +131,7 @@ const MAX_SAMPLES: f64 = 1e8;
 
 impl Continuous for Pendulum {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        let mut state = State {
-            x: self.x0,
-            v: self.v0,
-            theta: self.theta0,
-            omega: self.omega0,
-        };
+        let mut state = State::from([self.x0, self.v0, self.theta0, self.omega0]);
         self.dynamics = match self.model {
             PlantModel::TransferFunction if start.is_model_exchange => {
                 return Err(ModelError::refuse(
@@ -166,12 +161,7 @@ impl Continuous for Pendulum {
             Dynamics::Linear(plant) => plant.derivative(&state, self.u),
             Dynamics::Nonlinear => nonlinear::derivative(&self.parameters, &state, self.u),
         };
-        State {
-            x: self.x_dot,
-            v: self.v_dot,
-            theta: self.theta_dot,
-            omega: self.omega_dot,
-        } = derivative;
+        [self.x_dot, self.v_dot, self.theta_dot, self.omega_dot] = derivative.into();
         Ok(())
     }
 }
@@ -197,22 +187,12 @@ impl Pendulum {
 
     #[inline(always)]
     fn state(&self) -> State {
-        State {
-            x: self.x,
-            v: self.v,
-            theta: self.theta,
-            omega: self.omega,
-        }
+        [self.x, self.v, self.theta, self.omega].into()
     }
 
     #[inline(always)]
     fn set_state(&mut self, state: State) {
-        State {
-            x: self.x,
-            v: self.v,
-            theta: self.theta,
-            omega: self.omega,
-        } = state;
+        [self.x, self.v, self.theta, self.omega] = state.into();
     }
 
     #[inline(always)]

@@ -15,14 +15,6 @@ fn expected(row: usize, column: &str) -> Option<f64> {
     cells(row).nth(index).unwrap().parse().ok()
 }
 
-fn rows() -> impl Iterator<Item = (usize, SetPoint, f64)> {
-    [SetPoint::Step, SetPoint::Sine, SetPoint::Square]
-        .into_iter()
-        .flat_map(|s| [(s, 0.0), (s, 1.0)])
-        .enumerate()
-        .map(|(row, (s, d))| (row + 1, s, d))
-}
-
 /// The last error of a loop under `controller`.
 fn last_error(
     set_point: SetPoint,
@@ -49,18 +41,16 @@ fn assert_error(row: usize, column: &str, e: f64) {
     }
 }
 
+/// PID, PID-RBF, and IPID-RBF that PID-RBF supervises.
 #[test]
-fn pid_column() {
-    for (row, set_point, disturbance) in rows() {
+fn all_columns() {
+    let set_points = [SetPoint::Step, SetPoint::Sine, SetPoint::Square];
+    let rows = set_points.into_iter().flat_map(|s| [(s, 0.0), (s, 1.0)]);
+    for (row, (set_point, disturbance)) in (1..).zip(rows) {
         let mut c = pid(Integral::Sum, true);
         let e = last_error(set_point, disturbance, |r, y, d| c.sample(r, y, d));
         assert_error(row, "e_pid_expected", e);
-    }
-}
 
-#[test]
-fn pid_rbf_and_supervised_ipid_rbf_columns() {
-    for (row, set_point, disturbance) in rows() {
         let mut supervisor = pid_rbf(true, [0.0; 4]);
         let mut forces = Vec::new();
         let e = last_error(set_point, disturbance, |r, y, d| {

@@ -83,25 +83,24 @@ impl Library {
             (Version::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
             (Version::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
         };
-        let strings = strings(arguments, function)?;
-        let [name, guid, resources] = strings.each_ref().map(|text| text.as_ptr().cast());
+        let given = [arguments.name, arguments.guid, arguments.resources];
+        let terminated = |text| CString::new(text).map(CString::into_bytes_with_nul);
+        let strings: std::result::Result<Vec<_>, _> = given.into_iter().map(terminated).collect();
+        let mut strings = strings.map_err(|_| Failure::new(function, Cause::ZeroByte))?;
+        let [name, guid, resources] = [0, 1, 2].map(|i| strings[i].as_ptr().cast());
         let resources = match arguments.treatment {
             Treatment::NoResources => ptr::null(),
             _ => resources,
         };
         let has_logger = arguments.treatment != Treatment::NoLogger;
-        let log_message: Option<fmi3LogMessageCallback> = match has_logger {
-            true => Some(log_3),
-            false => None,
-        };
-        let update: Option<fmi3IntermediateUpdateCallback> = match arguments.on_intermediate {
-            Some(_) => Some(intermediate_update),
-            None => None,
-        };
-        let registered = Registered::new(Arc::new(sink), arguments.on_intermediate.clone());
+        let log = has_logger.then_some(log_3 as fmi3LogMessageCallback);
+        let on_intermediate = arguments.on_intermediate.clone();
+        let update = on_intermediate.is_some();
+        let update = update.then_some(intermediate_update as fmi3IntermediateUpdateCallback);
+        let registered = Registered::new(Arc::new(sink), on_intermediate);
         let environment = registered.environment();
         let mut instance = Instance::new(self, registered, has_logger.then(logger));
-        let logging_on = arguments.logging_on;
+        let on = arguments.logging_on;
         // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
         // until it is freed, and the FMU copies the value references.
         let pointer = unsafe {
@@ -109,13 +108,12 @@ impl Library {
                 (Version::Fmi2, kind) => {
                     let instantiate = self.function(self.fmi2.fmi2Instantiate, function)?;
                     let (kind, callbacks) = (kind as c_int, instance.callbacks());
-                    instantiate(name, kind, guid, resources, callbacks, 0, logging_on.into())
+                    instantiate(name, kind, guid, resources, callbacks, 0, on.into())
                 }
                 (Version::Fmi3, Kind::ModelExchange) => {
                     let found = self.fmi3.fmi3InstantiateModelExchange;
                     let instantiate = self.function(found, function)?;
-                    let (on, log) = (logging_on.into(), log_message);
-                    instantiate(name, guid, resources, 0, on, environment, log)
+                    instantiate(name, guid, resources, 0, on.into(), environment, log)
                 }
                 (Version::Fmi3, Kind::CoSimulation) => {
                     let found = self.fmi3.fmi3InstantiateCoSimulation;
@@ -125,47 +123,28 @@ impl Library {
                         guid,
                         resources,
                         0,
-                        logging_on.into(),
+                        on.into(),
                         arguments.event_mode_used.into(),
                         arguments.early_return_allowed.into(),
                         arguments.intermediate_variables.as_ptr(),
                         arguments.intermediate_variables.len(),
                         environment,
-                        log_message,
+                        log,
                         update,
                     )
                 }
             }
         };
-        instance.strings = kept(strings, arguments.treatment);
+        if arguments.treatment == Treatment::ShortLivedStrings {
+            let bytes = strings.iter_mut().flatten();
+            bytes
+                .filter(|byte| **byte != 0)
+                .for_each(|byte| *byte = b'#');
+        }
+        instance.strings = strings;
         instance.pointer = pointer;
         Ok((!pointer.is_null()).then_some(instance))
     }
-}
-
-/// The strings that an FMU is instantiated with, as C strings: name, GUID and location of the resources.
-type Strings = [Vec<u8>; 3];
-
-fn strings(arguments: &Instantiation<'_>, function: &'static str) -> Result<Strings> {
-    let text = |text: &str| {
-        let text = CString::new(text).map_err(|_| Failure::new(function, Cause::ZeroByte))?;
-        Ok(text.into_bytes_with_nul())
-    };
-    Ok([
-        text(arguments.name)?,
-        text(arguments.guid)?,
-        text(arguments.resources)?,
-    ])
-}
-
-/// What remains of the strings once the FMU is instantiated.
-fn kept(mut strings: Strings, treatment: Treatment) -> Strings {
-    if treatment == Treatment::ShortLivedStrings {
-        for byte in strings.iter_mut().flatten().filter(|byte| **byte != 0) {
-            *byte = b'#';
-        }
-    }
-    strings
 }
 
 /// An instance of an FMU, which is freed on drop. It keeps its library loaded.
@@ -179,7 +158,7 @@ pub struct Instance {
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
     experiment: Experiment,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
-    pub(crate) strings: [Vec<u8>; 3],
+    strings: Vec<Vec<u8>>,
     _registered: Registered,
 }
 

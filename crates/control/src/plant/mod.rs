@@ -117,12 +117,14 @@ pub struct State {
 }
 
 impl From<[f64; 4]> for State {
+    #[inline(always)]
     fn from([x, v, theta, omega]: [f64; 4]) -> Self {
         Self { x, v, theta, omega }
     }
 }
 
 impl From<State> for [f64; 4] {
+    #[inline(always)]
     fn from(s: State) -> Self {
         [s.x, s.v, s.theta, s.omega]
     }

@@ -77,16 +77,8 @@ pub fn sensitivity(
     step: f64,
 ) -> Result<State, StepFailure> {
     let u = u.into();
-    let start = [
-        state.x,
-        state.v,
-        state.theta,
-        state.omega,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ];
+    let [x, v, theta, omega] = (*state).into();
+    let start = [x, v, theta, omega, 0.0, 0.0, 0.0, 0.0];
     let [.., x, v, theta, omega] = integrate(
         start,
         step,
