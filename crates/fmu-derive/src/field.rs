@@ -3,7 +3,7 @@
 use fmu_description::words::{self, is_identifier};
 use fmu_description::{Type as FmiType, Unit};
 use proc_macro2::{Span, TokenStream};
-use quote::{ToTokens, quote};
+use quote::ToTokens;
 use syn::{Attribute, Expr, ExprLit, GenericArgument, Ident, Lit, LitStr, Meta, Result, Type};
 
 use crate::attributes::{Options, Role, error};
@@ -26,21 +26,13 @@ pub struct Field {
     pub krate: TokenStream,
 }
 
-/// The types of Rust that are types of variables, by their names.
-const TYPES: [(&str, FmiType); 12] = [
-    ("f32", FmiType::Float32),
-    ("f64", FmiType::Float64),
-    ("i8", FmiType::Int8),
-    ("u8", FmiType::UInt8),
-    ("i16", FmiType::Int16),
-    ("u16", FmiType::UInt16),
-    ("i32", FmiType::Int32),
-    ("u32", FmiType::UInt32),
-    ("i64", FmiType::Int64),
-    ("u64", FmiType::UInt64),
-    ("bool", FmiType::Boolean),
-    ("String", FmiType::String),
-];
+macro_rules! types {
+    ($($($name:ident: $type:ty),*);*) => {
+        /// The types of Rust that are types of variables, by their names.
+        const TYPES: &[(&str, FmiType)] = &[$($((stringify!($type), FmiType::$name),)*)*];
+    };
+}
+fmu_description::types!(types!);
 
 impl Field {
     pub fn of(field: &syn::Field, krate: &TokenStream) -> Result<Self> {
@@ -370,7 +362,8 @@ fn of_type(ty: &Type) -> Result<FmiType> {
     };
     if let Some(last) = path {
         let name = last.ident.to_string();
-        let is_bytes = last.to_token_stream().to_string() == quote!(Vec<u8>).to_string();
+        let without_spaces = |text: &str| text.replace(' ', "");
+        let rust = without_spaces(&last.to_token_stream().to_string());
         let is_generic = match &last.arguments {
             syn::PathArguments::None => false,
             syn::PathArguments::AngleBracketed(list) => {
@@ -379,9 +372,8 @@ fn of_type(ty: &Type) -> Result<FmiType> {
             syn::PathArguments::Parenthesized(_) => true,
         };
         let others = ["i128", "isize", "u128", "usize", "char", "str"];
-        match TYPES.iter().find(|(rust, _)| *rust == name) {
+        match TYPES.iter().find(|(name, _)| without_spaces(name) == rust) {
             Some((_, of_type)) => return Ok(*of_type),
-            None if is_bytes => return Ok(FmiType::Binary),
             None if !is_generic && !others.contains(&&*name) => return Ok(FmiType::Enumeration),
             None => {}
         }

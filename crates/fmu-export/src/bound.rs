@@ -30,8 +30,6 @@ pub(crate) trait AnyModel: Any {
     /// The derivative of a variable with respect to an input or a state, see
     /// [`Variables::directional_derivative`](crate::Variables::directional_derivative).
     fn derivative(&self, unknown: u32, known: u32) -> f64;
-    /// The sum of the Real outputs, which is finite only if each of them is.
-    fn sum_of_outputs(&self) -> f64;
     /// Checks that all Real outputs are finite.
     fn check_outputs(&mut self) -> Result<(), ModelError>;
     fn sample_time(&self) -> f64;
@@ -326,14 +324,10 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     #[inline(always)]
-    fn sum_of_outputs(&self) -> f64 {
-        self.model.add_outputs(-0.0) // the neutral element of addition
-    }
-
-    #[inline(always)]
     fn check_outputs(&mut self) -> Result<(), ModelError> {
+        let sum = self.model.add_outputs(-0.0); // the neutral element of addition
         // As `is_finite`, in fewer instructions: zero times infinity is NaN.
-        match 0.0 * self.sum_of_outputs() == 0.0 {
+        match 0.0 * sum == 0.0 {
             true => Ok(()),
             false => (self as &mut dyn AnyModel).find_not_finite(),
         }
@@ -525,38 +519,27 @@ impl dyn AnyModel {
         Ok(())
     }
 
-    /// Offsets of derivatives and event indicators.
-    fn evaluated(&self) -> impl Iterator<Item = usize> + use<> {
-        let facts = self.facts();
-        let derivatives = facts.states.iter().map(|state| state.derivative_offset);
-        derivatives.chain(facts.event_indicators.iter().copied())
-    }
-
-    /// Whether outputs, derivatives and event indicators are finite. As a sum of finite numbers may
-    /// overflow, outputs may be, though it says that they are not.
-    pub(crate) fn are_equations_finite(&mut self) -> bool {
-        let mut sum = 0.0 * self.sum_of_outputs();
-        for offset in self.evaluated() {
-            // SAFETY: the offsets come from the table.
-            sum += 0.0 * unsafe { *real_at(self.memory(), offset) };
-        }
-        sum == 0.0
-    }
-
     /// Checks that outputs, derivatives and event indicators are finite.
     pub(crate) fn check_equations(&mut self) -> Result<(), ModelError> {
         self.check_outputs()?;
-        for offset in self.evaluated() {
+        let facts = self.facts();
+        let derivatives = facts.states.iter().map(|state| state.derivative_offset);
+        for offset in derivatives.chain(facts.event_indicators.iter().copied()) {
             // SAFETY: the offsets come from the table.
             let value = unsafe { *real_at(self.memory(), offset) };
             if !value.is_finite() {
-                let mut all = (0..self.facts().count as u32).filter_map(|r| self.find(r));
-                let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
-                let name = found.map(|scalar| scalar.name()).unwrap_or_default();
-                return Err(ModelError::new(format_args!("{name} became {value}")));
+                return Err(self.not_finite(offset, value));
             }
         }
         Ok(())
+    }
+
+    #[cold]
+    fn not_finite(&self, offset: usize, value: f64) -> ModelError {
+        let mut all = (0..self.facts().count as u32).filter_map(|reference| self.find(reference));
+        let found = all.find(|scalar| scalar.offset_of_real() == Some(offset));
+        let name = found.map(|scalar| scalar.name()).unwrap_or_default();
+        ModelError::new(format_args!("{name} became {value}"))
     }
 
     /// Sets all input derivatives to zero.

@@ -645,21 +645,13 @@ impl Component {
         }
         let mut loader = Loader::new(payload);
         let lifecycle: Lifecycle = loader.take().map_err(|_| damaged())?;
-        if !lifecycle.can_be_saved() {
+        let Lifecycle { mode, state, .. } = lifecycle;
+        if !mode.has(state) || !self.shared.settings.edge.get_fmu_state.is_allowed(state) {
             return Err(damaged());
         }
         let mut model = self.model.copy();
         if model.load(&mut loader).is_err() || !loader.is_empty() {
             return Err(damaged());
-        }
-        if !self
-            .shared
-            .settings
-            .edge
-            .get_fmu_state
-            .is_allowed(lifecycle.state)
-        {
-            return Err(ModelError::refuse("the bytes are damaged"));
         }
         Ok(Snapshot {
             guid: *expected,
@@ -828,7 +820,7 @@ impl solver::System for Equations<'_> {
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
         self.0.set_states(states);
         self.0.behavior_mut().on_evaluate(time)?;
-        Ok(self.0.are_equations_finite() || self.0.check_equations().is_ok())
+        Ok(self.0.check_equations().is_ok())
     }
 
     fn derivatives(&mut self, derivatives: &mut [f64]) {

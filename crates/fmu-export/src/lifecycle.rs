@@ -118,13 +118,6 @@ impl Lifecycle {
         }
     }
 
-    /// Whether a saved state can have been this one: calls that save a state are not allowed after a
-    /// fatal error and in callbacks, and some states exist in some modes only.
-    pub(crate) fn can_be_saved(&self) -> bool {
-        let never = matches!(self.state, State::Fatal | State::IntermediateUpdate);
-        !never && self.mode.has(self.state)
-    }
-
     /// The current time: the end of the last successful step, the time of model exchange, or the start (s).
     pub(crate) fn now(&self) -> f64 {
         match self.time {

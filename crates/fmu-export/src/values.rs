@@ -1,8 +1,6 @@
 //! Getting and setting variables of all types, and why an access is refused.
 
 use std::borrow::Cow;
-use std::ffi::CStr;
-use std::fmt;
 
 use fmi_abi::Version;
 use fmi_abi::state::State;
@@ -13,50 +11,29 @@ use crate::component::Component;
 use crate::lifecycle::{Lifecycle, Mode};
 use crate::model::ModelError;
 
-/// A value from the host.
-#[derive(Clone, Copy)]
-pub(crate) enum Given<'a> {
+/// A value from the host, which a number of another type may stand for.
+pub(crate) enum Given {
     Real(f64),
     Whole(i128),
-    /// 0 or 1.
-    Boolean(i32),
-    /// `None` for NULL.
-    String(Option<&'a CStr>),
-    /// `None` for NULL.
-    Binary(Option<&'a [u8]>),
+    /// Anything else, or how to show what is no value.
+    Other(Result<Value, String>),
 }
 
-impl fmt::Display for Given<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Real(value) => value.fmt(f),
-            Self::Whole(value) => value.fmt(f),
-            Self::Boolean(value) => value.fmt(f),
-            Self::String(Some(text)) => fmt::Debug::fmt(text, f),
-            Self::Binary(Some(bytes)) => write!(f, "{} bytes", bytes.len()),
-            Self::String(None) | Self::Binary(None) => f.write_str("NULL"),
-        }
-    }
-}
-
-impl Given<'_> {
-    /// The value, if a variable may have it.
-    fn within(self, field: &Field) -> Option<Value> {
+impl Given {
+    /// The value, if a variable may have it; otherwise, how to show what was given.
+    fn within(self, field: &Field) -> Result<Value, String> {
         let of_type = field.start.of_type();
-        let value = match self {
-            Self::Real(value) => Value::real(of_type, value)?,
-            Self::Whole(value) => Value::whole(of_type, value)?,
-            Self::Boolean(value @ (0 | 1)) => Value::Boolean(value == 1),
-            Self::Boolean(_) => return None,
-            Self::String(text) => Value::String(text?.to_str().ok()?.to_owned()),
-            Self::Binary(bytes) => Value::Binary(bytes?.to_owned()),
+        let (value, shown) = match self {
+            Self::Real(value) => (Value::real(of_type, value), value.to_string()),
+            Self::Whole(value) => (Value::whole(of_type, value), value.to_string()),
+            Self::Other(value) => return value,
         };
         let mut items = field.start.items().iter();
-        let is_allowed = match value {
-            Value::Enumeration(number) => items.any(|item| i64::from(item.value) == number),
-            _ => field.bounds.contain(&value),
+        let is_allowed = |value: &Value| match value {
+            Value::Enumeration(number) => items.any(|item| i64::from(item.value) == *number),
+            _ => field.bounds.contain(value),
         };
-        is_allowed.then_some(value)
+        value.filter(is_allowed).ok_or(shown)
     }
 }
 
@@ -206,12 +183,12 @@ impl Component {
     }
 
     /// Sets variables by the functions of a type, all or none.
-    pub(crate) fn set<'a>(
+    pub(crate) fn set(
         &mut self,
         of_type: Type,
         references: &[u32],
         n: usize,
-        given: &dyn Fn(usize) -> Given<'a>,
+        given: &dyn Fn(usize) -> Given,
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
         if references.iter().any(|&reference| self.is_time(reference)) {
@@ -225,7 +202,7 @@ impl Component {
         }
         for (i, &element) in elements.iter().enumerate() {
             if let Some(scalar) = self.model.find(element)
-                && let Some(value) = given(i).within(scalar.variable)
+                && let Ok(value) = given(i).within(scalar.variable)
             {
                 self.model.set(&scalar, value);
             }
@@ -237,7 +214,7 @@ impl Component {
     }
 
     /// Checks that a value may be set.
-    fn check(&mut self, of_type: Type, element: u32, value: Given<'_>) -> Result<(), ModelError> {
+    fn check(&mut self, of_type: Type, element: u32, value: Given) -> Result<(), ModelError> {
         let Lifecycle { state, mode, .. } = self.shared.lifecycle;
         let scalar = self.find(of_type, element)?;
         if let Some(why) = not_settable(scalar.variable, state, mode) {
@@ -247,8 +224,8 @@ impl Component {
             )));
         }
         match value.within(scalar.variable) {
-            Some(_) => Ok(()),
-            None => Err(ModelError::refuse(format_args!(
+            Ok(_) => Ok(()),
+            Err(value) => Err(ModelError::refuse(format_args!(
                 "{} = {value} is refused; expected {}",
                 scalar.name(),
                 expected(scalar.variable)

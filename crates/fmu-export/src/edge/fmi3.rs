@@ -391,7 +391,10 @@ impl Component {
         // SAFETY: the host's promise: NULL, or as many bytes.
         let binaries = each.map(|(&size, &value)| unsafe { slice(value, size) });
         let binaries: Vec<Option<&[u8]>> = binaries.collect();
-        let given = |i: usize| Given::Binary(binaries[i]);
+        let given = |i: usize| {
+            let bytes = binaries[i].ok_or_else(|| "NULL".to_owned());
+            Given::Other(bytes.map(|bytes| Value::Binary(bytes.to_owned())))
+        };
         self.set(Type::Binary, references, binaries.len(), &given)
     }
 }

@@ -239,7 +239,12 @@ impl Component {
         references: &[u32],
         values: &[B],
     ) -> Result<(), ModelError> {
-        let given = |i: usize| Given::Boolean(values[i].into());
+        let given = |i: usize| {
+            Given::Other(match values[i].into() {
+                value @ (0 | 1) => Ok(Value::Boolean(value == 1)),
+                other => Err(other.to_string()),
+            })
+        };
         self.set(Type::Boolean, references, values.len(), &given)
     }
 
@@ -267,7 +272,13 @@ impl Component {
         references: &[u32],
         values: Vec<Option<&CStr>>,
     ) -> Result<(), ModelError> {
-        let given = |i: usize| Given::String(values[i]);
+        let given = |i: usize| {
+            Given::Other(match values[i].map(|text| (text, text.to_str())) {
+                Some((_, Ok(text))) => Ok(Value::String(text.to_owned())),
+                Some((text, Err(_))) => Err(format!("{text:?}")),
+                None => Err("NULL".into()),
+            })
+        };
         self.set(Type::String, references, values.len(), &given)
     }
 
