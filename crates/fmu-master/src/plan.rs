@@ -21,6 +21,7 @@ pub struct Plan {
     /// The times of a run.
     pub experiment: Experiment,
     pub(crate) order: Order,
+    pub(crate) links: Vec<Link>,
     pub(crate) wiring: Wiring,
 }
 
@@ -97,6 +98,7 @@ impl Plan {
             wiring: Wiring::new(&components, &links, &recorded),
             columns: recorded.iter().map(column).collect(),
             components,
+            links,
         })
     }
 

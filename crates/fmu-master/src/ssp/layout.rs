@@ -13,46 +13,15 @@ const SPACING: f64 = 20.0;
 /// Distance between two lines above or below all components.
 const LANE: f64 = 4.0;
 
-/// A component in the diagram.
-pub struct Part {
-    /// Number of connectors on the left.
-    pub inputs: usize,
-    /// Number of connectors on the right.
-    pub outputs: usize,
-}
-
-/// A connector on the left or right of a component.
-#[derive(Clone, Copy)]
-pub struct Pin {
-    /// Index of the component.
-    pub part: usize,
-    /// Index among the connectors of its side, from the top.
-    pub index: usize,
-}
-
-/// A connection, from an output to an input.
-#[derive(Clone, Copy)]
-pub struct Link {
-    /// The output.
-    pub from: Pin,
-    /// The input.
-    pub to: Pin,
-}
-
-/// A rectangle; y points up.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Area {
-    /// Left, bottom, right, top.
-    pub x1: f64,
-    pub y1: f64,
-    pub x2: f64,
-    pub y2: f64,
-}
+/// A rectangle: left, bottom, right, top; y points up.
+pub type Area = [f64; 4];
+/// A connector: the index of its component, and its index on a side of the component, from the top.
+pub type Pin = (usize, usize);
 
 /// A diagram.
 pub struct Layout {
     /// The area of each component.
-    pub parts: Vec<Area>,
+    pub areas: Vec<Area>,
     /// The points of each connection between its two ends.
     pub lines: Vec<Vec<(f64, f64)>>,
     /// The bounding box.
@@ -64,22 +33,27 @@ pub fn height(index: usize, count: usize) -> f64 {
     1.0 - (index as f64 + 0.5) / count as f64
 }
 
-/// Lays out a diagram.
-pub fn lay_out(parts: &[Part], links: &[Link]) -> Layout {
-    let columns = columns(parts.len(), links);
-    let areas = place(parts, &columns);
-    let bottom = areas.iter().map(|area| area.y1).fold(0.0, f64::min);
+/// Lays out a diagram of components with these numbers of inputs, on the left, and of outputs, on the right;
+/// each link leads from an output to an input.
+pub fn lay_out(sizes: &[[usize; 2]], links: &[[Pin; 2]]) -> Layout {
+    let feeds = Vec::from_iter(links.iter().map(|[from, to]| (from.0, to.0)));
+    let columns = columns(sizes.len(), &feeds);
+    let areas = place(sizes, &columns);
+    let bottom = areas.iter().map(|area| area[1]).fold(0.0, f64::min);
+    let right = areas.iter().map(|area| area[2]).fold(0.0, f64::max);
     let count = links.len() as f64;
-    let lines = links.iter().enumerate().map(|(index, link)| {
-        let (from, to) = (areas[link.from.part], areas[link.to.part]);
-        let start = level(from, link.from.index, parts[link.from.part].outputs);
-        let end = level(to, link.to.index, parts[link.to.part].inputs);
+    let level = |(part, index): Pin, side: usize| {
+        let [_, bottom, _, top] = areas[part];
+        bottom + (top - bottom) * height(index, sizes[part][side])
+    };
+    let line = |(number, &[from, to]): (usize, &[Pin; 2])| {
+        let (start, end) = (level(from, 1), level(to, 0));
         // Each line has its own position in the gaps, above and below.
-        let place = GAP * (index as f64 + 1.0) / (count + 1.0);
-        let lane = LANE * (index as f64 + 1.0);
-        let (leave, enter) = (from.x2 + place, to.x1 - GAP + place);
-        let (column, fed) = (columns[link.from.part], columns[link.to.part]);
+        let place = GAP * (number as f64 + 1.0) / (count + 1.0);
+        let lane = LANE * (number as f64 + 1.0);
+        let (leave, enter) = (areas[from.0][2] + place, areas[to.0][0] - GAP + place);
         let around = |y| vec![(leave, start), (leave, y), (enter, y), (enter, end)];
+        let (column, fed) = (columns[from.0], columns[to.0]);
         if fed == column + 1 {
             vec![(leave, start), (leave, end)]
         } else if fed > column {
@@ -87,39 +61,28 @@ pub fn lay_out(parts: &[Part], links: &[Link]) -> Layout {
         } else {
             around(bottom - lane)
         }
-    });
-    let lines: Vec<_> = lines.collect();
+    };
     let room = LANE * (count + 1.0);
-    let right = areas.iter().map(|area| area.x2).fold(0.0, f64::max);
     Layout {
-        extent: Area {
-            x1: -GAP,
-            y1: bottom - room,
-            x2: right + GAP,
-            y2: room,
-        },
-        parts: areas,
-        lines,
+        lines: links.iter().enumerate().map(line).collect(),
+        extent: [-GAP, bottom - room, right + GAP, room],
+        areas,
     }
 }
 
-fn level(area: Area, index: usize, count: usize) -> f64 {
-    area.y1 + (area.y2 - area.y1) * height(index, count)
-}
-
-/// The column of each component: one after the last component that feeds it, ignoring feedback.
-fn columns(count: usize, links: &[Link]) -> Vec<usize> {
-    let is_fed = |part: usize| links.iter().any(|link| link.to.part == part);
-    let mut order = Vec::new();
+/// The column of each component: one after the last component that feeds it, ignoring feedback. `feeds` are
+/// the components at both ends of each connection.
+fn columns(count: usize, feeds: &[(usize, usize)]) -> Vec<usize> {
+    let is_fed = |part: usize| feeds.iter().any(|(_, to)| *to == part);
     let (fed, sources): (Vec<_>, Vec<_>) = (0..count).partition(|part| is_fed(*part));
+    let mut order = Vec::new();
     for part in sources.into_iter().chain(fed) {
-        visit(part, links, &mut vec![false; count], &mut order);
+        visit(part, feeds, &mut vec![false; count], &mut order);
     }
     order.reverse(); // each component before those that it feeds
     let mut columns = vec![0; count];
     for (position, &part) in order.iter().enumerate() {
-        for link in links.iter().filter(|link| link.from.part == part) {
-            let fed = link.to.part;
+        for &(_, fed) in feeds.iter().filter(|(from, _)| *from == part) {
             if order[position + 1..].contains(&fed) {
                 columns[fed] = columns[fed].max(columns[part] + 1);
             }
@@ -129,56 +92,42 @@ fn columns(count: usize, links: &[Link]) -> Vec<usize> {
 }
 
 /// Appends a component to the order, after those that it feeds.
-fn visit(part: usize, links: &[Link], open: &mut Vec<bool>, order: &mut Vec<usize>) {
+fn visit(part: usize, feeds: &[(usize, usize)], open: &mut [bool], order: &mut Vec<usize>) {
     if open[part] || order.contains(&part) {
         return;
     }
     open[part] = true;
-    for link in links.iter().filter(|link| link.from.part == part) {
-        visit(link.to.part, links, open, order);
+    for &(_, fed) in feeds.iter().filter(|(from, _)| *from == part) {
+        visit(fed, feeds, open, order);
     }
     order.push(part);
 }
 
 /// Stacks the components of each column, the first on top.
-fn place(parts: &[Part], columns: &[usize]) -> Vec<Area> {
-    let mut tops = vec![0.0; parts.len()];
-    let place = |(part, &column): (&Part, &usize)| {
-        let x1 = column as f64 * (WIDTH + GAP);
-        let y2: f64 = tops[column];
-        let y1 = y2 - PITCH * (part.inputs.max(part.outputs).max(2) + 1) as f64;
-        tops[column] = y1 - SPACING;
-        Area {
-            x1,
-            y1,
-            x2: x1 + WIDTH,
-            y2,
-        }
+fn place(sizes: &[[usize; 2]], columns: &[usize]) -> Vec<Area> {
+    let mut tops = vec![0.0; sizes.len()];
+    let place = |(&[inputs, outputs], &column): (&[usize; 2], &usize)| {
+        let left = column as f64 * (WIDTH + GAP);
+        let top: f64 = tops[column];
+        let bottom = top - PITCH * (inputs.max(outputs).max(2) + 1) as f64;
+        tops[column] = bottom - SPACING;
+        [left, bottom, left + WIDTH, top]
     };
-    parts.iter().zip(columns).map(place).collect()
+    sizes.iter().zip(columns).map(place).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn link(from: usize, to: usize) -> Link {
-        let pin = |part| Pin { part, index: 0 };
-        Link {
-            from: pin(from),
-            to: pin(to),
-        }
-    }
-
     #[test]
     fn signals_flow_from_left_to_right() {
         // controller, plant, source, with feedback from the plant to the controller
-        assert_eq!(columns(3, &[link(2, 0), link(1, 0), link(0, 1)]), [1, 2, 0]);
+        assert_eq!(columns(3, &[(2, 0), (1, 0), (0, 1)]), [1, 2, 0]);
         // supervisor, its plant, controller, plant, source
         let supervised = [(4, 0), (1, 0), (0, 1), (4, 2), (3, 2), (0, 2), (2, 3)];
-        let supervised = supervised.map(|(from, to)| link(from, to));
         assert_eq!(columns(5, &supervised), [1, 2, 2, 3, 0]);
         // A loop without a source.
-        assert_eq!(columns(2, &[link(0, 1), link(1, 0)]), [0, 1]);
+        assert_eq!(columns(2, &[(0, 1), (1, 0)]), [0, 1]);
     }
 }

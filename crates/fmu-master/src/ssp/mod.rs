@@ -19,8 +19,7 @@ pub struct Package {
     pub file: PathBuf,
     /// What tools may do differently from this system, to follow the name of the file in a message.
     pub warnings: Vec<String>,
-    structure: String,
-    resources: Resources,
+    entries: Vec<(String, Packed)>,
 }
 
 impl Package {
@@ -31,8 +30,7 @@ impl Package {
     pub fn new(system: &Path, description: &Description, folder: &Path) -> Result<Self> {
         let pack = || {
             let plan = Plan::new(description)?;
-            let components = &plan.components;
-            for Planned { fmu, .. } in components {
+            for Planned { fmu, .. } in &plan.components {
                 ensure!(
                     fmu.version == FmiVersion::Fmi2,
                     "{} is of FMI {}, expected 2.0: SSP 1.0 has no arrays",
@@ -42,16 +40,21 @@ impl Package {
             }
             // The FMUs themselves check their start values.
             plan.simulate(&[], &Messages::default())?;
-            let mut resources = Resources::default();
-            let paths = components.iter().map(|c| resources.add(&c.fmu.path));
-            let paths = paths.collect::<Result<Vec<_>>>()?;
+            let mut fmus = Fmus::default();
+            let places = plan.components.iter().map(|c| fmus.add(&c.fmu.path));
+            let places = places.collect::<Result<Vec<_>>>()?;
             let name = system.file_stem().unwrap_or_default().to_string_lossy();
-            let names = distinct(&Vec::from_iter(components.iter().map(|c| c.name.as_str())))?;
+            let names = distinct(&Vec::from_iter(plan.components.iter().map(|c| &*c.name)))?;
+            let structure = structure::document(&name, &plan, &names, &places)?;
+            let structure = Packed::text(structure.as_bytes())?;
+            let mut entries = vec![("SystemStructure.ssd".to_owned(), structure)];
+            for (place, _, content) in fmus.0.into_values() {
+                entries.push((place, Packed::stored(&content)?));
+            }
             anyhow::Ok(Self {
-                warnings: warnings(description.order, components, &names),
-                structure: structure::document(&name, description, &plan, &names, &paths)?,
                 file: folder.join(format!("{name}.ssp")),
-                resources,
+                warnings: warnings(&plan, &names),
+                entries,
             })
         };
         pack().with_context(|| system.display().to_string())
@@ -62,23 +65,20 @@ impl Package {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self) -> Result<u64> {
-        let structure = Packed::text(self.structure.as_bytes())?;
-        let mut entries = vec![("SystemStructure.ssd".to_owned(), &structure)];
-        let resources = self.resources.0.values();
-        entries.extend(resources.map(|file| (file.place(), &file.packed)));
-        archive::write(&self.file, &entries)
+        let entries = self.entries.iter().map(|(place, file)| (place, file));
+        archive::write(&self.file, &Vec::from_iter(entries))
     }
 }
 
-fn warnings(order: Order, components: &[Planned], identifiers: &[String]) -> Vec<String> {
+fn warnings(plan: &Plan, identifiers: &[String]) -> Vec<String> {
     let mut warnings = Vec::new();
-    if order == Order::Sequential {
+    if plan.order == Order::Sequential {
         warnings.push(
             "cannot state that the system steps in sequential order; most tools step in parallel"
                 .into(),
         );
     }
-    for (component, identifier) in components.iter().zip(identifiers) {
+    for (component, identifier) in plan.components.iter().zip(identifiers) {
         let name = &component.name;
         if name != identifier {
             warnings.push(format!(
@@ -120,45 +120,28 @@ fn distinct(names: &[&str]) -> Result<Vec<String>> {
     Ok(converted)
 }
 
-/// The FMUs of a package by their names in it, each stored once. Some file systems do not distinguish "a" from
-/// "A", so the names are in lower case.
+/// The FMUs of a package, each stored once: its path in the package, its file and its content. Some file systems
+/// do not distinguish "a" from "A", so the keys are the paths in lower case.
 #[derive(Default)]
-struct Resources(BTreeMap<String, File>);
+struct Fmus(BTreeMap<String, (String, PathBuf, Vec<u8>)>);
 
-struct File {
-    path: PathBuf,
-    content: Vec<u8>,
-    packed: Packed,
-}
-
-impl File {
-    /// Its path in the package: the file name without characters that are not allowed in a URI.
-    fn place(&self) -> String {
-        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let is_other = |c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c));
-        format!("resources/{}", name.replace(is_other, "_"))
-    }
-}
-
-impl Resources {
-    /// Adds an FMU unless it is already there; returns its path in the package. A different FMU must not
-    /// have the same name.
+impl Fmus {
+    /// Adds an FMU unless it is already there; returns its path in the package: the file name without
+    /// characters that are not allowed in a URI. A different FMU must not have the same name.
     fn add(&mut self, fmu: &Path) -> Result<String> {
         let content = fs::read(fmu).with_context(|| format!("cannot read {}", fmu.display()))?;
-        let file = File {
-            path: fmu.to_owned(),
-            packed: Packed::stored(&content)?,
-            content,
-        };
-        let place = file.place();
-        let known = self.0.entry(place.to_ascii_lowercase()).or_insert(file);
+        let name = fmu.file_name().unwrap_or_default().to_string_lossy();
+        let is_other = |c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c));
+        let file = format!("resources/{}", name.replace(is_other, "_"));
+        let new = (file.clone(), fmu.to_owned(), content.clone());
+        let (place, known, stored) = self.0.entry(file.to_ascii_lowercase()).or_insert(new);
         ensure!(
-            known.path == fmu || fs::read(fmu)? == known.content && known.place() == place,
+            *place == file && *stored == content,
             "{} and {} are different FMUs that would have the same name in the package; rename one",
-            known.path.display(),
+            known.display(),
             fmu.display()
         );
-        Ok(place)
+        Ok(file)
     }
 }
 
@@ -185,7 +168,7 @@ mod tests {
     #[test]
     fn an_fmu_is_stored_once_and_different_ones_have_different_names() {
         let folder = tempfile::tempdir().unwrap();
-        let mut resources = Resources::default();
+        let mut fmus = Fmus::default();
         for (file, content, place) in [
             ("A.fmu", "a", Some("A.fmu")),
             ("copy/A.fmu", "a", Some("A.fmu")),
@@ -198,8 +181,8 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(&path, content).unwrap();
             let expected = place.map(|place| format!("resources/{place}"));
-            assert_eq!(resources.add(&path).ok(), expected, "{file}");
+            assert_eq!(fmus.add(&path).ok(), expected, "{file}");
         }
-        assert_eq!(resources.0.len(), 2);
+        assert_eq!(fmus.0.len(), 2);
     }
 }

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fmu_description::xml::Element;
 use fmu_description::{Causality, Type, Value, Variable};
 
-use super::layout::{self, Area, Layout, Link, Part, Pin};
-use crate::{Connection, Description, Fmu, Plan, Planned, Scale};
+use super::layout::{self, Area};
+use crate::plan::Port;
+use crate::{Experiment, Fmu, Plan, Planned};
 
 /// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
@@ -29,36 +30,80 @@ const BASE_UNIT: [&str; 10] = [
 /// A name has a character that XML does not allow.
 pub fn document(
     name: &str,
-    description: &Description,
     plan: &Plan,
     identifiers: &[String],
     places: &[String],
 ) -> Result<String> {
-    let components = plan.components.iter().zip(identifiers);
-    let faces: Vec<Face<'_>> = components.map(|(c, name)| Face::new(c, name)).collect();
-    let links = links(description, &faces)?;
-    let part = |face: &Face<'_>| Part {
-        inputs: face.sides[0].len(),
-        outputs: face.sides[1].len(),
+    let Experiment { start, stop, step } = plan.experiment;
+    let sides = Vec::from_iter(plan.components.iter().map(sides));
+    let pin = |port: Port, side: usize| {
+        let variable = port.of(&plan.components);
+        let mut connectors = sides[port.component][side].iter();
+        let index = connectors.position(|other| other.name == variable.name);
+        (port.component, index.unwrap_or_default())
     };
-    let parts = Vec::from_iter(faces.iter().map(part));
-    let layout = layout::lay_out(&parts, &links);
-    let mut terms = Terms::default();
-    let name = super::identifier(name);
+    let links = plan.links.iter();
+    let links = Vec::from_iter(links.map(|link| [pin(link.from, 1), pin(link.to, 0)]));
+    let sizes = sides.iter().map(|sides| [sides[0].len(), sides[1].len()]);
+    let layout = layout::lay_out(&Vec::from_iter(sizes), &links);
 
-    let components = faces.iter().zip(places).zip(&layout.parts);
-    let components =
-        components.map(|((face, place), area)| component(face, place, *area, &mut terms));
+    let mut terms = Terms::default();
+    let components = plan.components.iter().enumerate().map(|(index, planned)| {
+        let (name, place) = (&identifiers[index], &places[index]);
+        Element::new("ssd:Component")
+            .with("name", name)
+            .with("type", "application/x-fmu-sharedlibrary")
+            .with("source", place)
+            .with("implementation", "CoSimulation")
+            .listing(
+                "ssd:Connectors",
+                connectors(&sides[index], &planned.fmu, &mut terms),
+            )
+            .holding(area("ssd:ElementGeometry", layout.areas[index]))
+            .listing("ssd:ParameterBindings", bindings(planned, &mut terms))
+    });
+    let components = components.collect();
+    let connections = plan.links.iter().zip(&layout.lines).map(|(link, line)| {
+        let list = |of: fn(&(f64, f64)) -> f64| {
+            let texts = line.iter().map(|point| of(point).to_string());
+            Vec::from_iter(texts).join(" ")
+        };
+        let [from, to] = [link.from, link.to].map(|port| port.of(&plan.components));
+        Element::new("ssd:Connection")
+            .with("startElement", &identifiers[link.from.component])
+            .with("startConnector", &from.name)
+            .with("endElement", &identifiers[link.to.component])
+            .with("endConnector", &to.name)
+            .with_some("suppressUnitConversion", link.scale.map(|_| true))
+            .holding_all(link.scale.map(|scale| {
+                Element::new("ssc:LinearTransformation")
+                    .with("factor", real(scale.factor))
+                    .with("offset", real(scale.offset))
+            }))
+            .holding(
+                Element::new("ssd:ConnectionGeometry")
+                    .with("pointsX", list(|(x, _)| *x))
+                    .with("pointsY", list(|(_, y)| *y)),
+            )
+    });
+    let name = super::identifier(name);
     let system = Element::new("ssd:System")
         .with("name", &name)
-        .listing("ssd:Elements", components.collect())
-        .listing(
-            "ssd:Connections",
-            connections(description, &links, &faces, &layout),
-        )
+        .listing("ssd:Elements", components)
+        .listing("ssd:Connections", connections.collect())
         .holding(area("ssd:SystemGeometry", layout.extent))
-        .listing("ssd:Annotations", vec![master(description.step)]);
-    let root = Element::new("ssd:SystemStructureDescription")
+        .listing("ssd:Annotations", vec![master(step)]);
+    // The step in an annotation that libcosim reads.
+    let fixed_step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(step));
+    let annotation = Element::new("ssc:Annotation")
+        .with("type", "com.opensimulationplatform")
+        .holding(Element::new("osp:Algorithm").holding(fixed_step));
+    let experiment = Element::new("ssd:DefaultExperiment")
+        .with("startTime", real(start))
+        .with("stopTime", real(stop))
+        .listing("ssd:Annotations", vec![annotation]);
+    let tool = concat!("cargo-fmu ", env!("CARGO_PKG_VERSION"));
+    Element::new("ssd:SystemStructureDescription")
         // Declared here, where every tool accepts them.
         .with("xmlns:ssc", format!("{SSP}Common"))
         .with("xmlns:ssd", format!("{SSP}Description"))
@@ -68,104 +113,54 @@ pub fn document(
         .with("version", "1.0")
         .with("name", name)
         // The standard has no attribute for the step.
-        .with(
-            "description",
-            format!("communication step {} s", description.step),
-        )
-        .with(
-            "generationTool",
-            concat!("cargo-fmu ", env!("CARGO_PKG_VERSION")),
-        )
+        .with("description", format!("communication step {step} s"))
+        .with("generationTool", tool)
         .holding(system)
         .listing("ssd:Enumerations", terms.enumerations())
         .listing("ssd:Units", terms.units())
-        .holding(experiment(description));
-    root.document()
+        .holding(experiment)
+        .document()
 }
 
-/// A component and its connectors, by side: inputs, outputs, and the parameters that the system sets.
-struct Face<'a> {
-    component: &'a Planned,
-    name: &'a str,
-    sides: [Vec<&'a Variable>; 3],
-}
+/// The variables of a component that have connectors, by side: inputs, outputs, and the parameters that the
+/// system sets.
+type Sides<'a> = [Vec<&'a Variable>; 3];
 
-/// The kinds of connectors on each side.
-const KINDS: [&str; 3] = ["input", "output", "parameter"];
-
-impl<'a> Face<'a> {
-    fn new(component: &'a Planned, name: &'a str) -> Self {
-        let is_set = |v: &Variable| component.starts().any(|(set, _)| set.name == v.name);
-        let is_on = |side: usize, v: &Variable| match side {
-            0 => v.causality == Causality::Input,
-            1 => v.causality == Causality::Output,
-            _ => v.is_parameter() && is_set(v),
-        };
-        let all = &component.fmu.variables;
-        let on = |side| all.iter().filter(move |v| is_on(side, v)).collect();
-        Self {
-            component,
-            name,
-            sides: [0, 1, 2].map(on),
-        }
-    }
-
-    /// The position of a variable on a side.
-    fn find(&self, side: usize, variable: &str) -> Option<usize> {
-        self.sides[side].iter().position(|v| v.name == variable)
-    }
-}
-
-/// Finds the two ends of each connection.
-fn links(description: &Description, faces: &[Face<'_>]) -> Result<Vec<Link>> {
-    let pin = |name: &str, side| {
-        let (component, variable) = name.split_once('.')?;
-        let part = faces.iter().position(|f| f.component.name == component)?;
-        let index = faces[part].find(side, variable)?;
-        Some(Pin { part, index })
+fn sides(component: &Planned) -> Sides<'_> {
+    let is_set = |v: &Variable| component.starts().any(|(set, _)| set.name == v.name);
+    let is_on = |side: usize, v: &Variable| match side {
+        0 => v.causality == Causality::Input,
+        1 => v.causality == Causality::Output,
+        _ => v.is_parameter() && is_set(v),
     };
-    let link = |c: &Connection| {
-        let (from, to) = (pin(&c.from, 1)?, pin(&c.to, 0)?);
-        Some(Link { from, to })
-    };
-    let links: Option<_> = description.connections.iter().map(link).collect();
-    links.context("a connection does not fit")
+    let all = &component.fmu.variables;
+    [0, 1, 2].map(|side| all.iter().filter(|v| is_on(side, v)).collect())
 }
 
-fn component(face: &Face<'_>, place: &str, at: Area, terms: &mut Terms) -> Element<'static> {
+fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'static>> {
     let mut connectors = Vec::new();
-    for (side, variables) in face.sides.iter().enumerate() {
-        for (index, variable) in variables.iter().enumerate() {
-            let height = layout::height(index, variables.len());
+    for (side, kind) in ["input", "output", "parameter"].into_iter().enumerate() {
+        for (index, variable) in sides[side].iter().enumerate() {
+            let height = layout::height(index, sides[side].len());
             let (x, y) = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
-            let geometry = Element::new("ssd:ConnectorGeometry")
-                .with("x", x)
-                .with("y", y);
+            let geometry = Element::new("ssd:ConnectorGeometry");
             let connector = Element::new("ssd:Connector")
                 .with("name", &variable.name)
-                .with("kind", KINDS[side])
-                .holding(terms.of_type(&face.component.fmu, variable))
-                .holding(geometry);
+                .with("kind", kind)
+                .holding(terms.of(fmu, variable, None))
+                .holding(geometry.with("x", x).with("y", y));
             connectors.push(connector);
         }
     }
-    Element::new("ssd:Component")
-        .with("name", face.name)
-        .with("type", "application/x-fmu-sharedlibrary")
-        .with("source", place)
-        .with("implementation", "CoSimulation")
-        .listing("ssd:Connectors", connectors)
-        .holding(area("ssd:ElementGeometry", at))
-        .listing("ssd:ParameterBindings", bindings(face, terms))
+    connectors
 }
 
 /// The start values, stored in the component itself, where all tools read them.
-fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element<'static>> {
-    let fmu = &face.component.fmu;
-    let parameters = face.component.starts().map(|(variable, value)| {
+fn bindings(component: &Planned, terms: &mut Terms) -> Vec<Element<'static>> {
+    let parameters = component.starts().map(|(variable, value)| {
         Element::new("ssv:Parameter")
             .with("name", &variable.name)
-            .holding(start(variable, value, fmu, terms))
+            .holding(terms.of(&component.fmu, variable, Some(value)))
     });
     let parameters = Vec::from_iter(parameters);
     if parameters.is_empty() {
@@ -179,23 +174,6 @@ fn bindings(face: &Face<'_>, terms: &mut Terms) -> Vec<Element<'static>> {
     vec![Element::new("ssd:ParameterBinding").holding(values)]
 }
 
-fn start(variable: &Variable, value: &Value, fmu: &Fmu, terms: &mut Terms) -> Element<'static> {
-    match (value, value.as_real()) {
-        (_, Some(value)) => Element::new("ssv:Real")
-            .with("value", real(value))
-            .with_some("unit", terms.unit(fmu, variable)),
-        (Value::Enumeration(number), _) => {
-            let item = variable.items().iter().find(|item| item.value == *number);
-            Element::new("ssv:Enumeration")
-                .with_some("value", item.map(|item| &item.name))
-                .with("name", terms.enumeration(fmu, variable))
-        }
-        (Value::Boolean(value), _) => Element::new("ssv:Boolean").with("value", value),
-        (Value::String(value), _) => Element::new("ssv:String").with("value", value),
-        _ => Element::new("ssv:Integer").with("value", value),
-    }
-}
-
 /// A number in XML notation that reads back exactly.
 fn real(value: f64) -> String {
     match value {
@@ -205,61 +183,11 @@ fn real(value: f64) -> String {
     }
 }
 
-fn connections(
-    description: &Description,
-    links: &[Link],
-    faces: &[Face<'_>],
-    layout: &Layout,
-) -> Vec<Element<'static>> {
-    let connection = |link: &Link, line: &[(f64, f64)], scale: Option<Scale>| {
-        let (from, to) = (&faces[link.from.part], &faces[link.to.part]);
-        let list = |of: fn((f64, f64)) -> f64| {
-            let texts = line.iter().map(|point| of(*point).to_string());
-            Vec::from_iter(texts).join(" ")
-        };
-        Element::new("ssd:Connection")
-            .with("startElement", from.name)
-            .with("startConnector", &from.sides[1][link.from.index].name)
-            .with("endElement", to.name)
-            .with("endConnector", &to.sides[0][link.to.index].name)
-            .with_some("suppressUnitConversion", scale.map(|_| true))
-            .holding_all(scale.map(|scale| {
-                Element::new("ssc:LinearTransformation")
-                    .with("factor", real(scale.factor))
-                    .with("offset", real(scale.offset))
-            }))
-            .holding(
-                Element::new("ssd:ConnectionGeometry")
-                    .with("pointsX", list(|(x, _)| x))
-                    .with("pointsY", list(|(_, y)| y)),
-            )
-    };
-    let scales = description.connections.iter().map(|c| c.scale);
-    let lines = links.iter().zip(&layout.lines).zip(scales);
-    lines
-        .map(|((link, line), scale)| connection(link, line, scale))
-        .collect()
-}
-
-fn area(name: &'static str, Area { x1, y1, x2, y2 }: Area) -> Element<'static> {
-    Element::new(name)
-        .with("x1", x1)
-        .with("y1", y1)
-        .with("x2", x2)
-        .with("y2", y2)
-}
-
-/// The start and stop times, and the step in an annotation that libcosim reads.
-fn experiment(description: &Description) -> Element<'static> {
-    let step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(description.step));
-    let algorithm = Element::new("osp:Algorithm").holding(step);
-    let annotation = Element::new("ssc:Annotation")
-        .with("type", "com.opensimulationplatform")
-        .holding(algorithm);
-    Element::new("ssd:DefaultExperiment")
-        .with("startTime", real(description.start))
-        .with("stopTime", real(description.stop))
-        .listing("ssd:Annotations", vec![annotation])
+fn area(name: &'static str, area: Area) -> Element<'static> {
+    let ends = ["x1", "y1", "x2", "y2"].into_iter().zip(area);
+    ends.fold(Element::new(name), |area, (end, value)| {
+        area.with(end, value)
+    })
 }
 
 /// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the
@@ -311,18 +239,37 @@ impl Terms {
         name
     }
 
-    /// The type of a variable.
-    fn of_type(&mut self, fmu: &Fmu, variable: &Variable) -> Element<'static> {
-        match variable.of_type {
-            Type::Boolean => Element::new("ssc:Boolean"),
-            Type::String => Element::new("ssc:String"),
+    /// The type of a variable, or its value.
+    fn of(&mut self, fmu: &Fmu, variable: &Variable, value: Option<&Value>) -> Element<'static> {
+        let (of_type, of_value, term) = match variable.of_type {
+            Type::Boolean => ("ssc:Boolean", "ssv:Boolean", None),
+            Type::String => ("ssc:String", "ssv:String", None),
             Type::Enumeration => {
-                Element::new("ssc:Enumeration").with("name", self.enumeration(fmu, variable))
+                let name = self.enumeration(fmu, variable);
+                ("ssc:Enumeration", "ssv:Enumeration", Some(("name", name)))
             }
             kind if kind.is_float() => {
-                Element::new("ssc:Real").with_some("unit", self.unit(fmu, variable))
+                let unit = self.unit(fmu, variable);
+                ("ssc:Real", "ssv:Real", unit.map(|unit| ("unit", unit)))
             }
-            _ => Element::new("ssc:Integer"),
+            _ => ("ssc:Integer", "ssv:Integer", None),
+        };
+        let mut element = Element::new(value.map_or(of_type, |_| of_value));
+        if let Some(value) = value {
+            let mut items = variable.items().iter();
+            let text = match (value, value.as_real()) {
+                (_, Some(number)) => Some(real(number)),
+                (Value::Enumeration(number), _) => {
+                    let item = items.find(|item| item.value == *number);
+                    item.map(|item| item.name.clone())
+                }
+                _ => Some(value.to_string()),
+            };
+            element = element.with_some("value", text);
+        }
+        match term {
+            Some((name, term)) => element.with(name, term),
+            None => element,
         }
     }
 
