@@ -302,72 +302,62 @@ fn label(element: &Element<'_>) -> String {
 mod tests {
     use std::fs;
 
-    use tempfile::TempDir;
-
     use super::*;
 
     const XML: &str = "<fmiModelDescription guid='1'/>";
 
-    /// A temporary folder with FMUs.
-    struct Folder(TempDir);
+    /// An FMU with a model description and other files.
+    fn fmu(xml: &str, files: &[(&str, &str)]) -> Vec<u8> {
+        let files = [&[(MODEL_DESCRIPTION, xml)], files].concat();
+        let packed = files.iter().map(|(_, text)| Packed::text(text.as_bytes()));
+        let packed = packed.collect::<Result<Vec<_>>>().unwrap();
+        let entries = files
+            .iter()
+            .zip(&packed)
+            .map(|((name, _), file)| (*name, file));
+        archive::zip(&Vec::from_iter(entries)).unwrap()
+    }
 
-    impl Folder {
-        fn new() -> Self {
-            Self(tempfile::tempdir().unwrap())
-        }
+    /// Merges FMUs with the file names a, b and so on.
+    fn merged(fmus: &[&Vec<u8>]) -> Result<(Merged, Vec<u8>), String> {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ('a'..).zip(fmus).map(|(name, fmu)| {
+            let file = folder.path().join(name.to_string());
+            fs::write(&file, fmu).unwrap();
+            file
+        });
+        let out = folder.path().join("out");
+        let merged = merge(&Vec::from_iter(files), &out);
+        assert_eq!(merged.is_ok(), out.exists());
+        let place = format!("{}/", folder.path().display());
+        let merged = merged.map_err(|error| format!("{error:#}").replace(&place, ""))?;
+        Ok((merged, fs::read(out).unwrap()))
+    }
 
-        fn file(&self, name: &str) -> PathBuf {
-            self.0.path().join(name)
-        }
-
-        /// Writes an FMU with a model description and other files.
-        fn fmu(&self, name: &str, xml: &str, files: &[(&str, &str)]) {
-            let files = [(MODEL_DESCRIPTION, xml)]
-                .into_iter()
-                .chain(files.iter().copied());
-            let packed = files.map(|(name, text)| (name, Packed::text(text.as_bytes()).unwrap()));
-            let packed: Vec<_> = packed.collect();
-            let entries: Vec<_> = packed.iter().map(|(name, file)| (name, file)).collect();
-            archive::write(&self.file(name), &entries).unwrap();
-        }
-
-        /// Merges FMUs to `out`.
-        fn merge(&self, files: &[&str]) -> Result<Merged> {
-            let files: Vec<_> = files.iter().map(|name| self.file(name)).collect();
-            merge(&files, &self.file("out"))
-        }
-
-        /// Checks that a merge fails, says all of `words`, and writes nothing.
-        fn refuse(&self, files: &[&str], words: &[&str]) {
-            let _ = fs::remove_file(self.file("out"));
-            let error = format!("{:#}", self.merge(files).unwrap_err());
-            assert!(words.iter().all(|word| error.contains(word)), "{error}");
-            assert!(!self.file("out").exists());
-        }
-
-        /// Names and texts of the files in `out`.
-        fn merged(&self) -> Vec<(String, String)> {
-            let mut archive = Archive::open_sound(&self.file("out")).unwrap();
-            let names = archive.names.clone();
-            let text = |index| String::from_utf8(archive.content(index).unwrap()).unwrap();
-            let texts: Vec<_> = (0..names.len()).map(text).collect();
-            names.into_iter().zip(texts).collect()
-        }
+    /// Names and texts of the files of an FMU.
+    fn texts(fmu: &[u8]) -> Vec<(String, String)> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), fmu).unwrap();
+        let mut archive = Archive::open_sound(file.path()).unwrap();
+        let names = archive.names.clone().into_iter().enumerate();
+        let mut text = |index| String::from_utf8(archive.content(index).unwrap()).unwrap();
+        names.map(|(index, name)| (name, text(index))).collect()
     }
 
     #[test]
     fn files_are_merged_in_the_order_of_an_export() {
-        let folder = Folder::new();
         let shared = ("documentation/index.html", "page");
-        let linux = ("binaries/linux64/A.so", "l");
-        let windows = ("binaries/win64/A.dll", "w");
-        folder.fmu("a", XML, &[windows, shared, ("model.png", "i")]);
-        folder.fmu("b", XML, &[linux, ("resources/r", "r"), shared]);
-        assert_eq!(
-            folder.merge(&["a", "b"]).unwrap().platforms,
-            ["linux64", "win64"]
+        let (linux, windows) = (
+            ("binaries/linux64/A.so", "l"),
+            ("binaries/win64/A.dll", "w"),
         );
         let (icon, resource) = (("model.png", "i"), ("resources/r", "r"));
+        let (a, b) = (
+            fmu(XML, &[windows, shared, icon]),
+            fmu(XML, &[linux, resource, shared]),
+        );
+        let (found, out) = merged(&[&a, &b]).unwrap();
+        assert_eq!(found.platforms, ["linux64", "win64"]);
         let expected = [
             (MODEL_DESCRIPTION, XML),
             linux,
@@ -377,88 +367,81 @@ mod tests {
             resource,
         ];
         let expected = expected.map(|(name, text)| (name.to_owned(), text.to_owned()));
-        assert_eq!(folder.merged(), expected);
-        let bytes = fs::read(folder.file("out")).unwrap();
-        for order in [&["b", "a"][..], &["out", "a", "b", "a"]] {
-            folder.merge(order).unwrap();
-            assert_eq!(fs::read(folder.file("out")).unwrap(), bytes);
-        }
-    }
-
-    #[test]
-    fn files_relevant_for_simulation_must_be_identical() {
-        let folder = Folder::new();
-        for name in [
-            "binaries/linux64/A.so",
-            "resources/r",
-            "sources/A.c",
-            "extra/e",
-            "terminalsAndIcons/terminalsAndIcons.xml",
-        ] {
-            folder.fmu("a", XML, &[(name, "1")]);
-            folder.fmu("b", XML, &[(name, "2")]);
-            let a = folder.file("a").display().to_string();
-            folder.refuse(&["a", "b"], &[&format!("{name:?} differs in {a}")]);
+        assert_eq!(texts(&out), expected);
+        for order in [&[&b, &a][..], &[&out, &a, &b, &a]] {
+            assert_eq!(merged(order).unwrap().1, out);
         }
     }
 
     #[test]
     fn documentation_is_taken_from_the_first_fmu() {
-        let folder = Folder::new();
-        for text in ["1", "2"] {
+        let [one, two] = ["1", "2"].map(|text| {
             let xml = format!("<fmiModelDescription fmiVersion='3.0' generationTool='{text}'/>");
             let page = ("documentation/index.html", text);
             let icons = ["model.png", "terminalsAndIcons/icon.png"].map(|name| (name, text));
-            folder.fmu(text, &xml, &[page, icons[0], icons[1]]);
-        }
-        assert_eq!(folder.merge(&["2", "1"]).unwrap().notes.len(), 4);
-        for (name, text) in folder.merged() {
-            assert!(text.contains('2') && !text.contains('1'), "{name}: {text}");
-        }
+            fmu(&xml, &[page, icons[0], icons[1]])
+        });
+        let (found, out) = merged(&[&two, &one]).unwrap();
+        assert_eq!(found.notes.len(), 4);
+        let texts = texts(&out);
+        let mut texts = texts.iter();
+        assert!(texts.all(|(_, text)| text.contains('2') && !text.contains('1')));
     }
 
+    /// `tests/cmd/merge.txt` of the command line has more, with whole messages.
     #[test]
     fn what_cannot_be_merged_is_refused_with_the_reason() {
-        let folder = Folder::new();
-        folder.fmu("a", XML, &[("binaries/linux64/A.so", "")]);
-        folder.fmu("b", XML, &[("Binaries/linux64/a.so", "")]);
-        folder.fmu("c", "<fmiModelDescription guid='2'/>", &[]);
-        folder.refuse(&["a"], &["two or more"]);
-        folder.refuse(&["a", "b"], &["\"Binaries/linux64/a.so\""]);
-        let [a, c] = ["a", "c"].map(|name| folder.file(name).display().to_string());
-        let line = format!("guid: \"1\" in {a}, \"2\" in {c}");
-        folder.refuse(&["a", "a", "c"], &[&line]);
-        fs::write(folder.file("text"), "no archive").unwrap();
-        folder.fmu("other", "<html/>", &[]);
-        folder.fmu("broken", "<a>", &[]);
-        for bad in ["text", "other", "broken", "missing"] {
-            let path = folder.file(bad).display().to_string();
-            folder.refuse(&["a", bad], &[&path]);
-            folder.refuse(&[bad, "a"], &[&path]);
+        let binary = |name| fmu(XML, &[(name, "")]);
+        let xml = |xml| fmu(xml, &[]);
+        let terminals = "terminalsAndIcons/terminalsAndIcons.xml";
+        for (one, other, reason) in [
+            (
+                binary("binaries/linux64/A.so"),
+                binary("Binaries/linux64/a.so"),
+                "b has \"Binaries/linux64/a.so\"; some systems treat them as the same file",
+            ),
+            (
+                fmu(XML, &[("sources/A.c", "1")]),
+                fmu(XML, &[("sources/A.c", "2")]),
+                "\"sources/A.c\" differs in a and b, expected the same bytes",
+            ),
+            (
+                fmu(XML, &[("extra/e", "1"), (terminals, "1")]),
+                fmu(XML, &[("extra/e", "1"), (terminals, "2")]),
+                "terminalsAndIcons.xml\" differs in a and b, expected the same bytes",
+            ),
+            (
+                xml(XML),
+                xml("<fmiModelDescription guid='2'/>"),
+                "guid: \"1\" in a, \"2\" in b",
+            ),
+            (
+                xml(XML),
+                xml("<html/>"),
+                "b: modelDescription.xml has the root \"html\"",
+            ),
+            (
+                xml("<a>"),
+                xml(XML),
+                "a: modelDescription.xml cannot be read",
+            ),
+        ] {
+            let found = merged(&[&one, &other]).unwrap_err();
+            assert!(found.contains(reason), "{found}");
         }
     }
 
     #[test]
     fn damage_never_reaches_the_output() {
-        let folder = Folder::new();
-        folder.fmu("a", XML, &[("binaries/linux64/A.so", "the program")]);
-        folder.merge(&["a", "a"]).unwrap();
+        let sound = fmu(XML, &[("binaries/linux64/A.so", "the program")]);
         // Names have no checksum.
-        let texts = || {
-            folder
-                .merged()
-                .into_iter()
-                .map(|(_, text)| text)
-                .collect::<Vec<_>>()
-        };
-        let expected = texts();
-        let sound = fs::read(folder.file("a")).unwrap();
+        let contents = |fmu: &[u8]| Vec::from_iter(texts(fmu).into_iter().map(|(_, text)| text));
+        let expected = contents(&sound);
         for position in 0..sound.len() {
             let mut damaged = sound.clone();
             damaged[position] ^= 0x55;
-            fs::write(folder.file("damaged"), damaged).unwrap();
-            if folder.merge(&["damaged", "damaged"]).is_ok() {
-                assert_eq!(texts(), expected, "at {position}");
+            if let Ok((_, out)) = merged(&[&damaged, &damaged]) {
+                assert_eq!(contents(&out), expected, "at {position}");
             }
         }
     }
