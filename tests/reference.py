@@ -101,11 +101,8 @@ class Plant:
 
     def step(self, u: float, h: float) -> None:
         """Hold the force u [N] for h [s]."""
-        if self.model == "nonlinear":
-            self.state = integrate(self.state, u, h)
-        else:
-            Ad, Bd = hold(h)
-            self.state = Ad @ self.state + Bd * u
+        respond = integrate if self.model == "nonlinear" else linear_response
+        self.state = respond(self.state, u, h)
 
 
 # --- controllers --------------------------------------------------------------------------------

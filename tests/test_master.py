@@ -13,7 +13,6 @@ from pendulum_fmus import loop, master, run
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import Component, MasterError, System, simulate, steps_until
 from pendulum_fmus.project import ROOT
-from test_package import each_model
 
 # --- the script ---------------------------------------------------------------------------------
 
@@ -239,22 +238,3 @@ def test_elements_of_arrays_are_set_connected_and_recorded_as_variables_of_fmi_2
         assert columns[name].tobytes() == column.tobytes(), name
     assert columns["controller.rbf.w[3]"][0] == 5.0
     assert columns["plant.v"][1] > 0
-
-
-# --- descriptions -------------------------------------------------------------------------------
-
-
-@each_model
-def test_fmpy_finds_the_same_variables_in_both_versions(fmus, model):
-    described = []
-    for ending in ("", "_fmi3"):
-        file = fmus / f"{model}{ending}.fmu"
-        with Component("component", file) as component:
-            derivatives = [d.variable for d in component.description.derivatives]
-            variables = {
-                name: (v.causality, v.variability, v.description, component.unit(name))
-                for name, v in component.variables.items()
-                if v.causality not in ("independent", "structuralParameter")
-            }
-        described.append((variables, {v.name: v.derivative.name for v in derivatives}))
-    assert described[0] == described[1]
