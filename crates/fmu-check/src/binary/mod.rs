@@ -3,7 +3,6 @@
 mod probes;
 pub mod rules;
 mod run;
-mod task;
 mod values;
 
 use std::collections::{BTreeMap, HashSet};
@@ -21,15 +20,16 @@ use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
 use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker};
+use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
 use crate::finding::Findings;
 use crate::rule::Rule;
 pub use probes::run as probe;
-use probes::{EXPERIMENT, HEAP_CHECK, IDENTITY, PROBES, Probe, READABLE, TRACE, TRACE_LOGGING};
-use rules::{FILES, INDEPENDENT, INITIALISED, NOT_RUN, OUTPUT, REPRODUCIBLE, SURVIVES_MISUSE};
-use task::{FMU, Reply, Task};
-use values::{Level, Trajectory};
+use probes::{PROBES, Probe};
+use rules::SURVIVES_MISUSE;
+use rules::{BEHAVIOUR, FILES, INDEPENDENT, INITIALISED, NOT_RUN, OUTPUT, REPRODUCIBLE};
+use values::{Difference, EXCITATIONS, Row, Trajectory};
 
 /// How to start a test process, and how much to test.
 #[derive(Debug)]
@@ -53,7 +53,8 @@ const SHORT_TIME: f64 = 0.03;
 const MEMORY: u64 = 4 << 30;
 /// Time in which a process ends after its test.
 const GRACE: Duration = Duration::from_secs(2);
-/// The working directory of the tests, next to the folder of the FMU.
+/// The folder of the unpacked FMU in the session, and the working directory of the tests.
+const FMU: &str = "fmu";
 const WORK: &str = "work";
 
 /// The sizes of files, and the times of their last changes.
@@ -95,21 +96,28 @@ pub fn check(
     let mut run_all = || -> Result<()> {
         let session = unpack(text, archive, platform)?;
         let files = list(&session.path().join(FMU))?;
-        let mut checker = Checker {
-            model,
-            probes,
-            element: binaries[0].0,
-            task: Task::default(),
-            seen: HashSet::new(),
-            about: "",
-            findings,
-        };
+        let (mut ignored, mut about) = (HashSet::new(), "");
         for (element, binary) in &binaries {
-            checker.begin(session.path(), element, binary);
+            let mut checker = Checker {
+                model,
+                probes,
+                element,
+                task: Task {
+                    interface: element.name.to_owned(),
+                    session: session.path().to_owned(),
+                    binary: binary.clone(),
+                    seconds: probes.time_limit.as_secs(),
+                    ignored,
+                    ..Task::default()
+                },
+                seen: HashSet::new(),
+                about,
+                findings,
+            };
             checker.run()?;
-            checker.about = "model exchange: ";
+            (ignored, about) = (checker.task.ignored, "model exchange: ");
         }
-        checker.report_files(session.path(), &files)
+        report_files(session.path(), &files, findings)
     };
     if let Err(error) = run_all() {
         findings.add(&NOT_RUN, "binaries", format!("cannot be run: {error:#}"));
@@ -131,39 +139,71 @@ fn unpack(text: &str, archive: &mut Archive, platform: Platform) -> Result<TempD
     Ok(session)
 }
 
+/// What a test process is to do.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Task {
+    probe: String,
+    /// The element of the interface type under test.
+    interface: String,
+    /// The folder with the model description, and with the folder of the unpacked FMU.
+    session: PathBuf,
+    /// The binary, relative to the folder of the FMU.
+    binary: String,
+    /// The index of one of [`EXCITATIONS`].
+    excitation: usize,
+    steps: usize,
+    seconds: u64,
+    /// Whether the FMU logs more than problems.
+    logging: bool,
+    /// Whether wrong calls crash it.
+    is_fragile: bool,
+    /// Names of variables that are not observed.
+    ignored: HashSet<String>,
+}
+
+/// What the process replies, in any number and order until it is done.
+#[derive(Debug, Serialize, Deserialize)]
+enum Reply {
+    /// The name of a rule, and what breaks it.
+    Found(String, String),
+    /// The name of a variable that cannot be read.
+    Unreadable(String),
+    /// The number of steps of the default experiment, and their duration in s; not if the FMU refuses the
+    /// excitation of its inputs.
+    Ran(usize, f64),
+    /// The values at a time (s) of a run.
+    Row(f64, Row),
+    /// There is no more to come.
+    Done,
+}
+
+/// What a process has replied, and how it ended.
 #[derive(Default)]
-pub struct Outcome {
-    pub found: Vec<(&'static Rule, String)>,
-    pub unreadable: Vec<String>,
-    /// The number of steps of the default experiment, and their duration in s.
-    pub ran: Option<(usize, f64)>,
-    /// Whether the FMU refused the excitation.
-    pub is_refused: bool,
-    pub rows: Trajectory,
-    pub has_message: bool,
+struct Outcome {
+    found: Vec<(&'static Rule, String)>,
+    unreadable: Vec<String>,
+    ran: Option<(usize, f64)>,
+    rows: Trajectory,
+    has_message: bool,
     /// Whether the process was killed after its time.
-    pub timed_out: bool,
+    timed_out: bool,
 }
 
 impl Outcome {
     /// Whether the test itself has failed, besides what else it has found.
-    pub fn fails(&self, probe: &Probe) -> bool {
+    fn fails(&self, probe: &Probe) -> bool {
         let mut found = self.found.iter();
         found.any(|(rule, _)| *rule == probe.rule || *rule == probe.crash())
-    }
-
-    pub fn rules(&self) -> Vec<&'static str> {
-        self.found.iter().map(|(rule, _)| rule.id).collect()
     }
 
     fn add(&mut self, reply: Reply) {
         match reply {
             Reply::Found(id, text) => {
-                self.found.extend(rules::find(&id).map(|rule| (rule, text)));
+                let rule = BEHAVIOUR.iter().find(|rule| rule.id == id);
+                self.found.extend(rule.map(|rule| (rule, text)));
             }
             Reply::Unreadable(name) => self.unreadable.push(name),
             Reply::Ran(steps, seconds) => self.ran = Some((steps, seconds)),
-            Reply::Refused => self.is_refused = true,
             Reply::Row(time, row) => self.rows.push((time, row)),
             Reply::Done => {}
         }
@@ -183,25 +223,12 @@ struct Checker<'a> {
     findings: &'a mut Findings,
 }
 
-impl<'a> Checker<'a> {
-    /// Goes on to an interface type. Variables that were ignored stay so.
-    fn begin(&mut self, session: &Path, element: &'a Element<'a>, binary: &str) {
-        self.element = element;
-        self.seen.clear();
-        self.task = Task {
-            interface: element.name.to_owned(),
-            session: session.to_owned(),
-            binary: binary.to_owned(),
-            seconds: self.probes.time_limit.as_secs(),
-            ignored: std::mem::take(&mut self.task.ignored),
-            ..Task::default()
-        };
-    }
-
+impl Checker<'_> {
     fn run(&mut self) -> Result<()> {
         let is_quick = self.probes.is_quick;
-        for probe in [IDENTITY, READABLE] {
-            let outcome = self.test(probe)?;
+        for name in ["identity", "readable"] {
+            let probe = Probe::named(name)?;
+            let outcome = self.test(probe, &[])?;
             // An FMU that cannot be loaded or initialized would fail all other tests too.
             if outcome.fails(probe) {
                 return Ok(());
@@ -215,13 +242,11 @@ impl<'a> Checker<'a> {
             self.compare_processes()?;
         }
         for probe in PROBES {
-            let is_due = probe.is_quick() || !is_quick;
-            if !is_due || !probe.applies(self.element, self.model.version) {
-                continue;
+            if (probe.is_quick() || !is_quick) && probe.applies(self.element, self.model.version) {
+                let outcome = self.test(probe, &[])?;
+                let mut found = outcome.found.iter();
+                self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
             }
-            let outcome = self.test(probe)?;
-            let mut found = outcome.found.iter();
-            self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
         }
         Ok(())
     }
@@ -229,11 +254,11 @@ impl<'a> Checker<'a> {
     /// Runs the default experiment with the strongest excitation that the FMU accepts; returns whether
     /// there is one with which it runs.
     fn experiment(&mut self) -> Result<bool> {
-        let all = [Level::Full, Level::Gentle, Level::Still];
-        for level in &all[if self.probes.is_quick { 2 } else { 0 }..] {
-            self.task.level = *level;
-            let outcome = self.test(EXPERIMENT)?;
-            if let Some((steps, seconds)) = outcome.ran.filter(|_| !outcome.is_refused) {
+        let strongest = if self.probes.is_quick { 2 } else { 0 };
+        for excitation in strongest..EXCITATIONS.len() {
+            self.task.excitation = excitation;
+            let outcome = self.test(Probe::named("experiment")?, &[])?;
+            if let Some((steps, seconds)) = outcome.ran {
                 self.task.steps = self.short(steps, seconds);
                 return Ok(true);
             }
@@ -264,43 +289,39 @@ impl<'a> Checker<'a> {
             ("GLIBC_TUNABLES", "glibc.malloc.perturb=85"),
         ];
         let observed = run::observed(self.model, &self.task.ignored);
-        let (Some(expected), Some(again)) = (self.trace(TRACE, &[])?, self.trace(TRACE, &[])?)
+        let (Some(expected), Some(again)) = (self.trace("trace", &[])?, self.trace("trace", &[])?)
         else {
             return Ok(());
         };
-        let volatile: HashSet<String> = observed
-            .differences(&again, &expected, 0.0)
-            .map(|difference| difference.variable.name.clone())
-            .collect();
-        if let Some(first) = observed.difference(&again, &expected, ROUNDING) {
+        let how = ["in a second process", " as in the first"];
+        let volatile = observed.differences(&again, &expected, 0.0, how);
+        let volatile: HashSet<_> = volatile.iter().map(|d| d.variable.name.clone()).collect();
+        let differences = observed.differences(&again, &expected, ROUNDING, how);
+        if let Some(first) = Difference::first(&differences) {
             let others = match volatile.len() - 1 {
                 0 => String::new(),
                 more => format!("; so do {more} more variables"),
             };
-            let text = first.told("in a second process", " as in the first");
-            self.add(
-                &REPRODUCIBLE,
-                format!("two equal runs differ: {text}{others}"),
-            );
+            let text = format!("two equal runs differ: {}{others}", first.text);
+            self.add(&REPRODUCIBLE, text);
         }
         self.check_heap()?;
+        let logging = "with another instance name and logging";
         for (probe, variables, rule, when) in [
-            (TRACE, PATTERN, &INITIALISED, "when new memory is not zero"),
             (
-                TRACE_LOGGING,
-                &[],
-                &INDEPENDENT,
-                "with another instance name and logging",
+                "trace",
+                PATTERN,
+                &INITIALISED,
+                "when new memory is not zero",
             ),
+            ("trace-logging", &[], &INDEPENDENT, logging),
         ] {
-            let Some(trace) = self.trace(probe, variables)? else {
-                continue;
-            };
-            let mut differences = observed.differences(&trace, &expected, 0.0);
-            if let Some(first) = differences.find(|d| !volatile.contains(&d.variable.name)) {
-                let text = first.told(when, "");
-                drop(differences);
-                self.add(rule, text);
+            if let Some(trace) = self.trace(probe, variables)? {
+                let differences = observed.differences(&trace, &expected, 0.0, [when, ""]);
+                let mut differences = differences.into_iter();
+                if let Some(first) = differences.find(|d| !volatile.contains(&d.variable.name)) {
+                    self.add(rule, first.text);
+                }
             }
         }
         // Such as the time that the FMU has used, or addresses: they differ in all other tests, too.
@@ -309,12 +330,9 @@ impl<'a> Checker<'a> {
     }
 
     /// The rows of a short run; `None` if it failed, which is a finding of its own.
-    fn trace(
-        &mut self,
-        probe: &'static Probe,
-        variables: &[(&str, &str)],
-    ) -> Result<Option<Trajectory>> {
-        let outcome = self.test_with(probe, variables)?;
+    fn trace(&mut self, name: &str, variables: &[(&str, &str)]) -> Result<Option<Trajectory>> {
+        let probe = Probe::named(name)?;
+        let outcome = self.test(probe, variables)?;
         Ok((!outcome.fails(probe)).then_some(outcome.rows))
     }
 
@@ -331,17 +349,13 @@ impl<'a> Checker<'a> {
                 ("LD_PRELOAD", file.to_str().unwrap_or_default()),
                 ("GLIBC_TUNABLES", "glibc.malloc.check=3"),
             ];
-            self.test_with(HEAP_CHECK, &variables)?;
+            self.test(Probe::named("heap")?, &variables)?;
         }
         Ok(())
     }
 
-    fn test(&mut self, probe: &'static Probe) -> Result<Outcome> {
-        self.test_with(probe, &[])
-    }
-
-    /// As [`Checker::test`], with these environment variables.
-    fn test_with(&mut self, probe: &'static Probe, variables: &[(&str, &str)]) -> Result<Outcome> {
+    /// Makes a test, with these environment variables, and adds what it finds.
+    fn test(&mut self, probe: &'static Probe, variables: &[(&str, &str)]) -> Result<Outcome> {
         let mut task = Task {
             probe: probe.name.to_owned(),
             seconds: probe.seconds(self.task.seconds),
@@ -352,7 +366,9 @@ impl<'a> Checker<'a> {
             // Once more, to quote what the FMU has to say.
             task.logging = true;
             let second = self.process(probe, &task, variables)?;
-            if second.has_message && second.rules() == outcome.rules() {
+            let rules =
+                |of: &Outcome| -> Vec<_> { of.found.iter().map(|(rule, _)| rule.id).collect() };
+            if second.has_message && rules(&second) == rules(&outcome) {
                 outcome = second;
             }
         }
@@ -425,30 +441,38 @@ impl<'a> Checker<'a> {
         }
         Ok(outcome)
     }
+}
 
-    /// Reports the files that the FMU has written: those that differ from what was in its folder before.
-    fn report_files(&mut self, session: &Path, before: &Files) -> Result<()> {
-        /// Maximum number of files that a finding names.
-        const MAX_NAMES: usize = 5;
-        let mut of_fmu = list(&session.join(FMU))?;
-        of_fmu.retain(|path, content| before.get(path) != Some(content));
-        let written = list(&session.join(WORK))?;
-        for (files, place) in [
-            (of_fmu, "the folder of the FMU"),
-            (written, "the working directory"),
-        ] {
-            let name = |path: &PathBuf| {
-                let name = path.strip_prefix(session).unwrap_or(Path::new(""));
-                quote(&name.to_string_lossy())
-            };
-            let names: Vec<_> = files.keys().take(MAX_NAMES).map(name).collect();
-            if !names.is_empty() {
-                let (count, names) = (files.len(), names.join(", "));
-                let text = format!("{count} files were written to {place}: {names}; expected none");
-                self.findings.add(&FILES, "binaries", text);
-            }
+/// Reports the files that the FMU has written: those that differ from what was in its folder before.
+fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Result<()> {
+    /// Maximum number of files that a finding names.
+    const MAX_NAMES: usize = 5;
+    let mut of_fmu = list(&session.join(FMU))?;
+    of_fmu.retain(|path, content| before.get(path) != Some(content));
+    let written = list(&session.join(WORK))?;
+    for (files, place) in [
+        (of_fmu, "the folder of the FMU"),
+        (written, "the working directory"),
+    ] {
+        let name = |path: &PathBuf| {
+            let name = path.strip_prefix(session).unwrap_or(Path::new(""));
+            quote(&name.to_string_lossy())
+        };
+        let names: Vec<_> = files.keys().take(MAX_NAMES).map(name).collect();
+        if !names.is_empty() {
+            let (count, names) = (files.len(), names.join(", "));
+            let text = format!("{count} files were written to {place}: {names}; expected none");
+            findings.add(&FILES, "binaries", text);
         }
-        Ok(())
+    }
+    Ok(())
+}
+
+/// The end of a message that quotes the message that the FMU logged last.
+fn logged(message: &str) -> String {
+    match message {
+        "" => String::new(),
+        message => format!("; the FMU logged last: {message}"),
     }
 }
 
@@ -464,7 +488,7 @@ fn unfinished(now: &Moment, ended: &str) -> String {
     };
     let how = ended.replace(" and was killed", "");
     let when = now.time.map(|time| format!(" at t = {time} s"));
-    let (when, logged) = (when.unwrap_or_default(), task::logged(&now.message));
+    let (when, logged) = (when.unwrap_or_default(), logged(&now.message));
     format!("{call}{stage} {how}{when}, expected it to return{logged}")
 }
 

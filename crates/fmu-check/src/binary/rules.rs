@@ -1,6 +1,6 @@
 //! The rules for the behaviour of binaries.
 
-use crate::rule::{Rule, rules};
+use crate::rule::rules;
 
 rules! {
     /// Rules for what a binary does when it is run.
@@ -166,8 +166,4 @@ rules! {
         EVENTS: Error, "event-iteration", Standard("section 3.2.2", "section 2.3.5"),
             "The event iteration ends, and states, nominals and indicators are consistent.";
     }
-}
-
-pub fn find(id: &str) -> Option<&'static Rule> {
-    BEHAVIOUR.iter().find(|rule| rule.id == id)
 }

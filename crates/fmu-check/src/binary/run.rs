@@ -1,11 +1,10 @@
 //! The FMU under test, and runs of it, in the child process.
 
-use std::collections::HashSet;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::{Arc, OnceLock};
+use std::collections::{HashMap, HashSet};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, unsigned};
 use fmu_description::xml::Element;
 use fmu_description::{
@@ -13,11 +12,13 @@ use fmu_description::{
 };
 use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
+use fmu_worker::{Calls, Function, Record, Service};
 
-use super::task::{FMU, Report, Task, in_version};
 use super::values::{
-    Input, Level, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
+    EXCITATIONS, Input, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
 };
+use super::{FMU, Reply, Task, logged};
+use crate::rule::Rule;
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
@@ -43,27 +44,89 @@ macro_rules! check {
 }
 pub(super) use check;
 
-/// Ends a test without a finding.
-#[derive(Debug)]
-pub struct Skip;
+/// Ends a test without a finding: `set.ok().context(SKIP)?`.
+pub const SKIP: &str = "the FMU refuses what it may refuse";
 
-impl std::fmt::Display for Skip {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("the FMU refuses what it may refuse")
+/// Where findings and the progress of the test go.
+pub struct Report {
+    version: FmiVersion,
+    record: Record,
+    calls: Mutex<Calls>,
+    functions: HashMap<&'static str, Function>,
+    service: Mutex<Service>,
+}
+
+impl Report {
+    pub fn new(service: Service, version: FmiVersion) -> Self {
+        let functions = Function::all().map(|(function, name)| (name, function));
+        Self {
+            version,
+            calls: service.record().calls(0).into(),
+            record: service.record().clone(),
+            functions: functions.collect(),
+            service: service.into(),
+        }
+    }
+
+    pub fn call(&self, name: &str) {
+        let function = self.functions.get(name).copied();
+        lock(&self.calls).begin(function.or(Some(Function::LOADING)));
+    }
+
+    /// Records what the test is about to do, such as `after fmi2Reset`.
+    pub fn stage(&self, text: impl AsRef<str>) {
+        self.record.stage(&in_version(text.as_ref(), self.version));
+    }
+
+    pub fn find(&self, rule: &Rule, text: impl AsRef<str>) {
+        let text = in_version(text.as_ref(), self.version).replace(['\n', '\r'], " ");
+        self.reply(&Reply::Found(rule.id.to_owned(), text));
+    }
+
+    /// Reports the failure of a test, with its stage and the message logged last.
+    pub fn fail(&self, rule: &Rule, text: &str) {
+        let (text, now) = (in_version(text, self.version), self.record.now());
+        let stage = match now.stage.as_str() {
+            stage if text.contains(stage) => String::new(),
+            stage => format!(" {stage}"),
+        };
+        self.find(rule, format!("{text}{stage}{}", logged(&now.message)));
+    }
+
+    pub fn reply(&self, reply: &Reply) {
+        lock(&self.service).reply(reply);
     }
 }
 
-impl std::error::Error for Skip {}
-
-/// What an FMU may refuse.
-pub trait OrSkip<T> {
-    /// Ends the test without a finding if the FMU refuses.
-    fn or_skip(self) -> Result<T>;
+pub fn lock<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
+    value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<T, E> OrSkip<T> for Result<T, E> {
-    fn or_skip(self) -> Result<T> {
-        self.map_err(|_| Error::new(Skip))
+/// The names of FMI 2.0 in a text, as they are in a version of FMI.
+fn in_version(text: &str, version: FmiVersion) -> String {
+    const NAMES: [[&str; 2]; 14] = [
+        ["fmi2Instantiate", "fmi3Instantiate"],
+        ["fmi2GetRealOutputDerivatives", "fmi3GetOutputDerivatives"],
+        ["fmi2GetReal", "fmi3GetFloat64"],
+        ["fmi2SetReal", "fmi3SetFloat64"],
+        ["fmi2GetInteger", "fmi3GetInt32"],
+        ["fmi2SetInteger", "fmi3SetInt32"],
+        ["fmi2GetDerivatives", "fmi3GetContinuousStateDerivatives"],
+        ["fmi2NewDiscreteStates", "fmi3UpdateDiscreteStates"],
+        ["fmi2SetupExperiment", "fmi3EnterInitializationMode"],
+        ["FMUstate", "FMUState"],
+        ["DeSerialize", "Deserialize"],
+        [
+            "providesDirectionalDerivative",
+            "providesDirectionalDerivatives",
+        ],
+        ["the GUID", "the instantiationToken"],
+        ["fmi2", "fmi3"],
+    ];
+    let rename = |text: String, [old, new]: &[&str; 2]| text.replace(old, new);
+    match version {
+        FmiVersion::Fmi2 => text.to_owned(),
+        FmiVersion::Fmi3 => NAMES.iter().fold(text.to_owned(), rename),
     }
 }
 
@@ -82,21 +145,20 @@ pub struct Subject<'a> {
     pub inputs: Vec<Input<'a>>,
     /// The usual run, once it was made.
     usual: OnceLock<Trajectory>,
-    /// How many messages were logged.
-    pub logged: Arc<Logged>,
+    pub logged: Arc<Mutex<Logged>>,
 }
 
-/// Counts of log messages.
-#[derive(Default)]
+/// How many messages were logged.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Logged {
-    pub uncategorized: AtomicUsize,
+    pub uncategorized: usize,
     /// Messages with a category that the XML does not list, though it lists some.
-    pub undeclared: AtomicUsize,
+    pub undeclared: usize,
     /// Messages with a number that is not a status.
-    pub invalid: AtomicUsize,
-    pub ok: AtomicUsize,
+    pub invalid: usize,
+    pub ok: usize,
     /// Messages with the name of another instance.
-    pub misnamed: AtomicUsize,
+    pub misnamed: usize,
 }
 
 /// What varies between runs of the same FMU.
@@ -107,8 +169,9 @@ pub struct Setup<'a> {
     pub stop: Option<f64>,
     /// How the arguments of `fmi2Instantiate` are passed.
     pub treatment: Treatment,
-    pub level: Level,
-    /// Selects one of many excitations.
+    /// How strongly inputs are excited, one of [`EXCITATIONS`].
+    pub excitation: f64,
+    /// Selects one of many signals.
     pub seed: u64,
     /// Whether parameters are changed by a little.
     pub parameters: bool,
@@ -166,7 +229,7 @@ impl<'a> Subject<'a> {
             logging: self.task.logging,
             stop: self.stop(),
             treatment: Treatment::Usual,
-            level: self.task.level,
+            excitation: EXCITATIONS[self.task.excitation],
             seed: 1,
             parameters: false,
             summed_times: false,
@@ -178,7 +241,7 @@ impl<'a> Subject<'a> {
 
     /// The usual setup, with inputs that keep their start values.
     pub fn still(&self) -> Setup<'static> {
-        self.setup().with(|s| s.level = Level::Still)
+        self.setup().with(|s| s.excitation = 0.0)
     }
 
     /// The setup of another instance, with another excitation than the usual one.
@@ -219,21 +282,14 @@ impl<'a> Subject<'a> {
         let sink = move |message: fmu_host::Logged| {
             let (category, is_ok) = (message.category.as_ref(), message.status == Status::Ok);
             let is_known = |category| categories.is_empty() || categories.contains(category);
-            let is_status = !matches!(message.status, Status::Unknown(_));
-            for (count, applies) in [
-                (
-                    &logged.misnamed,
-                    message.instance.is_some_and(|of| of != name),
-                ),
-                (&logged.uncategorized, category.is_none()),
-                (&logged.undeclared, !category.is_none_or(is_known)),
-                (&logged.invalid, !is_status),
-                (&logged.ok, is_ok),
-            ] {
-                count.fetch_add(applies.into(), Relaxed);
-            }
+            let mut count = lock(&logged);
+            count.misnamed += usize::from(message.instance.is_some_and(|of| of != name));
+            count.uncategorized += usize::from(category.is_none());
+            count.undeclared += usize::from(!category.is_none_or(is_known));
+            count.invalid += usize::from(matches!(message.status, Status::Unknown(_)));
+            count.ok += usize::from(is_ok);
             if !is_ok {
-                report.log(&message.text);
+                report.record.log(&message.text.replace(['\n', '\r'], " "));
             }
         };
         Ok(self.library.instantiate(&arguments, sink)?)
@@ -413,6 +469,13 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
+    /// A run after its first step.
+    pub fn stepped(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+        let mut run = Self::begin(subject, setup)?;
+        run.advance()?;
+        Ok(run)
+    }
+
     /// A usual run after some steps, fewer if the FMU is slow.
     pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
         let mut run = Self::begin(subject, subject.setup())?;
@@ -531,9 +594,11 @@ impl<'a> Run<'a> {
     }
 
     fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
-        let Setup { level, seed, .. } = self.setup;
+        let Setup {
+            excitation, seed, ..
+        } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
-            if let Some(value) = input.value(level, seed, self.place.point) {
+            if let Some(value) = input.value(excitation, seed, self.place.point) {
                 self.set(input.variable, &[value])?;
             }
         }
@@ -601,7 +666,7 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         let (begin, step) = (self.time(), self.subject.step());
-        self.subject.report.time(begin);
+        self.subject.report.record.at(begin);
         match self.subject.kind {
             Kind::CoSimulation => {
                 // With event mode, discrete inputs are set at events only.

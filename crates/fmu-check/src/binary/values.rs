@@ -6,7 +6,6 @@ use fmu_description::value::real;
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::Instance;
-use serde::{Deserialize, Serialize};
 
 /// Maximum number of values that a run records; longer runs record fewer points.
 const MAX_VALUES: usize = 1 << 21;
@@ -53,8 +52,7 @@ pub fn shown(value: &Value) -> String {
     match value {
         Value::Float32(value) => value.to_string(),
         Value::Float64(value) => value.to_string(),
-        Value::String(text) => quote(text),
-        other => other.to_string(),
+        other => exact(other),
     }
 }
 
@@ -79,14 +77,12 @@ pub struct Observed<'a> {
     parts: Vec<(Type, Vec<u32>, usize)>,
 }
 
-/// A difference between two runs.
+/// The first difference of an element between two runs.
 pub struct Difference<'a> {
-    /// The variable, and the index of the element.
     pub variable: &'a Listed<'a>,
-    element: usize,
     time: f64,
-    actual: Value,
-    expected: Value,
+    /// Describes it.
+    pub text: String,
 }
 
 impl<'a> Observed<'a> {
@@ -130,92 +126,76 @@ impl<'a> Observed<'a> {
     }
 
     /// The first difference of each element between two runs at the same times. Real numbers may differ by the
-    /// tolerance, relative to their largest value in the run.
+    /// tolerance, relative to their largest value in the run. `when` tells what the actual run does, `like` what
+    /// the expected run has done.
     pub fn differences(
         &self,
         actual: &[(f64, Row)],
         expected: &[(f64, Row)],
         tolerance: f64,
-    ) -> impl Iterator<Item = Difference<'a>> {
-        let elements = self.elements().enumerate();
-        elements.filter_map(move |(at, (variable, element))| {
+        [when, like]: [&str; 2],
+    ) -> Vec<Difference<'a>> {
+        let first = |(at, (variable, element)): (usize, (&'a Listed<'a>, usize))| {
             let rows = actual.iter().chain(expected);
             let sizes = rows.map(|(_, row)| row.get(at).map_or(0.0, size));
             let difference = tolerance * sizes.fold(1e-9, f64::max);
-            actual.iter().zip(expected).find_map(|((time, a), (_, b))| {
-                let (actual, expected) = (a.get(at)?, b.get(at)?);
-                (!is_near(actual, expected, difference)).then(|| Difference {
+            let mut pairs = actual.iter().zip(expected);
+            pairs.find_map(|((time, a), (_, b))| {
+                let (a, b) = (a.get(at)?, b.get(at)?);
+                let is = || match (element_name(variable, element), exact(a), exact(b)) {
+                    (name, actual, expected) if variable.dimensions.is_empty() => {
+                        format!(
+                            "{when}, {name} at t = {time} s is {actual}, expected {expected}{like}"
+                        )
+                    }
+                    (name, _, expected) => {
+                        format!("{name} has another value {when}, expected {expected}{like}")
+                    }
+                };
+                (!is_near(a, b, difference)).then(|| Difference {
                     variable,
-                    element,
                     time: *time,
-                    actual: actual.clone(),
-                    expected: expected.clone(),
+                    text: is(),
                 })
             })
-        })
+        };
+        self.elements().enumerate().filter_map(first).collect()
     }
 
-    /// The first difference between two runs, as [`Observed::differences`].
-    pub fn difference(
-        &self,
-        actual: &[(f64, Row)],
-        expected: &[(f64, Row)],
-        tolerance: f64,
-    ) -> Option<Difference<'a>> {
-        let differences = self.differences(actual, expected, tolerance);
-        differences.min_by(|a, b| a.time.total_cmp(&b.time))
-    }
-
-    /// Checks that two runs are the same, as [`Observed::differences`]. `when` tells what the actual run does,
-    /// `like` what the expected run has done.
+    /// Checks that two runs are the same, as [`Observed::differences`].
     pub fn ensure_same(
         &self,
         actual: &[(f64, Row)],
         expected: &[(f64, Row)],
         tolerance: f64,
-        when: &str,
-        like: &str,
+        how: [&str; 2],
     ) -> Result<()> {
-        match self.difference(actual, expected, tolerance) {
-            Some(difference) => bail!(difference.told(when, like)),
+        match Difference::first(&self.differences(actual, expected, tolerance, how)) {
+            Some(difference) => bail!("{}", difference.text),
             None => Ok(()),
         }
     }
 }
 
 impl Difference<'_> {
-    /// Describes the difference: `when` tells what the actual run does, `like` what the expected run has
-    /// done.
-    pub fn told(&self, when: &str, like: &str) -> String {
-        // With the digits that tell the value from all others.
-        let exact = |value: &Value| match value {
-            Value::String(text) => quote(text),
-            other => other.to_string(),
-        };
-        let name = element_name(self.variable, self.element);
-        let (actual, expected) = (exact(&self.actual), exact(&self.expected));
-        match self.variable.dimensions.is_empty() {
-            true => format!(
-                "{when}, {name} at t = {} s is {actual}, expected {expected}{like}",
-                self.time
-            ),
-            false => format!("{name} has another value {when}, expected {expected}{like}"),
-        }
+    /// The one that is seen first.
+    pub fn first(all: &[Self]) -> Option<&Self> {
+        all.iter().min_by(|a, b| a.time.total_cmp(&b.time))
     }
 }
 
-/// How strongly inputs are excited. Models may refuse values outside their range of validity, which
-/// their XML need not tell; weaker levels are then tried.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Level {
-    /// Inputs of every type change by half of their start or nominal value.
-    Full,
-    /// Real inputs change by a fiftieth.
-    Gentle,
-    /// Inputs keep their start values.
-    #[default]
-    Still,
+/// A value with the digits that tell it from all others.
+fn exact(value: &Value) -> String {
+    match value {
+        Value::String(text) => quote(text),
+        other => other.to_string(),
+    }
 }
+
+/// How strongly inputs are excited: by this fraction of their start or nominal value. Models may refuse values
+/// outside their range of validity, which their XML need not tell; weaker excitations are then tried. Only the
+/// first one changes inputs that are not real numbers, and the last one none.
+pub const EXCITATIONS: [f64; 3] = [0.5, 0.02, 0.0];
 
 /// Whether the tests read and set a variable as a scalar: not arrays, Binaries, clocks and structural
 /// parameters.
@@ -226,7 +206,7 @@ pub fn is_tested(variable: &Listed<'_>) -> bool {
         && !variable.element.has("clocks")
 }
 
-/// An input and the range in which it is excited.
+/// An input, and how its value changes.
 pub struct Input<'a> {
     pub variable: &'a Listed<'a>,
     index: u64,
@@ -240,64 +220,57 @@ enum Signal {
     Choice(Vec<Value>, usize),
 }
 
-/// The inputs of a model, but those that keep their start values.
+/// The inputs of a model that are scalars.
 pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
     let inputs = model.variables().map(|(_, v)| v);
     let inputs = inputs.filter(|v| v.causality == Causality::Input && is_tested(v));
-    let inputs = inputs.zip(0..).map(|(variable, index)| Input {
-        variable,
-        index,
-        signal: Signal::of(variable, index),
-    });
-    inputs.collect()
-}
-
-impl Signal {
-    fn of(variable: &Listed<'_>, index: u64) -> Self {
+    let inputs = inputs.zip(0..).map(|(variable, index)| {
         let start = variable.start_of(0).cloned();
-        match variable.of_type {
+        let signal = match variable.of_type {
             Type::Float32 | Type::Float64 => {
                 let start = start.and_then(|start| start.as_real()).unwrap_or(0.0);
                 let (min, max) = real_range(variable);
                 let nominal = variable.inherited("nominal").and_then(real).unwrap_or(1.0);
                 let usual = start.abs().max(nominal.abs());
                 let is_narrow = max - min < 1e3 * usual;
-                let size = if is_narrow { (max - min) / 2.0 } else { usual };
-                Self::Real(start, size)
+                Signal::Real(start, if is_narrow { (max - min) / 2.0 } else { usual })
             }
             Type::Boolean => {
                 let start = start.unwrap_or(Value::Boolean(false));
-                Self::Choice(near(variable, &start), 11)
+                Signal::Choice(near(variable, &start), 11)
             }
-            Type::String => Self::Choice(Vec::new(), 1),
+            Type::String => Signal::Choice(Vec::new(), 1),
             whole => {
                 let start = start.or_else(|| Value::whole(whole, 0));
                 let mut values = start.map_or(Vec::new(), |start| near(variable, &start));
                 let first = (index as usize).checked_rem(values.len());
                 values.rotate_left(first.unwrap_or_default());
-                Self::Choice(values, 7)
+                Signal::Choice(values, 7)
             }
+        };
+        Input {
+            variable,
+            index,
+            signal,
         }
-    }
+    });
+    inputs.collect()
 }
 
 impl Input<'_> {
-    /// The value at a communication point; `None` if the input keeps its start value.
-    pub fn value(&self, level: Level, seed: u64, point: usize) -> Option<Value> {
-        match (&self.signal, level) {
-            (_, Level::Still) => None,
-            (Signal::Real(start, size), level) => {
-                let gain = if level == Level::Full { 0.5 } else { 0.02 };
-                let value = start + gain * size * signal(seed << 32 | self.index, point);
+    /// The value at a communication point with one of [`EXCITATIONS`]; `None` if the input keeps its start value.
+    pub fn value(&self, excitation: f64, seed: u64, point: usize) -> Option<Value> {
+        match &self.signal {
+            Signal::Real(start, size) if excitation > 0.0 => {
+                let value = start + excitation * size * signal(seed << 32 | self.index, point);
                 let (min, max) = real_range(self.variable);
                 // Not `clamp`, since the XML may be wrong about which is larger.
                 Value::real(self.variable.of_type, value.max(min).min(max))
             }
-            (_, Level::Gentle) => None,
-            (Signal::Choice(values, points), Level::Full) => {
-                let at = (point / points).checked_rem(values.len())?;
-                Some(values[at].clone())
-            }
+            Signal::Choice(values, points) if excitation == EXCITATIONS[0] => values
+                .get((point / points).checked_rem(values.len())?)
+                .cloned(),
+            _ => None,
         }
     }
 
@@ -315,22 +288,15 @@ pub fn real_range(variable: &Listed<'_>) -> (f64, f64) {
     )
 }
 
-/// Whether the XML allows a value: a real number or whole number in its range, the number of an item.
+/// Whether the XML allows a value: a number in its range, or that of an item.
 pub fn allows(variable: &Listed<'_>, value: &Value) -> bool {
-    if let Some(number) = value.as_real() {
-        let (min, max) = real_range(variable);
-        return (min..=max).contains(&number);
+    let mut items = variable.items().iter();
+    match value.as_whole() {
+        Some(number) if variable.of_type == Type::Enumeration => {
+            items.len() == 0 || items.any(|item| i128::from(item.value) == number)
+        }
+        _ => variable.allows(value),
     }
-    let Some(number) = value.as_whole() else {
-        return true;
-    };
-    if variable.of_type == Type::Enumeration {
-        let mut items = variable.items().iter();
-        return items.len() == 0 || items.any(|item| i128::from(item.value) == number);
-    }
-    let bound = |bound: &Option<Value>| bound.as_ref()?.as_whole();
-    let (min, max) = variable.of_type.range();
-    bound(&variable.min).unwrap_or(min) <= number && number <= bound(&variable.max).unwrap_or(max)
 }
 
 /// Values of a scalar that the XML allows: all items of an Enumeration; of others, the start value and those

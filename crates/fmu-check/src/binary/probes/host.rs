@@ -1,20 +1,22 @@
 //! What an FMU does to the process that runs it, and with the strings and callbacks of the host.
 
-use std::collections::BTreeMap;
-use std::ffi::{CString, OsString};
+use std::collections::HashSet;
+use std::env;
+use std::ffi::CString;
+use std::fs::{self, DirEntry, symlink_metadata};
 use std::hint::black_box;
-use std::path::PathBuf;
-use std::sync::atomic::Ordering::Relaxed;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use fmu_description::{Type, Value};
 use fmu_file::text::quote;
 use fmu_host::{Treatment, environment, stray_messages};
 
 use super::misuse::provoke;
-use crate::binary::run::{OrSkip, Run, Setup, Subject, check, report};
+use crate::binary::rules;
+use crate::binary::run::{Run, SKIP, Setup, Subject, check, lock};
+use crate::rule::Rule;
 
 /// A GUID of another FMU.
 const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
@@ -23,11 +25,8 @@ const WRONG_GUID: &str = "{00000000-0000-0000-0000-000000000000}";
 pub fn identity(subject: &Subject<'_>) -> Result<()> {
     let missing = subject.library.missing(subject.kind);
     for name in &missing {
-        report!(
-            subject,
-            LOADS,
-            "the function {name} is missing, expected it in the library"
-        );
+        let text = format!("the function {name} is missing, expected it in the library");
+        subject.report.find(&rules::LOADS, text);
     }
     if !missing.is_empty() {
         return Ok(());
@@ -85,10 +84,8 @@ pub fn no_resources(subject: &Subject<'_>) -> Result<()> {
     let stage = "with a resource location that is NULL";
     subject.report.stage(stage);
     let setup = subject.setup();
-    let _ = Run::begin(
-        subject,
-        setup.with(|s| s.treatment = Treatment::NoResources),
-    );
+    let setup = setup.with(|s| s.treatment = Treatment::NoResources);
+    let _ = Run::begin(subject, setup);
     Ok(())
 }
 
@@ -102,14 +99,10 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
     subject.report.stage(HOW);
     let actual = Run::recorded(subject, setup)?;
     provoke(subject, setup);
-    let tolerance = subject.tolerance();
-    if let Some(difference) = subject.observed.difference(&actual, expected, tolerance) {
-        report!(subject, ARGUMENTS_COPIED, "{}", difference.told(HOW, ""));
-    }
-    let misnamed = subject.logged.misnamed.load(Relaxed);
+    let misnamed = lock(&subject.logged).misnamed;
     check!(subject, ARGUMENTS_COPIED: misnamed == 0,
         "messages were logged with another name of the instance than the one passed to fmi2Instantiate");
-    Ok(())
+    (subject.observed).ensure_same(&actual, expected, subject.tolerance(), [HOW, ""])
 }
 
 /// Uses a text for the name of the instance and for Strings.
@@ -122,59 +115,79 @@ pub fn with_text(subject: &Subject<'_>, what: &str, text: &str) -> Result<()> {
         ..subject.setup()
     };
     provoke(subject, setup);
-    let mut run = Run::instantiate(subject, setup).or_skip()?;
+    let mut run = Run::instantiate(subject, setup).ok().context(SKIP)?;
     for variable in subject.settable().filter(|v| v.of_type == Type::String) {
-        run.set(variable, &[Value::String(text.to_owned())])
-            .or_skip()?;
+        let set = run.set(variable, &[Value::String(text.to_owned())]);
+        set.ok().context(SKIP)?;
     }
     let _ = run.initialize().and_then(|()| run.advance());
     let _ = run.observe();
     Ok(())
 }
 
-struct Process {
-    directory: Option<PathBuf>,
-    variables: BTreeMap<OsString, OsString>,
-    locale: Option<String>,
-    /// The signals that are caught, as in `/proc/self/status`.
-    signals: Option<String>,
-    is_arithmetic_usual: bool,
-    umask: Option<String>,
-    /// Whether standard output and standard error are open.
-    has_output: bool,
-    threads: usize,
-    children: usize,
-    files: usize,
+/// A property of the process: the rule that a change breaks, its name, and its value.
+type Property = (&'static Rule, &'static str, String);
+
+/// What runs must leave as it is.
+fn properties() -> Vec<Property> {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let field = |name| {
+        let value = status.lines().find_map(|line| line.strip_prefix(name));
+        value.unwrap_or_default().trim().to_owned()
+    };
+    let directory = env::current_dir().unwrap_or_default();
+    let open = |file| symlink_metadata(format!("/proc/self/fd/{file}")).is_ok();
+    let output = [open(1), open(2)].map(|is_open| if is_open { "open" } else { "closed" });
+    let arithmetic = match is_arithmetic_usual() {
+        true => "usual",
+        false => "unusual: numbers are rounded in another way, or subnormal numbers are lost",
+    };
+    vec![
+        (
+            &rules::DIRECTORY,
+            "the working directory",
+            directory.display().to_string(),
+        ),
+        (
+            &rules::LOCALE,
+            "the locale",
+            environment::locale().unwrap_or_default(),
+        ),
+        (
+            &rules::SIGNALS,
+            "the mask of signals with a handler",
+            field("SigCgt:"),
+        ),
+        (&rules::ARITHMETIC, "the arithmetic", arithmetic.into()),
+        (
+            &rules::ENVIRONMENT,
+            "umask, the permissions of new files,",
+            field("Umask:"),
+        ),
+        (
+            &rules::ENVIRONMENT,
+            "standard output and error",
+            output.join(" and "),
+        ),
+    ]
 }
 
-impl Process {
-    fn now() -> Self {
-        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-        let field = |name| {
-            let value = status.lines().find_map(|line| line.strip_prefix(name));
-            value.map(|value| value.trim().to_owned())
-        };
-        let children = |task: std::fs::DirEntry| {
-            let text = std::fs::read_to_string(task.path().join("children")).unwrap_or_default();
-            text.split_whitespace().count()
-        };
-        let tasks = std::fs::read_dir("/proc/self/task");
-        let open = |file: &str| std::fs::symlink_metadata(format!("/proc/self/fd/{file}")).is_ok();
-        let count = |folder| std::fs::read_dir(folder).map_or(0, Iterator::count);
-        Self {
-            directory: std::env::current_dir().ok(),
-            variables: std::env::vars_os().collect(),
-            locale: environment::locale(),
-            signals: field("SigCgt:"),
-            is_arithmetic_usual: is_arithmetic_usual(),
-            umask: field("Umask:"),
-            children: tasks.map_or(0, |tasks| tasks.flatten().map(children).sum()),
-            // After the folder of the tasks was closed, which may have taken their numbers.
-            has_output: open("1") && open("2"),
-            threads: count("/proc/self/task"),
-            files: count("/proc/self/fd"),
-        }
-    }
+/// How many of its processes, threads and files there are.
+fn handles() -> [(&'static str, usize); 3] {
+    let children = |task: DirEntry| {
+        let text = fs::read_to_string(task.path().join("children")).unwrap_or_default();
+        text.split_whitespace().count()
+    };
+    let tasks = fs::read_dir("/proc/self/task");
+    let count = |folder| fs::read_dir(folder).map_or(0, Iterator::count);
+    [
+        (
+            "processes",
+            tasks.map_or(0, |tasks| tasks.flatten().map(children).sum()),
+        ),
+        ("threads", count("/proc/self/task")),
+        ("open files", count("/proc/self/fd")),
+    ]
 }
 
 /// Whether numbers are rounded to the nearest and subnormal numbers are kept.
@@ -187,62 +200,40 @@ fn is_arithmetic_usual() -> bool {
 
 /// Compares the process before and after the life of two instances.
 pub fn process(subject: &Subject<'_>) -> Result<()> {
-    // The first instance may set up what all others share.
-    let before = Process::now();
+    let (before, first) = (properties(), handles());
+    let variables: HashSet<_> = env::vars_os().collect();
     cycle(subject, subject.task.steps)?;
-    let between = Process::now();
+    // The first instance may set up what all others share, but start no process.
+    let mut between = handles();
+    between[0] = first[0];
     // A trap for invalid operations would end the process here.
     let stage = "which has enabled floating-point traps, as 0/0 in the host";
     subject.report.stage(stage);
     black_box(black_box(0.0_f64) / black_box(0.0_f64));
     subject.report.stage("");
     cycle(subject, subject.task.steps)?;
-    let after = settled(between.threads);
-    let variables = after.variables.iter();
-    let variables = variables.filter(|(name, value)| before.variables.get(*name) != Some(value));
-    let variables: Vec<_> = variables.map(|(name, _)| name.to_string_lossy()).collect();
-    let is_kept = variables.is_empty();
-    let variables = variables.join(", ");
-    let path = |of: &Process| match &of.directory {
-        Some(path) => path.display().to_string(),
-        None => "unknown".into(),
-    };
-    let [old, new] = [path(&before), path(&after)];
-    check!(subject, DIRECTORY: old == new,
-        "the working directory is {new} after a run, expected {old} as before");
-    check!(subject, ENVIRONMENT: is_kept, "the environment variables {variables} were set in a run");
-    let [old, new] = [&before, &after].map(|of| of.locale.clone().unwrap_or_default());
-    check!(subject, LOCALE: old == new, "the locale is {new} after a run, expected {old} as before");
-    check!(subject, SIGNALS: after.signals == before.signals,
-        "signal handlers were installed in a run, expected none");
-    check!(subject, ARITHMETIC: after.is_arithmetic_usual == before.is_arithmetic_usual,
-        "numbers are rounded in another way after a run, or subnormal numbers are lost");
-    check!(subject, ENVIRONMENT: after.umask == before.umask,
-        "the permissions of new files (umask) were changed in a run");
-    check!(subject, ENVIRONMENT: after.has_output || !before.has_output,
-        "standard output or standard error was closed in a run");
-    let children = after.children.saturating_sub(before.children);
-    check!(subject, HANDLES: children == 0,
-        "{children} processes are left of instances that were freed, expected none");
-    let threads = after.threads.saturating_sub(between.threads);
-    check!(subject, HANDLES: threads == 0,
-        "{threads} threads are left of an instance that was freed, expected none");
-    let files = after.files.saturating_sub(between.files);
-    check!(subject, HANDLES: files == 0,
-        "{files} files are left open by an instance that was freed, expected none");
-    Ok(())
-}
-
-/// The state of the process, once threads have had the time to end.
-fn settled(threads: usize) -> Process {
+    // Threads need time to end.
     let begin = Instant::now();
-    loop {
-        let now = Process::now();
-        if now.threads <= threads || begin.elapsed() > Duration::from_millis(500) {
-            return now;
-        }
+    while handles()[1] > between[1] && begin.elapsed() < Duration::from_millis(500) {
         sleep(Duration::from_millis(10));
     }
+    for ((rule, what, old), (_, _, new)) in before.into_iter().zip(properties()) {
+        if old != new {
+            let text = format!("{what} is {new} after a run, expected {old} as before");
+            subject.report.find(rule, text);
+        }
+    }
+    let set = env::vars_os().filter(|variable| !variables.contains(variable));
+    let set: Vec<_> = set
+        .map(|(name, _)| name.to_string_lossy().into_owned())
+        .collect();
+    check!(subject, ENVIRONMENT: set.is_empty(),
+        "the environment variables {} were set in a run", set.join(", "));
+    for ((what, old), (_, new)) in between.into_iter().zip(handles()) {
+        check!(subject, HANDLES: new <= old,
+            "{} {what} are left of an instance that was freed, expected none", new - old);
+    }
+    Ok(())
 }
 
 /// Creates and frees instances, between which memory is used again, and one more after a run to the end
@@ -326,25 +317,22 @@ fn growth(subject: &Subject<'_>, mut cycle: impl FnMut() -> Result<()>) -> Resul
 
 /// Watches the messages of runs with and without logging, and of mistakes.
 pub fn logging(subject: &Subject<'_>) -> Result<()> {
-    let logged = &subject.logged;
     Run::recorded(subject, subject.setup().with(|s| s.logging = false))?;
-    let chatty = logged.ok.load(Relaxed);
+    let chatty = lock(&subject.logged).ok;
     let setup = subject.setup().with(|s| s.logging = true);
     Run::begin(subject, setup)?.advance_by(subject.task.steps.min(20))?;
     provoke(subject, setup);
     // Some FMUs log from their own threads.
     sleep(Duration::from_millis(20));
-    let [without, undeclared, invalid] =
-        [&logged.uncategorized, &logged.undeclared, &logged.invalid].map(|n| n.load(Relaxed));
-    let stray = stray_messages();
+    let (logged, stray) = (*lock(&subject.logged), stray_messages());
     check!(subject, LOGGING_OFF: chatty == 0,
         "{chatty} messages with status fmi2OK were logged in a run without logging, expected none");
-    check!(subject, CATEGORY: without == 0,
-        "{without} messages were logged with NULL for the category, expected a category");
-    check!(subject, DECLARED_CATEGORY: undeclared == 0,
-        "{undeclared} messages were logged with a category that LogCategories does not list");
-    check!(subject, CATEGORY: invalid == 0,
-        "{invalid} messages were logged with a status that is not an fmi2Status");
+    check!(subject, CATEGORY: logged.uncategorized == 0,
+        "{} messages were logged with NULL for the category, expected a category", logged.uncategorized);
+    check!(subject, DECLARED_CATEGORY: logged.undeclared == 0,
+        "{} messages were logged with a category that LogCategories does not list", logged.undeclared);
+    check!(subject, CATEGORY: logged.invalid == 0,
+        "{} messages were logged with a status that is not an fmi2Status", logged.invalid);
     check!(subject, LOG_ENVIRONMENT: stray == 0,
         "{stray} messages were logged with another component environment than an instance's, or \
          after the instance was freed");

@@ -2,13 +2,14 @@
 
 use std::collections::HashSet;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use fmu_description::{Causality, FmiVersion, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
-use fmu_host::{Instance, Kind, fmi2};
+use fmu_host::{Kind, fmi2};
 
+use super::runs::bytes;
 use crate::binary::rules;
-use crate::binary::run::{Run, Setup, Subject, readable, report};
+use crate::binary::run::{Run, Setup, Subject, readable};
 use crate::binary::values::{is_tested, other};
 use crate::rule::Rule;
 
@@ -47,34 +48,7 @@ fn unknown(subject: &Subject<'_>) -> u32 {
     unknown.unwrap_or_default()
 }
 
-/// Where in its life an instance is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum At {
-    New,
-    Initializing,
-    Begun,
-    Stepped,
-    Terminated,
-}
-use At::{Begun, Initializing, New, Stepped, Terminated};
-
-impl At {
-    fn run<'a>(self, subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Run<'a>> {
-        let mut run = match self {
-            New => Run::instantiate(subject, setup)?,
-            Initializing => Run::initializing(subject, setup)?,
-            Begun | Stepped | Terminated => Run::begin(subject, setup)?,
-        };
-        if self >= Stepped {
-            run.advance()?;
-        }
-        if self == Terminated && !run.ended {
-            run.instance.terminate()?;
-        }
-        Ok(run)
-    }
-}
-
+/// Calls that the FMU must refuse.
 struct Refused<'a> {
     subject: &'a Subject<'a>,
     accepted: Vec<String>,
@@ -88,17 +62,18 @@ impl<'a> Refused<'a> {
         }
     }
 
-    /// Makes a call; `what` tells function and circumstances, such as `fmi2DoStep before initialization`.
-    fn call(
+    /// Makes a call in a new run; `what` tells function and circumstances, such as `fmi2DoStep before
+    /// initialization`.
+    fn call<T, E>(
         &mut self,
         what: impl Into<String>,
-        at: At,
-        call: impl FnOnce(&mut Run<'a>) -> fmu_host::Result,
+        at: impl FnOnce(&'a Subject<'a>, Setup<'a>) -> Result<Run<'a>>,
+        call: impl FnOnce(&mut Run<'a>) -> Result<T, E>,
     ) -> Result<()> {
         let what = what.into();
         let circumstances = what.split_once(' ').map_or("", |(_, when)| when);
         self.subject.report.stage(circumstances);
-        let mut run = at.run(self.subject, self.subject.setup())?;
+        let mut run = at(self.subject, self.subject.setup())?;
         if !run.ended && call(&mut run).is_ok() {
             self.accepted.push(what);
         }
@@ -115,39 +90,30 @@ impl<'a> Refused<'a> {
     }
 }
 
-type Access = fn(&mut Instance, u32) -> fmu_host::Result;
-
-const GET: [(&str, Type, Access); 3] = [
-    ("fmi2GetReal", Type::Float64, |i, r| {
-        i.get_float64(&[r], &mut [0.0])
-    }),
-    ("fmi2GetInteger", Type::Int32, |i, r| {
-        i.get_int32(&[r], &mut [0])
-    }),
-    ("fmi2GetBoolean", Type::Boolean, |i, r| {
-        i.get_boolean(&[r], &mut [0])
-    }),
-];
-
-const SET: [(&str, Type, Access); 3] = [
-    ("fmi2SetReal", Type::Float64, |i, r| {
-        i.set_float64(&[r], &[0.0])
-    }),
-    ("fmi2SetInteger", Type::Int32, |i, r| {
-        i.set_int32(&[r], &[0])
-    }),
-    ("fmi2SetBoolean", Type::Boolean, |i, r| {
-        i.set_boolean(&[r], &[0])
-    }),
+/// The types of FMI 2.0 that are accessed with value references that do not exist, by the names of their
+/// functions.
+const TYPES: [(&str, Type); 3] = [
+    ("Real", Type::Float64),
+    ("Integer", Type::Int32),
+    ("Boolean", Type::Boolean),
 ];
 
 /// Reads value references that do not exist, or have another type.
 pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
-    let mut refused = with_unknown(subject, &GET)?;
     let accessed = |v: &Listed<'_>| v.of_type.accessed_as(subject.model.version);
     let variables = || subject.model.variables().map(|(_, v)| v);
     let known: HashSet<_> = variables().map(|v| (accessed(v), v.reference)).collect();
-    for (function, of_type, get) in GET {
+    let unknown = unknown(subject);
+    let mut refused = Refused::new(subject);
+    for (name, of_type) in TYPES {
+        let mut get = |reference: u32, is: &str| {
+            let what = format!("fmi2Get{name} for {is}");
+            refused.call(what, Run::begin, |run| {
+                let mut values = [Value::Boolean(false)];
+                (run.instance).get_values(of_type, &[reference], &mut values)
+            })
+        };
+        get(unknown, &format!("the unknown value reference {unknown}"))?;
         let mut seen = HashSet::new();
         let others = variables().filter(|v| {
             let is_other = accessed(v) != of_type && v.of_type != Type::Enumeration;
@@ -155,9 +121,8 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
         });
         // The first of each type.
         for variable in others.filter(|v| seen.insert(v.of_type)) {
-            let (name, reference) = (quote(&variable.name), variable.reference);
-            let what = format!("{function} for {name}, which has another type");
-            refused.call(what, Begun, |run| get(&mut run.instance, reference))?;
+            let is = format!("{}, which has another type", quote(&variable.name));
+            get(variable.reference, &is)?;
         }
     }
     refused.report(&rules::UNKNOWN_REFERENCE)
@@ -165,20 +130,15 @@ pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
 
 /// Writes value references that do not exist.
 pub fn unknown_set(subject: &Subject<'_>) -> Result<()> {
-    with_unknown(subject, &SET)?.report(&rules::UNKNOWN_REFERENCE)
-}
-
-fn with_unknown<'a>(
-    subject: &'a Subject<'a>,
-    calls: &[(&str, Type, Access)],
-) -> Result<Refused<'a>> {
-    let reference = unknown(subject);
+    let unknown = unknown(subject);
     let mut refused = Refused::new(subject);
-    for (function, _, call) in calls {
-        let what = format!("{function} for the unknown value reference {reference}");
-        refused.call(what, Begun, |run| call(&mut run.instance, reference))?;
+    for (name, of_type) in TYPES {
+        let what = format!("fmi2Set{name} for the unknown value reference {unknown}");
+        refused.call(what, Run::begin, |run| {
+            (run.instance).set_values(of_type, &[unknown], &[Value::Boolean(false)])
+        })?;
     }
-    Ok(refused)
+    refused.report(&rules::UNKNOWN_REFERENCE)
 }
 
 /// Sets what the XML does not allow to set.
@@ -214,7 +174,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
         if let Some(value) = value {
             let name = quote(&variable.name);
             let what = format!("fmi2SetReal after initialization for {name}, {is}");
-            refused.call(what, Stepped, |run| run.set(variable, &[value]))?;
+            refused.call(what, Run::stepped, |run| run.set(variable, &[value]))?;
         }
     }
     refused.report(&rules::SETTABLE)
@@ -246,7 +206,7 @@ fn steps(subject: &Subject<'_>, wrong: [(&str, f64, f64); 3]) -> Result<()> {
     let mut refused = Refused::new(subject);
     for (what, time, step) in wrong {
         let what = format!("fmi2DoStep with {what}");
-        refused.call(what, Stepped, |run| run.instance.do_step(time, step))?;
+        refused.call(what, Run::stepped, |run| run.instance.do_step(time, step))?;
     }
     refused.report(&rules::STEP_ARGUMENTS)
 }
@@ -256,71 +216,109 @@ pub fn order(subject: &Subject<'_>) -> Result<()> {
     let (start, step) = (subject.start(), subject.step());
     let mut refused = Refused::new(subject);
     if subject.kind == Kind::CoSimulation {
-        for (when, at, time) in [
-            ("before initialization", New, start),
-            ("in initialization mode", Initializing, start),
-            ("after fmi2Terminate", Terminated, start + step),
-        ] {
-            let what = format!("fmi2DoStep {when}");
-            refused.call(what, at, |run| run.instance.do_step(time, step))?;
-        }
+        let what = "fmi2DoStep before initialization";
+        refused.call(what, Run::instantiate, |run| {
+            run.instance.do_step(start, step)
+        })?;
+        let what = "fmi2DoStep in initialization mode";
+        refused.call(what, Run::initializing, |run| {
+            run.instance.do_step(start, step)
+        })?;
+        refused.call(
+            "fmi2DoStep after fmi2Terminate",
+            |subject, setup| {
+                let mut run = Run::stepped(subject, setup)?;
+                if !run.ended {
+                    run.instance.terminate()?;
+                }
+                Ok(run)
+            },
+            |run| run.instance.do_step(start + step, step),
+        )?;
     }
     let what = "fmi2ExitInitializationMode before fmi2EnterInitializationMode";
-    refused.call(what, New, |run| run.instance.exit_initialization_mode())?;
+    refused.call(what, Run::instantiate, |run| {
+        run.instance.exit_initialization_mode()
+    })?;
     let what = "fmi2EnterInitializationMode after initialization";
-    refused.call(what, Stepped, |run| {
+    refused.call(what, Run::stepped, |run| {
         run.instance.enter_initialization_mode()
     })?;
     if subject.model.version == FmiVersion::Fmi2 {
         let what = "fmi2SetupExperiment after initialization";
         let call = |run: &mut Run<'_>| run.instance.setup_experiment(start, None, None);
-        refused.call(what, Stepped, call)?;
+        refused.call(what, Run::stepped, call)?;
     }
     refused.report(&rules::ORDER)
 }
 
 /// Takes a step beyond the stop time.
 pub fn past_stop(subject: &Subject<'_>) -> Result<()> {
-    const WHAT: &str = "fmi2DoStep beyond the stop time";
     let step = subject.step();
-    let stop = subject.start() + 2.0 * step;
-    subject.report.stage(WHAT);
-    let mut run = Stepped.run(subject, subject.setup().with(|s| s.stop = Some(stop)))?;
-    run.advance()?;
+    let stop = Some(subject.start() + 2.0 * step);
     let mut refused = Refused::new(subject);
-    if !run.ended && run.instance.do_step(run.time(), step).is_ok() {
-        refused.accepted.push(WHAT.to_owned());
-    }
+    refused.call(
+        "fmi2DoStep beyond the stop time",
+        |subject, setup| {
+            let mut run = Run::stepped(subject, setup.with(|s| s.stop = stop))?;
+            run.advance()?;
+            Ok(run)
+        },
+        |run| run.instance.do_step(run.time(), step),
+    )?;
     refused.report(&rules::PAST_STOP)
 }
 
 /// Passes other numbers of values than arrays have.
 pub fn array_lengths(subject: &Subject<'_>) -> Result<()> {
-    let mut accepted = Vec::new();
     // Also those that cannot be read.
     let none = HashSet::new();
     let arrays = readable(subject.model, &none).filter(|v| !v.dimensions.is_empty());
+    let mut refused = Refused::new(subject);
     for variable in arrays.take(4) {
-        let (name, n) = (quote(&variable.name), variable.count());
+        let n = variable.count();
         for wrong in [n + 1, n.saturating_sub(1)] {
-            let mut run = Begun.run(subject, subject.setup())?;
-            subject
-                .report
-                .stage(format!("for {wrong} values of {name}"));
-            if run.read_elements(variable, wrong).is_ok() {
-                accepted.push(format!("{wrong} values of {name}, which has {n}"));
-            }
+            let name = quote(&variable.name);
+            let what = format!("reading {wrong} values of {name}, which has {n}");
+            refused.call(what, Run::begin, |run| run.read_elements(variable, wrong))?;
         }
     }
-    if !accepted.is_empty() {
-        let accepted = accepted.join("; ");
-        report!(
-            subject,
-            ARRAY_LENGTHS,
-            "these were read with fmi3OK, expected fmi3Error: {accepted}"
-        );
+    refused.report(&rules::ARRAY_LENGTHS)
+}
+
+/// Passes bytes that are not a serialized state.
+pub fn damaged_state(subject: &Subject<'_>) -> Result<()> {
+    let sound = bytes(&mut Run::begin(subject, subject.setup())?)?;
+    let mut cases: Vec<(String, Vec<u8>)> = vec![
+        ("half of a state".into(), sound[..sound.len() / 2].to_vec()),
+        (
+            "a state with 8 more bytes".into(),
+            [sound.as_slice(), &[0; 8]].concat(),
+        ),
+        ("255 in all bytes".into(), vec![255; sound.len()]),
+    ];
+    for at in (0..8).map(|part| part * sound.len() / 8) {
+        let mut changed = sound.clone();
+        if let Some(byte) = changed.get_mut(at) {
+            *byte ^= 0x55;
+            cases.push((format!("a state with byte {at} changed"), changed));
+        }
     }
-    Ok(())
+    let mut refused = Refused::new(subject);
+    for (is, bytes) in cases {
+        let what = format!("fmi2SetFMUstate with damaged bytes: {is}");
+        refused.call(what, Run::begin, |run| {
+            let state = run.instance.deserialize_fmu_state(&bytes)?;
+            // A copy of memory with pointers is only read when the state is used.
+            let set = run.instance.set_fmu_state(&state);
+            if set.is_ok() {
+                let _ = run.advance();
+            }
+            let _ = run.instance.free_fmu_state(state);
+            set
+        })?;
+    }
+    refused.report(&rules::DAMAGED_STATE)
 }
 
 /// Steps with these values for each Real input in turn.
@@ -330,7 +328,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
     for (input, value) in inputs.flat_map(|input| values.iter().map(move |value| (input, *value))) {
         let name = quote(&input.name);
         subject.report.stage(format!("with {name} = {value}"));
-        let mut run = Stepped.run(subject, subject.setup())?;
+        let mut run = Run::stepped(subject, subject.setup())?;
         if run.set(input, &[Value::Float64(value)]).is_err() {
             continue;
         }
@@ -350,24 +348,21 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
 
 /// Resets an instance after an error.
 pub fn after_error(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Stepped.run(subject, subject.setup())?;
+    let mut run = Run::stepped(subject, subject.setup())?;
     let unknown = unknown(subject);
     let refused = run.instance.get_float64(&[unknown], &mut [0.0]).is_err();
     if !refused || subject.library.is_lost() {
         return Ok(());
     }
     subject.report.stage("after fmi2Error and fmi2Reset");
-    if let Err(error) = run.instance.reset() {
-        report!(subject, AFTER_ERROR, "after fmi2Error, {error}");
-        return Ok(());
-    }
+    run.instance.reset().context("after fmi2Error")?;
     run.initialize()?;
     run.advance()
 }
 
 /// Asks for the status of steps, and cancels one, though no step is asynchronous.
 pub fn status(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Stepped.run(subject, subject.setup())?;
+    let mut run = Run::stepped(subject, subject.setup())?;
     let (mut time, mut status, mut text) = (0.0, fmi2::fmi2OK, std::ptr::null());
     let i = &mut run.instance;
     let _ = i.is_terminated();

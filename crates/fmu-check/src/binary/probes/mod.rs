@@ -1,6 +1,5 @@
 //! The tests of a binary. Each runs in a process of its own.
 
-mod derivatives;
 mod host;
 mod misuse;
 mod runs;
@@ -16,10 +15,9 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::Library;
 use fmu_worker::Service;
 
-use super::rules;
-use super::run::{OrSkip, Skip, Subject, claims};
-use super::task::{FMU, Reply, Report, Task};
+use super::run::{Report, Run, SKIP, Setup, Subject, claims};
 use super::values::Trajectory;
+use super::{FMU, Reply, Task, rules};
 use crate::rule::Rule;
 
 /// A test.
@@ -27,24 +25,10 @@ pub struct Probe {
     pub name: &'static str,
     /// The rule that it breaks if it fails.
     pub rule: &'static Rule,
-    test: Test,
+    /// The error is a finding.
+    test: fn(&Subject<'_>) -> Result<()>,
     /// What else is to know about it.
     traits: &'static [Trait],
-}
-
-enum Test {
-    /// A function, whose error is a finding.
-    Of(fn(&Subject<'_>) -> Result<()>),
-    /// A run that differs from the usual run in what must not matter.
-    Same {
-        /// What is different, such as `after fmi2Reset`, and what the usual run has done.
-        how: &'static str,
-        like: &'static str,
-        /// The relative difference of results that are equal.
-        tolerance: fn(&Subject<'_>) -> f64,
-        /// The run; the function receives `how`.
-        run: fn(&Subject<'_>, &str) -> Result<Trajectory>,
-    },
 }
 
 /// What is special about a test.
@@ -60,8 +44,6 @@ enum Trait {
     Brief,
     /// The library is unloaded before the test ends.
     Unloads,
-    /// The allocator checks the heap, and ends the process if it is damaged.
-    HeapChecked,
     /// It is for co-simulation, or for model exchange.
     CoSimulation,
     ModelExchange,
@@ -73,13 +55,18 @@ enum Trait {
     /// The FMU declares this flag, named as in FMI 2.0.
     Claims(&'static str),
 }
-use Test::Of;
 use Trait::{
-    Brief, Claims, CoSimulation, Fmi2, Fmi3, HeapChecked, Misuse, ModelExchange, Own, Quick,
-    Several, Unloads,
+    Brief, Claims, CoSimulation, Fmi2, Fmi3, Misuse, ModelExchange, Own, Quick, Several, Unloads,
 };
 
 impl Probe {
+    /// The test of a name.
+    pub fn named(name: &str) -> Result<&'static Self> {
+        let mut all = FIRST.iter().chain(PROBES);
+        all.find(|probe| probe.name == name)
+            .context("there is no such test")
+    }
+
     pub fn is_quick(&self) -> bool {
         self.traits.contains(&Quick)
     }
@@ -89,7 +76,6 @@ impl Probe {
         match self.traits {
             traits if traits.contains(&Misuse) => &rules::SURVIVES_MISUSE,
             traits if traits.contains(&Own) => self.rule,
-            traits if traits.contains(&HeapChecked) => &rules::HEAP,
             _ => &rules::SURVIVES,
         }
     }
@@ -126,27 +112,39 @@ impl Probe {
     }
 
     /// Runs it, in the child process.
-    pub fn run(&self, subject: &Subject<'_>) -> Result<()> {
-        let outcome = match &self.test {
-            Test::Of(test) => test(subject),
-            Test::Same {
-                how,
-                like,
-                tolerance,
-                run,
-            } => subject.usual().and_then(|usual| {
-                let actual = run(subject, how)?;
-                subject
-                    .observed
-                    .ensure_same(&actual, usual, tolerance(subject), how, like)
-            }),
-        };
-        match (outcome, self.claim()) {
-            (Err(error), _) if error.is::<Skip>() => Ok(()),
+    fn run(&self, subject: &Subject<'_>) -> Result<()> {
+        match ((self.test)(subject), self.claim()) {
+            (Err(error), _) if error.downcast_ref() == Some(&SKIP) => Ok(()),
             (Err(error), Some(claim)) => Err(error.context(claim)),
             (outcome, _) => outcome,
         }
     }
+}
+
+/// Makes a run that must be the same as the usual run, up to this relative difference. `how` tells what is
+/// different, such as `after fmi2Reset`, which `run` receives, and what the usual run has done.
+fn same(
+    subject: &Subject<'_>,
+    how: [&str; 2],
+    tolerance: f64,
+    run: impl FnOnce(&Subject<'_>, &str) -> Result<Trajectory>,
+) -> Result<()> {
+    let expected = subject.usual()?;
+    let actual = run(subject, how[0])?;
+    (subject.observed).ensure_same(&actual, expected, tolerance, how)
+}
+
+/// As [`same`], for a run with a change of its setup.
+fn same_with(
+    subject: &Subject<'_>,
+    how: [&str; 2],
+    tolerance: f64,
+    change: impl FnOnce(&mut Setup<'_>),
+) -> Result<()> {
+    same(subject, how, tolerance, |subject, how| {
+        subject.report.stage(how);
+        Run::recorded(subject, subject.setup().with(change))
+    })
 }
 
 /// Receives a test of a binary in this process, which [`crate::Probes`] has started, and runs it.
@@ -161,9 +159,7 @@ pub fn run() -> Result<()> {
     let root = xml::parse(&text)?;
     let model = ModelDescription::read(&root)?;
     let report = Arc::new(Report::new(service, model.version));
-    let mut all = FIRST.iter().chain(PROBES);
-    let probe = all.find(|probe| probe.name == task.probe);
-    let probe = probe.context("there is no such test")?;
+    let probe = Probe::named(&task.probe)?;
     let folder = task.session.join(FMU);
     let trace = Arc::clone(&report);
     let call = move |name| trace.call(name);
@@ -210,52 +206,26 @@ macro_rules! probes {
     };
 }
 
-/// A run that must be the same as the usual run.
-const fn same(
-    how: &'static str,
-    like: &'static str,
-    tolerance: fn(&Subject<'_>) -> f64,
-    run: fn(&Subject<'_>, &str) -> Result<Trajectory>,
-) -> Test {
-    Test::Same {
-        how,
-        like,
-        tolerance,
-        run,
-    }
-}
-
 /// The rounding of vectorized loops.
-const ROUNDING: fn(&Subject<'_>) -> f64 = |_| 1e-9;
-/// The tolerance of the FMU's solver.
-const SOLVER: fn(&Subject<'_>) -> f64 = |subject| subject.tolerance();
-/// The error of other step sizes.
-const COARSE: fn(&Subject<'_>) -> f64 = |subject| subject.tolerance().max(1e-3);
+const ROUNDING: f64 = 1e-9;
+/// The error of other step sizes, but for the solver's.
+const COARSE: f64 = 1e-3;
 
 /// The tests on whose results the others depend.
 static FIRST: &[Probe] = probes! {
-    "identity": LOADS, Of(host::identity), Unloads;
-    "readable": RUNS, Of(values::readable);
-    "experiment": RUNS, Of(runs::experiment);
-    "trace": RUNS, Of(|subject| runs::trace(subject, subject.setup()));
-    "trace-logging": INDEPENDENT, Of(|subject| {
-        runs::trace(subject, subject.setup().with(|s| (s.name, s.logging) = ("another_name", true)))
-    });
-    // What is no crash, another test finds.
-    "heap": RUNS, Of(|subject| host::lives(subject).or_skip()), HeapChecked;
+    // The binary loads and creates an instance.
+    "identity": LOADS, host::identity, Unloads;
+    // Which variables cannot be read.
+    "readable": RUNS, values::readable;
+    // A run to the end of the default experiment.
+    "experiment": RUNS, runs::experiment;
+    // Short runs, which are compared between processes.
+    "trace": RUNS, |s| runs::trace(s, s.setup());
+    "trace-logging": INDEPENDENT,
+        |s| runs::trace(s, s.setup().with(|s| (s.name, s.logging) = ("another_name", true)));
+    // The life of an instance under an allocator that checks the heap. What is no crash, another test finds.
+    "heap": HEAP, |s| host::lives(s).ok().context(SKIP), Own;
 };
-/// The binary loads and creates an instance.
-pub static IDENTITY: &Probe = &FIRST[0];
-/// The variables that cannot be read.
-pub static READABLE: &Probe = &FIRST[1];
-/// A run to the end of the default experiment.
-pub static EXPERIMENT: &Probe = &FIRST[2];
-/// A short run, which is compared between processes.
-pub static TRACE: &Probe = &FIRST[3];
-/// As [`TRACE`], with another name of the instance and with logging.
-pub static TRACE_LOGGING: &Probe = &FIRST[4];
-/// The life of an instance under an allocator that checks the heap.
-pub static HEAP_CHECK: &Probe = &FIRST[5];
 
 const STATE: Trait = Claims("canGetAndSetFMUstate");
 const BYTES: Trait = Claims("canSerializeFMUstate");
@@ -271,83 +241,83 @@ const WHOLE: &str = " as with whole steps";
 /// All other tests.
 pub static PROBES: &[Probe] = probes! {
     // First, since other tests make no mistakes if these crash.
-    "mistakes": SURVIVES_MISUSE, Of(misuse::mistakes), Misuse;
-    "unknown-get": UNKNOWN_REFERENCE, Of(misuse::unknown_get), Misuse;
-    "unknown-set": UNKNOWN_REFERENCE, Of(misuse::unknown_set), Misuse;
-    "step-arguments": STEP_ARGUMENTS, Of(misuse::step_arguments), Misuse, CoSimulation;
-    "order": ORDER, Of(misuse::order), Misuse;
+    "mistakes": SURVIVES_MISUSE, misuse::mistakes, Misuse;
+    "unknown-get": UNKNOWN_REFERENCE, misuse::unknown_get, Misuse;
+    "unknown-set": UNKNOWN_REFERENCE, misuse::unknown_set, Misuse;
+    "step-arguments": STEP_ARGUMENTS, misuse::step_arguments, Misuse, CoSimulation;
+    "order": ORDER, misuse::order, Misuse;
     // The others.
-    "guid": GUID, Of(host::guid), Quick;
-    "start": START, Of(values::start), Quick;
-    "state": STATE, Of(runs::restore), Quick, STATE;
-    "serialized": SERIALIZED, Of(runs::serialize), Quick, STATE, BYTES;
-    "directional": DIRECTIONAL, Of(derivatives::of_outputs), Quick, DIRECTIONAL;
-    "directional-states": DIRECTIONAL, Of(derivatives::of_states), Quick, ModelExchange, DIRECTIONAL;
-    "input-derivatives": INPUT_DERIVATIVES, Of(derivatives::of_inputs_in_time),
+    "guid": GUID, host::guid, Quick;
+    "start": START, values::start, Quick;
+    "state": STATE, runs::restore, Quick, STATE;
+    "serialized": SERIALIZED, runs::serialize, Quick, STATE, BYTES;
+    "directional": DIRECTIONAL, values::derivatives_of_outputs, Quick, DIRECTIONAL;
+    "directional-states": DIRECTIONAL, values::derivatives_by_states, Quick, ModelExchange, DIRECTIONAL;
+    "input-derivatives": INPUT_DERIVATIVES, values::derivatives_of_inputs_in_time,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
-    "output-derivatives": OUTPUT_DERIVATIVES, Of(derivatives::of_outputs_in_time), Quick, CoSimulation;
-    "instances": SEPARATE, same("with a second instance", ALONE, ROUNDING, runs::beside), Quick, Several;
-    "reset": RESET, same("after fmi2Reset", NEW, SOLVER, runs::reset), Quick;
-    "reset-new": RESET, same("after fmi2Reset of a new instance", NEW, SOLVER, runs::reset_new);
+    "output-derivatives": OUTPUT_DERIVATIVES, values::derivatives_of_outputs_in_time, Quick, CoSimulation;
+    "instances": SEPARATE, |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
+    "reset": RESET, |s| same(s, ["after fmi2Reset", NEW], s.tolerance(), runs::reset), Quick;
+    "reset-new": RESET,
+        |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance(), runs::reset_new);
     "reset-initializing": RESET,
-        same("after fmi2Reset in initialization mode", NEW, SOLVER, runs::reset_initializing);
-    "reset-values": RESET, Of(runs::reset_values);
+        |s| same(s, ["after fmi2Reset in initialization mode", NEW], s.tolerance(), runs::reset_initializing);
+    "reset-values": RESET, runs::reset_values;
     "previous": SEPARATE,
-        same("after another instance was freed", ALONE, ROUNDING, runs::after_another);
-    "thread": THREADS, same("on another thread", ALONE, ROUNDING, runs::on_a_thread);
-    "threads": THREADS, Of(runs::on_threads), Own, Several;
-    "strings-of-instances": STRINGS, Of(values::strings_of_instances), Several;
+        |s| same(s, ["after another instance was freed", ALONE], ROUNDING, runs::after_another);
+    "thread": THREADS, |s| same(s, ["on another thread", ALONE], ROUNDING, runs::on_a_thread);
+    "threads": THREADS, runs::on_threads, Own, Several;
+    "strings-of-instances": STRINGS, values::strings_of_instances, Several;
     "no-stop-time": STOP_TIME,
-        same("without a stop time", STOP, SOLVER, |s, how| runs::with(s, how, |setup| setup.stop = None));
+        |s| same_with(s, ["without a stop time", STOP], s.tolerance(), |setup| setup.stop = None);
     "later-stop-time": STOP_TIME,
-        same("with a later stop time", STOP, SOLVER, |s, how| runs::with(s, how, |setup| {
+        |s| same_with(s, ["with a later stop time", STOP], s.tolerance(), |setup| {
             setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start()));
-        }));
+        });
     "summed-times": ROUNDED_TIMES,
-        same("with times that are rounded in another way", "", SOLVER,
-            |s, how| runs::with(s, how, |setup| setup.summed_times = true));
-    "step-size": STEP_SIZE, Of(runs::step_sizes), Quick, CoSimulation, VARIABLE_STEPS;
+        |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance(),
+            |setup| setup.summed_times = true);
+    "step-size": STEP_SIZE, runs::step_sizes, Quick, CoSimulation, VARIABLE_STEPS;
     "micro-steps": MICRO_STEPS,
-        same("with each step in two parts, the second of 1e-9 of its size", WHOLE, COARSE,
-            |s, how| runs::with(s, how, |setup| setup.fractions = &[1.0 - 1e-9, 1e-9])),
+        |s| same_with(s, ["with each step in two parts, the second of 1e-9 of its size", WHOLE],
+            s.tolerance().max(COARSE), |setup| setup.fractions = &[1.0 - 1e-9, 1e-9]),
         CoSimulation, VARIABLE_STEPS;
     "half-steps": HALF_STEPS,
-        same("with each step in two halves", WHOLE, COARSE,
-            |s, how| runs::with(s, how, |setup| setup.fractions = &[0.5, 0.5])),
+        |s| same_with(s, ["with each step in two halves", WHOLE],
+            s.tolerance().max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
-    "stop-time-passed": PAST_STOP, Of(misuse::past_stop), Misuse, Fmi2, CoSimulation;
-    "end": GET_AFTER_END, Of(runs::end);
-    "get": PURE_GET, Of(values::get);
-    "nothing": NO_VARIABLES, Of(values::nothing), Own;
-    "aliases": ALIASES, Of(values::aliases);
-    "kept": INPUTS_KEPT, Of(values::kept);
-    "kept-arrays": INPUTS_KEPT, Of(values::kept_arrays), Quick, Fmi3;
-    "tunable": TUNABLE, Of(values::tunable), CoSimulation;
-    "dependencies": DEPENDENCIES, Of(derivatives::dependencies);
-    "events": EVENTS, Of(derivatives::events), ModelExchange;
-    "array-lengths": ARRAY_LENGTHS, Of(misuse::array_lengths), Misuse, Fmi3;
-    "sizes": SIZES, Of(values::sizes), Quick, Fmi3, CoSimulation;
-    "adjoint": ADJOINT, Of(derivatives::adjoint), Quick, Fmi3, ADJOINT;
-    "event-mode": EVENT_MODE, Of(runs::event_mode), Quick, Fmi3, CoSimulation, Claims("hasEventMode");
-    "null": FREE_NULL, Of(host::null), Own, Fmi2;
-    "no-logger": NO_LOGGER, Of(host::no_logger), Own;
-    "no-resources": NO_RESOURCES, Of(host::no_resources), Own;
-    "strings": ARGUMENTS_COPIED, Of(host::short_lived_strings), Own;
-    "format": LOG_FORMAT, Of(|s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d")), Own;
-    "logging": LOGGING_OFF, Of(host::logging);
-    "host": HANDLES, Of(host::process);
-    "memory": MEMORY, Of(host::memory);
-    "debug-logging": RUNS, Of(host::debug_logging), Misuse;
-    "long": LONG_TEXTS, Of(|s| host::with_text(s, "20000 characters", &"long".repeat(5000))), Own;
-    "initial-outputs": INITIAL_OUTPUTS, Of(values::initial_outputs), CoSimulation;
-    "nan": NAN, Of(|s| misuse::with_inputs(s, &[f64::NAN])), Own, Brief;
-    "infinity": NAN, Of(|s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300])),
-        Own, Brief;
-    "damaged-state": DAMAGED_STATE, Of(runs::damaged), Misuse, STATE, BYTES;
-    "settable": SETTABLE, Of(misuse::settable), Misuse;
-    "step-nan": STEP_ARGUMENTS, Of(misuse::step_nan), Misuse, CoSimulation;
-    "status": SURVIVES_MISUSE, Of(misuse::status), Misuse, Fmi2, CoSimulation;
-    "after-error": AFTER_ERROR, Of(misuse::after_error), Misuse;
+    "stop-time-passed": PAST_STOP, misuse::past_stop, Misuse, Fmi2, CoSimulation;
+    "end": GET_AFTER_END, runs::end;
+    "get": PURE_GET, values::get;
+    "nothing": NO_VARIABLES, values::nothing, Own;
+    "aliases": ALIASES, values::aliases;
+    "kept": INPUTS_KEPT, values::kept;
+    "kept-arrays": INPUTS_KEPT, values::kept_arrays, Quick, Fmi3;
+    "tunable": TUNABLE, values::tunable, CoSimulation;
+    "dependencies": DEPENDENCIES, values::dependencies;
+    "events": EVENTS, values::events, ModelExchange;
+    "array-lengths": ARRAY_LENGTHS, misuse::array_lengths, Misuse, Fmi3;
+    "sizes": SIZES, values::sizes, Quick, Fmi3, CoSimulation;
+    "adjoint": ADJOINT, values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
+    "event-mode": EVENT_MODE, runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
+    "null": FREE_NULL, host::null, Own, Fmi2;
+    "no-logger": NO_LOGGER, host::no_logger, Own;
+    "no-resources": NO_RESOURCES, host::no_resources, Own;
+    "strings": ARGUMENTS_COPIED, host::short_lived_strings, Own;
+    "format": LOG_FORMAT, |s| host::with_text(s, "percent signs", "%s%s%n%s%s%n%s%s%n%d"), Own;
+    "logging": LOGGING_OFF, host::logging;
+    "host": HANDLES, host::process;
+    "memory": MEMORY, host::memory;
+    "debug-logging": RUNS, host::debug_logging, Misuse;
+    "long": LONG_TEXTS, |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
+    "initial-outputs": INITIAL_OUTPUTS, values::initial_outputs, CoSimulation;
+    "nan": NAN, |s| misuse::with_inputs(s, &[f64::NAN]), Own, Brief;
+    "infinity": NAN, |s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
+    "damaged-state": DAMAGED_STATE, misuse::damaged_state, Misuse, STATE, BYTES;
+    "settable": SETTABLE, misuse::settable, Misuse;
+    "step-nan": STEP_ARGUMENTS, misuse::step_nan, Misuse, CoSimulation;
+    "status": SURVIVES_MISUSE, misuse::status, Misuse, Fmi2, CoSimulation;
+    "after-error": AFTER_ERROR, misuse::after_error, Misuse;
 };
 
 #[cfg(test)]
