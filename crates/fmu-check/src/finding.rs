@@ -6,11 +6,12 @@ use fmu_description::xml::Element;
 use fmu_description::{FmiVersion, Listed};
 use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_file::text::{plain, quote};
+use serde::Serialize;
 
 use crate::rule::{Rule, Severity, Source};
 
 /// Where in the FMU a finding is.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Location {
     /// The file or folder in the FMU; `archive` for the FMU as a whole.
     pub file: String,
@@ -82,31 +83,22 @@ impl fmt::Display for Location {
 }
 
 /// One problem of an FMU.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub struct Finding {
-    /// The rule that the FMU violates.
-    pub rule: &'static Rule,
     /// Where in the FMU it is.
+    #[serde(flatten)]
     pub location: Location,
     /// What was found and what was expected.
     pub text: String,
-    /// Where the rule is written, for the version of the FMU.
-    pub source: Source,
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (rule, location) = (self.rule, &self.location);
-        let severity = rule.severity;
-        write!(f, "{severity}: {location}: {} ({})", self.text, self.source)
-    }
 }
 
 /// The findings of one rule.
 #[derive(Debug)]
 pub struct Group {
-    /// The rule.
+    /// The rule that the FMU violates.
     pub rule: &'static Rule,
+    /// Where the rule is written, for the version of the FMU.
+    pub source: Source,
     /// The first findings.
     pub kept: Vec<Finding>,
     /// Number of all findings.
@@ -127,8 +119,6 @@ pub struct Findings {
     groups: Vec<Group>,
     /// Maximum number kept of each rule.
     keep: usize,
-    /// Number of all that are kept.
-    kept: usize,
     version: FmiVersion,
 }
 
@@ -151,7 +141,6 @@ impl Findings {
         Self {
             groups: Vec::new(),
             keep,
-            kept: 0,
             version: FmiVersion::Fmi2,
         }
     }
@@ -173,32 +162,26 @@ impl Findings {
         location: impl Into<Location>,
         text: impl AsRef<str>,
     ) {
-        let index = match self
-            .groups
-            .iter()
-            .position(|group| group.rule.id == rule.id)
-        {
-            Some(index) => index,
-            None => {
-                self.groups.push(Group {
-                    rule,
-                    kept: Vec::new(),
-                    count: 0,
-                });
-                self.groups.len() - 1
-            }
-        };
+        let all_kept: usize = self.groups.iter().map(|group| group.kept.len()).sum();
+        let mut groups = self.groups.iter();
+        let index = groups.position(|group| group.rule.id == rule.id);
+        let index = index.unwrap_or_else(|| {
+            self.groups.push(Group {
+                rule,
+                source: rule.source.of(self.version),
+                kept: Vec::new(),
+                count: 0,
+            });
+            self.groups.len() - 1
+        });
         let group = &mut self.groups[index];
         group.count += 1;
         let kept = group.kept.len();
-        if kept < self.keep && (kept < Self::FEW || self.kept < Self::ALL) {
-            self.kept += 1;
+        if kept < self.keep && (kept < Self::FEW || all_kept < Self::ALL) {
             group.kept.push(Finding {
-                rule,
                 location: location.into(),
                 // The text may quote the FMU.
                 text: plain(text.as_ref(), Self::MAX_LENGTH),
-                source: rule.source.of(self.version),
             });
         }
     }
@@ -219,12 +202,9 @@ impl Findings {
     }
 
     fn count(&self, severity: Severity) -> usize {
-        let of_severity = |group: &&Group| group.rule.severity == severity;
-        self.groups
-            .iter()
-            .filter(of_severity)
-            .map(|g| g.count)
-            .sum()
+        let groups = self.groups.iter();
+        let groups = groups.filter(|group| group.rule.severity == severity);
+        groups.map(|group| group.count).sum()
     }
 }
 

@@ -4,11 +4,9 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use fmu_description::FmiVersion;
 use serde_json::{Value, json};
 
-use crate::finding::{Finding, Findings, Group};
-use crate::rule::{Rule, Severity};
+use crate::finding::{Finding, Findings};
 use crate::rules::rules;
 
 /// The name of the program that other programs show.
@@ -17,12 +15,21 @@ const TOOL: &str = "cargo-fmu";
 /// The findings on some FMUs as a JSON document, which `docs/validate.md` describes.
 pub fn json(files: &[(PathBuf, Findings)]) -> Value {
     let of = |(file, findings): &(PathBuf, Findings)| {
-        let groups = findings.groups().iter();
+        let rules = findings.groups().iter().map(|group| {
+            json!({
+                "id": group.rule.id,
+                "severity": group.rule.severity.to_string(),
+                "text": group.rule.text,
+                "source": group.source.to_string(),
+                "count": group.count,
+                "findings": group.kept,
+            })
+        });
         json!({
             "file": file.to_string_lossy(),
             "errors": findings.errors(),
             "warnings": findings.warnings(),
-            "rules": groups.map(|group| json_of(group, findings.version())).collect::<Vec<_>>(),
+            "rules": rules.collect::<Vec<_>>(),
         })
     };
     json!({
@@ -32,41 +39,36 @@ pub fn json(files: &[(PathBuf, Findings)]) -> Value {
     })
 }
 
-fn json_of(group: &Group, version: FmiVersion) -> Value {
-    let rule = group.rule;
-    json!({
-        "id": rule.id,
-        "severity": rule.severity.to_string(),
-        "text": rule.text,
-        "source": rule.source.of(version).to_string(),
-        "count": group.count,
-        "findings": group.kept.iter().map(finding).collect::<Vec<_>>(),
-    })
-}
-
-fn finding(finding: &Finding) -> Value {
-    let location = &finding.location;
-    json!({
-        "file": location.file,
-        "line": location.line,
-        "variable": location.variable,
-        "text": finding.text,
-    })
-}
-
 /// The findings on some FMUs as a SARIF log with one run.
 ///
 /// An FMU is an artifact, and the files in it are artifacts that it contains (SARIF 2.1.0, section
 /// 3.24.5).
 pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
-    let mut artifacts = Artifacts::default();
-    let (mut results, mut notes) = (Vec::new(), Vec::new());
+    let (mut artifacts, mut results, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     for (file, findings) in files {
-        let file = file.to_string_lossy();
-        let fmu = artifacts.push(uri(&file), None);
+        let (file, fmu) = (file.to_string_lossy(), artifacts.len());
+        artifacts.push(json!({ "location": { "uri": uri(&file) } }));
+        let mut inside = HashMap::from([("archive", fmu)]);
         for group in findings.groups() {
-            let kept = group.kept.iter();
-            results.extend(kept.map(|finding| result(finding, fmu, &mut artifacts)));
+            for finding in &group.kept {
+                let place = inside.entry(&finding.location.file);
+                let index = *place.or_insert_with_key(|file| {
+                    let location = json!({ "uri": format!("/{}", uri(file)) });
+                    artifacts.push(json!({ "location": location, "parentIndex": fmu }));
+                    artifacts.len() - 1
+                });
+                let artifact = json!({
+                    "uri": artifacts[index]["location"]["uri"],
+                    "index": index,
+                });
+                results.push(json!({
+                    "ruleId": group.rule.id,
+                    "ruleIndex": rules().position(|other| other.id == group.rule.id),
+                    "level": group.rule.severity.to_string(),
+                    "message": { "text": format!("{} ({})", finding.text, group.source) },
+                    "locations": [location(finding, &artifact)],
+                }));
+            }
             if group.left_out() > 0 {
                 let (number, id) = (group.left_out(), group.rule.id);
                 let text = format!("{file}: and {number} more of this kind: {id}");
@@ -74,6 +76,14 @@ pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
             }
         }
     }
+    let rules = rules().map(|rule| {
+        json!({
+            "id": rule.id,
+            "shortDescription": { "text": rule.text },
+            "help": { "text": format!("Source: {}.", rule.source) },
+            "defaultConfiguration": { "level": rule.severity.to_string() },
+        })
+    });
     json!({
         "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
         "version": "2.1.0",
@@ -81,89 +91,27 @@ pub fn sarif(files: &[(PathBuf, Findings)]) -> Value {
             "tool": { "driver": {
                 "name": TOOL,
                 "version": env!("CARGO_PKG_VERSION"),
-                "rules": rules().map(descriptor).collect::<Vec<_>>(),
+                "rules": rules.collect::<Vec<_>>(),
             } },
             "invocations": [{
                 "executionSuccessful": true,
                 "toolExecutionNotifications": notes,
             }],
-            "artifacts": artifacts.list,
+            "artifacts": artifacts,
             "results": results,
         }],
     })
 }
 
-/// The files that results refer to.
-#[derive(Default)]
-struct Artifacts {
-    list: Vec<Value>,
-    /// Indices by the containing FMU and the name.
-    inside: HashMap<(usize, String), usize>,
-}
-
-impl Artifacts {
-    fn push(&mut self, uri: String, parent: Option<usize>) -> usize {
-        let mut artifact = json!({ "location": { "uri": uri } });
-        if let Some(parent) = parent {
-            artifact["parentIndex"] = parent.into();
-        }
-        self.list.push(artifact);
-        self.list.len() - 1
-    }
-
-    /// The index of a file in an FMU.
-    fn of(&mut self, fmu: usize, file: &str) -> usize {
-        let key = (fmu, file.to_owned());
-        if let Some(&index) = self.inside.get(&key) {
-            return index;
-        }
-        let index = self.push(format!("/{}", uri(file)), Some(fmu));
-        self.inside.insert(key, index);
-        index
-    }
-}
-
-fn descriptor(rule: &Rule) -> Value {
-    json!({
-        "id": rule.id,
-        "shortDescription": { "text": rule.text },
-        "help": { "text": format!("Source: {}.", rule.source) },
-        "defaultConfiguration": { "level": level(rule.severity) },
-    })
-}
-
-fn level(severity: Severity) -> &'static str {
-    match severity {
-        Severity::Error => "error",
-        Severity::Warning => "warning",
-    }
-}
-
-fn result(finding: &Finding, fmu: usize, artifacts: &mut Artifacts) -> Value {
-    let (rule, place) = (finding.rule, &finding.location);
-    let index = match place.file.as_str() {
-        "archive" => fmu,
-        file => artifacts.of(fmu, file),
-    };
-    let mut location = json!({
-        "physicalLocation": { "artifactLocation": {
-            "uri": artifacts.list[index]["location"]["uri"],
-            "index": index,
-        } },
-    });
-    if let Some(line) = place.line {
+fn location(finding: &Finding, artifact: &Value) -> Value {
+    let mut location = json!({ "physicalLocation": { "artifactLocation": artifact } });
+    if let Some(line) = finding.location.line {
         location["physicalLocation"]["region"] = json!({ "startLine": line });
     }
-    if let Some(variable) = &place.variable {
+    if let Some(variable) = &finding.location.variable {
         location["logicalLocations"] = json!([{ "name": variable, "kind": "variable" }]);
     }
-    json!({
-        "ruleId": rule.id,
-        "ruleIndex": rules().position(|other| other.id == rule.id),
-        "level": level(rule.severity),
-        "message": { "text": format!("{} ({})", finding.text, finding.source) },
-        "locations": [location],
-    })
+    location
 }
 
 /// A path as a URI reference.
@@ -183,7 +131,7 @@ fn uri(path: &str) -> String {
 mod tests {
     use super::*;
     use crate::package::READABLE;
-    use crate::rules::definitions::UTC;
+    use crate::rules::UTC;
 
     #[test]
     fn results_refer_to_the_rules_and_to_the_files_in_the_fmu() {

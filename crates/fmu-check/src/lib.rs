@@ -58,7 +58,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     };
     if let Some(text) = ModelDescription::other_version(&root) {
         // The rules of another version are different.
-        return findings.add(&rules::definitions::FMI_VERSION, &root, text);
+        return findings.add(&rules::FMI_VERSION, &root, text);
     }
     for fault in decoded.faults {
         findings.add(&package::UTF_8, MODEL_DESCRIPTION, fault);
@@ -70,12 +70,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
     schema::check(MODEL_DESCRIPTION, &root, schema, findings);
     let model = ModelDescription::new(&root);
     rules::check(&model, findings);
-    let has_sources = package::check_sources(&root, &mut archive, findings);
-    package::check_binaries(&root, has_sources, &mut archive, findings);
-    if version == FmiVersion::Fmi3 {
-        package::check_folders(&archive, findings);
-        package::check_terminals(&model, &mut archive, findings);
-    }
+    package::check_files(&model, &mut archive, findings);
     if let Some(probes) = probes
         && archive.faults.is_empty()
     {

@@ -82,13 +82,13 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
 fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
     let file = file.display();
     for group in findings.groups() {
-        let severity = group.rule.severity;
+        let (severity, source) = (group.rule.severity, group.source);
         let style = match severity {
             Severity::Error => ERROR,
             Severity::Warning => WARNING,
         };
         for finding in &group.kept {
-            let (location, text, source) = (&finding.location, &finding.text, finding.source);
+            let (location, text) = (&finding.location, &finding.text);
             writeln!(
                 out,
                 "{file}: {style}{severity}{style:#}: {location}: {text} ({source})"
