@@ -138,6 +138,15 @@ pub struct Subject<'a> {
     pub kind: Kind,
     pub element: &'a Element<'a>,
     resources: String,
+    /// Of the default experiment: its start and its stop, if it has one, in s.
+    pub start: f64,
+    pub stop: Option<f64>,
+    /// Its duration, which is 1 s if it has no stop time.
+    span: f64,
+    /// Its step size in s; if there is none, the one that FMPy would choose.
+    pub step: f64,
+    /// Relative differences up to this come from the FMU's solver, which has its tolerance.
+    pub tolerance: f64,
     /// Where findings and the progress of the test go.
     pub report: &'a Arc<Report>,
     /// The variables that the FMU computes and that can be compared between runs.
@@ -200,7 +209,20 @@ impl<'a> Subject<'a> {
         report: &'a Arc<Report>,
     ) -> Result<Self> {
         let element = model.root.child(&task.interface);
+        let start = model.experiment("startTime").filter(|t| t.is_finite());
+        let start = start.unwrap_or(0.0);
+        let stop = model.experiment("stopTime");
+        let stop = stop.filter(|stop| stop.is_finite() && *stop > start);
+        let span = stop.map_or(1.0, |stop| stop - start);
+        let step = model.experiment("stepSize");
+        let step = step.filter(|step| *step > 0.0 && *step <= span);
+        let tolerance = model.experiment("tolerance").filter(|t| *t > 0.0);
         Ok(Self {
+            start,
+            stop,
+            span,
+            step: step.unwrap_or_else(|| 10_f64.powf(span.log10().round() - 3.0)),
+            tolerance: tolerance.map_or(1e-6, |t| (10.0 * t).clamp(1e-6, 1e-2)),
             task,
             model,
             library,
@@ -227,7 +249,7 @@ impl<'a> Subject<'a> {
         Setup {
             name: "instance",
             logging: self.task.logging,
-            stop: self.stop(),
+            stop: self.stop,
             treatment: Treatment::Usual,
             excitation: EXCITATIONS[self.task.excitation],
             seed: 1,
@@ -295,38 +317,9 @@ impl<'a> Subject<'a> {
         Ok(self.library.instantiate(&arguments, sink)?)
     }
 
-    pub fn start(&self) -> f64 {
-        let start = self.model.experiment("startTime");
-        start.filter(|t| t.is_finite()).unwrap_or(0.0)
-    }
-
-    pub fn stop(&self) -> Option<f64> {
-        let stop = self.model.experiment("stopTime");
-        stop.filter(|stop| stop.is_finite() && *stop > self.start())
-    }
-
-    /// Duration of the default experiment, which is 1 s if it has no stop time.
-    fn span(&self) -> f64 {
-        self.stop().map_or(1.0, |stop| stop - self.start())
-    }
-
-    /// Step size of the default experiment; if there is none, the one that FMPy would choose.
-    pub fn step(&self) -> f64 {
-        let step = self.model.experiment("stepSize");
-        step.filter(|step| *step > 0.0 && *step <= self.span())
-            .unwrap_or_else(|| 10_f64.powf(self.span().log10().round() - 3.0))
-    }
-
     pub fn all_steps(&self) -> usize {
         // Rounding may put the last point just past the stop time.
-        (self.span() / self.step() + 1e-6).floor() as usize
-    }
-
-    /// Relative differences up to this come from the FMU's solver, which has the tolerance of the
-    /// default experiment.
-    pub fn tolerance(&self) -> f64 {
-        let tolerance = self.model.experiment("tolerance").filter(|t| *t > 0.0);
-        tolerance.map_or(1e-6, |tolerance| (10.0 * tolerance).clamp(1e-6, 1e-2))
+        (self.span / self.step + 1e-6).floor() as usize
     }
 
     /// All variables that can be read, arrays included.
@@ -496,7 +489,7 @@ impl<'a> Run<'a> {
     }
 
     pub fn time(&self) -> f64 {
-        let (start, step) = (self.subject.start(), self.subject.step());
+        let (start, step) = (self.subject.start, self.subject.step);
         match self.setup.summed_times {
             true => (0..self.place.point).fold(start, |time, _| time + step),
             false => start + self.place.point as f64 * step,
@@ -506,7 +499,7 @@ impl<'a> Run<'a> {
     /// Puts an instance that is new or was reset into initialization mode.
     pub fn enter_initialization(&mut self) -> Result<()> {
         self.place = Place {
-            now: self.subject.start(),
+            now: self.subject.start,
             ..Place::default()
         };
         self.ended = false;
@@ -519,7 +512,7 @@ impl<'a> Run<'a> {
             }
         }
         let tolerance = self.subject.model.experiment("tolerance");
-        let (start, stop) = (self.subject.start(), self.setup.stop);
+        let (start, stop) = (self.subject.start, self.setup.stop);
         self.instance.setup_experiment(start, stop, tolerance)?;
         self.instance.enter_initialization_mode()?;
         Ok(())
@@ -665,7 +658,7 @@ impl<'a> Run<'a> {
         if self.ended {
             return Ok(());
         }
-        let (begin, step) = (self.time(), self.subject.step());
+        let (begin, step) = (self.time(), self.subject.step);
         self.subject.report.record.at(begin);
         match self.subject.kind {
             Kind::CoSimulation => {
@@ -688,43 +681,38 @@ impl<'a> Run<'a> {
         (0..steps).try_for_each(|_| self.advance())
     }
 
+    /// Takes a step, and handles the event at its end in event mode, if the FMU needs that.
     fn step(&mut self, time: f64, step: f64) -> Result<()> {
         if self.ended {
             return Ok(());
         }
-        let at = || format!("the step from t = {time} s");
-        if self.setup.event_mode {
-            return self.step_with_events(time, step).with_context(at);
-        }
-        match self.instance.do_step(time, step) {
-            Ok(_) => Ok(()),
+        let stepped = match self.instance.step(time, step, true) {
+            Ok((_, stepped)) => stepped,
             // By fmi2Discard, an FMU may also tell that it has reached the end of its simulation.
             Err(failure)
-                if failure.cause == Cause::Terminated
-                    || failure.cause == Cause::Returned(Status::Discard)
-                        && self.instance.is_terminated() == Ok(true) =>
+                if failure.cause == Cause::Returned(Status::Discard)
+                    && self.instance.is_terminated() == Ok(true) =>
             {
                 self.ended = true;
-                Ok(())
+                return Ok(());
             }
-            Err(failure) => Err(failure).with_context(at),
-        }
-    }
-
-    /// Takes a step and handles the event at its end, if the FMU needs that.
-    fn step_with_events(&mut self, time: f64, step: f64) -> Result<()> {
-        let (_, stepped) = self.instance.step(time, step, true)?;
-        if stepped.terminate {
-            self.ended = true;
+            failure => {
+                failure
+                    .with_context(|| format!("the step from t = {time} s"))?
+                    .1
+            }
+        };
+        self.ended = stepped.terminate;
+        if self.ended {
             return Ok(());
         }
         self.place.now = stepped.last_successful_time;
         ensure!(
             !stepped.early_return,
-            "it has ended early, at {} s, though that is not allowed",
+            "the step from t = {time} s has ended early, at {} s, though that is not allowed",
             self.place.now
         );
-        if stepped.event_handling_needed {
+        if self.setup.event_mode && stepped.event_handling_needed {
             self.instance.enter_event_mode()?;
             self.iterate()?;
         }

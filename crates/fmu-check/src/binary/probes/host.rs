@@ -14,7 +14,7 @@ use fmu_file::text::quote;
 use fmu_host::{Treatment, environment, stray_messages};
 
 use super::misuse::provoke;
-use crate::binary::rules;
+use crate::binary::rules::{ARITHMETIC, DIRECTORY, ENVIRONMENT, LOADS, LOCALE, SIGNALS};
 use crate::binary::run::{Run, SKIP, Setup, Subject, check, lock};
 use crate::rule::Rule;
 
@@ -26,7 +26,7 @@ pub fn identity(subject: &Subject<'_>) -> Result<()> {
     let missing = subject.library.missing(subject.kind);
     for name in &missing {
         let text = format!("the function {name} is missing, expected it in the library");
-        subject.report.find(&rules::LOADS, text);
+        subject.report.find(&LOADS, text);
     }
     if !missing.is_empty() {
         return Ok(());
@@ -102,7 +102,7 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
     let misnamed = lock(&subject.logged).misnamed;
     check!(subject, ARGUMENTS_COPIED: misnamed == 0,
         "messages were logged with another name of the instance than the one passed to fmi2Instantiate");
-    (subject.observed).ensure_same(&actual, expected, subject.tolerance(), [HOW, ""])
+    (subject.observed).ensure_same(&actual, expected, subject.tolerance, [HOW, ""])
 }
 
 /// Uses a text for the name of the instance and for Strings.
@@ -137,38 +137,23 @@ fn properties() -> Vec<Property> {
     };
     let directory = env::current_dir().unwrap_or_default();
     let open = |file| symlink_metadata(format!("/proc/self/fd/{file}")).is_ok();
-    let output = [open(1), open(2)].map(|is_open| if is_open { "open" } else { "closed" });
+    let is_open = format!("{} and {}", open(1), open(2));
     let arithmetic = match is_arithmetic_usual() {
         true => "usual",
         false => "unusual: numbers are rounded in another way, or subnormal numbers are lost",
     };
+    let locale = environment::locale().unwrap_or_default();
     vec![
         (
-            &rules::DIRECTORY,
+            &DIRECTORY,
             "the working directory",
-            directory.display().to_string(),
+            format!("{directory:?}"),
         ),
-        (
-            &rules::LOCALE,
-            "the locale",
-            environment::locale().unwrap_or_default(),
-        ),
-        (
-            &rules::SIGNALS,
-            "the mask of signals with a handler",
-            field("SigCgt:"),
-        ),
-        (&rules::ARITHMETIC, "the arithmetic", arithmetic.into()),
-        (
-            &rules::ENVIRONMENT,
-            "umask, the permissions of new files,",
-            field("Umask:"),
-        ),
-        (
-            &rules::ENVIRONMENT,
-            "standard output and error",
-            output.join(" and "),
-        ),
+        (&LOCALE, "the locale", locale),
+        (&SIGNALS, "the mask of caught signals", field("SigCgt:")),
+        (&ARITHMETIC, "the arithmetic", arithmetic.into()),
+        (&ENVIRONMENT, "the umask of new files", field("Umask:")),
+        (&ENVIRONMENT, "that stdout and stderr are open", is_open),
     ]
 }
 

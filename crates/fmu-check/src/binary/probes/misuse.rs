@@ -182,7 +182,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
 
 /// Takes steps with a wrong size or time.
 pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start(), subject.step());
+    let (start, step) = (subject.start, subject.step);
     let wrong = [
         ("a negative step size", start + step, -step),
         ("a time before the current one", start, step),
@@ -193,7 +193,7 @@ pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {
 
 /// Takes steps with invalid numbers.
 pub fn step_nan(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start(), subject.step());
+    let (start, step) = (subject.start, subject.step);
     let wrong = [
         ("a step size of NaN", start + step, f64::NAN),
         ("an infinite step size", start + step, f64::INFINITY),
@@ -213,7 +213,7 @@ fn steps(subject: &Subject<'_>, wrong: [(&str, f64, f64); 3]) -> Result<()> {
 
 /// Makes calls in a wrong order.
 pub fn order(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start(), subject.step());
+    let (start, step) = (subject.start, subject.step);
     let mut refused = Refused::new(subject);
     if subject.kind == Kind::CoSimulation {
         let what = "fmi2DoStep before initialization";
@@ -254,8 +254,8 @@ pub fn order(subject: &Subject<'_>) -> Result<()> {
 
 /// Takes a step beyond the stop time.
 pub fn past_stop(subject: &Subject<'_>) -> Result<()> {
-    let step = subject.step();
-    let stop = Some(subject.start() + 2.0 * step);
+    let step = subject.step;
+    let stop = Some(subject.start + 2.0 * step);
     let mut refused = Refused::new(subject);
     refused.call(
         "fmi2DoStep beyond the stop time",
@@ -334,8 +334,8 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
         }
         // The run sets its inputs itself, so steps are taken without it.
         if subject.kind == Kind::CoSimulation {
-            let mut times = (1..4).map(|k| subject.start() + f64::from(k) * subject.step());
-            let _ = times.try_for_each(|t| run.instance.do_step(t, subject.step()).map(drop));
+            let mut times = (1..4).map(|k| subject.start + f64::from(k) * subject.step);
+            let _ = times.try_for_each(|t| run.instance.do_step(t, subject.step).map(drop));
         } else if subject.states() > 0 {
             let _ = run.derivatives();
         }

@@ -257,11 +257,13 @@ pub static PROBES: &[Probe] = probes! {
         Quick, Fmi2, CoSimulation, INTERPOLATES;
     "output-derivatives": OUTPUT_DERIVATIVES, values::derivatives_of_outputs_in_time, Quick, CoSimulation;
     "instances": SEPARATE, |s| same(s, ["with a second instance", ALONE], ROUNDING, runs::beside), Quick, Several;
-    "reset": RESET, |s| same(s, ["after fmi2Reset", NEW], s.tolerance(), runs::reset), Quick;
+    "reset": RESET, |s| same(s, ["after fmi2Reset", NEW], s.tolerance, runs::reset), Quick;
     "reset-new": RESET,
-        |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance(), runs::reset_new);
+        |s| same(s, ["after fmi2Reset of a new instance", NEW], s.tolerance,
+            |s, how| runs::reset_and_run(s, how, Run::instantiate(s, s.setup())?));
     "reset-initializing": RESET,
-        |s| same(s, ["after fmi2Reset in initialization mode", NEW], s.tolerance(), runs::reset_initializing);
+        |s| same(s, ["after fmi2Reset in initialization mode", NEW], s.tolerance,
+            |s, how| runs::reset_and_run(s, how, Run::initializing(s, s.setup())?));
     "reset-values": RESET, runs::reset_values;
     "previous": SEPARATE,
         |s| same(s, ["after another instance was freed", ALONE], ROUNDING, runs::after_another);
@@ -269,22 +271,22 @@ pub static PROBES: &[Probe] = probes! {
     "threads": THREADS, runs::on_threads, Own, Several;
     "strings-of-instances": STRINGS, values::strings_of_instances, Several;
     "no-stop-time": STOP_TIME,
-        |s| same_with(s, ["without a stop time", STOP], s.tolerance(), |setup| setup.stop = None);
+        |s| same_with(s, ["without a stop time", STOP], s.tolerance, |setup| setup.stop = None);
     "later-stop-time": STOP_TIME,
-        |s| same_with(s, ["with a later stop time", STOP], s.tolerance(), |setup| {
-            setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start()));
+        |s| same_with(s, ["with a later stop time", STOP], s.tolerance, |setup| {
+            setup.stop = setup.stop.map(|stop| stop + 9.0 * (stop - s.start));
         });
     "summed-times": ROUNDED_TIMES,
-        |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance(),
+        |s| same_with(s, ["with times that are rounded in another way", ""], s.tolerance,
             |setup| setup.summed_times = true);
     "step-size": STEP_SIZE, runs::step_sizes, Quick, CoSimulation, VARIABLE_STEPS;
     "micro-steps": MICRO_STEPS,
         |s| same_with(s, ["with each step in two parts, the second of 1e-9 of its size", WHOLE],
-            s.tolerance().max(COARSE), |setup| setup.fractions = &[1.0 - 1e-9, 1e-9]),
+            s.tolerance.max(COARSE), |setup| setup.fractions = &[1.0 - 1e-9, 1e-9]),
         CoSimulation, VARIABLE_STEPS;
     "half-steps": HALF_STEPS,
         |s| same_with(s, ["with each step in two halves", WHOLE],
-            s.tolerance().max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
+            s.tolerance.max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
     "stop-time-passed": PAST_STOP, misuse::past_stop, Misuse, Fmi2, CoSimulation;
     "end": GET_AFTER_END, runs::end;

@@ -224,27 +224,17 @@ pub fn reset(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     if subject.kind == Kind::CoSimulation {
         run.instance.terminate()?;
     }
-    let mut run = reset_and_run(subject, run, how)?;
-    let rows = run.record()?;
-    run.instance.terminate()?;
-    Ok(rows)
+    reset_and_run(subject, how, run)
 }
 
-pub fn reset_new(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
-    let run = Run::instantiate(subject, subject.setup())?;
-    reset_and_run(subject, run, how)?.record()
-}
-
-pub fn reset_initializing(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
-    let run = Run::initializing(subject, subject.setup())?;
-    reset_and_run(subject, run, how)?.record()
-}
-
-fn reset_and_run<'a>(subject: &Subject<'_>, run: Run<'a>, how: &str) -> Result<Run<'a>> {
+/// Resets an instance and runs.
+pub fn reset_and_run(subject: &Subject<'_>, how: &str, run: Run<'_>) -> Result<Trajectory> {
     subject.report.stage(how);
     let mut run = run.reset()?;
     run.initialize()?;
-    Ok(run)
+    let rows = run.record()?;
+    run.instance.terminate()?;
+    Ok(rows)
 }
 
 /// Takes other step sizes, if the FMU declares that it can.
@@ -264,7 +254,7 @@ pub fn end(subject: &Subject<'_>) -> Result<()> {
     subject.report.stage(HOW);
     let after = run.row(&subject.observed)?;
     let last = &rows[rows.len() - 1..];
-    (subject.observed).ensure_same(&after, last, subject.tolerance(), [HOW, " as before"])
+    (subject.observed).ensure_same(&after, last, subject.tolerance, [HOW, " as before"])
 }
 
 pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
@@ -276,7 +266,7 @@ pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
 
 /// Saves a state, runs on with other parameters, restores it, and runs the same again.
 pub fn restore(subject: &Subject<'_>) -> Result<()> {
-    let tolerance = subject.tolerance();
+    let tolerance = subject.tolerance;
     let mut run = Run::begin(subject, subject.setup())?;
     run.record()?;
     let place = run.place;
@@ -350,7 +340,7 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
         "after steps from the state restored from bytes",
         " as in the first instance",
     ];
-    (subject.observed).ensure_same(&actual, &expected, subject.tolerance(), how)
+    (subject.observed).ensure_same(&actual, &expected, subject.tolerance, how)
 }
 
 /// A serialized state.

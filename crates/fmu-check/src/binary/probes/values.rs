@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::hint::black_box;
 
 use anyhow::{Context, Result, ensure};
-use fmu_description::value::{integer, unsigned, whole};
+use fmu_description::value::{integer, unsigned};
 use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
@@ -27,18 +27,18 @@ pub fn readable(subject: &Subject<'_>) -> Result<()> {
         .readable()
         .filter(|v| v.causality != Causality::Independent)
         .collect();
-    let (mut next, mut refused) = (0, 0);
-    while next < all.len() && refused < MAX_UNREADABLE {
-        let mut run = Run::begin(subject, subject.still())?;
-        for variable in &all[next..] {
-            next += 1;
-            if let Err(error) = run.read(variable) {
-                let report = subject.report;
-                report.find(&rules::READABLE, format!("{error:#}"));
-                report.reply(&Reply::Unreadable(variable.name.clone()));
-                refused += 1;
+    let mut run = Run::begin(subject, subject.still())?;
+    let mut refused = 0;
+    for variable in all {
+        if let Err(error) = run.read(variable) {
+            let report = subject.report;
+            report.find(&rules::READABLE, format!("{error:#}"));
+            report.reply(&Reply::Unreadable(variable.name.clone()));
+            refused += 1;
+            if refused == MAX_UNREADABLE {
                 break;
             }
+            run = Run::begin(subject, subject.still())?;
         }
     }
     Ok(())
@@ -97,16 +97,14 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     guarded(subject, &mut run)?;
     unwritten(subject, &mut run)?;
     let mut backwards = together[0].1.clone();
-    let reals = subject.observed.elements().enumerate();
     let is_real = |v: &Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
-    let reals = reals
-        .filter(|(_, (v, _))| is_real(v))
-        .map(|(at, (v, _))| (at, v.reference));
-    let (mut places, mut references): (Vec<usize>, Vec<u32>) = reals.unzip();
-    places.reverse();
-    references.reverse();
+    let reals = subject.observed.elements().enumerate();
+    let reals = reals.filter(|(_, (v, _))| is_real(v));
+    let mut reals: Vec<_> = reals.map(|(at, (v, _))| (at, v.reference)).collect();
+    reals.reverse();
+    let references: Vec<u32> = reals.iter().map(|(_, reference)| *reference).collect();
     if !references.is_empty() {
-        for (at, value) in places.into_iter().zip(run.reals(&references)?) {
+        for ((at, _), value) in reals.into_iter().zip(run.reals(&references)?) {
             backwards[at] = Value::Float64(value);
         }
     }
@@ -230,25 +228,20 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
         let is_parameter = v.causality == Causality::Parameter && v.of_type == Type::Float64;
         is_parameter && !v.dimensions.is_empty() && v.start.len() == v.count()
     };
-    let arrays: Vec<_> = subject.readable().filter(is_array).collect();
+    let arrays = subject.group(subject.readable().filter(is_array));
     let reversed = |v: &Listed<'_>| -> Vec<Value> { v.start.iter().rev().cloned().collect() };
     let mut run = Run::instantiate(subject, subject.still())?;
-    for array in &arrays {
+    for array in arrays.variables() {
         run.set(array, &reversed(array)).ok().context(SKIP)?;
     }
     // Such as breakpoints, which have an order.
     run.enter_initialization().ok().context(SKIP)?;
-    for array in arrays {
-        let pairs = run.read(array)?.into_iter().zip(reversed(array));
-        let mut pairs = pairs.map(|(value, set)| is_near(&value, &set, 1e-12 * size(&set)));
-        let changed = pairs.position(|is_kept| !is_kept);
-        ensure!(
-            changed.is_none(),
-            "{} has another value in initialization mode, expected the one that was set before",
-            element_name(array, changed.unwrap_or_default())
-        );
-    }
-    Ok(())
+    let expected = arrays.variables().flat_map(reversed).collect();
+    let (read, how) = (
+        run.row(&arrays)?,
+        ["in initialization mode", " as it was set before"],
+    );
+    arrays.ensure_same(&read, &[(run.time(), expected)], 1e-12, how)
 }
 
 /// Compares outputs in initialization mode with those after it, at the same time.
@@ -272,7 +265,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
         run.row(&listed)?,
         ["in initialization mode", " as after it"],
     );
-    listed.ensure_same(&before, &after, subject.tolerance(), how)
+    listed.ensure_same(&before, &after, subject.tolerance, how)
 }
 
 /// Sets tunable parameters between two steps, to the values that they have.
@@ -330,30 +323,21 @@ pub fn sizes(subject: &Subject<'_>) -> Result<()> {
     };
     let parameters = subject.model.variables().map(|(_, v)| v);
     for parameter in parameters.filter(is_size) {
-        if let Some(size) = other_size(parameter) {
+        let bounds = [&parameter.min, &parameter.max];
+        let is_bounded = bounds.iter().any(|bound| bound.is_some());
+        if let Some(size) = other(parameter).filter(|_| is_bounded) {
             let name = quote(&parameter.name);
-            let run = resized(subject, parameter, size);
+            let run = resized(subject, parameter, &size);
             run.map_err(|error| anyhow::anyhow!("with {name} = {size}, {error:#}"))?;
         }
     }
     Ok(())
 }
 
-/// Another value within the bounds of a structural parameter, which must be in the XML.
-fn other_size(parameter: &Listed<'_>) -> Option<u64> {
-    let bound = |name| parameter.inherited(name).and_then(whole::<u64>);
-    let start: u64 = whole(parameter.start()?)?;
-    match (bound("min"), bound("max")) {
-        (_, Some(max)) if start < max => Some(start + 1),
-        (Some(min), _) if start > min => Some(start - 1),
-        _ => None,
-    }
-}
-
-fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: u64) -> Result<()> {
+fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Result<()> {
     let mut run = Run::instantiate(subject, subject.still())?;
     run.instance.enter_configuration_mode()?;
-    run.instance.set_uint64(&[parameter.reference], &[size])?;
+    run.set(parameter, std::slice::from_ref(size))?;
     run.instance.exit_configuration_mode()?;
     run.initialize()?;
     run.advance_by(subject.task.steps.min(STEPS))?;
@@ -375,12 +359,12 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: u64) -> Result<(
 }
 
 /// The number of elements with another value of a structural parameter; `None` if it has no effect.
-fn count(variable: &Listed<'_>, parameter: &Listed<'_>, size: u64) -> Option<usize> {
+fn count(variable: &Listed<'_>, parameter: &Listed<'_>, size: &Value) -> Option<usize> {
     let mut dimensions = variable.dimensions.clone();
     for (dimension, n) in variable.element.children("Dimension").zip(&mut dimensions) {
         let reference = dimension.attribute("valueReference").and_then(unsigned);
         if reference == Some(parameter.reference) {
-            *n = usize::try_from(size).ok()?;
+            *n = usize::try_from(size.as_whole()?).ok()?;
         }
     }
     let is_changed = dimensions != variable.dimensions;
@@ -630,7 +614,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
     let stepped = |change: f64, derivative: f64| -> Result<_> {
         let mut run = Run::after(subject, WARM_UP)?;
         if change == 0.0 {
-            let values = vec![derivative / subject.step(); inputs.len()];
+            let values = vec![derivative / subject.step; inputs.len()];
             run.instance
                 .set_input_derivatives(&inputs, &orders, &values)?;
         } else {
@@ -640,7 +624,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
                 .ok()
                 .context(SKIP)?;
         }
-        run.instance.do_step(run.time(), subject.step())?;
+        run.instance.do_step(run.time(), subject.step)?;
         Ok(vec![(run.time(), run.observe()?)])
     };
     let (still, rising) = (stepped(0.0, 0.0)?, stepped(0.0, 1.0)?);
@@ -648,7 +632,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
     let differs = |run: &[(f64, Row)]| {
         let same = subject
             .observed
-            .ensure_same(run, &still, subject.tolerance(), [""; 2]);
+            .ensure_same(run, &still, subject.tolerance, [""; 2]);
         same.is_err()
     };
     ensure!(
@@ -685,7 +669,7 @@ pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
         if let Some(last) = last {
             judged += 1;
             for (i, (now, last)) in now.iter().zip(last).enumerate() {
-                let (given, slope) = (given[i], (now - last) / subject.step());
+                let (given, slope) = (given[i], (now - last) / subject.step);
                 let scale = slope.abs().max(given.abs());
                 if (slope - given).abs() > 0.8 * scale && scale > 1e-6 {
                     wrong[i] += 1;
@@ -761,7 +745,7 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
         v.variability == Variability::Discrete || !is_real && v.causality == Causality::Output
     };
     let discrete = subject.group(subject.observed.variables().filter(is_discrete));
-    let (time, step) = (run.time(), subject.step());
+    let (time, step) = (run.time(), subject.step);
     let before = run.row(&discrete)?;
     run.instance.set_time(time + 0.1 * step)?;
     let states = run.continuous_states()?;
