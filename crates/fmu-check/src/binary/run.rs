@@ -469,6 +469,15 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
+    /// A run that was terminated after its first step.
+    pub fn terminated(subject: &'a Subject<'a>, setup: Setup<'a>) -> Result<Self> {
+        let mut run = Self::stepped(subject, setup)?;
+        if !run.ended {
+            run.instance.terminate()?;
+        }
+        Ok(run)
+    }
+
     /// A usual run after some steps, fewer if the FMU is slow.
     pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
         let mut run = Self::begin(subject, subject.setup())?;
@@ -584,6 +593,12 @@ impl<'a> Run<'a> {
         let n = self.states();
         self.instance
             .read(n, Instance::get_continuous_state_derivatives)
+    }
+
+    /// Takes a step without what belongs to it; time and size are in steps since the start.
+    pub fn do_step(&mut self, time: f64, size: f64) -> fmu_host::Result {
+        let Subject { start, step, .. } = *self.subject;
+        self.instance.do_step(start + time * step, size * step)
     }
 
     fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {

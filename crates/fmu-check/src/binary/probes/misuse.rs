@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use anyhow::{Context, Result};
-use fmu_description::{Causality, FmiVersion, Listed, Type, Value, Variability};
+use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Kind, fmi2};
 
@@ -180,93 +180,72 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
     refused.report(&rules::SETTABLE)
 }
 
+/// Makes calls that the FMU must refuse: what each is, the run in which it is made, and the call.
+macro_rules! refuse {
+    ($subject:ident, $rule:ident: $($what:literal, $at:expr, $call:expr;)*) => {{
+        let mut refused = Refused::new($subject);
+        $(refused.call($what, $at, $call)?;)*
+        refused.report(&rules::$rule)
+    }};
+}
+
 /// Takes steps with a wrong size or time.
 pub fn step_arguments(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start, subject.step);
-    let wrong = [
-        ("a negative step size", start + step, -step),
-        ("a time before the current one", start, step),
-        ("a time after the current one", start + 100.0 * step, step),
-    ];
-    steps(subject, wrong)
+    refuse! { subject, STEP_ARGUMENTS:
+        "fmi2DoStep with a negative step size", Run::stepped, |run| run.do_step(1.0, -1.0);
+        "fmi2DoStep with a time before the current one", Run::stepped, |run| run.do_step(0.0, 1.0);
+        "fmi2DoStep with a time after the current one", Run::stepped, |run| run.do_step(101.0, 1.0);
+    }
 }
 
 /// Takes steps with invalid numbers.
 pub fn step_nan(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start, subject.step);
-    let wrong = [
-        ("a step size of NaN", start + step, f64::NAN),
-        ("an infinite step size", start + step, f64::INFINITY),
-        ("a time of NaN", f64::NAN, step),
-    ];
-    steps(subject, wrong)
-}
-
-fn steps(subject: &Subject<'_>, wrong: [(&str, f64, f64); 3]) -> Result<()> {
-    let mut refused = Refused::new(subject);
-    for (what, time, step) in wrong {
-        let what = format!("fmi2DoStep with {what}");
-        refused.call(what, Run::stepped, |run| run.instance.do_step(time, step))?;
+    refuse! { subject, STEP_ARGUMENTS:
+        "fmi2DoStep with a step size of NaN", Run::stepped, |run| run.do_step(1.0, f64::NAN);
+        "fmi2DoStep with an infinite step size", Run::stepped, |run| run.do_step(1.0, f64::INFINITY);
+        "fmi2DoStep with a time of NaN", Run::stepped, |run| run.do_step(f64::NAN, 1.0);
     }
-    refused.report(&rules::STEP_ARGUMENTS)
 }
 
 /// Makes calls in a wrong order.
 pub fn order(subject: &Subject<'_>) -> Result<()> {
-    let (start, step) = (subject.start, subject.step);
-    let mut refused = Refused::new(subject);
-    if subject.kind == Kind::CoSimulation {
-        let what = "fmi2DoStep before initialization";
-        refused.call(what, Run::instantiate, |run| {
-            run.instance.do_step(start, step)
-        })?;
-        let what = "fmi2DoStep in initialization mode";
-        refused.call(what, Run::initializing, |run| {
-            run.instance.do_step(start, step)
-        })?;
-        refused.call(
-            "fmi2DoStep after fmi2Terminate",
-            |subject, setup| {
-                let mut run = Run::stepped(subject, setup)?;
-                if !run.ended {
-                    run.instance.terminate()?;
-                }
-                Ok(run)
-            },
-            |run| run.instance.do_step(start + step, step),
-        )?;
+    refuse! { subject, ORDER:
+        "fmi2ExitInitializationMode before fmi2EnterInitializationMode", Run::instantiate,
+            |run| run.instance.exit_initialization_mode();
+        "fmi2EnterInitializationMode after initialization", Run::stepped,
+            |run| run.instance.enter_initialization_mode();
     }
-    let what = "fmi2ExitInitializationMode before fmi2EnterInitializationMode";
-    refused.call(what, Run::instantiate, |run| {
-        run.instance.exit_initialization_mode()
-    })?;
-    let what = "fmi2EnterInitializationMode after initialization";
-    refused.call(what, Run::stepped, |run| {
-        run.instance.enter_initialization_mode()
-    })?;
-    if subject.model.version == FmiVersion::Fmi2 {
-        let what = "fmi2SetupExperiment after initialization";
-        let call = |run: &mut Run<'_>| run.instance.setup_experiment(start, None, None);
-        refused.call(what, Run::stepped, call)?;
+}
+
+/// Sets up the experiment a second time.
+pub fn order_of_setup(subject: &Subject<'_>) -> Result<()> {
+    refuse! { subject, ORDER:
+        "fmi2SetupExperiment after initialization", Run::stepped,
+            |run| run.instance.setup_experiment(subject.start, None, None);
     }
-    refused.report(&rules::ORDER)
+}
+
+/// Takes steps before initialization and after the end.
+pub fn order_of_steps(subject: &Subject<'_>) -> Result<()> {
+    refuse! { subject, ORDER:
+        "fmi2DoStep before initialization", Run::instantiate, |run| run.do_step(0.0, 1.0);
+        "fmi2DoStep in initialization mode", Run::initializing, |run| run.do_step(0.0, 1.0);
+        "fmi2DoStep after fmi2Terminate", Run::terminated, |run| run.do_step(1.0, 1.0);
+    }
 }
 
 /// Takes a step beyond the stop time.
 pub fn past_stop(subject: &Subject<'_>) -> Result<()> {
-    let step = subject.step;
-    let stop = Some(subject.start + 2.0 * step);
-    let mut refused = Refused::new(subject);
-    refused.call(
+    let stop = Some(subject.start + 2.0 * subject.step);
+    refuse! { subject, PAST_STOP:
         "fmi2DoStep beyond the stop time",
-        |subject, setup| {
-            let mut run = Run::stepped(subject, setup.with(|s| s.stop = stop))?;
-            run.advance()?;
-            Ok(run)
-        },
-        |run| run.instance.do_step(run.time(), step),
-    )?;
-    refused.report(&rules::PAST_STOP)
+            |subject, setup| {
+                let mut run = Run::stepped(subject, setup.with(|s| s.stop = stop))?;
+                run.advance()?;
+                Ok(run)
+            },
+            |run| run.do_step(2.0, 1.0);
+    }
 }
 
 /// Passes other numbers of values than arrays have.
@@ -334,8 +313,7 @@ pub fn with_inputs(subject: &Subject<'_>, values: &[f64]) -> Result<()> {
         }
         // The run sets its inputs itself, so steps are taken without it.
         if subject.kind == Kind::CoSimulation {
-            let mut times = (1..4).map(|k| subject.start + f64::from(k) * subject.step);
-            let _ = times.try_for_each(|t| run.instance.do_step(t, subject.step).map(drop));
+            let _ = (1..4).try_for_each(|k| run.do_step(f64::from(k), 1.0).map(drop));
         } else if subject.states() > 0 {
             let _ = run.derivatives();
         }

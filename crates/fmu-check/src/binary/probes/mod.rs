@@ -246,6 +246,8 @@ pub static PROBES: &[Probe] = probes! {
     "unknown-set": UNKNOWN_REFERENCE, misuse::unknown_set, Misuse;
     "step-arguments": STEP_ARGUMENTS, misuse::step_arguments, Misuse, CoSimulation;
     "order": ORDER, misuse::order, Misuse;
+    "order-of-setup": ORDER, misuse::order_of_setup, Misuse, Fmi2;
+    "order-of-steps": ORDER, misuse::order_of_steps, Misuse, CoSimulation;
     // The others.
     "guid": GUID, host::guid, Quick;
     "start": START, values::start, Quick;

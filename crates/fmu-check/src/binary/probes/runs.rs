@@ -11,69 +11,71 @@ use fmu_host::Kind;
 use crate::binary::Reply;
 use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
 use crate::binary::run::{Run, SKIP, Setup, Subject, is_refusal};
-use crate::binary::values::{Row, Trajectory, allows, element_name, other, real_range, shown};
+use crate::binary::values::{Trajectory, allows, element_name, other, real_range, shown};
 use crate::rule::Rule;
 
 /// Maximum size of a serialized state.
 const MAX_BYTES: usize = 1 << 30;
+
+/// What a run has found.
+type Found = Vec<(&'static Rule, String)>;
 
 /// Runs the default experiment to its end, or as far as half of the time limit allows. Reports how many
 /// steps were taken and how long they took, unless the FMU refused the excitation.
 pub fn experiment(subject: &Subject<'_>) -> Result<()> {
     /// Euler steps that solve stiffer models.
     const FINE: usize = 200;
-    let usual = subject.setup();
-    let is_still = usual.excitation == 0.0;
-    let mut watch = Watch::default();
-    let mut outcome = watch.run(subject, usual);
-    if watch.is_doubtful(&outcome) && subject.kind == Kind::ModelExchange && is_still {
-        watch = Watch::default();
-        outcome = watch.run(subject, usual.with(|s| s.parts = FINE));
+    let setup = subject.setup();
+    let is_still = setup.excitation == 0.0;
+    // The FMU has refused to go on, or computed what is not a number, which may be due to the inputs or to
+    // our solver.
+    let is_doubtful = |outcome: &Result<_>, found: &Found| {
+        let has_nan = found.iter().any(|(rule, _)| **rule == FINITE);
+        has_nan || outcome.as_ref().is_err_and(is_refusal)
+    };
+    let (mut outcome, mut found) = watch(subject, setup);
+    if is_doubtful(&outcome, &found) && subject.kind == Kind::ModelExchange && is_still {
+        (outcome, found) = watch(subject, setup.with(|s| s.parts = FINE));
     }
-    if watch.is_doubtful(&outcome) && !is_still {
+    if is_doubtful(&outcome, &found) && !is_still {
         // Inputs outside the model's range of validity; a weaker excitation decides.
         return Ok(());
     }
     let (steps, seconds) = outcome?;
     subject.report.reply(&Reply::Ran(steps, seconds));
-    for (rule, text) in watch.found {
+    for (rule, text) in found {
         subject.report.find(rule, text);
     }
     Ok(())
 }
 
-/// Looks for invalid values in a run.
-#[derive(Default)]
-struct Watch {
-    has_nan: bool,
-    found: Vec<(&'static Rule, String)>,
-    /// The elements about which something was found.
-    seen: HashSet<usize>,
-}
-
-impl Watch {
-    /// Whether the FMU has refused to go on, or computed what is not a number, which may be due to the
-    /// inputs or to our solver.
-    fn is_doubtful<T>(&self, outcome: &Result<T>) -> bool {
-        self.has_nan || outcome.as_ref().is_err_and(is_refusal)
-    }
-
-    /// Runs to the end; returns the number of steps and their duration.
-    fn run(&mut self, subject: &Subject<'_>, setup: Setup<'_>) -> Result<(usize, f64)> {
-        let begin = Instant::now();
+/// Runs to the end and looks for invalid values; returns the number of steps and their duration, and what was
+/// found.
+fn watch(subject: &Subject<'_>, setup: Setup<'_>) -> (Result<(usize, f64)>, Found) {
+    let elements: Vec<_> = subject.observed.elements().collect();
+    let constants = subject.all().filter(|v| {
+        let is_fixed = matches!(v.variability, Variability::Constant | Variability::Fixed);
+        is_fixed && v.causality != Causality::Independent
+    });
+    let constants = subject.group(constants);
+    let (mut found, mut seen, mut times) = (Found::new(), HashSet::new(), Vec::new());
+    let limit = Duration::from_secs(subject.task.seconds) / 2;
+    let begin = Instant::now();
+    let mut run_all = || {
         let mut run = Run::begin(subject, setup)?;
-        let constants = subject.all().filter(|v| {
-            let is_fixed = matches!(v.variability, Variability::Constant | Variability::Fixed);
-            is_fixed && v.causality != Causality::Independent
-        });
-        let constants = subject.group(constants);
         let before = run.row(&constants)?;
-        let elements: Vec<_> = subject.observed.elements().collect();
-        let mut times = Vec::new();
-        let limit = Duration::from_secs(subject.task.seconds) / 2;
         let steps = run.run_for(limit, |time, row| {
             times.push(Instant::now());
-            self.push(&elements, time, row);
+            for (at, (value, (variable, element))) in row.iter().zip(&elements).enumerate() {
+                // Of each element, the first that is found by a rule.
+                if let Some((rule, expected)) = fault(variable, value)
+                    && seen.insert((at, rule.id))
+                {
+                    let (name, value) = (element_name(variable, *element), shown(value));
+                    let text = format!("{name} is {value} at t = {time} s, expected {expected}");
+                    found.push((rule, text));
+                }
+            }
         })?;
         if let Some(text) = slows_down(steps, &times) {
             subject.report.find(&STEADY_TIME, text);
@@ -82,25 +84,12 @@ impl Watch {
             let after = run.row(&constants)?;
             let how = ["at the end of the run", " as after initialization"];
             let changed = constants.differences(&after, &before, 0.0, how);
-            (self.found).extend(changed.into_iter().map(|changed| (&CONSTANT, changed.text)));
+            found.extend(changed.into_iter().map(|changed| (&CONSTANT, changed.text)));
         }
         run.instance.terminate()?;
         Ok((steps, begin.elapsed().as_secs_f64()))
-    }
-
-    fn push(&mut self, elements: &[(&Listed<'_>, usize)], time: f64, row: &Row) {
-        for (at, (value, (variable, element))) in row.iter().zip(elements).enumerate() {
-            let Some((rule, expected)) = fault(variable, value) else {
-                continue;
-            };
-            self.has_nan |= *rule == FINITE;
-            if self.seen.insert(at) {
-                let (name, value) = (element_name(variable, *element), shown(value));
-                let text = format!("{name} is {value} at t = {time} s, expected {expected}");
-                self.found.push((rule, text));
-            }
-        }
-    }
+    };
+    (run_all(), found)
 }
 
 /// The rule that a value in a run breaks, and what was expected.
