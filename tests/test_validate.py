@@ -297,12 +297,13 @@ def test_findings_of_one_kind_are_grouped(tmp_path: Path) -> None:
 
 
 def test_findings_are_available_as_json_and_sarif(tmp_path: Path) -> None:
-    text = replaced(2, 'guid="{0}"', 'guid=""', "<ModelStructure>", "<ModelStructure>text")
-    file = fmu(tmp_path, 2, {MODEL_FILE: text, "sources/full.c": None})
+    text = "<ModelStructure>text" + 5 * "<A/>"
+    text = replaced(2, 'guid="{0}"', 'guid=""', "<ModelStructure>", text)
+    file = fmu(tmp_path, 2, {MODEL_FILE: text, "sources/full.c": None}, "a b.fmu")
     result = cargo_fmu("validate", "--format", "json", file)
     assert result.returncode == 1
     (report,) = json.loads(result.stdout)["files"]
-    assert (report["file"], report["errors"], report["warnings"]) == (str(file), 3, 0)
+    assert (report["file"], report["errors"], report["warnings"]) == (str(file), 8, 0)
     text = "guid is empty, expected a string"
     assert next(rule for rule in report["rules"] if rule["id"] == "name-and-guid") == {
         "id": "name-and-guid",
@@ -316,8 +317,20 @@ def test_findings_are_available_as_json_and_sarif(tmp_path: Path) -> None:
     assert result.returncode == 1
     log = json.loads(result.stdout)
     assert log["version"] == "2.1.0"
-    found = {item["ruleId"]: item["locations"][0] for item in log["runs"][0]["results"]}
-    assert found["no-text"]["physicalLocation"]["region"] == {"startLine": 76}
+    (run,) = log["runs"]
+    assert [artifact["location"]["uri"] for artifact in run["artifacts"]] == [
+        str(file).replace(" ", "%20"), f"/{MODEL_FILE}"
+    ]  # fmt: skip
+    assert run["artifacts"][1]["parentIndex"] == 0
+    found = {item["ruleId"]: item["locations"][0]["physicalLocation"] for item in run["results"]}
+    assert found["no-text"] == {
+        "artifactLocation": {"uri": f"/{MODEL_FILE}", "index": 1},
+        "region": {"startLine": 76},
+    }
+    rules = run["tool"]["driver"]["rules"]
+    assert all(rules[item["ruleIndex"]]["id"] == item["ruleId"] for item in run["results"])
+    (note,) = run["invocations"][0]["toolExecutionNotifications"]
+    assert "2 more of this kind: element-known" in note["message"]["text"]
 
 
 @pytest.mark.parametrize("version", ["1.0", "4.0"])

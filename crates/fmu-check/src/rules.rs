@@ -267,11 +267,11 @@ fn state_of(variable: &Listed<'_>, model: &ModelDescription<'_>) -> Option<usize
     model.index(unsigned(variable.value.attribute("derivative")?)?)
 }
 
-fn is_clocked(variable: &Listed<'_>) -> bool {
+pub fn is_clocked(variable: &Listed<'_>) -> bool {
     variable.element.has("clocks")
 }
 
-fn is_continuous(variable: &Listed<'_>) -> bool {
+pub fn is_continuous(variable: &Listed<'_>) -> bool {
     variable.variability == Variability::Continuous
 }
 

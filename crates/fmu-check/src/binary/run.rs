@@ -7,9 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, unsigned};
 use fmu_description::xml::Element;
-use fmu_description::{
-    Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value, Variability,
-};
+use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value};
 use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
 use fmu_worker::{Calls, Function, Record, Service};
@@ -19,6 +17,7 @@ use super::values::{
 };
 use super::{FMU, Reply, Task, logged};
 use crate::rule::Rule;
+use crate::rules::{is_clocked, is_continuous};
 
 /// Maximum number of calls of `fmi2NewDiscreteStates` in one event iteration.
 const MAX_ROUNDS: usize = 1000;
@@ -351,7 +350,7 @@ impl<'a> Subject<'a> {
     /// Of [`Subject::reals`], the continuous ones.
     pub fn continuous(&self, causality: Causality) -> Vec<&'a Listed<'a>> {
         let mut reals = self.reals(causality);
-        reals.retain(|v| v.variability == Variability::Continuous);
+        reals.retain(|v| is_continuous(v));
         reals
     }
 
@@ -406,10 +405,7 @@ pub fn readable<'a>(
 ) -> impl Iterator<Item = &'a Listed<'a>> {
     let is_array = |v: &Listed<'_>| {
         let is_other = matches!(v.of_type, Type::String | Type::Binary | Type::Clock);
-        !v.dimensions.is_empty()
-            && v.count() <= MAX_ELEMENTS
-            && !is_other
-            && !v.element.has("clocks")
+        !v.dimensions.is_empty() && v.count() <= MAX_ELEMENTS && !is_other && !is_clocked(v)
     };
     let all = model.variables().map(|(_, v)| v);
     all.filter(move |v| (is_tested(v) || is_array(v)) && !without.contains(&v.name))
@@ -837,42 +833,45 @@ impl<'a> Run<'a> {
     /// Like [`Run::record`]; `advance` takes each step.
     pub fn record_by(
         &mut self,
-        mut advance: impl FnMut(&mut Self) -> Result<()>,
+        advance: impl FnMut(&mut Self) -> Result<()>,
     ) -> Result<Trajectory> {
+        let mut rows = Trajectory::new();
         let steps = self.subject.task.steps;
         let stride = self.subject.observed.stride(steps);
-        let mut rows = vec![(self.time(), self.observe()?)];
-        for k in 1..=steps {
-            advance(self)?;
-            if self.ended {
-                break;
-            }
-            if k % stride == 0 || k == steps {
-                rows.push((self.time(), self.observe()?));
-            }
-        }
+        self.take((steps, stride), Duration::MAX, advance, |time, row| {
+            rows.push((time, row));
+        })?;
         Ok(rows)
     }
 
     /// Takes steps to the end of the default experiment, or until a time limit; `observe` receives the time
     /// and the values at each communication point. Returns how many steps were taken.
-    pub fn run_for(
+    pub fn run_for(&mut self, limit: Duration, observe: impl FnMut(f64, Row)) -> Result<usize> {
+        let steps = self.subject.all_steps();
+        self.take((steps, 1), limit, Self::advance, observe)
+    }
+
+    /// Takes steps, and observes every few of them and the last.
+    fn take(
         &mut self,
+        (steps, stride): (usize, usize),
         limit: Duration,
-        mut observe: impl FnMut(f64, &Row),
+        mut advance: impl FnMut(&mut Self) -> Result<()>,
+        mut observe: impl FnMut(f64, Row),
     ) -> Result<usize> {
         let begin = Instant::now();
-        let steps = self.subject.all_steps();
-        observe(self.time(), &self.observe()?);
-        for k in 0..steps {
+        observe(self.time(), self.observe()?);
+        for k in 1..=steps {
             if begin.elapsed() > limit {
-                return Ok(k);
+                return Ok(k - 1);
             }
-            self.advance()?;
+            advance(self)?;
             if self.ended {
-                return Ok(k);
+                return Ok(k - 1);
             }
-            observe(self.time(), &self.observe()?);
+            if k % stride == 0 || k == steps {
+                observe(self.time(), self.observe()?);
+            }
         }
         Ok(steps)
     }

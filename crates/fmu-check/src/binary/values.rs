@@ -3,9 +3,11 @@
 
 use anyhow::{Result, bail};
 use fmu_description::value::real;
-use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variability};
+use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value};
 use fmu_file::text::quote;
 use fmu_host::Instance;
+
+use crate::rules::{is_clocked, is_continuous};
 
 /// Maximum number of values that a run records; longer runs record fewer points.
 const MAX_VALUES: usize = 1 << 21;
@@ -203,7 +205,7 @@ pub fn is_tested(variable: &Listed<'_>) -> bool {
     variable.dimensions.is_empty()
         && !matches!(variable.of_type, Type::Binary | Type::Clock)
         && variable.causality != Causality::StructuralParameter
-        && !variable.element.has("clocks")
+        && !is_clocked(variable)
 }
 
 /// An input, and how its value changes.
@@ -276,7 +278,7 @@ impl Input<'_> {
 
     /// Whether a host may set it in continuous-time mode.
     pub fn is_continuous(&self) -> bool {
-        self.variable.of_type.is_float() && self.variable.variability == Variability::Continuous
+        self.variable.of_type.is_float() && is_continuous(self.variable)
     }
 }
 

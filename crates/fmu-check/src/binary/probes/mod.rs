@@ -1,7 +1,6 @@
 //! The tests of a binary. Each runs in a process of its own.
 
 mod host;
-mod misuse;
 mod runs;
 mod values;
 
@@ -241,13 +240,13 @@ const WHOLE: &str = " as with whole steps";
 /// All other tests.
 pub static PROBES: &[Probe] = probes! {
     // First, since other tests make no mistakes if these crash.
-    "mistakes": SURVIVES_MISUSE, misuse::mistakes, Misuse;
-    "unknown-get": UNKNOWN_REFERENCE, misuse::unknown_get, Misuse;
-    "unknown-set": UNKNOWN_REFERENCE, misuse::unknown_set, Misuse;
-    "step-arguments": STEP_ARGUMENTS, misuse::step_arguments, Misuse, CoSimulation;
-    "order": ORDER, misuse::order, Misuse;
-    "order-of-setup": ORDER, misuse::order_of_setup, Misuse, Fmi2;
-    "order-of-steps": ORDER, misuse::order_of_steps, Misuse, CoSimulation;
+    "mistakes": SURVIVES_MISUSE, host::mistakes, Misuse;
+    "unknown-get": UNKNOWN_REFERENCE, host::unknown_get, Misuse;
+    "unknown-set": UNKNOWN_REFERENCE, host::unknown_set, Misuse;
+    "step-arguments": STEP_ARGUMENTS, host::step_arguments, Misuse, CoSimulation;
+    "order": ORDER, host::order, Misuse;
+    "order-of-setup": ORDER, host::order_of_setup, Misuse, Fmi2;
+    "order-of-steps": ORDER, host::order_of_steps, Misuse, CoSimulation;
     // The others.
     "guid": GUID, host::guid, Quick;
     "start": START, values::start, Quick;
@@ -290,7 +289,7 @@ pub static PROBES: &[Probe] = probes! {
         |s| same_with(s, ["with each step in two halves", WHOLE],
             s.tolerance.max(COARSE), |setup| setup.fractions = &[0.5, 0.5]),
         CoSimulation, VARIABLE_STEPS;
-    "stop-time-passed": PAST_STOP, misuse::past_stop, Misuse, Fmi2, CoSimulation;
+    "stop-time-passed": PAST_STOP, host::past_stop, Misuse, Fmi2, CoSimulation;
     "end": GET_AFTER_END, runs::end;
     "get": PURE_GET, values::get;
     "nothing": NO_VARIABLES, values::nothing, Own;
@@ -300,7 +299,7 @@ pub static PROBES: &[Probe] = probes! {
     "tunable": TUNABLE, values::tunable, CoSimulation;
     "dependencies": DEPENDENCIES, values::dependencies;
     "events": EVENTS, values::events, ModelExchange;
-    "array-lengths": ARRAY_LENGTHS, misuse::array_lengths, Misuse, Fmi3;
+    "array-lengths": ARRAY_LENGTHS, host::array_lengths, Misuse, Fmi3;
     "sizes": SIZES, values::sizes, Quick, Fmi3, CoSimulation;
     "adjoint": ADJOINT, values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
     "event-mode": EVENT_MODE, runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
@@ -315,13 +314,13 @@ pub static PROBES: &[Probe] = probes! {
     "debug-logging": RUNS, host::debug_logging, Misuse;
     "long": LONG_TEXTS, |s| host::with_text(s, "20000 characters", &"long".repeat(5000)), Own;
     "initial-outputs": INITIAL_OUTPUTS, values::initial_outputs, CoSimulation;
-    "nan": NAN, |s| misuse::with_inputs(s, &[f64::NAN]), Own, Brief;
-    "infinity": NAN, |s| misuse::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
-    "damaged-state": DAMAGED_STATE, misuse::damaged_state, Misuse, STATE, BYTES;
-    "settable": SETTABLE, misuse::settable, Misuse;
-    "step-nan": STEP_ARGUMENTS, misuse::step_nan, Misuse, CoSimulation;
-    "status": SURVIVES_MISUSE, misuse::status, Misuse, Fmi2, CoSimulation;
-    "after-error": AFTER_ERROR, misuse::after_error, Misuse;
+    "nan": NAN, |s| host::with_inputs(s, &[f64::NAN]), Own, Brief;
+    "infinity": NAN, |s| host::with_inputs(s, &[f64::INFINITY, f64::NEG_INFINITY, 1e300]), Own, Brief;
+    "damaged-state": DAMAGED_STATE, host::damaged_state, Misuse, STATE, BYTES;
+    "settable": SETTABLE, host::settable, Misuse;
+    "step-nan": STEP_ARGUMENTS, host::step_nan, Misuse, CoSimulation;
+    "status": SURVIVES_MISUSE, host::status, Misuse, Fmi2, CoSimulation;
+    "after-error": AFTER_ERROR, host::after_error, Misuse;
 };
 
 #[cfg(test)]
