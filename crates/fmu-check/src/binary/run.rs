@@ -474,10 +474,11 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// A usual run after some steps, fewer if the FMU is slow.
+    /// A usual run after some steps, fewer if the FMU is slow; the test ends if the FMU ends it.
     pub fn after(subject: &'a Subject<'a>, steps: usize) -> Result<Self> {
         let mut run = Self::begin(subject, subject.setup())?;
         run.advance_by(subject.task.steps.min(steps))?;
+        ensure!(!run.ended, SKIP);
         Ok(run)
     }
 
@@ -510,11 +511,7 @@ impl<'a> Run<'a> {
         self.ended = false;
         if self.setup.parameters {
             let parameters = self.subject.settable().filter(|v| v.is_parameter());
-            for variable in parameters.filter(|v| v.of_type.is_float()) {
-                if let Some(value) = other(variable) {
-                    self.set(variable, &[value])?;
-                }
-            }
+            self.change(parameters.filter(|v| v.of_type.is_float()))?;
         }
         let tolerance = self.subject.model.experiment("tolerance");
         let (start, stop) = (self.subject.start, self.setup.stop);
@@ -565,6 +562,16 @@ impl<'a> Run<'a> {
     pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
         self.instance
             .set_values(variable.of_type, &[variable.reference], values)
+    }
+
+    /// Sets scalars to other values than their start values; the test ends if the FMU refuses one.
+    pub fn change<'b>(&mut self, variables: impl Iterator<Item = &'b Listed<'b>>) -> Result<()> {
+        for variable in variables {
+            if let Some(value) = other(variable) {
+                self.set(variable, &[value]).ok().context(SKIP)?;
+            }
+        }
+        Ok(())
     }
 
     pub fn reals(&mut self, references: &[u32]) -> fmu_host::Result<Vec<f64>> {

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Kind, Treatment, environment, fmi2, stray_messages};
@@ -259,47 +259,41 @@ pub fn memory(subject: &Subject<'_>) -> Result<()> {
         check!(subject, MEMORY: bytes == 0,
             "each {what} leaves {bytes} bytes of memory behind{when}, expected none");
     };
-    let Some(short) = growth(subject, || cycle(subject, few))? else {
-        return Ok(());
-    };
+    let short = growth(subject, || cycle(subject, few))?;
     found(short, "instance", "");
-    let Some(long) = growth(subject, || cycle(subject, many))? else {
-        return Ok(());
-    };
+    let long = growth(subject, || cycle(subject, many))?;
     let each = long.saturating_sub(short) / (many - few);
     found(each, "step", " when the instance is freed");
     if subject.claims("canGetAndSetFMUstate") {
         let mut run = Run::begin(subject, subject.setup())?;
         let mut state = run.instance.get_fmu_state()?;
-        let save = || Ok(run.instance.save_to(&mut state).map(drop)?);
-        let grown = growth(subject, save)?.unwrap_or_default();
+        let grown = growth(subject, || {
+            Ok(run.instance.save_to(&mut state).map(drop)?)
+        })?;
         found(grown, "fmi2GetFMUstate that overwrites a state", "");
         run.instance.free_fmu_state(state)?;
     }
     Ok(())
 }
 
-/// By how much the memory in use grows each time; `None` if that cannot be found out.
-fn growth(subject: &Subject<'_>, mut cycle: impl FnMut() -> Result<()>) -> Result<Option<usize>> {
+/// By how much the memory in use grows each time; the test ends if that cannot be found out.
+fn growth(subject: &Subject<'_>, mut cycle: impl FnMut() -> Result<()>) -> Result<usize> {
     /// Cycles whose growth is not counted, since they may fill caches.
     const WARM_UP: usize = 4;
     const CYCLES: usize = 8;
+    let limit = Duration::from_secs(subject.task.seconds) / 4;
     let begin = Instant::now();
     let mut least = usize::MAX;
     for k in 0..WARM_UP + CYCLES {
-        let Some(before) = environment::heap() else {
-            return Ok(None);
-        };
+        let before = environment::heap().context(SKIP)?;
         cycle()?;
-        let after = environment::heap().unwrap_or_default();
+        let after = environment::heap().context(SKIP)?;
         if k >= WARM_UP {
             least = least.min(after.saturating_sub(before));
         }
-        if begin.elapsed() > Duration::from_secs(subject.task.seconds) / 4 {
-            return Ok(None);
-        }
+        ensure!(begin.elapsed() <= limit, SKIP);
     }
-    Ok(Some(least))
+    Ok(least)
 }
 
 /// Watches the messages of runs with and without logging, and of mistakes.

@@ -4,14 +4,14 @@ use std::collections::HashSet;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
 use fmu_host::Kind;
 
 use crate::binary::Reply;
 use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
-use crate::binary::run::{Run, SKIP, Setup, Subject, is_refusal};
-use crate::binary::values::{Trajectory, allows, element_name, other, real_range, shown};
+use crate::binary::run::{Run, Setup, Subject, is_refusal};
+use crate::binary::values::{Trajectory, allows, element_name, real_range, shown};
 use crate::rule::Rule;
 
 /// Maximum size of a serialized state.
@@ -293,13 +293,7 @@ fn tune(subject: &Subject<'_>, run: &mut Run<'_>) {
         // Other inputs change in the run.
         _ => v.of_type == Type::String,
     });
-    for variable in belongs {
-        if let Some(value) = other(variable)
-            && run.set(variable, &[value]).is_err()
-        {
-            break;
-        }
-    }
+    let _ = run.change(belongs);
 }
 
 /// Restores a state from bytes, in another instance.
@@ -343,11 +337,7 @@ pub fn bytes(run: &mut Run<'_>) -> Result<Vec<u8>> {
 /// Changes the start values of all inputs and parameters, resets, and reads them.
 pub fn reset_values(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::instantiate(subject, subject.setup())?;
-    for variable in subject.settable() {
-        if let Some(value) = other(variable) {
-            run.set(variable, &[value]).ok().context(SKIP)?;
-        }
-    }
+    run.change(subject.settable())?;
     const HOW: &str = "after fmi2Reset";
     subject.report.stage(HOW);
     let mut run = run.reset()?;

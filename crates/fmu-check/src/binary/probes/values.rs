@@ -255,11 +255,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     });
     let listed = subject.group(listed);
     let mut run = Run::initializing(subject, subject.still())?;
-    for variable in subject.reals(Causality::Input) {
-        if let Some(value) = other(variable) {
-            run.set(variable, &[value]).ok().context(SKIP)?;
-        }
-    }
+    run.change(subject.reals(Causality::Input).into_iter())?;
     let before = run.row(&listed)?;
     run.instance.exit_initialization_mode()?;
     let (after, how) = (
@@ -294,10 +290,7 @@ pub fn strings_of_instances(subject: &Subject<'_>) -> Result<()> {
     let n = references.len();
     let mut one = Run::begin(subject, subject.setup())?;
     let mut two = Run::instantiate(subject, subject.other())?;
-    for variable in subject.variables(Causality::Parameter).filter(is_string) {
-        let text = [Value::String("another text".into())];
-        two.set(variable, &text).ok().context(SKIP)?;
-    }
+    two.change(subject.variables(Causality::Parameter).filter(is_string))?;
     // A text may be more than a text, such as the name of a file.
     two.initialize().ok().context(SKIP)?;
     one.advance()?;
@@ -481,9 +474,6 @@ pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::after(subject, WARM_UP)?;
     // Even if no output depends on an input, the function is there.
     directional(&mut run, &[], &[])?;
-    if run.ended || outputs.is_empty() {
-        return Ok(());
-    }
     for input in inputs.iter().take(MAX_INPUTS) {
         let mut unknowns = outputs.clone();
         unknowns.retain(|output| allowed.allow(output, input));
@@ -517,9 +507,6 @@ pub fn derivatives_by_states(subject: &Subject<'_>) -> Result<()> {
         return Ok(());
     };
     let mut run = Run::after(subject, WARM_UP)?;
-    if run.ended {
-        return Ok(());
-    }
     for (k, state) in states.iter().enumerate() {
         compare(&mut run, &derivatives, (state, Some(k)))?;
     }
@@ -532,7 +519,7 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
     // Even if nothing depends on anything, the function is there.
     run.instance
         .get_adjoint_derivative(&[], &[], &[], &mut [])?;
-    if run.ended || !subject.claims("providesDirectionalDerivative") {
+    if !subject.claims("providesDirectionalDerivative") {
         return Ok(());
     }
     let allowed = Dependencies::of(subject);
@@ -587,7 +574,7 @@ pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
     inputs.retain(|v| !is_exchange || is_continuous(v));
     let allowed = Dependencies::of(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    if run.ended || outputs.is_empty() {
+    if outputs.is_empty() {
         return Ok(());
     }
     let unknowns = references(&outputs);
@@ -699,9 +686,6 @@ pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
 /// What is read twice is the same, and derivatives belong to the states.
 pub fn events(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::after(subject, WARM_UP)?;
-    if run.ended {
-        return Ok(());
-    }
     let [first, second] = [run.event_indicators()?, run.event_indicators()?];
     ensure!(
         first.iter().all(|z| z.is_finite()),
@@ -758,11 +742,7 @@ fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     run.instance
         .set_time(time + 0.05 * step)
         .context("solvers go back in time when they reject a step, but")?;
-    for input in subject.continuous(Causality::Input) {
-        if let Some(value) = other(input) {
-            run.set(input, &[value]).ok().context(SKIP)?;
-        }
-    }
+    run.change(subject.continuous(Causality::Input).into_iter())?;
     let at_once = run.derivatives()?;
     if run.instance.completed_integrator_step()?.enter_event_mode {
         return Ok(());
