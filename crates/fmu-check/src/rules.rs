@@ -340,9 +340,8 @@ impl Check<'_> {
             ],
         };
         for name in ["modelName", token] {
-            let is_given = root
-                .attribute(name)
-                .is_none_or(|text| !text.trim().is_empty());
+            let text = root.attribute(name);
+            let is_given = text.is_none_or(|text| !text.trim().is_empty());
             require!(self, NAME_AND_GUID at root, is_given, "{name} is empty, expected a string");
         }
         if let Some(date) = root.attribute("generationDateAndTime") {
@@ -567,10 +566,9 @@ impl<'a> Check<'a> {
 /// Whether a name has the form of the naming convention `structured`.
 fn is_structured(name: &str) -> bool {
     let whole = |text: &str| identifier(text).is_some_and(str::is_empty);
-    let derivative = name
-        .strip_prefix("der(")
-        .and_then(|rest| rest.strip_suffix(')'));
-    match derivative.map(|inner| (inner, inner.rsplit_once(','))) {
+    let derivative = name.strip_prefix("der(");
+    let inner = derivative.and_then(|rest| rest.strip_suffix(')'));
+    match inner.map(|inner| (inner, inner.rsplit_once(','))) {
         None => whole(name),
         // The comma may also separate indices.
         Some((_, Some((inner, order)))) if is_number(order) => whole(inner),
@@ -660,10 +658,8 @@ impl Check<'_> {
         let structured = convention == Some("structured");
         let mut names = HashSet::new();
         for (_, variable) in self.model.variables() {
-            for name in [variable.name.as_str()]
-                .into_iter()
-                .chain(variable.aliases())
-            {
+            let own = [variable.name.as_str()].into_iter();
+            for name in own.chain(variable.aliases()) {
                 require!(self, UNIQUE_VARIABLE_NAMES at variable, names.insert(name),
                     "two variables have the name {}, expected each once", quote(name));
                 let is_given = !name.trim().is_empty();
@@ -753,13 +749,8 @@ impl Check<'_> {
 
     fn independent(&mut self) {
         let mut first: Option<&str> = None;
-        let is_independent = |v: &&Listed<'_>| v.causality == Causality::Independent;
-        for variable in self
-            .model
-            .variables()
-            .map(|(_, v)| v)
-            .filter(is_independent)
-        {
+        let variables = self.model.variables();
+        for (_, variable) in variables.filter(|(_, v)| v.causality == Causality::Independent) {
             require!(self, INDEPENDENT_REAL at variable, variable.of_type.is_float(),
                 "the independent variable is not a {0}, expected a {0}", self.float());
             if let Some(first) = first.replace(&variable.name) {
@@ -821,19 +812,14 @@ impl Check<'_> {
             report(&ALIAS_START, started.nth(1), what);
             let expected = first.variability;
             let other = set.iter().find(|v| v.variability != expected);
-            let own = other.unwrap_or(&first).variability.as_str();
-            let what = format!(
-                "and is {own}, expected {} like that variable",
-                expected.as_str()
-            );
+            let own = other.unwrap_or(&first).variability;
+            let [own, expected] = [own, expected].map(Variability::as_str);
+            let what = format!("and is {own}, expected {expected} like that variable");
             report(&ALIAS_VARIABILITY, other, &what);
         }
         let other = set.iter().find(|v| v.unit != first.unit);
-        report(
-            &ALIAS_UNIT,
-            other,
-            "and another unit, expected the same unit",
-        );
+        let what = "and another unit, expected the same unit";
+        report(&ALIAS_UNIT, other, what);
     }
 }
 
@@ -906,9 +892,8 @@ impl Check<'_> {
                 let different: HashSet<_> = dependencies.iter().collect();
                 require!(self, DEPENDENCY_ONCE at at, different.len() == dependencies.len(),
                     "dependencies has an index twice, expected each once");
-                if let Some([first, second]) =
-                    dependencies.windows(2).find(|pair| pair[0] > pair[1])
-                {
+                let mut pairs = dependencies.windows(2);
+                if let Some([first, second]) = pairs.find(|pair| pair[0] > pair[1]) {
                     find!(self, DEPENDENCY_ORDER at at,
                         "dependencies has {second} after {first}, expected ascending order");
                 }
@@ -1074,10 +1059,7 @@ impl Check<'_> {
 }
 
 fn indices(unknowns: &[Unknown<'_>]) -> HashSet<usize> {
-    unknowns
-        .iter()
-        .filter_map(|unknown| unknown.index)
-        .collect()
+    unknowns.iter().filter_map(|u| u.index).collect()
 }
 
 /// What FMI 3.0 adds: arrays, structural parameters, clocks and clocked variables.

@@ -3,7 +3,7 @@
 
 use std::collections::HashSet;
 use std::env;
-use std::ffi::CString;
+use std::ffi::{CString, OsStr};
 use std::fs::{self, DirEntry, symlink_metadata};
 use std::hint::black_box;
 use std::thread::sleep;
@@ -211,11 +211,9 @@ pub fn process(subject: &Subject<'_>) -> Result<()> {
         }
     }
     let set = env::vars_os().filter(|variable| !variables.contains(variable));
-    let set: Vec<_> = set
-        .map(|(name, _)| name.to_string_lossy().into_owned())
-        .collect();
+    let set: Vec<_> = set.map(|(name, _)| name).collect();
     check!(subject, ENVIRONMENT: set.is_empty(),
-        "the environment variables {} were set in a run", set.join(", "));
+        "the environment variables {} were set in a run", set.join(OsStr::new(", ")).display());
     for ((what, old), (_, new)) in between.into_iter().zip(handles()) {
         check!(subject, HANDLES: new <= old,
             "{} {what} are left of an instance that was freed, expected none", new - old);

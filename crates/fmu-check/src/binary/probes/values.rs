@@ -24,13 +24,10 @@ const STEPS: usize = 20;
 
 /// Reads each variable alone after initialization. After a refusal, a new instance is used.
 pub fn readable(subject: &Subject<'_>) -> Result<()> {
-    let all: Vec<_> = subject
-        .readable()
-        .filter(|v| v.causality != Causality::Independent)
-        .collect();
     let mut run = Run::begin(subject, subject.still())?;
     let mut refused = 0;
-    for variable in all {
+    let is_dependent = |v: &&Listed<'_>| v.causality != Causality::Independent;
+    for variable in subject.readable().filter(is_dependent) {
         if let Err(error) = run.read(variable) {
             let report = subject.report;
             report.find(&rules::READABLE, format!("{error:#}"));
@@ -115,11 +112,9 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
 /// Reads Reals into a buffer that is longer than needed. FMI 3.0 passes its length.
 fn guarded(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
     const GUARD: f64 = 1.234_567_89e300;
-    let reals = subject
-        .observed
-        .variables()
-        .filter(|v| v.of_type == Type::Float64);
-    let references = references(&reals.collect::<Vec<_>>());
+    let variables = subject.observed.variables();
+    let reals: Vec<_> = variables.filter(|v| v.of_type == Type::Float64).collect();
+    let references = references(&reals);
     let n = references.len();
     if n > 0 && subject.model.version == FmiVersion::Fmi2 {
         let mut values = vec![GUARD; n + 8];
@@ -525,11 +520,8 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
     let allowed = Dependencies::of(subject);
     let mut inputs = subject.continuous(Causality::Input);
     inputs.truncate(MAX_INPUTS);
-    for output in subject
-        .continuous(Causality::Output)
-        .iter()
-        .take(MAX_INPUTS)
-    {
+    let outputs = subject.continuous(Causality::Output);
+    for output in outputs.iter().take(MAX_INPUTS) {
         let known = inputs.iter().copied().filter(|i| allowed.allow(output, i));
         compare_adjoint(&mut run, output, &known.collect::<Vec<_>>())?;
     }
@@ -610,10 +602,8 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
                 .set_input_derivatives(&inputs, &orders, &values)?;
         } else {
             let values: Vec<f64> = run.reals(&inputs)?.iter().map(|u| u + change).collect();
-            run.instance
-                .set_float64(&inputs, &values)
-                .ok()
-                .context(SKIP)?;
+            let set = run.instance.set_float64(&inputs, &values);
+            set.ok().context(SKIP)?;
         }
         run.instance.do_step(run.time(), subject.step)?;
         Ok(vec![(run.time(), run.observe()?)])
@@ -621,9 +611,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
     let (still, rising) = (stepped(0.0, 0.0)?, stepped(0.0, 1.0)?);
     let higher = stepped(1.0, 0.0)?;
     let differs = |run: &[(f64, Row)]| {
-        let same = subject
-            .observed
-            .ensure_same(run, &still, subject.tolerance, [""; 2]);
+        let same = (subject.observed).ensure_same(run, &still, subject.tolerance, [""; 2]);
         same.is_err()
     };
     ensure!(
