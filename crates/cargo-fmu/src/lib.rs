@@ -7,7 +7,6 @@ pub mod commands;
 mod session;
 #[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod style;
-#[cfg(feature = "run")]
 mod table;
 
 use std::ffi::OsString;

@@ -1,26 +1,16 @@
 //! Plain-text tables.
 
-use std::io::Write;
-
-/// Prints rows, each column as wide as its widest cell; the first is left-aligned, the others right.
-pub fn print<const N: usize>(rows: &[[String; N]], out: &mut impl Write) -> std::io::Result<()> {
-    let width = |column: usize| {
-        let widths = rows
-            .iter()
-            .map(|row: &[String; N]| row[column].chars().count());
-        widths.max().unwrap_or(0)
-    };
-    let widths: [usize; N] = std::array::from_fn(width);
-    for row in rows {
-        let mut line = String::new();
-        for (column, (cell, width)) in row.iter().zip(widths).enumerate() {
-            line += &if column == 0 {
-                format!("{cell:width$}")
-            } else {
-                format!("  {cell:>width$}")
-            };
-        }
-        writeln!(out, "{}", line.trim_end())?;
-    }
-    Ok(())
+/// The lines of rows, each column as wide as its widest cell; the first is left-aligned, and the others too if
+/// `left`.
+pub fn lines<const N: usize>(rows: &[[String; N]], left: bool) -> impl Iterator<Item = String> {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
+    let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
+    rows.iter().map(move |row| {
+        let cells = row.iter().zip(widths).enumerate();
+        let cells = cells.map(|(column, (cell, width))| match left || column == 0 {
+            true => format!("{cell:width$}"),
+            false => format!("{cell:>width$}"),
+        });
+        Vec::from_iter(cells).join("  ").trim_end().to_owned()
+    })
 }

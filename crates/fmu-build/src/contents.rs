@@ -5,12 +5,12 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use cargo_metadata::Metadata;
 use fmu_description::{FmiVersion, ModelDescription, xml};
 use fmu_file::archive::{DOCUMENTATION, ICON, ICON_3, TERMINALS};
 
-use crate::library::Library;
+use crate::library::{File, Library, read};
 use crate::model::Model;
 use crate::page;
 
@@ -24,9 +24,6 @@ const OWN_ICON: &str = "icon.png";
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Names that the export itself uses.
 const RESERVED: [&str; 2] = ["index.html", "licenses"];
-
-/// A file: its path in the FMU, and its content.
-pub type File = (String, Vec<u8>);
 
 /// All files of a model.
 ///
@@ -63,45 +60,6 @@ pub fn files(model: &Model<'_>, metadata: &Metadata) -> Result<Vec<File>> {
     let resources = read(&folder.join("resources")).context("the resources cannot be used")?;
     files.extend(resources.into_iter().map(below("resources")));
     Ok(files)
-}
-
-/// All files below a folder except hidden ones, sorted by their names; none if there is no such folder.
-fn read(folder: &Path) -> Result<Vec<File>> {
-    let mut files = Vec::new();
-    if fs::symlink_metadata(folder).is_ok() {
-        add(folder, "", &mut files)?;
-        files.sort();
-    }
-    Ok(files)
-}
-
-/// Adds all files below a folder; `prefix` is added to their names.
-fn add(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
-    let cannot = || format!("cannot read {}", folder.display());
-    for entry in fs::read_dir(folder).with_context(cannot)? {
-        let entry = entry.with_context(cannot)?;
-        let path = entry.path();
-        let Ok(name) = entry.file_name().into_string() else {
-            bail!("the file name {} is not UTF-8", path.display());
-        };
-        if name.starts_with('.') {
-            continue;
-        }
-        let kind = entry.file_type().with_context(cannot)?;
-        if kind.is_dir() {
-            add(&path, &format!("{prefix}{name}/"), files)?;
-            continue;
-        }
-        // A link could include any file of this machine in the FMU.
-        ensure!(
-            kind.is_file(),
-            "{} is a symbolic link or a device, expected a file",
-            path.display()
-        );
-        let content = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        files.push((format!("{prefix}{name}"), content));
-    }
-    Ok(())
 }
 
 /// The documentation files of a model; empty if there is no folder.

@@ -87,6 +87,7 @@ pub fn export(options: &Options, progress: &dyn Fn(&str)) -> Result<Vec<Written>
         Ok(Builder {
             options,
             metadata: &metadata,
+            out: &out,
             profile: &profile,
             version,
             targets: targets(options, version)?,
@@ -95,36 +96,29 @@ pub fn export(options: &Options, progress: &dyn Fn(&str)) -> Result<Vec<Written>
         })
     });
     let builders = builders.collect::<Result<Vec<_>>>()?;
-    for recipe in builders.iter().take(1).flat_map(Builder::named_recipes) {
+    let targets = builders.iter().take(1).flat_map(|b| &b.targets);
+    let recipes = targets.flat_map(|target| &target.recipes);
+    for recipe in recipes.filter(|recipe| recipe.is_named()) {
         eprintln!("{recipe}");
     }
     // No FMU is written before all are complete.
-    let fmus = builders
-        .iter()
-        .map(|builder| builder.fmus(&libraries))
-        .collect::<Result<Vec<_>>>()?;
-    fmus.into_iter()
-        .flatten()
-        .map(|(name, content, platforms)| {
-            let file = out.join(name);
-            replace::write(&file, &content)?;
-            let size = content.len() as u64;
-            Ok(Written {
-                file,
-                size,
-                platforms,
-            })
-        })
-        .collect()
+    let mut fmus = Vec::new();
+    for builder in &builders {
+        fmus.extend(builder.fmus(&libraries)?);
+    }
+    let write = |(fmu, content): (Written, Vec<u8>)| {
+        replace::write(&fmu.file, &content)?;
+        Ok(fmu)
+    };
+    fmus.into_iter().map(write).collect()
 }
-
-/// The name of an FMU, its content, and its platforms.
-type Fmu = (String, Vec<u8>, Vec<&'static str>);
 
 /// Builds FMUs of one version of FMI.
 struct Builder<'a> {
     options: &'a Options,
     metadata: &'a Metadata,
+    /// The output folder.
+    out: &'a Path,
     /// Settings of the profile that the workspace does not make itself.
     profile: &'a [String],
     version: FmiVersion,
@@ -155,14 +149,8 @@ enum Source<'a> {
 const NO_SLP: &str = "-Cno-vectorize-slp";
 
 impl<'a> Builder<'a> {
-    /// How the targets that were asked for by name are built.
-    fn named_recipes(&self) -> impl Iterator<Item = &Recipe> {
-        let recipes = self.targets.iter().flat_map(|target| &target.recipes);
-        recipes.filter(|recipe| recipe.is_named())
-    }
-
     /// Builds the requested models and packs their FMUs.
-    fn fmus(&self, libraries: &'a [Library]) -> Result<Vec<Fmu>> {
+    fn fmus(&self, libraries: &'a [Library]) -> Result<Vec<(Written, Vec<u8>)>> {
         let mut built = self.build(libraries)?;
         let mut models = self.choose(&built)?;
         if self.options.variant.is_some() {
@@ -183,17 +171,13 @@ impl<'a> Builder<'a> {
         };
         let packed = thread::scope(|scope| {
             let built = built.iter().filter(|binary| !is_replaced(binary));
-            let packing: Vec<_> = built
-                .chain(&self.prebuilt)
-                .map(|binary| (binary, scope.spawn(move || pack(binary))))
-                .collect();
-            packing
-                .into_iter()
-                .map(|(binary, thread)| match thread.join() {
-                    Ok(packed) => Ok((binary, packed?)),
-                    Err(panic) => panic::resume_unwind(panic),
-                })
-                .collect::<Result<Vec<_>>>()
+            let packing = built.chain(&self.prebuilt);
+            let packing = packing.map(|binary| (binary, scope.spawn(move || pack(binary))));
+            let packed = Vec::from_iter(packing).into_iter().map(|(binary, thread)| {
+                let packed = thread.join().unwrap_or_else(|p| panic::resume_unwind(p));
+                Ok((binary, packed?))
+            });
+            packed.collect::<Result<Vec<_>>>()
         })?;
         models
             .iter()
@@ -361,7 +345,11 @@ impl<'a> Builder<'a> {
     }
 
     /// Packs the FMU of a model.
-    fn fmu(&self, model: &Model<'_>, packed: &[(&Binary<'_>, Packed)]) -> Result<Fmu> {
+    fn fmu(
+        &self,
+        model: &Model<'_>,
+        packed: &[(&Binary<'_>, Packed)],
+    ) -> Result<(Written, Vec<u8>)> {
         let xml = Packed::text(model.xml.as_bytes())?;
         let contents = contents::files(model, self.metadata)?;
         let contents = contents
@@ -379,7 +367,12 @@ impl<'a> Builder<'a> {
         entries.extend(contents.iter().map(|(path, file)| (path.clone(), file)));
         let name = model.file_name();
         let content = archive::zip(&entries).with_context(|| format!("cannot pack {name}"))?;
-        Ok((name, content, platforms))
+        let fmu = Written {
+            file: self.out.join(name),
+            size: content.len() as u64,
+            platforms,
+        };
+        Ok((fmu, content))
     }
 }
 

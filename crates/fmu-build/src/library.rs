@@ -1,7 +1,7 @@
 //! The packages of a workspace whose libraries contain models.
 
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
@@ -52,19 +52,9 @@ pub struct Library {
     pub origin: Origin,
     /// The file of `license-file`.
     pub license_file: Option<PathBuf>,
-    /// The crate `fmu-export` that it uses.
-    fmu_export: FmuExport,
-}
-
-/// The crate `fmu-export`, as a package uses it.
-#[derive(Debug)]
-struct FmuExport {
-    /// Its name in the manifest of the package.
-    name: String,
-    /// Its version.
-    version: String,
-    /// Its features.
-    features: Vec<String>,
+    /// The crate `fmu-export` that it uses, and the name of this crate in its manifest.
+    fmu_export: Package,
+    dependency: String,
 }
 
 impl Selection {
@@ -156,18 +146,17 @@ fn library(package: &Package, metadata: &Metadata) -> Result<Library> {
         dependency()
     );
     let target = cdylib(package).ok_or_else(|| no_cdylib(package))?;
-    let fmu_export = fmu_export(package, metadata)?;
-    let folder = package
-        .manifest_path
-        .parent()
-        .context("a manifest has a folder")?;
+    let folder = package.manifest_path.parent();
+    let declared = package.dependencies.iter().find(|d| d.name == FMU_EXPORT);
+    let renamed = declared.and_then(|dependency| dependency.rename.clone());
     Ok(Library {
         package: package.name.to_string(),
         target: target.name.clone(),
-        folder: folder.into(),
+        folder: folder.context("a manifest has a folder")?.into(),
         origin: origin(package),
         license_file: package.license_file().map(Into::into),
-        fmu_export,
+        fmu_export: fmu_export(package, metadata)?.clone(),
+        dependency: renamed.unwrap_or_else(|| FMU_EXPORT.to_owned()),
     })
 }
 
@@ -205,7 +194,7 @@ fn unknown_package(name: &str, members: &[&Package]) -> String {
 }
 
 /// The crate `fmu-export` that a package uses, in the version that this program knows.
-fn fmu_export(package: &Package, metadata: &Metadata) -> Result<FmuExport> {
+fn fmu_export<'a>(package: &Package, metadata: &'a Metadata) -> Result<&'a Package> {
     let nodes = metadata.resolve.iter().flat_map(|resolve| &resolve.nodes);
     let node = nodes.into_iter().find(|node| node.id == package.id);
     let used = node
@@ -225,13 +214,7 @@ fn fmu_export(package: &Package, metadata: &Metadata) -> Result<FmuExport> {
         package.manifest_path,
         dependency()
     );
-    let declared = package.dependencies.iter().find(|d| d.name == FMU_EXPORT);
-    let renamed = declared.and_then(|dependency| dependency.rename.as_deref());
-    Ok(FmuExport {
-        name: renamed.unwrap_or(FMU_EXPORT).to_owned(),
-        version: version.to_string(),
-        features: used.features.keys().cloned().collect(),
-    })
+    Ok(used)
 }
 
 /// Version, author and licence of a package. Cargo has no field for a copyright notice, which is
@@ -263,8 +246,8 @@ impl Library {
             FmiVersion::Fmi3 => "fmi3",
         };
         let used = &self.fmu_export;
-        if used.features.iter().any(|known| known == feature) {
-            return Ok(Some(format!("{}/{feature}", used.name)));
+        if used.features.contains_key(feature) {
+            return Ok(Some(format!("{}/{feature}", self.dependency)));
         }
         ensure!(
             version == FmiVersion::default(),
@@ -280,24 +263,54 @@ impl Library {
     /// Whether a source file mentions one of the names as a word: a library that does is likely to have
     /// the model.
     pub fn mentions(&self, names: &[String]) -> bool {
-        mentions(&self.folder.join("src"), names).unwrap_or(true)
+        let is_named = |(file, content): &File| {
+            let text = String::from_utf8_lossy(content);
+            let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
+            file.ends_with(".rs") && words.any(|word| names.iter().any(|name| name == word))
+        };
+        let files = read(&self.folder.join("src"));
+        files.map_or(true, |files| files.iter().any(is_named))
     }
 }
 
-fn mentions(folder: &Path, names: &[String]) -> io::Result<bool> {
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            if mentions(&path, names)? {
-                return Ok(true);
-            }
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            let text = fs::read_to_string(&path)?;
-            let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
-            if words.any(|word| names.iter().any(|name| name == word)) {
-                return Ok(true);
-            }
-        }
+/// A file: its path in a folder or in an FMU, and its content.
+pub type File = (String, Vec<u8>);
+
+/// All files below a folder except hidden ones, sorted by their names; none if there is no such folder.
+pub fn read(folder: &Path) -> Result<Vec<File>> {
+    let mut files = Vec::new();
+    if fs::symlink_metadata(folder).is_ok() {
+        add(folder, "", &mut files)?;
+        files.sort();
     }
-    Ok(false)
+    Ok(files)
+}
+
+/// Adds all files below a folder; `prefix` is added to their names.
+fn add(folder: &Path, prefix: &str, files: &mut Vec<File>) -> Result<()> {
+    let cannot = || format!("cannot read {}", folder.display());
+    for entry in fs::read_dir(folder).with_context(cannot)? {
+        let entry = entry.with_context(cannot)?;
+        let path = entry.path();
+        let Ok(name) = entry.file_name().into_string() else {
+            bail!("the file name {} is not UTF-8", path.display());
+        };
+        if name.starts_with('.') {
+            continue;
+        }
+        let kind = entry.file_type().with_context(cannot)?;
+        if kind.is_dir() {
+            add(&path, &format!("{prefix}{name}/"), files)?;
+            continue;
+        }
+        // A link could include any file of this machine in the FMU.
+        ensure!(
+            kind.is_file(),
+            "{} is a symbolic link or a device, expected a file",
+            path.display()
+        );
+        let content = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        files.push((format!("{prefix}{name}"), content));
+    }
+    Ok(())
 }

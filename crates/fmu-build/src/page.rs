@@ -3,7 +3,7 @@
 use fmu_description::xml::Element;
 use fmu_description::{Causality, DeclaredType, Item, ModelDescription};
 
-use crate::contents::File;
+use crate::library::File;
 use crate::table;
 
 const STYLE: &str = include_str!("style.css");

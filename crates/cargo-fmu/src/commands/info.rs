@@ -11,6 +11,8 @@ use fmu_file::archive::{Archive, DOCUMENTATION, ICON, ICON_3, MODEL_DESCRIPTION,
 use fmu_file::platform;
 use fmu_file::text::{about, plain};
 
+use crate::table::lines;
+
 /// Maximum width of a cell.
 const MAX_WIDTH: usize = 200;
 /// Maximum length of the items of an enumeration.
@@ -212,23 +214,11 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
         .into_iter()
         .chain(rows)
         .collect();
-    let mut widths = [0; table::HEAD.len()];
-    for row in &rows {
-        for (width, cell) in widths.iter_mut().zip(row) {
-            *width = (*width).max(cell.chars().count());
-        }
-    }
     // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
     let terminal = terminal_size::terminal_size_of(std::io::stdout());
     let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
-    let line = |row: &table::Row| {
-        let cells = row.iter().zip(widths);
-        let line: String = cells
-            .map(|(cell, width)| format!("  {cell:width$}"))
-            .collect();
-        line.trim_end().chars().take(width).collect()
-    };
-    let lines: Vec<String> = rows.iter().map(line).collect();
+    let lines = lines(&rows, true).map(|line| format!("  {line}").chars().take(width).collect());
+    let lines: Vec<String> = lines.collect();
     let left_out = match model.variables.iter().filter(|v| v.is_none()).count() {
         0 => String::new(),
         invalid => format!(", without {invalid} that are invalid"),

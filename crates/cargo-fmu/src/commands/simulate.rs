@@ -199,7 +199,9 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
         };
         [c.name.clone(), value, c.unit.clone()]
     }));
-    table::print(&cells, out)?;
+    for line in table::lines(&cells, false) {
+        writeln!(out, "{line}")?;
+    }
     let simulated = ready.end - ready.experiment.start;
     let seconds = finished.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
