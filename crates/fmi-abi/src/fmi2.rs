@@ -93,7 +93,7 @@ macro_rules! fmi2_functions {
         }
 
         All {
-            fmi2SetDebugLogging(on: fmi2Boolean, n: [len], categories: [in? fmi2String; n])
+            fmi2SetDebugLogging(on: fmi2Boolean, n: [len], categories: [in fmi2String; n])
                 => set_debug_logging in INSTANTIATED | COMPUTED;
             fmi2SetupExperiment(
                 tolerance_defined: fmi2Boolean, tolerance: f64, start: f64, stop_defined: fmi2Boolean,

@@ -116,7 +116,7 @@ macro_rules! fmi3_functions {
         }
 
         All {
-            fmi3SetDebugLogging(on: fmi3Boolean, n: [len], categories: [in? fmi3String; n])
+            fmi3SetDebugLogging(on: fmi3Boolean, n: [len], categories: [in fmi3String; n])
                 => set_debug_logging in ALIVE;
             fmi3EnterInitializationMode(
                 tolerance_defined: fmi3Boolean, tolerance: f64, start: f64, stop_defined: fmi3Boolean,

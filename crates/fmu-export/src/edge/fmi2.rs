@@ -15,7 +15,7 @@ pub use fmi_abi::fmi2::*;
 use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi2_functions};
 
-use super::{c_text, text, texts};
+use super::{c_text, text};
 use crate::component::{Component, Edge, Outcome, Settings};
 use crate::entry::Entry;
 use crate::instance::{NULL_ARRAY, component, free, shared, slice, slice_mut};

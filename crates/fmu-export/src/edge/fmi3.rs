@@ -21,7 +21,7 @@ use fmi_abi::state::State;
 use fmi_abi::{Version, c_type, fmi3_functions};
 use fmu_description::{Type, Value};
 
-use super::{c_text, instantiate, text, texts};
+use super::{c_text, instantiate, text};
 use crate::bound::Numbers;
 use crate::component::{Component, Edge, IntermediateUpdate, Outcome, Settings};
 use crate::entry::Entry;

@@ -99,22 +99,6 @@ macro_rules! hot {
 
 /// The argument of a host as a Rust type, or why it is refused.
 macro_rules! convert {
-    ($arg:ident [in? fmi2String; $n:ident]) => {
-        Ok(slice($arg, $n).map(|texts| self::texts(texts)))
-    };
-    ($arg:ident [in? fmi3String; $n:ident]) => {
-        Ok(slice($arg, $n).map(|texts| self::texts(texts)))
-    };
-    ($arg:ident [in fmi2String; $n:ident]) => {
-        slice($arg, $n)
-            .map(|texts| self::texts(texts))
-            .ok_or(NULL_ARRAY)
-    };
-    ($arg:ident [in fmi3String; $n:ident]) => {
-        slice($arg, $n)
-            .map(|texts| self::texts(texts))
-            .ok_or(NULL_ARRAY)
-    };
     ($arg:ident [in? $byte:ty; $n:ident]) => {
         Ok(slice($arg.cast::<u8>(), $n))
     };
@@ -213,12 +197,13 @@ fn instantiate(
 
 /// The methods whose arguments are of C, for both versions.
 impl Component {
-    fn set_debug_logging(
+    unsafe fn set_debug_logging(
         &mut self,
         on: bool,
-        categories: Option<Vec<Option<&CStr>>>,
+        categories: &[*const c_char],
     ) -> Result<(), ModelError> {
-        let names: Option<Vec<&CStr>> = categories.and_then(|names| names.into_iter().collect());
+        // SAFETY: the host's promise: NULL or zero-terminated texts.
+        let names: Option<Vec<&CStr>> = unsafe { texts(categories) }.into_iter().collect();
         let names = names.ok_or_else(|| ModelError::refuse("a category is NULL"))?;
         self.switch_log(on, &names)
     }
@@ -267,11 +252,13 @@ impl Component {
         Ok(())
     }
 
-    fn set_string(
+    unsafe fn set_string(
         &mut self,
         references: &[u32],
-        values: Vec<Option<&CStr>>,
+        values: &[*const c_char],
     ) -> Result<(), ModelError> {
+        // SAFETY: the host's promise: NULL or zero-terminated texts.
+        let values = unsafe { texts(values) };
         let given = |i: usize| {
             Given::Other(match values[i].map(|text| (text, text.to_str())) {
                 Some((_, Ok(text))) => Ok(Value::String(text.to_owned())),

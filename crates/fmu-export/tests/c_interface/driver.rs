@@ -383,6 +383,10 @@ pub fn results(event: bool, early: bool, time: f64) -> Results {
     Results { event, early, time }
 }
 
+/// `fmi2EventInfo`: its flags, and the time of the next event.
+#[repr(C)]
+struct Info([i32; 5], f64);
+
 /// What an update of discrete states returns: whether states changed, and the time of the next event.
 pub type Discrete = (bool, Option<f64>);
 
@@ -871,24 +875,9 @@ impl Fmu {
         let (mut flags, mut next, operation) = ([7_u8; 5], f64::NAN, "update_discrete_states");
         let status = match self.kind.0 {
             Fmi2 => {
-                let mut info = fmi2EventInfo {
-                    newDiscreteStatesNeeded: 7,
-                    terminateSimulation: 7,
-                    nominalsOfContinuousStatesChanged: 7,
-                    valuesOfContinuousStatesChanged: 7,
-                    nextEventTimeDefined: 7,
-                    nextEventTime: next,
-                };
+                let mut info = Info([7; 5], next);
                 let status = self.call(operation, [(&mut info).into()]);
-                flags = [
-                    info.newDiscreteStatesNeeded,
-                    info.terminateSimulation,
-                    info.nominalsOfContinuousStatesChanged,
-                    info.valuesOfContinuousStatesChanged,
-                    info.nextEventTimeDefined,
-                ]
-                .map(|flag| flag as u8);
-                next = info.nextEventTime;
+                (flags, next) = (info.0.map(|flag| flag as u8), info.1);
                 status
             }
             Fmi3 => {

@@ -138,13 +138,11 @@ impl Expected {
     }
 
     fn set(&mut self, reference: u32, value: f64) -> Status {
-        let (place, is_valid) = match reference {
-            Ball::DRIVE => (&mut self.drive, value.is_finite()),
-            Ball::TROUBLE => (&mut self.trouble, (0.0..=BUG).contains(&value)),
-            Ball::FAULT => (&mut self.fault, (0.0..=BUG).contains(&value)),
-            _ => (&mut self.drive, false),
+        let is_valid = match reference {
+            Ball::DRIVE => value.is_finite(),
+            Ball::TROUBLE | Ball::FAULT => (0.0..=BUG).contains(&value),
+            _ => false,
         };
-        let place = std::mem::replace(place, value);
         let states = [
             Instantiated,
             Initialization,
@@ -153,12 +151,11 @@ impl Expected {
             StepMode,
         ];
         let answer = self.answer(true, &states, is_valid);
-        if answer != OK {
-            match reference {
-                Ball::TROUBLE => self.trouble = place,
-                Ball::FAULT => self.fault = place,
-                _ => self.drive = place,
-            }
+        match reference {
+            _ if answer != OK => {}
+            Ball::DRIVE => self.drive = value,
+            Ball::TROUBLE => self.trouble = value,
+            _ => self.fault = value,
         }
         answer
     }
