@@ -12,17 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ..loop import FREQUENCY, SETTLING_BAND, settling_time
+from . import stability
 from .runs import END, KINDS, Data, Trace, both_plants, sweep
-from .stability import (
-    LAWS,
-    NOMINAL,
-    Law,
-    delay_margin,
-    gain_margin,
-    growth,
-    modulus_margin,
-    phase_margin,
-)
+from .stability import LAWS, NOMINAL, Law
 
 SIGNAL_NAMES = {"step": "step", "sine": "sine", "square": "square wave"}
 
@@ -413,16 +405,16 @@ MEASURES = {
     "lost": LoopMeasure("pendulum lost, step", "s", lost, more=True),
     "cart": LoopMeasure("cart’s distance after 20 s, step", "m",
                         lambda data, kind: abs(float(data(kind).x[-1]))),
-    "growth": LoopMeasure(GROWTH, "1/s", of_law(growth)),
-    "growth_0": LoopMeasure(f"{GROWTH}, as in Table 1", "1/s", of_law(growth)),
+    "growth": LoopMeasure(GROWTH, "1/s", of_law(stability.growth)),
+    "growth_0": LoopMeasure(f"{GROWTH}, as in Table 1", "1/s", of_law(stability.growth)),
     "growth_1": LoopMeasure(f"{GROWTH}, one sample more", "1/s",
-                            of_law(partial(growth, samples=1))),
+                            of_law(partial(stability.growth, samples=1))),
     "delay_margin": LoopMeasure("delay borne from measurement to force", "samples",
-                                of_law(delay_margin), more=True),
-    "gain_margin": LoopMeasure("gain margin", "1", of_law(gain_margin), more=True),
-    "phase_margin": LoopMeasure("phase margin", "°", of_law(phase_margin), more=True),
-    "modulus_margin": LoopMeasure("modulus margin, min |1 + L|", "1", of_law(modulus_margin),
-                                  more=True),
+                                of_law(stability.delay_margin), more=True),
+    "gain_margin": LoopMeasure("gain margin", "1", of_law(stability.gain_margin), more=True),
+    "phase_margin": LoopMeasure("phase margin", "°", of_law(stability.phase_margin), more=True),
+    "modulus_margin": LoopMeasure("modulus margin, min |1 + L|", "1",
+                                  of_law(stability.modulus_margin), more=True),
     "mass": LoopMeasure("largest growth of ∫|e| dt for M from a quarter to four times", "%",
                         lambda data, kind: 100 * growths("M", data.fmus)[kind]),
     "length": LoopMeasure("largest growth of ∫|e| dt for l from a quarter to four times", "%",
