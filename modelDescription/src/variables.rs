@@ -157,13 +157,8 @@ impl<C: Choice> AnyChoice for C {
     }
 
     fn set(&mut self, number: i32) -> bool {
-        match Self::from_number(number) {
-            Some(item) => {
-                *self = item;
-                true
-            }
-            None => false,
-        }
+        let item = Self::from_number(number);
+        item.map(|item| *self = item).is_some()
     }
 }
 

@@ -76,59 +76,51 @@ fn declared_name(start: &str) -> Option<String> {
 mod tests {
     use super::*;
 
-    fn document(encoding: &str) -> Vec<u8> {
-        format!("<?xml version=\"1.0\" encoding='{encoding}'?>\n<a b=\"").into_bytes()
-    }
-
-    #[test]
-    fn utf_8_has_no_faults() {
-        for start in ["", "\u{feff}", "<?xml version='1.0' encoding='utf-8'?>"] {
-            let decoded = decode(format!("{start}<a b='ü'/>").as_bytes());
-            assert!(decoded.text.ends_with("<a b='ü'/>"), "{decoded:?}");
-            assert_eq!(decoded.faults, [""; 0]);
-        }
+    /// Decodes a document and checks the end of its text.
+    #[track_caller]
+    fn assert_decoded(document: &[u8], end: &str, faults: &[&str]) {
+        let decoded = decode(document);
+        assert!(decoded.text.ends_with(end), "{decoded:?}");
+        assert_eq!(decoded.faults, faults, "{decoded:?}");
     }
 
     #[test]
     fn declared_encodings_are_decoded() {
-        for (name, bytes, text) in [
-            ("ISO-8859-1", b"\xfc\"/>".as_slice(), "ü\"/>"),
-            ("windows-1252", b"\x80\"/>", "€\"/>"),
-            ("US-ASCII", b"u\"/>", "u\"/>"),
-            ("Shift_JIS", b"\x83\x65\"/>", "テ\"/>"),
+        for (name, bytes, text, is_utf_8) in [
+            ("utf-8", "ü\"/>".as_bytes(), "ü\"/>", true),
+            ("ISO-8859-1", b"\xfc\"/>", "ü\"/>", false),
+            ("windows-1252", b"\x80\"/>", "€\"/>", false),
+            ("US-ASCII", b"u\"/>", "u\"/>", false),
+            ("Shift_JIS", b"\x83\x65\"/>", "テ\"/>", false),
             // Not the true encoding.
-            ("UTF-16", "ü\"/>".as_bytes(), "ü\"/>"),
-            ("no such", b"\xfc\"/>", "ü\"/>"),
+            ("UTF-16", "ü\"/>".as_bytes(), "ü\"/>", false),
+            ("no such", b"\xfc\"/>", "ü\"/>", false),
         ] {
-            let decoded = decode(&[&document(name), bytes].concat());
-            assert!(decoded.text.ends_with(text), "{decoded:?}");
-            let expected = format!("the encoding is \"{name}\", expected UTF-8");
-            assert_eq!(decoded.faults, [expected]);
+            let start = format!("<?xml version=\"1.0\" encoding='{name}'?>\n<a b=\"");
+            let fault: &[_] = &[&*format!("the encoding is \"{name}\", expected UTF-8")];
+            let faults = if is_utf_8 { &[] } else { fault };
+            assert_decoded(&[start.as_bytes(), bytes].concat(), text, faults);
         }
     }
 
     #[test]
-    fn utf_16_is_decoded() {
+    fn utf_8_and_utf_16_need_no_declaration() {
         let text = "<a b='ü'/>";
         for mark in ["\u{feff}", ""] {
+            assert_decoded(format!("{mark}{text}").as_bytes(), text, &[]);
             let units = || mark.encode_utf16().chain(text.encode_utf16());
             let little: Vec<u8> = units().flat_map(u16::to_le_bytes).collect();
             let big: Vec<u8> = units().flat_map(u16::to_be_bytes).collect();
-            for bytes in [little, big] {
-                let decoded = decode(&bytes);
-                assert_eq!(decoded.text, text);
-                assert_eq!(decoded.faults.len(), 1, "{decoded:?}");
-            }
+            let fault = |name| format!("the encoding is \"UTF-16{name}\", expected UTF-8");
+            assert_decoded(&little, text, &[&fault("LE")]);
+            assert_decoded(&big, text, &[&fault("BE")]);
         }
     }
 
     #[test]
     fn bytes_that_cannot_be_decoded_are_replaced() {
-        let decoded = decode(b"<a>\n<b c='\xfc'/></a>");
-        assert_eq!(decoded.text, "<a>\n<b c='\u{fffd}'/></a>");
-        assert_eq!(
-            decoded.faults,
-            ["line 2 has bytes that are not UTF-8, expected valid text"]
-        );
+        let fault = "line 2 has bytes that are not UTF-8, expected valid text";
+        let replaced = "<a>\n<b c='\u{fffd}'/></a>";
+        assert_decoded(b"<a>\n<b c='\xfc'/></a>", replaced, &[fault]);
     }
 }
