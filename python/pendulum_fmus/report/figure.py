@@ -154,17 +154,11 @@ class Figure:
 
 
 def thinned(x: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the indices of the samples to keep, increasing, shape (kept,).
+    """Return the indices of the samples of a curve to keep, increasing, shape (kept,).
 
-    Linear interpolation between them deviates by at most `tolerance`, in the unit of y. The sample
-    with the largest deviation in each gap is kept first (Douglas-Peucker), so peaks are preserved.
-
-    Parameters
-    ----------
-    x, y
-        The curve, shape (n,) each, n >= 2; x increases, y is finite.
-    tolerance
-        Maximum deviation.
+    x and y have shape (n,), n >= 2; x increases, y is finite. Linear interpolation between the kept
+    samples deviates by at most `tolerance`, in the unit of y. The sample with the largest deviation
+    in each gap is kept first (Douglas-Peucker), so peaks are preserved.
     """
     keep = np.array([0, len(x) - 1])
     while True:

@@ -198,12 +198,6 @@ def deviation(trace: Trace) -> float:
     return excess(part) if trace.signal == "square" else largest(part.theta - part.r)
 
 
-def displaced(trace: Trace) -> float:
-    """Return the integral of |theta - r| from the pulse to 10 s [rad s]."""
-    part = after_pulse(trace)
-    return integral(np.abs(part.theta - part.r), trace.ts)
-
-
 def swing(trace: Trace) -> float:
     """Return by how much theta exceeds a sine's amplitude from 1 s on [%]; 0 if it does not."""
     late = after(trace, 1)
@@ -358,7 +352,8 @@ MEASURES = {
     "angle": Measure("largest |θ|", "°", lambda t: math.degrees(largest(t.theta))),
     # disturbance
     "deviation": Measure("largest deviation", "rad", deviation),
-    "displaced": Measure("∫|θ − r| dt, 5 s to 10 s", "rad s", displaced),
+    "displaced": Measure("∫|θ − r| dt, 5 s to 10 s", "rad s",
+                         lambda t: integral(np.abs((p := after_pulse(t)).theta - p.r), t.ts)),
     # force
     "variation": Measure("total variation of u", "N", lambda t: variation(t.u)),
     "energy": Measure("∫u² dt", "N² s", lambda t: integral(t.u**2, t.ts)),

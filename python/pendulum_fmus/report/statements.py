@@ -85,16 +85,8 @@ def holds(measure: Measure, verb: str, values: Sequence[float], bound: Sequence)
 class Table:
     """The columns of a finding: controllers, or the traces of loops.
 
-    Parameters
-    ----------
-    data
-        The results.
-    ipid
-        The variant of IPID-RBF that is judged.
-    statement
-        The statement, as in the file; its `loops` have both networks as columns.
-    cases
-        The signals of measures that name none.
+    `ipid` is the variant of IPID-RBF that is judged. The `loops` of a statement, as in the file,
+    have both networks as columns. `cases` are the signals of measures that name none.
     """
 
     def __init__(self, data: Data, ipid: str, statement: Mapping[str, Any], cases: Sequence[str]):
