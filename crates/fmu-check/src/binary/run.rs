@@ -546,13 +546,9 @@ impl<'a> Run<'a> {
 
     /// Reads this number of elements of a variable.
     pub fn read_elements(&mut self, variable: &Listed<'_>, n: usize) -> Result<Vec<Value>> {
-        get(
-            &mut self.instance,
-            variable.of_type,
-            &[variable.reference],
-            n,
-        )
-        .with_context(|| format!("{} cannot be read", quote(&variable.name)))
+        let references = [variable.reference];
+        let values = get(&mut self.instance, variable.of_type, &references, n);
+        values.with_context(|| format!("{} cannot be read", quote(&variable.name)))
     }
 
     pub fn value(&mut self, variable: &Listed<'_>) -> Result<Value> {
@@ -887,7 +883,6 @@ impl<'a> Run<'a> {
 /// Whether an error is a refusal of the FMU: it returned fmi2Error, fmi2Discard or fmi2Fatal.
 pub fn is_refusal(error: &anyhow::Error) -> bool {
     use Status::{Discard, Error, Fatal};
-    error
-        .downcast_ref::<Failure>()
-        .is_some_and(|failure| matches!(failure.cause, Cause::Returned(Error | Discard | Fatal)))
+    let failure = error.downcast_ref::<Failure>();
+    failure.is_some_and(|f| matches!(f.cause, Cause::Returned(Error | Discard | Fatal)))
 }

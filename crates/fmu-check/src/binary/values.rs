@@ -358,9 +358,7 @@ mod tests {
     #[test]
     fn signals_are_bounded_and_differ() {
         for point in 0..10_000 {
-            for key in 0..4 {
-                assert!(signal(key, point).abs() <= 1.0);
-            }
+            assert!((0..4).all(|key| signal(key, point).abs() <= 1.0));
             assert!(signal(1, point) != signal(2, point));
         }
         let mean = (0..10_000).map(|point| noise(1, point)).sum::<f64>() / 1e4;

@@ -138,11 +138,14 @@ fn properties() -> Vec<Property> {
         value.unwrap_or_default().trim().to_owned()
     };
     let directory = env::current_dir().unwrap_or_default();
-    let open = |file| symlink_metadata(format!("/proc/self/fd/{file}")).is_ok();
-    let is_open = format!("{} and {}", open(1), open(2));
+    let state = |file| match symlink_metadata(format!("/proc/self/fd/{file}")) {
+        Ok(_) => "open",
+        Err(_) => "closed",
+    };
+    let output = format!("{} and {}", state(1), state(2));
     let arithmetic = match is_arithmetic_usual() {
         true => "usual",
-        false => "unusual: numbers are rounded in another way, or subnormal numbers are lost",
+        false => "one that rounds in another way, or loses subnormal numbers,",
     };
     let locale = environment::locale().unwrap_or_default();
     vec![
@@ -155,7 +158,7 @@ fn properties() -> Vec<Property> {
         (&SIGNALS, "the mask of caught signals", field("SigCgt:")),
         (&ARITHMETIC, "the arithmetic", arithmetic.into()),
         (&ENVIRONMENT, "the umask of new files", field("Umask:")),
-        (&ENVIRONMENT, "that stdout and stderr are open", is_open),
+        (&ENVIRONMENT, "the state of stdout and stderr", output),
     ]
 }
 
@@ -611,7 +614,7 @@ pub fn damaged_state(subject: &Subject<'_>) -> Result<()> {
     }
     let mut refused = Refused::new(subject);
     for (is, bytes) in cases {
-        let what = format!("fmi2SetFMUstate with damaged bytes: {is}");
+        let what = format!("fmi2SetFMUstate with {is}");
         refused.call(what, Run::begin, |run| {
             let state = run.instance.deserialize_fmu_state(&bytes)?;
             // A copy of memory with pointers is only read when the state is used.
