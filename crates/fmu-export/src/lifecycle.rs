@@ -156,12 +156,17 @@ impl Lifecycle {
         }
         // Hosts accumulate or multiply times, with different rounding errors.
         let tolerance = 1e-6 * step + MIN_TOLERANCE * (1.0 + time.abs());
-        let (end, stop) = (self.time, self.stop_time);
-        if end == BEFORE_FIRST_STEP {
-            self.check_first_step(call, time, step, tolerance, log)?;
-        } else if (time - end).abs() > tolerance {
+        let (start, end, stop) = (self.start_time, self.time, self.stop_time);
+        let (is_first, late) = (end == BEFORE_FIRST_STEP, time - start);
+        if !is_first && (time - end).abs() > tolerance {
             return Err(ModelError::refuse(format_args!(
                 "the communication point is {time:?}; expected {end}, where the last step ended"
+            )));
+        }
+        // A sampled loop may start at its first sample.
+        if is_first && (late < -tolerance || late > step + tolerance) {
+            return Err(ModelError::refuse(format_args!(
+                "the first communication point is {time:?}; expected the start time {start}"
             )));
         }
         if time + step > stop + tolerance {
@@ -170,26 +175,7 @@ impl Lifecycle {
                 time + step
             )));
         }
-        Ok(())
-    }
-
-    /// Allows a late first step: a sampled loop may start at its first sample.
-    fn check_first_step(
-        &self,
-        call: &str,
-        time: f64,
-        step: f64,
-        tolerance: f64,
-        log: &Log,
-    ) -> Result<(), ModelError> {
-        let start = self.start_time;
-        let late = time - start;
-        if late < -tolerance || late > step + tolerance {
-            return Err(ModelError::refuse(format_args!(
-                "the first communication point is {time:?}; expected the start time {start}"
-            )));
-        }
-        if late > tolerance {
+        if is_first && late > tolerance {
             log.send(
                 Category::Warning,
                 format_args!(

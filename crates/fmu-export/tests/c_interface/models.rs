@@ -18,15 +18,10 @@ pub const LISTS: usize = 4;
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
     ($($name:ident $(* $count:literal)?),*) => { references!(@ 0; $($name $(* $count)?),*); };
-    (@ $next:expr; $name:ident $(, $($rest:tt)*)?) => {
+    (@ $next:expr; $name:ident $(* $count:literal)? $(, $($rest:tt)*)?) => {
         #[allow(dead_code, reason = "not every test needs all")]
         pub const $name: u32 = $next;
-        references!(@ $next + 1; $($($rest)*)?);
-    };
-    (@ $next:expr; $name:ident * $count:literal $(, $($rest:tt)*)?) => {
-        #[allow(dead_code, reason = "not every test needs all")]
-        pub const $name: u32 = $next;
-        references!(@ $next + $count; $($($rest)*)?);
+        references!(@ $next + 1 $(+ $count - 1)?; $($($rest)*)?);
     };
     (@ $next:expr;) => {
         /// The number of scalar variables; in FMI 3.0, the reference of the independent variable.
