@@ -14,6 +14,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use cargo_fmu::commands::info;
+use fmu_check::{Finding, Findings};
 
 /// Maximum time for one input.
 const MAX_TIME: Duration = Duration::from_secs(5);
@@ -94,25 +95,18 @@ enum Input {
 impl Input {
     fn mutate(&self, random: &mut Random) -> Self {
         let rounds = 1 + random.below(4);
-        match self {
-            Self::Xml(bytes) if random.below(8) == 0 => Self::Fmu(pack(bytes, random)),
-            Self::Xml(bytes) => {
-                let mut bytes = bytes.clone();
-                for _ in 0..rounds {
-                    mutate_text(&mut bytes, random);
-                }
-                bytes.truncate(MAX_SIZE);
-                Self::Xml(bytes)
-            }
-            Self::Fmu(bytes) => {
-                let mut bytes = bytes.clone();
-                for _ in 0..rounds {
-                    mutate_bytes(&mut bytes, random);
-                }
-                bytes.truncate(MAX_SIZE);
-                Self::Fmu(bytes)
-            }
+        type Damage = fn(&mut Vec<u8>, &mut Random);
+        let (bytes, damage, input): (_, Damage, fn(Vec<u8>) -> Self) = match self {
+            Self::Xml(bytes) if random.below(8) == 0 => return Self::Fmu(pack(bytes, random)),
+            Self::Xml(bytes) => (bytes, mutate_text, Self::Xml),
+            Self::Fmu(bytes) => (bytes, mutate_bytes, Self::Fmu),
+        };
+        let mut bytes = bytes.clone();
+        for _ in 0..rounds {
+            damage(&mut bytes, random);
         }
+        bytes.truncate(MAX_SIZE);
+        input(bytes)
     }
 
     fn archive(&self) -> Vec<u8> {
@@ -200,26 +194,15 @@ fn mutate_text(text: &mut Vec<u8>, random: &mut Random) {
 /// The range of a random quoted text.
 fn between_quotes(text: &[u8], random: &mut Random) -> Option<std::ops::Range<usize>> {
     let from = random.below(text.len());
-    let next = |from: usize| {
-        text[from..]
-            .iter()
-            .position(|b| *b == b'"')
-            .map(|at| from + at)
-    };
+    let next = |from: usize| Some(from + text[from..].iter().position(|b| *b == b'"')?);
     let start = next(from)? + 1;
     Some(start..next(start)?)
 }
 
 /// The range of some random lines.
 fn lines(text: &[u8], random: &mut Random) -> std::ops::Range<usize> {
-    let starts: Vec<usize> = std::iter::once(0)
-        .chain(
-            text.iter()
-                .enumerate()
-                .filter(|(_, b)| **b == b'\n')
-                .map(|(at, _)| at + 1),
-        )
-        .collect();
+    let breaks = (0..text.len()).filter(|&at| text[at] == b'\n');
+    let starts: Vec<usize> = [0].into_iter().chain(breaks.map(|at| at + 1)).collect();
     let first = random.below(starts.len());
     let last = first + 1 + random.below(3);
     starts[first]..starts.get(last).copied().unwrap_or(text.len())
@@ -231,10 +214,11 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
     let start = Instant::now();
     let mut messages = Vec::new();
     let memory = allocation_counter::measure(|| {
-        let mut findings = fmu_check::Findings::default();
+        let mut findings = Findings::default();
         fmu_check::check(file, None, &mut findings);
         let kept = findings.groups().iter().flat_map(|group| &group.kept);
-        messages = kept.map(ToString::to_string).collect();
+        let message = |finding: &Finding| format!("{}: {}", finding.location, finding.text);
+        messages = kept.map(message).collect();
         let _ = info::print(file, &mut sink());
     });
     assert!(start.elapsed() < MAX_TIME, "took {:?}", start.elapsed());
