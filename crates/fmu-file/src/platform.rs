@@ -71,7 +71,7 @@ impl Platform {
     pub fn of_target(triple: &str, version: FmiVersion) -> Result<Vec<Self>> {
         let processor = triple.split('-').next().unwrap_or_default();
         let (processor, bits) = match processor {
-            "i586" | "i686" => ("x86", "32"),
+            "x86" | "i586" | "i686" => ("x86", "32"),
             "arm" | "armv7" => ("aarch32", "32"),
             other => (other, "64"),
         };
@@ -105,16 +105,13 @@ impl Platform {
 
     /// The platform of this machine, if this version of FMI has a folder for it.
     pub fn of_this_machine(version: FmiVersion) -> Option<Self> {
-        let (short, system) = match std::env::consts::OS {
-            "windows" => ("win", "windows"),
-            "macos" => ("darwin", "darwin"),
-            other => (other, other),
+        let system = match std::env::consts::OS {
+            "macos" => "apple-darwin",
+            other => other,
         };
-        let folder = match version {
-            FmiVersion::Fmi2 => format!("{short}{}", usize::BITS),
-            FmiVersion::Fmi3 => format!("{}-{system}", std::env::consts::ARCH),
-        };
-        Self::named(&folder, version).ok()
+        let triple = format!("{}-{system}-", std::env::consts::ARCH);
+        let platforms = Self::of_target(&triple, version).ok()?;
+        platforms.first().copied()
     }
 
     /// Path of a model's binary in an FMU.

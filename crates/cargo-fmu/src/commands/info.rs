@@ -21,70 +21,39 @@ const MAX_ITEMS: usize = 2000;
 const MAX_TERMINALS: u64 = 64 << 20;
 
 /// An interface type: its element, its title, its flags, and its numbers.
-type Interface = (
-    &'static str,
-    &'static str,
-    &'static [&'static str],
-    &'static [&'static str],
-);
+type Interface = [&'static str; 4];
 
 /// The interface type of FMI 2.0 that is shown (FMI 2.0.5, section 4.3.1).
-const OF_FMI_2: [Interface; 1] = [(
+const OF_FMI_2: [Interface; 1] = [[
     "CoSimulation",
     "co-simulation",
-    &[
-        "needsExecutionTool",
-        "canHandleVariableCommunicationStepSize",
-        "canInterpolateInputs",
-        "canRunAsynchronuously",
-        "canBeInstantiatedOnlyOncePerProcess",
-        "canNotUseMemoryManagementFunctions",
-        "canGetAndSetFMUstate",
-        "canSerializeFMUstate",
-        "providesDirectionalDerivative",
-    ],
-    &["maxOutputDerivativeOrder"],
-)];
+    "needsExecutionTool canHandleVariableCommunicationStepSize canInterpolateInputs \
+     canRunAsynchronuously canBeInstantiatedOnlyOncePerProcess canNotUseMemoryManagementFunctions \
+     canGetAndSetFMUstate canSerializeFMUstate providesDirectionalDerivative",
+    "maxOutputDerivativeOrder",
+]];
 
 /// The interface types of FMI 3.0 (sections 2.4.2, 3.4 and 4.4); all have the flags in `COMMON`.
 const OF_FMI_3: [Interface; 3] = [
-    (
+    [
         "ModelExchange",
         "model exchange",
-        &[
-            "needsCompletedIntegratorStep",
-            "providesEvaluateDiscreteStates",
-        ],
-        &[],
-    ),
-    (
+        "needsCompletedIntegratorStep providesEvaluateDiscreteStates",
+        "",
+    ],
+    [
         "CoSimulation",
         "co-simulation",
-        &[
-            "canHandleVariableCommunicationStepSize",
-            "providesIntermediateUpdate",
-            "mightReturnEarlyFromDoStep",
-            "canReturnEarlyAfterIntermediateUpdate",
-            "hasEventMode",
-            "providesEvaluateDiscreteStates",
-        ],
-        &[
-            "fixedInternalStepSize",
-            "maxOutputDerivativeOrder",
-            "recommendedIntermediateInputSmoothness",
-        ],
-    ),
-    ("ScheduledExecution", "scheduled execution", &[], &[]),
+        "canHandleVariableCommunicationStepSize providesIntermediateUpdate \
+         mightReturnEarlyFromDoStep canReturnEarlyAfterIntermediateUpdate hasEventMode \
+         providesEvaluateDiscreteStates",
+        "fixedInternalStepSize maxOutputDerivativeOrder recommendedIntermediateInputSmoothness",
+    ],
+    ["ScheduledExecution", "scheduled execution", "", ""],
 ];
-const COMMON: [&str; 7] = [
-    "needsExecutionTool",
-    "canBeInstantiatedOnlyOncePerProcess",
-    "canGetAndSetFMUState",
-    "canSerializeFMUState",
-    "providesDirectionalDerivatives",
-    "providesAdjointDerivatives",
-    "providesPerElementDependencies",
-];
+const COMMON: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
+     canGetAndSetFMUState canSerializeFMUState providesDirectionalDerivatives \
+     providesAdjointDerivatives providesPerElementDependencies";
 
 /// Prints the contents of an FMU.
 ///
@@ -103,8 +72,8 @@ pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
         FmiVersion::Fmi2 if model.co_simulation().is_none() => {
             writeln!(out, "\nnot for co-simulation")?;
         }
-        FmiVersion::Fmi2 => interfaces(&model, &[], &OF_FMI_2, out)?,
-        FmiVersion::Fmi3 => interfaces(&model, &COMMON, &OF_FMI_3, out)?,
+        FmiVersion::Fmi2 => interfaces(&model, "", &OF_FMI_2, out)?,
+        FmiVersion::Fmi3 => interfaces(&model, COMMON, &OF_FMI_3, out)?,
     }
     variables(&model, out)?;
     enumerations(&model, out)?;
@@ -187,18 +156,18 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
 /// if not.
 fn interfaces(
     model: &ModelDescription<'_>,
-    common: &[&str],
+    common: &str,
     interfaces: &[Interface],
     out: &mut impl Write,
 ) -> Result<()> {
-    for (name, title, flags, numbers) in interfaces {
+    for [name, title, flags, numbers] in interfaces {
         let Some(interface) = model.root.child(name) else {
             continue;
         };
         let default = (model.version == FmiVersion::Fmi2).then_some("0");
-        let flags = common.iter().chain(*flags);
+        let flags = common.split_whitespace().chain(flags.split_whitespace());
         let flags = flags.map(|name| format!("  {name:40} {}", interface.is_true(name)));
-        let numbers = numbers.iter().filter_map(|name| {
+        let numbers = numbers.split_whitespace().filter_map(|name| {
             let value = plain(interface.attribute(name).or(default)?, MAX_WIDTH);
             Some(format!("  {name:40} {value}"))
         });

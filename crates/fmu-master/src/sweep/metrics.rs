@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use fmu_description::{Type, Value};
 use serde::{Deserialize, Deserializer};
 
-use super::checked;
+use super::converted;
 use crate::table::{Cell, Column};
 
 /// When a loop counts as settled, and when as diverged.
@@ -21,11 +21,21 @@ pub struct Options {
 }
 
 fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    checked(deserializer, |&band| Options { band, limit: 1.0 }.check())
+    converted(deserializer, |band: f64| {
+        let is_valid = band >= 0.0 && band.is_finite();
+        ensure!(
+            is_valid,
+            "band = {band:?}, expected a finite number of at least 0"
+        );
+        Ok(band)
+    })
 }
 
 fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    checked(deserializer, |&limit| Options { band: 0.0, limit }.check())
+    converted(deserializer, |limit: f64| {
+        ensure!(limit > 0.0, "limit = {limit:?}, expected more than 0");
+        Ok(limit)
+    })
 }
 
 impl Default for Options {
@@ -34,22 +44,6 @@ impl Default for Options {
             band: 0.003,
             limit: 1e3,
         }
-    }
-}
-
-impl Options {
-    /// Checks that the band is finite and not negative, and the limit positive.
-    ///
-    /// # Errors
-    /// If one of them is not.
-    pub fn check(&self) -> Result<()> {
-        let Self { band, limit } = self;
-        ensure!(
-            *band >= 0.0 && band.is_finite(),
-            "band = {band:?}, expected a finite number of at least 0"
-        );
-        ensure!(*limit > 0.0, "limit = {limit:?}, expected more than 0");
-        Ok(())
     }
 }
 
@@ -394,12 +388,16 @@ mod tests {
 
     #[test]
     fn options_are_checked() {
-        let nan = f64::NAN;
-        for (band, limit) in [(-0.1, 1.0), (nan, 1.0), (0.1, 0.0), (0.1, nan)] {
-            assert!(Options { band, limit }.check().is_err());
+        for wrong in [
+            "band = -0.1",
+            "band = nan",
+            "limit = 0.0",
+            "limit = nan",
+            "bnd = 0",
+        ] {
+            assert!(toml::from_str::<Options>(wrong).is_err(), "{wrong}");
         }
         let partial: Options = toml::from_str("limit = inf").unwrap();
         assert_eq!(partial.band, 0.003);
-        assert!(toml::from_str::<Options>("bnd = 0").is_err());
     }
 }

@@ -21,12 +21,10 @@ pub use parameters::{Parameter, Parameters};
 pub use pool::Workers;
 pub use study::{Outline, Progress, Study};
 
-/// Reads a value and checks it, so that an error names its line.
-fn checked<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+/// Reads a value and converts it, so that an error names its line.
+fn converted<'de, D: Deserializer<'de>, T: Deserialize<'de>, U>(
     deserializer: D,
-    check: impl FnOnce(&T) -> Result<()>,
-) -> Result<T, D::Error> {
-    let value = T::deserialize(deserializer)?;
-    check(&value).map_err(|error| D::Error::custom(error.to_string()))?;
-    Ok(value)
+    convert: impl FnOnce(T) -> Result<U>,
+) -> Result<U, D::Error> {
+    convert(T::deserialize(deserializer)?).map_err(D::Error::custom)
 }

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Deserializer};
 
-use super::checked;
+use super::converted;
 use crate::Written;
 use crate::table::{Column, expected};
 
@@ -353,18 +353,27 @@ impl Keys {
     }
 }
 
+/// Reads listed values. Whole numbers are real numbers, too, unless one is too large for that.
 fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>, D::Error> {
-    let listed = checked(deserializer, |listed: &Vec<Written>| {
-        let values = values(listed);
+    let is_exact = |number: i64| (number as f64) as i128 == i128::from(number);
+    let is_real = |value: &Written| !matches!(value, Written::Integer(n) if !is_exact(*n));
+    converted(deserializer, |listed: Vec<Written>| {
+        let are_real = listed.iter().all(is_real);
+        let values = listed.into_iter().map(|value| match value {
+            Written::Boolean(value) => Value::Boolean(value),
+            Written::Integer(number) if !are_real => Value::Int64(number),
+            Written::Integer(number) => Value::Float64(number as f64),
+            Written::Real(number) => Value::Float64(number),
+            Written::Text(text) => Value::String(text),
+        });
+        let values = Vec::from_iter(values);
         let first = values.first();
-        let kind = first
-            .context("values = [], expected at least one")?
-            .of_type();
+        let first = first.context("values = [], expected at least one")?;
         for value in &values {
             ensure!(
-                value.of_type() == kind,
+                value.of_type() == first.of_type(),
                 "the value {value}, expected {} like the first one",
-                expected(kind)
+                expected(first.of_type())
             );
             match value {
                 Value::Float64(number) if !number.is_finite() => {
@@ -376,32 +385,15 @@ fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>
                 _ => {}
             }
         }
-        Ok(())
-    });
-    listed.map(|listed| Some(values(&listed)))
-}
-
-/// Listed values. Whole numbers are real numbers, too, unless one is too large for that.
-fn values(listed: &[Written]) -> Vec<Value> {
-    let is_exact = |number: i64| (number as f64) as i128 == i128::from(number);
-    let is_real = |value: &Written| !matches!(value, Written::Integer(n) if !is_exact(*n));
-    let are_real = listed.iter().all(is_real);
-    let values = listed.iter().map(|value| match value {
-        Written::Boolean(value) => Value::Boolean(*value),
-        Written::Integer(number) if !are_real => Value::Int64(*number),
-        Written::Integer(number) => Value::Float64(*number as f64),
-        Written::Real(number) => Value::Float64(*number),
-        Written::Text(text) => Value::String(text.clone()),
-    });
-    values.collect()
+        Ok(Some(values))
+    })
 }
 
 fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
-    let check = |count: &u64| {
-        ensure!(*count >= 2, "count = {count}, expected at least 2");
-        Ok(())
-    };
-    checked(deserializer, check).map(Some)
+    converted(deserializer, |count: u64| {
+        ensure!(count >= 2, "count = {count}, expected at least 2");
+        Ok(Some(count))
+    })
 }
 
 fn uniform<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
@@ -420,18 +412,17 @@ fn pair<'de, D: Deserializer<'de>>(
     deserializer: D,
     key: &str,
 ) -> Result<Option<[f64; 2]>, D::Error> {
-    let check = |numbers: &[f64; 2]| {
-        let [first, second] = *numbers;
+    converted(deserializer, |numbers: [f64; 2]| {
+        let [first, second] = numbers;
         let expected = match key {
-            _ if !in_range(*numbers) => "numbers within ±1e290",
+            _ if !in_range(numbers) => "numbers within ±1e290",
             "log_uniform" if first <= 0.0 => "numbers above 0",
             "normal" if second <= 0.0 => "a mean and a deviation above 0",
             "uniform" | "log_uniform" if first >= second => "the smaller one first",
-            _ => return Ok(()),
+            _ => return Ok(Some(numbers)),
         };
         bail!("{key} = {numbers:?}, expected {expected}")
-    };
-    checked(deserializer, check).map(Some)
+    })
 }
 
 /// Whether no sum of the numbers overflows.
