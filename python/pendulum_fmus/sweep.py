@@ -28,6 +28,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import uuid
 from collections.abc import Iterator
@@ -198,8 +199,11 @@ def sweep(options: argparse.Namespace) -> None:
         raise SweepError(f"cannot run {program}: `make fmus` builds the program")
     command = [program, "sweep", options.sweep, "--collect"]
     command += ["--out", options.out] if options.out else []
-    pipes = dict.fromkeys(["stdin", "stdout", "stderr"], subprocess.PIPE)
-    with subprocess.Popen(list(map(str, command)), **pipes) as collector:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with (
+        tempfile.TemporaryFile() as errors,  # a pipe that nobody reads would become full
+        subprocess.Popen(list(map(str, command)), **pipes, stderr=errors) as collector,
+    ):
         if outline := collector.stdout.readline():
             plan, missing = json.loads(outline)
             files = files_of(program, options.sweep, plan)
@@ -207,8 +211,9 @@ def sweep(options: argparse.Namespace) -> None:
                 compute(client, files, missing, collector.stdin, options.chunk)
             done = plan["runs"] - sum(end - first for first, end in missing)
             print(f"{done} runs were already done\n" if done else "", end="")
-        said, errors = collector.communicate()
-    result = subprocess.CompletedProcess(command, collector.returncode, said, errors)
+        said, _ = collector.communicate()
+        errors.seek(0)
+        result = subprocess.CompletedProcess(command, collector.returncode, said, errors.read())
     print(checked(result).decode(), end="")
 
 
