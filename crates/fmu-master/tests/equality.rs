@@ -1,9 +1,10 @@
 //! The native master gives the same bits as the mathematics called in process, at every sample of the
 //! 18 loops of Table 1. (`tests/test_native.py` compares it with FMPy.)
 
-#[path = "../../../tests/fmus.rs"]
-mod fmus;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
+use fmu_build::{Options, Selection};
 use fmu_master::{Description, Messages, Plan, Written};
 use pendulum_control::Target;
 use pendulum_control::closed_loop::{self, ClosedLoop, SetPoint, ipid_rbf, pid, pid_rbf};
@@ -11,8 +12,23 @@ use pendulum_control::pid::Integral;
 
 const STEPS: usize = 20_000;
 
+/// The root of the checkout, with the FMUs of the present sources in `target/fmu`.
+static ROOT: LazyLock<PathBuf> = LazyLock::new(|| {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let selection = Selection {
+        manifest_path: Some(root.join("Cargo.toml")),
+        ..Selection::default()
+    };
+    let options = Options {
+        selection,
+        ..Options::default()
+    };
+    fmu_build::export(&options, &|_| ()).unwrap();
+    root
+});
+
 fn plan(example: &str) -> Plan {
-    let file = fmus::root().join("examples/closed-loop").join(example);
+    let file = ROOT.join("examples/closed-loop").join(example);
     let mut description = Description::read(&file).unwrap();
     description.outputs = vec!["controller.e".into(), "controller.u".into()];
     Plan::new(&description).unwrap()
@@ -30,7 +46,7 @@ fn in_process(
     samples.take(STEPS).collect()
 }
 
-/// Those of a loop in the native master.
+/// The bits of errors and forces of a loop in the native master.
 fn natively(plan: &Plan, signal: SetPoint, disturbance: f64) -> Vec<[u64; 2]> {
     let (name, frequency) = match signal {
         SetPoint::Step => ("step", 0.2),
