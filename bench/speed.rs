@@ -139,7 +139,7 @@ fn network<const N: usize>() -> Rbf<N> {
 /// Opening an FMU file, which includes unpacking.
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/fmu/PidRbf.fmu");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/fmu/PidRbf.fmu");
     group.bench_function("open", |b| b.iter(|| Fmu::open(&file).unwrap()));
     group.finish();
 }
