@@ -238,13 +238,8 @@ pub(crate) struct Facts {
 /// At the place is a struct with these rows, which is borrowed mutably.
 pub(crate) unsafe fn set_start_values(model: *mut u8, rows: &'static [Row]) {
     table::each_field(rows, 0, &mut |field, offset| {
-        for element in 0..field.start.len().min(field.count()) {
-            let place = offset + element * field.start.element_size();
-            if let Some(value) = field.start.get(element).value(field.start.of_type()) {
-                // SAFETY: `Variables` promises a value of the type of the table for each element.
-                unsafe { set(model.byte_add(place), field, value) };
-            }
-        }
+        // SAFETY: `Variables` promises a value of the type of the table for each element.
+        unsafe { start(model.byte_add(offset), field) };
     });
 }
 
@@ -256,14 +251,8 @@ pub(crate) unsafe fn copy_settable(to: *mut u8, from: *mut u8, rows: &'static [R
     use Causality::{Input, Parameter, StructuralParameter};
     table::each_field(rows, 0, &mut |field, offset| {
         if matches!(field.causality, Input | Parameter | StructuralParameter) {
-            for element in 0..field.count() {
-                let place = offset + element * field.start.element_size();
-                // SAFETY: as for start values.
-                unsafe {
-                    let value = get(from.byte_add(place), field);
-                    set(to.byte_add(place), field, value);
-                }
-            }
+            // SAFETY: as for start values.
+            unsafe { copy(to.byte_add(offset), from.byte_add(offset), field) };
         }
     });
 }
@@ -297,6 +286,45 @@ macro_rules! access {
                         (*(of.item)(place)).set(item as i32);
                     }
                     _ => {}
+                }
+            }
+        }
+
+        /// Sets the elements of a field to their start values, if there are any.
+        ///
+        /// # Safety
+        /// At the place are all elements of the field, which are borrowed mutably.
+        unsafe fn start(place: *mut u8, field: &Field) {
+            let elements = 0..field.start.len().min(field.count());
+            // SAFETY: the caller's promise.
+            unsafe {
+                match field.start {
+                    $($(Values::$name(values) => for i in elements {
+                        *place.cast::<$type>().add(i) = values[i].to_owned();
+                    },)*)*
+                    Values::Enumeration(values, of) => for i in elements {
+                        (*(of.item)(place.byte_add(i * of.size))).set(values[i]);
+                    },
+                }
+            }
+        }
+
+        /// Copies the elements of a field.
+        ///
+        /// # Safety
+        /// As [`start`], and so from the other place.
+        unsafe fn copy(to: *mut u8, from: *mut u8, field: &Field) {
+            let elements = 0..field.count();
+            // SAFETY: the caller's promise.
+            unsafe {
+                match field.start {
+                    $($(Values::$name(_) => for i in elements {
+                        (*to.cast::<$type>().add(i)).clone_from(&*from.cast::<$type>().add(i));
+                    },)*)*
+                    Values::Enumeration(_, of) => for i in elements {
+                        let item = (*(of.item)(from.byte_add(i * of.size))).get();
+                        (*(of.item)(to.byte_add(i * of.size))).set(item);
+                    },
                 }
             }
         }
