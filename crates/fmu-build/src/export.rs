@@ -124,7 +124,7 @@ struct Builder<'a> {
     version: FmiVersion,
     targets: Vec<Target>,
     prebuilt: Vec<Binary<'a>>,
-    /// Is told what is being built.
+    /// Receives what is being built.
     progress: &'a dyn Fn(&str),
 }
 
