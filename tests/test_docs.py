@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import sweeps
-from native import new_package, prepare, shell
+from native import OUTSIDE, new_package, shell
 from pendulum_fmus.project import ROOT
 
 PAGES = {
@@ -52,10 +52,12 @@ def test_commands_and_programs_run(
     after it, in a folder outside. Sweeps have fewer runs, and FMUs are validated quickly.
     """
     replacements = {
-        r"^(make|cargo install) .*$": "",
+        r"^(make|cargo install|git clone) .*$": "",
         r"cargo fmu validate (?!.*(--quick|--no-run))": "cargo fmu validate --quick ",
         r"cargo fmu ": f"{program} ",
         r"examples/sweep": str(sweeps.shortened(tmp_path)),
+        # A new package is prepared as by `native.prepare`.
+        r"\bcd ([\w-]+)$": rf"cd \1 && cp {ROOT}/Cargo.lock . && ln -s {OUTSIDE} target",
     }
     folder = ROOT
     for section in re.split(r"^## ", PAGES[page], flags=re.MULTILINE):
@@ -75,8 +77,6 @@ def test_commands_and_programs_run(
                 for text, other in replacements.items():
                     commands = re.sub(text, other, commands, flags=re.MULTILINE)
                 folder = shell(commands, folder)
-                if "cargo fmu new" in block:
-                    prepare(folder)
 
 
 def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> None:
