@@ -7,6 +7,14 @@ from importlib import import_module
 
 from . import loop, table1
 
+NEXT = """
+Next:
+  make help      the other jobs: make report compares every figure and statement with the paper
+  target/venv/bin/python -m pendulum_fmus.run --set controller.pid.kp=250 --csv target/loop.csv
+                 another gain; --help lists signals, disturbances and plants
+  docs/tutorial.md
+                 what an FMU is, and how to make one from a model of your own"""
+
 
 def run(options: argparse.Namespace) -> bool:
     """Print and write; return whether every number holds."""
@@ -16,6 +24,7 @@ def run(options: argparse.Namespace) -> bool:
         results, all_hold = table1.run(options.fmus)
     paths = printed.result().write_overview(results, options.out)
     print("\nwrote", *paths, sep="\n  ")
+    print(NEXT)
     return all_hold
 
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from .. import table1
-from .figure import ANGLE, STYLES, Figure, Panel, Style, magnitudes, outputs
+from .figure import ANGLE, FORCE, STYLES, Figure, Panel, Style, curve, magnitudes, outputs
 from .runs import END, SHOWN, SIGNALS, Data
 
 RC = {
@@ -52,12 +52,12 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.set_xscale("log")
     if panel.log_y:
         axes.set_yscale("log")
-    for index, curve in enumerate(panel.curves):
-        style, kept, marked = STYLES[curve.style], panel.needed(curve), panel.markers(index)
-        axes.plot(curve.x[kept], curve.y[kept], **line(style))
+    for index, drawn in enumerate(panel.curves):
+        style, kept, marked = STYLES[drawn.style], panel.needed(drawn), panel.markers(index)
+        axes.plot(drawn.x[kept], drawn.y[kept], **line(style))
         if style.marker:
             options = line(style) | marks(style) | {"linestyle": ""}
-            axes.plot(curve.x[marked], curve.y[marked], **options)
+            axes.plot(drawn.x[marked], drawn.y[marked], **options)
     if panel.frame:
         (left, right), (bottom, top) = panel.frame
         size = right - left, top - bottom
@@ -118,15 +118,26 @@ def start(figures: Sequence[Figure], folder: Path, pool: Pool) -> list[AsyncResu
 
 
 def write_overview(results: table1.Results, folder: Path) -> list[Path]:
-    """Write table1.txt to a folder, and closed-loop.png: angles above absolute errors."""
+    """Write table1.txt to a folder, and closed-loop.png: angles, errors, forces and positions."""
     folder.mkdir(parents=True, exist_ok=True)
     table, data = folder / "table1.txt", Data(results)
     table.write_text(table1.report(results)[0] + "\n", encoding="utf-8")
     traces = {s: {kind: data(kind, s) for kind in SHOWN} for s in SIGNALS}
     above = {"xlim": (0, END), "ylim": (-1.6, 1.6)}
     below = {"xlim": (0, END), "ylim": (1e-6, 5), "log_y": True}
+    further = [
+        ("u", FORCE, {"xlim": (0, END), "ylim": (-150, 150)}),
+        ("x", "cart x [m]", {"xlim": (0, END)}),
+    ]
     rows = [
         [Panel(s, ANGLE, outputs(traces[s]), **above) for s in SIGNALS],
         [Panel("", "|e| [rad]", magnitudes(traces[s]), **below) for s in SIGNALS],
+        *(
+            [
+                Panel("", label, [curve(t, column, kind) for kind, t in traces[s].items()], **span)
+                for s in SIGNALS
+            ]
+            for column, label, span in further
+        ),
     ]
     return [table, *write(Figure("closed-loop", "The loops of Table 1", "", rows), folder, ["png"])]
