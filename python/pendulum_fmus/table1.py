@@ -161,8 +161,8 @@ Settling time of the step, band of ±0.3 %
 d         amplitude of the disturbance [rad]
 expected  of a correct implementation with zero initial weights
 off by    relative difference of computed from printed
-ok        computed rounds to every printed digit. The others are as expected, but
-          their printed digits cannot be reproduced: PidRbf on a step has a
+ok        computed rounds to every printed digit. The others are as expected,
+          but their printed digits cannot be reproduced: PidRbf on a step has a
           rounding residue (row 1) and a decayed transient (row 2, within 1 %);
           for PidRbf and IpidRbf on a sine (rows 3 and 4), the paper does not
           give the initial weights
