@@ -3,7 +3,9 @@
 import os
 import shutil
 import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from subprocess import CompletedProcess
 from xml.etree import ElementTree
 
 import fmpy
@@ -154,16 +156,31 @@ def test_resources_are_found_by_the_model_or_reported(exported: Path, tmp_path: 
 # --- errors ---------------------------------------------------------------------------------------
 
 
-def test_errors_of_the_compiler_are_shown(workspace: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def changed(workspace: Path, tmp_path: Path) -> Iterator[Callable[[str, str], CompletedProcess]]:
+    """Return a function that exports the own package to a folder with a text of it replaced."""
     library = workspace / "own" / "src" / "lib.rs"
     text = library.read_text()
-    library.write_text(text.replace('unit = "m"', 'unit = "furlong"', 1))
-    try:
-        result = call([PROGRAM, "export", "--package", "own", "--out", tmp_path], workspace)
-    finally:
-        library.write_text(text)
+
+    def export(old: str, new: str) -> CompletedProcess:
+        library.write_text(text.replace(old, new, 1))
+        return call([PROGRAM, "export", "--package", "own", "--out", tmp_path], workspace)
+
+    yield export
+    library.write_text(text)
+
+
+def test_errors_of_the_compiler_are_shown(changed, tmp_path: Path) -> None:
+    result = changed('unit = "m"', 'unit = "furlong"')
     assert result.returncode == 1
-    assert result.stderr.startswith("error: building own failed:\n")
+    assert result.stderr.startswith("building own ...\nerror: building own failed:\n")
     assert "furlong" in result.stderr
     assert "--> own/src/lib.rs:" in result.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_warnings_of_the_compiler_are_shown(changed, tmp_path: Path) -> None:
+    result = changed("use ", "fn forgotten() {}\nuse ")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.startswith("building own ...\nwarning: function `forgotten` is never used")
+    assert [file.name for file in tmp_path.iterdir()] == ["Own.fmu"]

@@ -49,6 +49,17 @@ pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<Vec<String
         .collect())
 }
 
+/// What happens during an export, as text.
+#[derive(Debug, Clone, Copy)]
+pub enum Progress<'a> {
+    /// A library is being built.
+    Building(&'a str),
+    /// A crate that the library needs was built.
+    Built(&'a str),
+    /// Something that users should read, such as a warning of the compiler.
+    Said(&'a str),
+}
+
 /// A cargo command that builds a library.
 pub struct Build {
     title: String,
@@ -60,7 +71,12 @@ impl Build {
     /// `cargo SUBCOMMAND` with cargo or a program that replaces it, shown to the user as `title`.
     pub fn new(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
         let mut command = Command::new(program);
-        command.args([subcommand, "--message-format=json-render-diagnostics"]);
+        // Quiet, so that only diagnostics reach its standard error.
+        command.args([
+            subcommand,
+            "--quiet",
+            "--message-format=json-render-diagnostics",
+        ]);
         // Libraries of both versions of FMI have the same name. In its folder `deps`, cargo would take one
         // for the other, unless this variable makes it add a hash to the name.
         command.env("__CARGO_DEFAULT_LIB_METADATA", "fmu");
@@ -107,8 +123,7 @@ impl Build {
         self.rustflags(folders.map(|(path, name)| remap(path, name)))
     }
 
-    /// Runs cargo to completion and returns the shared library of a library target. `progress` learns
-    /// which crates were built.
+    /// Runs cargo to completion and returns the shared library of a library target.
     ///
     /// # Errors
     /// The diagnostics of cargo and the compiler if the build fails; it has no such library.
@@ -116,7 +131,7 @@ impl Build {
         &mut self,
         target: &str,
         extension: &str,
-        progress: &dyn Fn(&str),
+        progress: &dyn Fn(Progress<'_>),
     ) -> Result<PathBuf> {
         let mut child = self
             .command
@@ -136,13 +151,14 @@ impl Build {
             let _ = BufReader::new(stderr).read_to_string(&mut text);
             text
         });
-        progress(&self.title);
+        progress(Progress::Building(&self.title));
         let mut artifacts = Vec::new();
         for message in Message::parse_stream(BufReader::new(stdout)) {
             if let Message::CompilerArtifact(artifact) =
                 message.context("cannot read the output of cargo")?
             {
-                progress(&format!("{}: {}", self.title, artifact.target.name));
+                let built = format!("{}: {}", self.title, artifact.target.name);
+                progress(Progress::Built(&built));
                 artifacts.push(artifact);
             }
         }
@@ -150,6 +166,9 @@ impl Build {
         let diagnostics = diagnostics.join().unwrap_or_default();
         if !status.success() {
             bail!("{} failed:\n{}", self.title, diagnostics.trim_end());
+        }
+        if !diagnostics.trim().is_empty() {
+            progress(Progress::Said(diagnostics.trim_end()));
         }
         let is_library = |artifact: &&Artifact| {
             let built = &artifact.target;

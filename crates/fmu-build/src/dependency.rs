@@ -62,6 +62,31 @@ impl FromStr for Dependency {
     }
 }
 
+impl Dependency {
+    /// The command that installs this program where the dependency comes from.
+    pub fn install(&self) -> String {
+        match self {
+            Self::Git(url) => format!("cargo install --locked --git {url} cargo-fmu"),
+            _ => format!("pip install \"cargo-fmu=={VERSION}.*\""),
+        }
+    }
+
+    /// What users should know of a dependency that others may not find.
+    pub fn caution(&self) -> Option<&'static str> {
+        match self {
+            Self::Version(_) => Some(
+                "fmu-export comes from crates.io. If it is not published there yet, use --fmu-export with the \
+                 folder of its sources or the URL of their git repository.",
+            ),
+            Self::Folder(_) => Some(
+                "fmu-export comes from a folder of this machine. The workflow in .github needs a source that \
+                 GitHub can read, too: use --fmu-export with the URL of a git repository.",
+            ),
+            Self::Git(_) => None,
+        }
+    }
+}
+
 impl Display for Dependency {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "{FMU_EXPORT} = ")?;
@@ -105,6 +130,11 @@ mod tests {
             .nth(2)
             .unwrap();
         assert_eq!(shown(checkout.to_str().unwrap()), Some(folder));
+        let git: Dependency = "https://a/b.git".parse().unwrap();
+        assert_eq!(
+            git.install(),
+            "cargo install --locked --git https://a/b.git cargo-fmu"
+        );
         assert_eq!(quoted(r#"C:\a "b""#), r#""C:\\a \"b\"""#);
     }
 }

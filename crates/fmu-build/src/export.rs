@@ -14,7 +14,7 @@ use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
-use crate::cargo::{profile_settings, remap};
+use crate::cargo::{Progress, profile_settings, remap};
 use crate::contents;
 use crate::library::{Library, Selection};
 use crate::model::{Model, Variant};
@@ -54,12 +54,12 @@ pub struct Written {
     pub platforms: Vec<&'static str>,
 }
 
-/// Builds the models and writes their FMUs. `progress` gets a line for what is being built.
+/// Builds the models and writes their FMUs. `progress` receives what is being built.
 ///
 /// # Errors
 /// There is no model, or none with a given name; a target is not supported; the build fails; a file
 /// cannot be read or written.
-pub fn export(options: &Options, progress: &dyn Fn(&str)) -> Result<Vec<Written>> {
+pub fn export(options: &Options, progress: &dyn Fn(Progress<'_>)) -> Result<Vec<Written>> {
     let metadata = options.selection.metadata()?;
     let out = match &options.out {
         Some(out) => out.clone(),
@@ -99,7 +99,7 @@ pub fn export(options: &Options, progress: &dyn Fn(&str)) -> Result<Vec<Written>
     let targets = builders.iter().take(1).flat_map(|b| &b.targets);
     let recipes = targets.flat_map(|target| &target.recipes);
     for recipe in recipes.filter(|recipe| recipe.is_named()) {
-        eprintln!("{recipe}");
+        progress(Progress::Said(&recipe.to_string()));
     }
     // No FMU is written before all are complete.
     let mut fmus = Vec::new();
@@ -125,7 +125,7 @@ struct Builder<'a> {
     targets: Vec<Target>,
     prebuilt: Vec<Binary<'a>>,
     /// Receives what is being built.
-    progress: &'a dyn Fn(&str),
+    progress: &'a dyn Fn(Progress<'_>),
 }
 
 /// A shared library for one or more platforms.

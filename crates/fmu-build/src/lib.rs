@@ -16,6 +16,7 @@ mod toolchain;
 pub use fmu_description::FmiVersion;
 pub use fmu_file::archive::Compression;
 
+pub use cargo::Progress;
 pub use export::{Options, Written, export};
 pub use library::Selection;
 pub use model::Variant;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use fmu_build::{Compression, FmiVersion, Selection, Variant};
+use fmu_build::{Compression, FmiVersion, Progress, Selection, Variant};
 use fmu_file::platform::Prebuilt;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -134,7 +134,13 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
     let spinner = ProgressBar::new_spinner();
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));
-    let written = fmu_build::export(&options, &|text| spinner.set_message(text.to_owned()));
+    let print = |text: &str| spinner.suspend(|| eprintln!("{text}"));
+    let written = fmu_build::export(&options, &|progress| match progress {
+        // Without a terminal, there is no spinner.
+        Progress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),
+        Progress::Building(text) | Progress::Built(text) => spinner.set_message(text.to_owned()),
+        Progress::Said(text) => print(text),
+    });
     spinner.finish_and_clear();
     for fmu in written? {
         print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;

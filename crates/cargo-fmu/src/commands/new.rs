@@ -8,7 +8,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use fmu_build::dependency::{Dependency, VERSION, quoted};
+use fmu_build::dependency::{Dependency, quoted};
 
 /// Where to write the package.
 #[derive(Debug, Args)]
@@ -82,6 +82,9 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
   cargo fmu export
   cargo fmu simulate loop.toml"
     )?;
+    if let Some(caution) = package.dependency.caution() {
+        writeln!(out, "\n{caution}")?;
+    }
     Ok(())
 }
 
@@ -131,7 +134,7 @@ impl Package<'_> {
                 _ => text.to_owned(),
             };
             let text = text
-                .replace("==0.1.", &format!("=={VERSION}."))
+                .replace("INSTALL", &self.dependency.install())
                 .replace("target/fmu/", &format!("{to_root}target/fmu/"))
                 .replace("MyController", self.model)
                 .replace("my-controller", self.name);
