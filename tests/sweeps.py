@@ -23,7 +23,7 @@ variable = "controller.previous_sample_terms"
 values = [true, false]
 
 [[parameter]]
-variable = "plant.model"
+variable = "plant.dynamics"
 values = ["linear", "nonlinear"]
 
 [[parameter]]

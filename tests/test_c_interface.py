@@ -32,7 +32,7 @@ def test_the_library_is_unloaded_after_use(fmus):
 
 DIVERGES = [
     ("Pendulum", {"theta0": 0.1}, {}, 1e300, "(theta|omega|x|v) became (NaN|-?inf)"),
-    ("Pendulum", {"model": "nonlinear"}, {"u": 1e200}, H, "u = 1e200 N"),
+    ("Pendulum", {"dynamics": "nonlinear"}, {"u": 1e200}, H, "u = 1e200 N"),
     ("Pid", {}, {"r": 1.7e308}, H, "(e|u_p|u) became inf"),
     ("PidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u|u_p|u_n) became (NaN|-?inf)"),
     ("IpidRbf", {"rbf.eta": 10.0}, {"r": 1.0}, 0.5, r"(rbf\.w\[\d\]|u|u_p|u_n) became (NaN|-?inf)"),
@@ -58,7 +58,7 @@ def test_divergence_is_reported_and_a_reset_recovers(
 
 def test_the_transfer_function_samples_a_ramp_of_the_force(instance):
     """(41) holds the force over a sample, so it takes u + u' t at the sample instants."""
-    plant = instance("Pendulum", {"model": "transfer_function"})
+    plant = instance("Pendulum", {"dynamics": "transfer_function"})
     plant.set("u", 2.0)
     samples, slope = 50, 40.0
     plant.slave.setRealInputDerivatives([plant.variable("u").valueReference], [1], [slope])

@@ -59,7 +59,7 @@ def test_csv_contains_every_sample_to_the_last_bit(script, fmus, tmp_path):
 def test_the_summary_shows_the_last_error_the_settling_time_and_the_force(script):
     _, said, _ = script("--target", "supervisor", "--stop", 5)
     assert "settling time   2.483 s (band of ±0.3%)" in said
-    options = ["--set", "controller.u_max=7", "--set", "plant.model=nonlinear"]
+    options = ["--set", "controller.u_max=7", "--set", "plant.dynamics=nonlinear"]
     _, said, _ = script("--controller", "Pid", "--stop", 0.1, *options)
     assert "settling time   never" in said
     assert "maximum |u|     7 N" in said
@@ -86,8 +86,8 @@ BAD_INPUT = [
     (["--set", "controller.pid.kpp=1"], "did you mean pid.kp"),
     (["--set", "controller.pid.kp=high"], "a number is expected"),
     (["--set", "controller.previous_sample_terms=maybe"], "true or false is expected"),
-    (["--set", "plant.model=cubic"], "one of transfer_function, linear, nonlinear"),
-    (["--set", "plant.model=9"], "one of transfer_function, linear, nonlinear"),
+    (["--set", "plant.dynamics=cubic"], "one of transfer_function, linear, nonlinear"),
+    (["--set", "plant.dynamics=9"], "one of transfer_function, linear, nonlinear"),
     (["--set", "controller.u=1"], "only inputs and parameters can be set"),
     (["--set", "controller.ts=0"], "ts"),
     (["--set", "controller.pid.kp=nan"], "pid.kp"),
@@ -167,7 +167,7 @@ def test_wrong_connections_and_records_are_rejected(fmus):
             with pytest.raises(MasterError, match=message):
                 System([controller, plant], connections)
         with pytest.raises(MasterError, match="not a Real"):
-            simulate(System([controller, plant], [right]), TS, TS, 1, record=["plant.model"])
+            simulate(System([controller, plant], [right]), TS, TS, 1, record=["plant.dynamics"])
 
 
 @pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])

@@ -212,7 +212,7 @@ def test_plant_agrees_with_scipy_when_the_force_jumps(file, plant_model):
     results = fmpy.simulate_fmu(
         str(file("Pendulum")), fmi_type="ModelExchange", solver="CVode",
         stop_time=1.0, output_interval=0.1, relative_tolerance=1e-10,
-        start_values={"theta0": 0.2, "v0": -0.3, "model": number},
+        start_values={"theta0": 0.2, "v0": -0.3, "dynamics": number},
         input=np.array(force, dtype=[("time", float), ("u", float)]),
         output=["x", "v", "theta", "omega"],
     )  # fmt: skip
@@ -227,7 +227,7 @@ def test_plant_agrees_with_scipy_when_the_force_jumps(file, plant_model):
 
 def test_what_has_no_equations_is_refused(file):
     with (
-        Model("plant", file("Pendulum"), {"model": "transfer_function"}) as plant,
-        pytest.raises(MasterError, match=r"\bmodel\b.*transfer_function"),
+        Model("plant", file("Pendulum"), {"dynamics": "transfer_function"}) as plant,
+        pytest.raises(MasterError, match=r"\bdynamics\b.*transfer_function"),
     ):
         plant.initialize(0.0)

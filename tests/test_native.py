@@ -82,7 +82,7 @@ def test_every_output_equals_fmpys_bit_for_bit(controller, target, order, model,
     loop = Loop(controller, "sine", 1.0, target, plant_model=model, overrides=tuple(start.items()))
     with loop.system() as system:
         expected = couple(system, TS, step, steps, order=order)
-    start |= {f"{prefix}plant.model": model for prefix in loops}
+    start |= {f"{prefix}plant.dynamics": model for prefix in loops}
     sets = (f"--set={name}={value}" for name, value in start.items())
     options = (f"--order={order}", f"--step={step}", f"--stop={TS + (steps - 1) * step}")
     computed = simulate(LOOPS / FILES[controller, target], tmp_path, *sets, *options)

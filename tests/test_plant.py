@@ -79,7 +79,7 @@ def test_the_upright_pendulum_diverges_at_the_rate_of_its_pole(instance):
     ids=["small", "hanging", "spinning", "at the bottom", "one long step"],
 )
 def test_nonlinear_model_agrees_with_dop853(instance, initial, h, steps):
-    states = drive(pendulum(instance, initial, model="nonlinear"), forces(steps), [h] * steps)
+    states = drive(pendulum(instance, initial, dynamics="nonlinear"), forces(steps), [h] * steps)
     for u, found in zip(forces(steps), states, strict=True):
         initial = reference.integrate(initial, u, h)
         np.testing.assert_allclose(found, initial, rtol=1e-7, atol=1e-9)
@@ -94,7 +94,7 @@ def test_every_parameter_acts_as_in_the_equations(instance, monkeypatch, paramet
     monkeypatch.setattr(reference, "linear_model", reference.linear_model.__wrapped__)
     monkeypatch.setattr(reference, "hold", reference.hold.__wrapped__)
     for model, respond in RESPONSES.items():
-        plant = pendulum(instance, model=model, **{parameter: value})
+        plant = pendulum(instance, dynamics=model, **{parameter: value})
         states = drive(plant, [1.0] * 50, [0.01] * 50)
         np.testing.assert_allclose(states[-1], respond(np.array(INITIAL), 1.0, 0.5), rtol=1e-8)
 
@@ -102,7 +102,7 @@ def test_every_parameter_acts_as_in_the_equations(instance, monkeypatch, paramet
 @pytest.mark.parametrize("ts", [0.001, 0.005])
 def test_the_transfer_function_is_the_difference_equation(instance, ts):
     inputs = forces(600)
-    start = {"model": "transfer_function", "ts": ts}
+    start = {"dynamics": "transfer_function", "ts": ts}
     states = drive(instance("Pendulum", start), inputs, [ts, ts + 1e-13, ts - 1e-13] * 200)
     # y(k+1) is the output of fmi2DoStep with u(k)
     theta = lfilter(*reference.difference_equation(ts), [*inputs, 0.0])[1:]

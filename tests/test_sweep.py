@@ -42,7 +42,7 @@ def test_the_runs_of_a_sweep_are_fmpys(program, fmus, tmp_path):
         variable = "source.signal"
         values = ["sine", "square"]
         [[parameter]]
-        variable = "plant.model"
+        variable = "plant.dynamics"
         values = [3]
         [[parameter]]
         variable = "controller.previous_sample_terms"

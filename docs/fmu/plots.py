@@ -129,7 +129,7 @@ def pendulum() -> str:
     """Draw a PID raising the linear and the nonlinear pendulum."""
     loops = {}
     for model in ("linear", "nonlinear"):
-        plant = Component("plant", FMUS / "Pendulum.fmu", {"theta0": 0.5, "model": model})
+        plant = Component("plant", FMUS / "Pendulum.fmu", {"theta0": 0.5, "dynamics": model})
         controller = Component("controller", FMUS / "Pid.fmu", sampled=True)
         links = [("plant.theta", "controller.y"), ("controller.u", "plant.u")]
         loops[model] = run(System([controller, plant], links), 0.0, 5.0)

@@ -15,37 +15,16 @@ pub struct Pendulum {
     u: f64,
     u_slope: f64,
     /// Angle of the pendulum from the upright
-    #[output(
-        state,
-        unit = "rad",
-        initially_from("theta0"),
-        derivative_by(u = self.derivative_by_force().theta),
-        terminal = "loop.y"
-    )]
+    #[output(state, unit = "rad", initially_from("theta0"), terminal = "loop.y")]
     theta: f64,
     /// Angular velocity of the pendulum
-    #[output(
-        state,
-        unit = "rad/s",
-        initially_from("omega0", "model"),
-        derivative_by(u = self.derivative_by_force().omega)
-    )]
+    #[output(state, unit = "rad/s", initially_from("omega0", "dynamics"))]
     omega: f64,
     /// Position of the cart
-    #[output(
-        state,
-        unit = "m",
-        initially_from("x0", "model"),
-        derivative_by(u = self.derivative_by_force().x)
-    )]
+    #[output(state, unit = "m", initially_from("x0", "dynamics"))]
     x: f64,
     /// Velocity of the cart
-    #[output(
-        state,
-        unit = "m/s",
-        initially_from("v0", "model"),
-        derivative_by(u = self.derivative_by_force().v)
-    )]
+    #[output(state, unit = "m/s", initially_from("v0", "dynamics"))]
     v: f64,
     #[nested(flatten)]
     parameters: Parameters,
@@ -66,8 +45,8 @@ pub struct Pendulum {
     ts: f64,
     /// Form of the plant
     #[parameter(start = PlantModel::Linear)]
-    model: PlantModel,
-    #[derivative(of = theta, unit = "rad/s", derivative_by(omega = 1.0))]
+    dynamics: PlantModel,
+    #[derivative(of = theta, unit = "rad/s", derivative_by(omega = self.jacobian().omega.theta))]
     theta_dot: f64,
     #[derivative(
         of = omega,
@@ -80,7 +59,7 @@ pub struct Pendulum {
         )
     )]
     omega_dot: f64,
-    #[derivative(of = x, unit = "m/s", derivative_by(v = 1.0))]
+    #[derivative(of = x, unit = "m/s", derivative_by(v = self.jacobian().v.x))]
     x_dot: f64,
     #[derivative(
         of = v,
@@ -93,9 +72,9 @@ pub struct Pendulum {
         )
     )]
     v_dot: f64,
-    dynamics: Dynamics,
-    /// The last step, for the derivatives of its result.
-    last: Option<Step>,
+    selected: Selected,
+    /// The size of the last step (s).
+    last_step: f64,
 }
 
 /// Form of the plant
@@ -109,17 +88,9 @@ enum PlantModel {
     Nonlinear,
 }
 
-/// A step that was taken.
-#[derive(Clone, Copy, Serialize, Deserialize)]
-struct Step {
-    from: State,
-    u: Force,
-    step: f64,
-}
-
 /// The selected model of the plant, created at initialization.
 #[derive(Default, Clone, Serialize, Deserialize)]
-enum Dynamics {
+enum Selected {
     TransferFunction(TransferFunction),
     Linear(Box<Linear>),
     #[default]
@@ -132,10 +103,10 @@ const MAX_SAMPLES: f64 = 1e8;
 impl Continuous for Pendulum {
     fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
         let mut state = State::from([self.x0, self.v0, self.theta0, self.omega0]);
-        self.dynamics = match self.model {
+        self.selected = match self.dynamics {
             PlantModel::TransferFunction if start.is_model_exchange => {
                 return Err(ModelError::refuse(
-                    "model = transfer_function is a difference equation without derivatives; for model exchange, expected linear or nonlinear",
+                    "dynamics = transfer_function is a difference equation without derivatives; for model exchange, expected linear or nonlinear",
                 ));
             }
             PlantModel::TransferFunction => {
@@ -144,10 +115,10 @@ impl Continuous for Pendulum {
                     theta: plant.theta(),
                     ..State::default()
                 };
-                Dynamics::TransferFunction(plant)
+                Selected::TransferFunction(plant)
             }
-            PlantModel::Linear => Dynamics::Linear(Box::new(Linear::new(&self.parameters))),
-            PlantModel::Nonlinear => Dynamics::Nonlinear,
+            PlantModel::Linear => Selected::Linear(Box::new(Linear::new(&self.parameters))),
+            PlantModel::Nonlinear => Selected::Nonlinear,
         };
         self.set_state(state);
         Ok(())
@@ -156,10 +127,10 @@ impl Continuous for Pendulum {
     /// With the transfer function, the derivatives are not computed and stay 0.
     fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
         let state = self.state();
-        let derivative = match &self.dynamics {
-            Dynamics::TransferFunction(_) => State::default(),
-            Dynamics::Linear(plant) => plant.derivative(&state, self.u),
-            Dynamics::Nonlinear => nonlinear::derivative(&self.parameters, &state, self.u),
+        let derivative = match &self.selected {
+            Selected::TransferFunction(_) => State::default(),
+            Selected::Linear(plant) => plant.derivative(&state, self.u),
+            Selected::Nonlinear => nonlinear::derivative(&self.parameters, &state, self.u),
         };
         [self.x_dot, self.v_dot, self.theta_dot, self.omega_dot] = derivative.into();
         Ok(())
@@ -169,20 +140,11 @@ impl Continuous for Pendulum {
 impl Pendulum {
     /// Takes a step of co-simulation, exactly for the linear models.
     fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
-        let last = Step {
-            from: self.state(),
-            u: Force {
-                value: self.u,
-                slope: self.u_slope,
-            },
-            step: match &self.last {
-                Some(last) if last.step == step => step, // already snapped if needed
-                _ => snap(step, self.ts),
-            },
-        };
-        self.advance(&last)?;
-        self.last = Some(last);
-        Ok(())
+        // A step like the last one is already snapped if needed.
+        if self.last_step != step {
+            self.last_step = snap(step, self.ts);
+        }
+        self.advance(self.last_step)
     }
 
     #[inline(always)]
@@ -196,17 +158,21 @@ impl Pendulum {
     }
 
     #[inline(always)]
-    fn advance(&mut self, &Step { from, u, step }: &Step) -> Result<(), ModelError> {
-        let mut state = from;
-        match &mut self.dynamics {
-            Dynamics::TransferFunction(plant) => {
+    fn advance(&mut self, step: f64) -> Result<(), ModelError> {
+        let mut state = self.state();
+        let u = Force {
+            value: self.u,
+            slope: self.u_slope,
+        };
+        match &mut self.selected {
+            Selected::TransferFunction(plant) => {
                 for k in 0..whole_samples(step, self.ts)? {
                     let held = u.value + u.slope * f64::from(k) * self.ts;
                     state.theta = plant.advance(held);
                 }
             }
-            Dynamics::Linear(plant) => plant.advance(&mut state, u, step),
-            Dynamics::Nonlinear => {
+            Selected::Linear(plant) => plant.advance(&mut state, u, step),
+            Selected::Nonlinear => {
                 nonlinear::advance(&self.parameters, &mut state, u, step)
                     .map_err(|failure| self.too_fast(failure))?;
             }
@@ -217,10 +183,10 @@ impl Pendulum {
 
     /// The derivatives of the state's derivative.
     fn jacobian(&self) -> Jacobian {
-        match &self.dynamics {
-            Dynamics::TransferFunction(_) => Jacobian::default(),
-            Dynamics::Linear(plant) => plant.jacobian(),
-            Dynamics::Nonlinear => nonlinear::jacobian(&self.parameters, &self.state(), self.u),
+        match &self.selected {
+            Selected::TransferFunction(_) => Jacobian::default(),
+            Selected::Linear(plant) => plant.jacobian(),
+            Selected::Nonlinear => nonlinear::jacobian(&self.parameters, &self.state(), self.u),
         }
     }
 
@@ -231,25 +197,6 @@ impl Pendulum {
             "{failure}; the step started at u = {u:?} N, theta = {theta:?} rad, omega = {omega:?} rad/s"
         ))
     }
-
-    /// The derivative of the state with respect to the force held over the last step, per N; zero
-    /// before the first step.
-    fn derivative_by_force(&self) -> State {
-        let Some(Step { from, u, step }) = &self.last else {
-            return State::default();
-        };
-        match &self.dynamics {
-            Dynamics::TransferFunction(plant) => State {
-                theta: plant.sensitivity(whole_samples(*step, self.ts).unwrap_or(0)),
-                ..State::default()
-            },
-            Dynamics::Linear(plant) => plant.sensitivity(*step),
-            // The step succeeded before, so it succeeds again.
-            Dynamics::Nonlinear => {
-                nonlinear::sensitivity(&self.parameters, from, *u, *step).unwrap_or_default()
-            }
-        }
-    }
 }
 
 /// The step as a number of sample times `ts`, with a tolerance of a millionth of `ts`.
@@ -257,7 +204,7 @@ fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
     let samples = (step / ts).round();
     if (step / ts - samples).abs() > 1e-6 {
         return Err(ModelError::refuse(format_args!(
-            "with the model transfer_function, the communication step must be a multiple of ts = {ts} s, but it is {step} s"
+            "with dynamics = transfer_function, the communication step must be a multiple of ts = {ts} s, but it is {step} s"
         )));
     }
     if samples > MAX_SAMPLES {

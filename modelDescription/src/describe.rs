@@ -159,11 +159,6 @@ impl Description {
             && unknowns.all(|v| !v.exported.depends_on.is_empty())
     }
 
-    /// Whether derivatives of an output are known.
-    pub(crate) fn has_output_derivatives(&self) -> bool {
-        (self.variables.iter()).any(|v| v.is_output() && !v.exported.depends_on.is_empty())
-    }
-
     /// Order of the time derivatives of outputs that the FMU provides: the derivatives of states are
     /// known.
     pub(crate) fn max_output_derivative_order(&self) -> u32 {

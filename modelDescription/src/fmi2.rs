@@ -112,10 +112,7 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
         .with("canNotUseMemoryManagementFunctions", true)
         .with("canGetAndSetFMUstate", true)
         .with("canSerializeFMUstate", true)
-        .with(
-            "providesDirectionalDerivative",
-            model.has_output_derivatives(),
-        );
+        .with("providesDirectionalDerivative", model.has_all_derivatives());
     let is_for_exchange = model.is_for_model_exchange();
     root.with_some(
         "numberOfEventIndicators",

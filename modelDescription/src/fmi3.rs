@@ -40,7 +40,8 @@ pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`.
 pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element<'static> {
     // The attributes that all types have (FMI 3.0.2, section 2.4.2).
-    let interface = |name, has_derivatives: bool| {
+    let has_derivatives = model.has_all_derivatives();
+    let interface = |name| {
         Element::new(name)
             .with("modelIdentifier", &model.name)
             .with("needsExecutionTool", false)
@@ -52,9 +53,8 @@ pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element
             .with("providesPerElementDependencies", false)
             .with("providesEvaluateDiscreteStates", false)
     };
-    let exchange = interface("ModelExchange", model.has_all_derivatives())
-        .with("needsCompletedIntegratorStep", false);
-    let co_simulation = interface("CoSimulation", model.has_output_derivatives())
+    let exchange = interface("ModelExchange").with("needsCompletedIntegratorStep", false);
+    let co_simulation = interface("CoSimulation")
         .with("canHandleVariableCommunicationStepSize", true)
         .with(
             "maxOutputDerivativeOrder",
@@ -62,8 +62,8 @@ pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element
         )
         .with("providesIntermediateUpdate", model.is_continuous)
         .with("canReturnEarlyAfterIntermediateUpdate", model.is_continuous)
-        // In event mode, a step ends at the next sample instant.
-        .with("mightReturnEarlyFromDoStep", model.is_sampled)
+        // In event mode, a step ends at the next sample instant or time event.
+        .with("mightReturnEarlyFromDoStep", model.is_for_model_exchange())
         .with("hasEventMode", model.is_for_model_exchange());
     root.holding_all(model.is_for_model_exchange().then_some(exchange))
         .holding(co_simulation)

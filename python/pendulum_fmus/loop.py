@@ -92,7 +92,7 @@ class Loop:
             starts["sensor"] = dict(zip(("noise", "delay"), self.sensor, strict=True))
         for name, model in models.items():
             if model == "Pendulum":
-                starts[name]["model"] = self.plant_model
+                starts[name]["dynamics"] = self.plant_model
             elif model in PREVIOUS_SAMPLE_TERMS:
                 terms = PREVIOUS_SAMPLE_TERMS[model] if late is None else late
                 starts[name]["previous_sample_terms"] = terms

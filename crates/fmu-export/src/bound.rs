@@ -60,7 +60,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
         is_integrated: M::IS_INTEGRATED,
         step: M::DEFAULT_EXPERIMENT.1,
         tolerance: M::TOLERANCE,
-        has_directional_derivatives: Self::TABLES.has_directional_derivatives,
+        has_directional_derivatives: M::IS_CONTINUOUS
+            && matches!(Self::TABLES.directional_derivatives, (true, false)),
         structural_parameters: Self::TABLES.structural_parameters,
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;

@@ -147,7 +147,7 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: [u8; 4] = 5u32.to_le_bytes();
+const VERSION: [u8; 4] = 6u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 
@@ -166,6 +166,12 @@ impl<M: AnyModel> Component<M> {
         model: M,
     ) -> Self {
         let facts = model.facts();
+        // providesIntermediateUpdate is false for the others.
+        let intermediate_update = (settings.intermediate_update).filter(|_| facts.is_continuous);
+        let settings = Settings {
+            intermediate_update,
+            ..settings
+        };
         let workspace = match facts.is_integrated {
             true => Workspace::new(facts.states.len(), facts.event_indicators.len()),
             false => Workspace::default(),
@@ -660,12 +666,12 @@ impl Component {
         })
     }
 
-    /// Evaluates the equations between steps if any of the variables is computed only when a host asks for it:
-    /// derivatives and event indicators. Otherwise, computes what is not up to date. Returns the model before
-    /// an evaluation, to which it is to return: outputs have the values of the last step.
+    /// Evaluates the equations between steps if the host asks for what is computed only then: derivatives and event
+    /// indicators. Otherwise, computes what is not up to date. Returns the model before an evaluation, to which it
+    /// is to return: outputs have the values of the last step.
     pub(crate) fn prepare(
         &mut self,
-        references: &[u32],
+        needs_evaluation: bool,
     ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         let Lifecycle { mode, state, .. } = self.shared.lifecycle;
         let is_stepped = mode != Mode::ModelExchange
@@ -673,8 +679,7 @@ impl Component {
                 state,
                 State::StepMode | State::StepFailed | State::IntermediateUpdate | State::Terminated
             );
-        if is_stepped && self.model.facts().is_continuous && self.model.has_derivatives(references)
-        {
+        if is_stepped && self.model.facts().is_continuous && needs_evaluation {
             return self.evaluate_aside().map(Some);
         }
         self.update()?;
@@ -725,7 +730,7 @@ impl Component {
     }
 
     /// Computes the outputs from the start values and inputs; nothing changes if that fails.
-    fn initialize(&mut self) -> Result<(), ModelError> {
+    pub(crate) fn initialize(&mut self) -> Result<(), ModelError> {
         let before = self.model.copy();
         let initialized = self.initialize_model();
         if initialized.is_err() {

@@ -1,10 +1,11 @@
 //! Derivatives of variables: with respect to other variables, and to time.
 
+use fmi_abi::state::State;
 use fmu_description::table::Field;
-use fmu_description::{Causality, Dynamics, Type};
+use fmu_description::{Causality, Dynamics, Type, Value};
 
+use crate::bound::AnyModel;
 use crate::component::Component;
-use crate::lifecycle::Mode;
 use crate::model::ModelError;
 use crate::values::{check_type, unknown};
 
@@ -19,13 +20,7 @@ impl Component {
     ) -> Result<(), ModelError> {
         let unknowns = self.elements(unknowns, derivatives.len())?;
         let knowns = self.elements(knowns, direction.len())?;
-        self.prepare_jacobian(&unknowns, &knowns, direction)?;
-        for (&unknown, derivative) in unknowns.iter().zip(derivatives) {
-            *derivative = (knowns.iter().zip(direction))
-                .map(|(&known, change)| self.derivative(unknown, known) * change)
-                .sum();
-        }
-        Ok(())
+        self.multiply(&unknowns, &knowns, direction, derivatives, false)
     }
 
     /// The derivative of a direction of the unknowns with respect to knowns.
@@ -38,60 +33,83 @@ impl Component {
     ) -> Result<(), ModelError> {
         let unknowns = self.elements(unknowns, direction.len())?;
         let knowns = self.elements(knowns, derivatives.len())?;
-        self.prepare_jacobian(&unknowns, &knowns, direction)?;
-        for (&known, derivative) in knowns.iter().zip(derivatives) {
-            *derivative = (unknowns.iter().zip(direction))
-                .map(|(&unknown, change)| self.derivative(unknown, known) * change)
-                .sum();
-        }
-        Ok(())
+        self.multiply(&unknowns, &knowns, direction, derivatives, true)
     }
 
-    /// Checks a product with the Jacobian: in co-simulation, of outputs with respect to inputs; in model
-    /// exchange, of outputs and derivatives with respect to inputs and states.
+    /// Multiplies the Jacobian, or its transpose, by a direction.
+    fn multiply(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        direction: &[f64],
+        products: &mut [f64],
+        is_transposed: bool,
+    ) -> Result<(), ModelError> {
+        let saved = self.prepare_jacobian(unknowns, knowns, direction)?;
+        let (rows, columns) = match is_transposed {
+            false => (unknowns, knowns),
+            true => (knowns, unknowns),
+        };
+        let mut multiplied = Ok(());
+        for (&row, product) in rows.iter().zip(products) {
+            let element = |(&column, change): (&u32, &f64)| {
+                let (unknown, known) = match is_transposed {
+                    false => (row, column),
+                    true => (column, row),
+                };
+                Ok(self.derivative(unknown, known)? * change)
+            };
+            let sum: Result<f64, ModelError> = columns.iter().zip(direction).map(element).sum();
+            match sum {
+                Ok(sum) => *product = sum,
+                Err(error) => multiplied = Err(error),
+            }
+        }
+        if let Some(saved) = saved {
+            self.model.assign(saved.as_ref());
+        }
+        multiplied
+    }
+
+    /// Evaluates the equations, of which the Jacobian may be a function, and checks a product with it: of outputs,
+    /// derivatives, event indicators and states with respect to inputs and states; in initialization mode, of
+    /// outputs, derivatives and states with respect to all that the host may set as well. Returns the model
+    /// before an evaluation, to which it is to return.
     fn prepare_jacobian(
         &mut self,
         unknowns: &[u32],
         knowns: &[u32],
         direction: &[f64],
-    ) -> Result<(), ModelError> {
-        let is_exchange = self.shared.lifecycle.mode == Mode::ModelExchange;
-        if is_exchange {
-            self.update()?;
-        }
+    ) -> Result<Option<Box<dyn AnyModel>>, ModelError> {
         if !self.model.facts().has_directional_derivatives {
             return Err(ModelError::refuse(
                 "the model has no derivatives: providesDirectionalDerivative is false",
             ));
         }
-        let (unknown, known) = match is_exchange {
-            true => (
-                "an output, a derivative or an event indicator",
-                "an input or a state",
-            ),
-            false => ("an output", "an input"),
-        };
+        let is_initial = self.shared.lifecycle.state == State::Initialization;
         for &reference in unknowns {
-            self.check_part(reference, unknown, &|variable| {
-                let is_equation = matches!(
-                    variable.dynamics,
-                    Dynamics::Derivative { .. } | Dynamics::EventIndicator
-                );
-                variable.causality == Causality::Output || is_exchange && is_equation
+            let expected = "an output, a state, a derivative or an event indicator";
+            self.check_part(reference, expected, &|variable| {
+                variable.causality == Causality::Output || variable.dynamics != Dynamics::Algebraic
             })?;
         }
+        let expected = match is_initial {
+            true => "an input, a state or a parameter",
+            false => "an input or a state",
+        };
         for &reference in knowns {
-            self.check_part(reference, known, &|variable| {
+            self.check_part(reference, expected, &|variable| {
                 let is_state = matches!(variable.dynamics, Dynamics::State { .. });
-                variable.causality == Causality::Input || is_exchange && is_state
+                let is_parameter = variable.causality == Causality::Parameter;
+                is_state || variable.causality == Causality::Input || is_initial && is_parameter
             })?;
         }
-        match direction.iter().find(|change| !change.is_finite()) {
-            Some(change) => Err(ModelError::refuse(format_args!(
+        if let Some(change) = direction.iter().find(|change| !change.is_finite()) {
+            return Err(ModelError::refuse(format_args!(
                 "the direction contains {change}; expected finite numbers"
-            ))),
-            None => Ok(()),
+            )));
         }
+        self.prepare(true)
     }
 
     /// Checks that a variable is a Real with a part in the Jacobian.
@@ -112,16 +130,50 @@ impl Component {
         }
     }
 
-    /// An element of the Jacobian. As an unknown in model exchange, a state depends on itself only.
-    fn derivative(&mut self, unknown: u32, known: u32) -> f64 {
-        let is_state = self.shared.lifecycle.mode == Mode::ModelExchange
-            && self
-                .model
-                .find(unknown)
-                .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State { .. }));
-        match is_state {
+    /// An element of the Jacobian. As an unknown, a state depends on itself only, but for its initial value.
+    fn derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
+        let is_state = |reference| {
+            (self.model.find(reference))
+                .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State { .. }))
+        };
+        let (is_state, by_state) = (is_state(unknown), is_state(known));
+        if self.shared.lifecycle.state == State::Initialization && !by_state {
+            return self.initial_derivative(unknown, known);
+        }
+        Ok(match is_state {
             true => f64::from(u8::from(unknown == known)),
             false => self.model.derivative(unknown, known),
+        })
+    }
+
+    /// The derivative of an initial value with respect to a start value: the quotient of differences between
+    /// initializations, central unless the start value is at a bound.
+    fn initial_derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
+        let (Some(of), Some(by)) = (self.model.find(unknown), self.model.find(known)) else {
+            return Ok(0.0);
+        };
+        let start = self.model.get(&by).as_real().unwrap_or_default();
+        // A power of two near the cube root of the rounding error, so that a linear function has its exact slope.
+        let step = libm::exp2(libm::floor(libm::log2(start.abs().max(1e-3)))) * 2f64.powi(-17);
+        let bounds = by.variable.bounds;
+        let [low, high] = [start - step, start + step].map(|value| {
+            let allowed = bounds.contain(&Value::Float64(value));
+            if allowed { value } else { start }
+        });
+        let saved = self.model.copy();
+        let lifecycle = self.shared.lifecycle;
+        let mut at = |value| {
+            self.model.set(&by, Value::Float64(value));
+            let result = self.initialize();
+            let result = result.map(|()| self.model.get(&of).as_real().unwrap_or_default());
+            self.model.assign(saved.as_ref());
+            self.shared.lifecycle = lifecycle;
+            result
+        };
+        let (before, after) = (at(low), at(high));
+        match high > low {
+            true => Ok((after? - before?) / (high - low)),
+            false => Ok(0.0),
         }
     }
 

@@ -124,8 +124,9 @@ pub(crate) struct Tables<const N: usize> {
     pub(crate) event_indicators: List<usize, N>,
     /// Whether the host may set the time derivative of any input.
     pub(crate) has_input_derivatives: bool,
-    /// Whether derivatives of any variable with respect to others are known.
-    pub(crate) has_directional_derivatives: bool,
+    /// Whether there is a state derivative or a continuous output that is no state, and whether the derivatives
+    /// of any of them with respect to others are not known.
+    pub(crate) directional_derivatives: (bool, bool),
     /// Whether there are structural parameters, and whether any of them is tunable.
     pub(crate) structural_parameters: (bool, bool),
 }
@@ -146,7 +147,7 @@ impl<const N: usize> Tables<N> {
             }),
             event_indicators: List::new(0),
             has_input_derivatives: false,
-            has_directional_derivatives: false,
+            directional_derivatives: (false, false),
             structural_parameters: (false, false),
         };
         let mut in_use = 0;
@@ -201,7 +202,14 @@ impl<const N: usize> Tables<N> {
             _ => {}
         }
         self.has_input_derivatives |= variable.has_input_derivative;
-        self.has_directional_derivatives |= !variable.depends_on.is_empty();
+        let is_output = matches!(variable.causality, Causality::Output)
+            && matches!(variable.variability, Variability::Continuous);
+        if matches!(variable.dynamics, Dynamics::Derivative { .. })
+            || is_output && !matches!(variable.dynamics, Dynamics::State { .. })
+        {
+            self.directional_derivatives.0 = true;
+            self.directional_derivatives.1 |= variable.depends_on.is_empty();
+        }
         if matches!(variable.causality, Causality::StructuralParameter) {
             self.structural_parameters.0 = true;
             self.structural_parameters.1 |= matches!(variable.variability, Variability::Tunable);

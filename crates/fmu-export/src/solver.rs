@@ -11,7 +11,7 @@ use crate::model::{Kind, ModelError};
 /// Maximum number of internal steps in one communication step; more would take seconds to compute.
 const MAX_STEPS: u32 = 100_000;
 /// Maximum number of events in one communication step; more are chattering.
-const MAX_EVENTS: u32 = 1000;
+pub(crate) const MAX_EVENTS: u32 = 1000;
 /// Smallest relative tolerance that is kept, above rounding errors.
 const MIN_TOLERANCE: f64 = 1e-12;
 /// Size of the first internal step after a state event, in units of the resolution of its time: so short
@@ -311,9 +311,7 @@ impl Run<'_> {
     fn event(&mut self, time: f64) -> Result<(), ModelError> {
         self.events += 1;
         if self.events > MAX_EVENTS {
-            return Err(self.discard(format_args!(
-                "there are more than {MAX_EVENTS} events in the communication step"
-            )));
+            return Err(self.stopped(too_many_events()));
         }
         let handled = self.system.event(time);
         handled
@@ -416,6 +414,13 @@ impl Run<'_> {
             }
         }
     }
+}
+
+#[cold]
+pub(crate) fn too_many_events() -> ModelError {
+    ModelError::discard(format_args!(
+        "there are more than {MAX_EVENTS} events in the communication step"
+    ))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use fmi_abi::state::State;
 use crate::component::{Component, IntermediateUpdate, Outcome};
 use crate::lifecycle::Mode;
 use crate::model::ModelError;
+use crate::solver::{MAX_EVENTS, too_many_events};
 
 /// What a step returns besides its outcome.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +50,8 @@ pub(crate) struct Stepping {
     count: f64,
     /// The next internal point, from 1.
     k: u32,
+    /// Events that were handled.
+    events: u32,
 }
 
 impl Stepping {
@@ -60,6 +63,21 @@ impl Stepping {
     ) -> Result<Self, (Outcome, Results)> {
         if let Some(outcome) = c.refuse_step(time, step) {
             return Err((outcome, Results::plain(c.shared.lifecycle.now())));
+        }
+        let call = &c.shared.settings.edge.do_step;
+        // As without event mode, a step with too many samples is not begun.
+        let counted = c.call(call, |c| {
+            let shared = &c.shared;
+            let is_whole = !shared.settings.early_return_allowed;
+            if is_whole && c.model.facts().is_sampled {
+                let mut clock = shared.lifecycle.clock;
+                let counted = clock.due(time, step);
+                counted.map_err(|error| error.in_step(time, step))?;
+            }
+            Ok(())
+        });
+        if counted != Outcome::Ok {
+            return Err((counted, Results::plain(c.shared.lifecycle.now())));
         }
         /// The internal points are at most this many, and at most as far from each other as the steps of the
         /// model's default experiment.
@@ -77,6 +95,7 @@ impl Stepping {
             tolerance: 1e-6 * step + 8.0 * f64::EPSILON * time.abs(),
             count,
             k: 1,
+            events: 0,
         })
     }
 
@@ -129,7 +148,12 @@ impl Stepping {
                 if is_end || may_return {
                     return Ok(self.finish(true));
                 }
-                passed(c.call(call, |c| c.handle_event(self.now).map(drop)))?;
+                self.events += 1;
+                let is_chattering = self.events > MAX_EVENTS;
+                passed(c.call(call, |c| match c.model.facts().is_sampled {
+                    false if is_chattering => Err(too_many_events()),
+                    _ => c.handle_event(self.now).map(drop),
+                }))?;
                 if internal > self.now + self.tolerance {
                     continue;
                 }

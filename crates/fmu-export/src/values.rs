@@ -70,7 +70,8 @@ impl Component {
     ) -> Result<(), ModelError> {
         self.check_announced(references)?;
         let elements = self.elements(references, n)?;
-        let saved = self.prepare(references)?;
+        let needs_evaluation = self.model.has_derivatives(references);
+        let saved = self.prepare(needs_evaluation)?;
         let got = self.get_elements(of_type, &elements, put);
         if let Some(saved) = saved {
             self.model.assign(saved.as_ref());

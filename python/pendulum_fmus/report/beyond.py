@@ -300,7 +300,7 @@ def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) ->
 
     Each of five rounds tries six values between the last success and the first failure.
     """
-    settings = settings | dict.fromkeys(both_plants(kind, "model"), "nonlinear")
+    settings = settings | dict.fromkeys(both_plants(kind, "dynamics"), "nonlinear")
     low, high = 0.05, math.pi / 2
     for _ in range(5):
         values = np.linspace(low, high, 6)
@@ -315,7 +315,7 @@ def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) ->
 
 def areas(kind: str, model: str, fmus: Path) -> np.ndarray:
     """Return the integrals of |e| of steps of 20° and of 1 rad [rad s], shape (2,)."""
-    settings = dict.fromkeys(both_plants(kind, "model"), model)
+    settings = dict.fromkeys(both_plants(kind, "dynamics"), model)
     amplitudes = np.array([SMALL, 1.0])
     return sweep(kind, ["source.amplitude"], amplitudes, settings, FALLEN, fmus)["iae"]
 

@@ -121,12 +121,6 @@ impl Linear {
             ..Jacobian::default()
         }
     }
-
-    /// The derivative of the state after a step of `step` (s) with respect to the force held over it,
-    /// per N.
-    pub fn sensitivity(&self, step: f64) -> State {
-        <[f64; 4]>::from(transition(&self.jacobian(), step).held).into()
-    }
 }
 
 /// One step of s' = A s + B u with u' constant: exp of ((A, B, 0), (0, 0, 1), (0, 0, 0)) times the step.

@@ -260,23 +260,4 @@ mod tests {
             assert!((0..4).all(|i| (single[i] / repeated[i] - 1.0).abs() < 1e-6));
         }
     }
-
-    #[test]
-    fn the_sensitivities_match_the_central_difference() {
-        let (step, delta) = (0.3, 1e-3);
-        let start = State::from([0.0, 0.5, 2.0, -1.0]);
-        let force = |value| Force { value, slope: 5.0 };
-        let [above, below] = [delta, -delta].map(|delta| ends(start, force(2.0 + delta), step));
-        let full = nonlinear::sensitivity(&P, &start, force(2.0), step).unwrap();
-        let linear = Linear::new(&P).sensitivity(step);
-        for (k, analytic) in [full, linear].map(<[f64; 4]>::from).iter().enumerate() {
-            for i in 0..4 {
-                let difference = (above[k][i] - below[k][i]) / (2.0 * delta);
-                let error = (analytic[i] / difference - 1.0).abs();
-                assert!(error < 1e-6, "{k}, {i}: {analytic:?} {difference}");
-            }
-        }
-        let sampled = TransferFunction::new(&P, 0.001, State::default()).sensitivity(300);
-        assert!((sampled / linear.theta - 1.0).abs() < 1e-6);
-    }
 }

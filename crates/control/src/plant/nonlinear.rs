@@ -65,34 +65,6 @@ pub fn jacobian(p: &Parameters, state: &State, u: f64) -> Jacobian {
     }
 }
 
-/// The derivative of the state after a step of `step` (s) from `state` with respect to the force held
-/// over it, per N: the variational equation, integrated together with the motion.
-///
-/// # Errors
-/// As [`advance`].
-pub fn sensitivity(
-    p: &Parameters,
-    state: &State,
-    u: impl Into<Force>,
-    step: f64,
-) -> Result<State, StepFailure> {
-    let u = u.into();
-    let [x, v, theta, omega] = (*state).into();
-    let start = [x, v, theta, omega, 0.0, 0.0, 0.0, 0.0];
-    let [.., x, v, theta, omega] = integrate(
-        start,
-        step,
-        |tau, &[x, v, theta, omega, dx, dv, dtheta, domega]| {
-            let (y, dy) = ([x, v, theta, omega], [dx, dv, dtheta, domega]);
-            let force = u.value + u.slope * tau;
-            let ([y0, y1, y2, y3], [d0, d1, d2, d3]) =
-                (slope(p, &y, force), variation(p, &y, force, &dy, 1.0));
-            [y0, y1, y2, y3, d0, d1, d2, d3]
-        },
-    )?;
-    Ok(State { x, v, theta, omega })
-}
-
 /// Terms of the accelerations at a state (x, v, theta, omega) and a force.
 struct Balance {
     sin: f64,

@@ -103,17 +103,6 @@ impl TransferFunction {
         self.theta[0]
     }
 
-    /// The derivative of the angle after `samples` sample times with respect to the force held over
-    /// them (rad/N): the step response.
-    pub fn sensitivity(&self, samples: u32) -> f64 {
-        let mut rest = Self {
-            theta: [0.0; 3],
-            u: [0.0; 2],
-            ..*self
-        };
-        (0..samples).fold(0.0, |_, _| rest.advance(1.0))
-    }
-
     /// Advances by one sample time under the constant force `u` (N) and returns the new angle (rad).
     pub fn advance(&mut self, u: f64) -> f64 {
         let [y1, y2, y3] = self.theta;

@@ -167,7 +167,7 @@ fn directional_derivatives_are_those_of_the_equations() {
         let (knowns, mut sum) = ([Ball::H, Ball::V, Ball::DRIVE], [f64::NAN]);
         let status = it.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
         assert_eq!((status, sum), (OK, [2.0 * Ball::G - 3.0 + 1.0]));
-        let none = "drive is not an output, a derivative or an event indicator";
+        let none = "drive is not an output, a state, a derivative or an event indicator";
         for (unknown, known, words) in [
             (Ball::DRIVE, Ball::H, none),
             (Ball::H_DOT, Ball::H_DOT, "der(h) is not an input or a"),
@@ -180,63 +180,81 @@ fn directional_derivatives_are_those_of_the_equations() {
 }
 
 #[test]
-fn directional_derivatives_of_steps_refer_to_the_last_step_despite_values_set_since() {
+fn directional_derivatives_of_co_simulation_are_those_at_the_communication_point() {
     for kind in PLAIN {
-        let it = Instance::running(kind, EVERY);
-        assert_eq!(it.set(U, 3.0), OK);
-        let derivative = |f: Fmu| {
-            let mut derivative = [f64::NAN];
-            assert_eq!(f.directional(&[Y], &[U], &[1.0], &mut derivative), OK);
-            derivative[0]
+        let it = Instance::of(kind, BALL);
+        assert_eq!(it.set(Ball::DRAG, 0.25), OK);
+        let it = it.run(0.0);
+        it.steps(0.0, 0.125);
+        assert_eq!(it.set(Ball::DRIVE, 2.0), OK);
+        let before = it.snapshot();
+        let v = -Ball::G / 8.0;
+        let unknowns: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
+        let expected = [
+            (Ball::H, [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G]),
+            (Ball::V, [0.0, 1.0, 1.0, 0.5 * v, 0.0, v]),
+            (Ball::DRIVE, [0.0, 0.0, 0.0, 1.0, 0.0, 0.125]),
+        ];
+        let check = |f: Fmu| {
+            for (known, expected) in expected {
+                let mut found = [f64::NAN; 6];
+                let status = f.directional(&unknowns, &[known], &[1.0], &mut found);
+                assert_eq!((status, found), (OK, expected), "{known}");
+            }
         };
-        assert_eq!(derivative(*it), 0.0);
-        it.steps(0.0, 0.25);
-        let bytes = it.snapshot();
-        assert_eq!(derivative(*it), 0.5);
-        assert_eq!(it.snapshot(), bytes, "reading changes nothing");
-        assert_eq!(it.set(U, 7.0), OK);
-        it.steps(0.25, 0.0);
-        assert_eq!(derivative(*it), 0.5);
-        it.steps(0.25, 2.0);
-        assert_eq!(derivative(*it), 4.0);
-        assert_eq!(derivative(it.resume(&bytes)), 0.5);
-        // An omitted input counts as zero.
-        let (mut found, seeds) = ([f64::NAN; 3], [2.0, -8.0, 100.0]);
-        let (unknowns, knowns) = ([Y, Y, Y], [U, U, V]);
-        let status = it.directional(&unknowns, &knowns, &seeds, &mut found);
-        assert_eq!((status, found), (OK, [-3.0; 3]));
+        check(*it);
+        assert_eq!(it.snapshot(), before, "reading changes nothing");
+        // An omitted known counts as zero.
         let mut none = [f64::NAN];
-        ok([it.directional(&[Y], &[], &[], &mut none)]);
+        ok([it.directional(&[Ball::ENERGY], &[], &[], &mut none)]);
         assert_eq!(none, [0.0]);
-        if kind.0 == Fmi2 {
-            ok([it.directional(&[PARTS], &[U], &[1.0], &mut none)]);
-            assert_eq!(none, [0.0]);
-        }
-        assert_eq!(it.directional(&[], &[U], &[1.0], &mut []), OK);
+        assert_eq!(it.directional(&[], &[Ball::H], &[1.0], &mut []), OK);
         let mut result = [7.0; 2];
         for (unknown, known, seed, words) in [
-            (U, U, 1.0, "u is not an output"),
-            (GAIN, U, 1.0, "gain is not an output"),
-            (LAW, U, 1.0, "law is not an output"),
-            (COUNT, U, 1.0, "is unknown"),
-            (Y, Y, 1.0, "y is not an input"),
-            (Y, LIMIT, 1.0, "limit is not an input"),
-            (Y, u32::MAX, 1.0, "is unknown"),
-            (Y, U, f64::NAN, "the direction contains NaN"),
-            (Y, U, f64::INFINITY, "inf"),
+            (Ball::DRIVE, Ball::H, 1.0, "drive is not an output"),
+            (Ball::RESTITUTION, Ball::H, 1.0, "restitution is not an"),
+            (u32::MAX, Ball::H, 1.0, "is unknown"),
+            (Ball::H, Ball::ENERGY, 1.0, "energy is not an input"),
+            (Ball::H, Ball::H0, 1.0, "h0 is not an input"),
+            (Ball::H, u32::MAX, 1.0, "is unknown"),
+            (Ball::H, Ball::DRIVE, f64::NAN, "the direction contains NaN"),
+            (Ball::H, Ball::DRIVE, f64::INFINITY, "inf"),
         ] {
-            let (of, by, seed) = ([Y, unknown], [U, known], [1.0, seed]);
+            let (of, by, seed) = ([Ball::V, unknown], [Ball::DRIVE, known], [1.0, seed]);
             it.refuses(words, |f| f.directional(&of, &by, &seed, &mut result));
         }
         assert_eq!(result, [7.0; 2]);
         assert_eq!(it.terminate(), OK);
-        assert_eq!(derivative(*it), 0.5);
-        assert_eq!(it.reset(), OK);
-        it.start(0.0, None);
-        assert_eq!(derivative(*it), 0.0);
-        let lists = Instance::running(kind, LISTS);
-        let words = "the model has no derivatives";
-        lists.refuses(words, |f| f.slope(Lists::SUM, Lists::SUM, 1.0));
+        check(*it);
+        for without in [LISTS, EVERY, SAMPLED] {
+            let it = Instance::running(kind, without);
+            it.refuses("the model has no derivatives", |f| f.slope(0, 0, 1.0));
+        }
+    }
+}
+
+#[test]
+fn initial_values_have_derivatives_with_respect_to_start_values() {
+    for kind in PLAIN.into_iter().chain(EXCHANGED) {
+        let it = Instance::of(kind, BALL);
+        ok([it.set(Ball::H0, 3.0), it.set(Ball::DRIVE, 0.7)]);
+        assert_eq!(it.enter(0.0, None, None), OK);
+        let unknowns: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
+        it.get(unknowns); // computes them
+        let before = it.snapshot();
+        for (known, expected) in [
+            (Ball::H0, [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G]),
+            (Ball::DRIVE, [0.0, 0.0, 0.0, 1.0, 0.0, 0.125]),
+            (Ball::RESTITUTION, [0.0; 6]),
+        ] {
+            let mut found = [f64::NAN; 6];
+            let status = it.directional(&unknowns, &[known], &[2.0], &mut found);
+            assert_eq!(status, OK);
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found - 2.0 * expected).abs() < 1e-9, "{known}: {found}");
+            }
+        }
+        assert_eq!(it.snapshot(), before);
     }
 }
 

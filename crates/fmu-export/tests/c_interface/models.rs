@@ -61,7 +61,7 @@ pub struct Every {
     /** texts */ #[parameter(start = ["7", "8"])] names: [String; 2],
     /** bytes */ #[input(start = b"\x00\xff")] bytes: Vec<u8>,
     #[nested] part: Part,
-    /** integral of u */ #[output(initially_from("weights"), derivative_by(u = self.y_by_u))] y: f64,
+    /** integral of u */ #[output(initially_from("weights"))] y: f64,
     /** weighted y */ #[output(unit = "N.m")] parts: [f64; 2],
     /** half of the f32 */ #[output] half: f32,
     /** large number */ #[output] long: i64,
@@ -72,7 +72,6 @@ pub struct Every {
     /** changes in steps only */ #[local(discrete)] label_length: i32,
     /** a number */ #[constant(start = TAU)] tau: f64,
     /** a text */ #[constant(start = "9")] version: String,
-    y_by_u: f64,
     ticks: u64,
     history: [f64; 40],
 }
@@ -134,8 +133,7 @@ impl Simulate for Every {
 
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         fail(self.trouble)?;
-        self.y_by_u = self.gain * step;
-        self.y += self.y_by_u * (self.u + self.u_rate * step / 2.0);
+        self.y += self.gain * step * (self.u + self.u_rate * step / 2.0);
         self.y += self.part.bias * self.part.scale;
         if self.law == Law::Added {
             self.y += self.v * step;
@@ -288,18 +286,13 @@ pub struct Sampled {
     /** times of the last samples */ #[output(unit = "s")] times: [f64; 3],
     /** number of samples */ #[output] count: i32,
     /** its inverse is an output */ #[input(start = 1)] u: f64,
-    /** inverse of u */ #[output(derivative_by(u = self.slope()))] y: f64,
+    /** inverse of u */ #[output] y: f64,
     /** file in the resources, if any */ #[parameter] file: String,
     /** sum of its numbers */ #[output] sum: f64,
 }
 
 impl Sampled {
     references! { TS, FAILS_AT, FAILURE, TIMES * 3, SAMPLES, U, Y, FILE, SUM }
-
-    fn slope(&self) -> f64 {
-        assert!(self.u != 0.0, "the bug shows in a derivative");
-        -1.0 / (self.u * self.u)
-    }
 }
 
 impl Simulate for Sampled {
