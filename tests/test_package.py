@@ -182,7 +182,7 @@ CAPABILITIES = {
     "2.0 Pendulum": "canInterpolateInputs providesDirectionalDerivative",
     "3.0": "canHandleVariableCommunicationStepSize canGetAndSetFMUState canSerializeFMUState",
     "3.0 Pendulum": "providesDirectionalDerivatives providesAdjointDerivatives hasEventMode"
-    " providesIntermediateUpdate canReturnEarlyAfterIntermediateUpdate",
+    " mightReturnEarlyFromDoStep providesIntermediateUpdate canReturnEarlyAfterIntermediateUpdate",
     "3.0 sampled": "mightReturnEarlyFromDoStep hasEventMode",
 }
 CATEGORIES = "logStatusError logStatusWarning logStatusDiscard logStatusFatal logEvents logAll"

@@ -118,3 +118,24 @@ def test_the_difference_equation_has_the_coefficients_of_the_paper():
     # (41), without the fourth digits of the zeros: num[2] is a difference of nearly equal numbers
     np.testing.assert_allclose(num[[1, 3]], [1.17824452e-06, -1.17820983e-06], rtol=1e-8)
     np.testing.assert_allclose(den, [1, -2.9999395157378, 2.9998512006421, -0.9999116872136])
+
+
+@pytest.mark.parametrize("model", ["linear", "nonlinear"])
+def test_directional_derivatives_are_those_at_the_communication_point(instance, model):
+    plant = pendulum(instance, dynamics=model)
+    fmu, references = plant.fmu, {v.name: v.valueReference for v in plant.description.modelVariables}
+    drive(plant, [1.5], [0.25])
+    point = [*state(plant), 1.5]
+
+    def slope(y: np.ndarray) -> np.ndarray:
+        A, B = reference.linear_model()
+        return A @ y[:4] + B * y[4] if model == "linear" else reference.derivatives(y[:4], y[4])
+
+    knowns = [*STATE, "u"]
+    unknowns = [*(f"der({name})" for name in STATE), *STATE]
+    for k, (known, unit) in enumerate(zip(knowns, np.eye(5), strict=True)):
+        rates = (slope(point + 1e-5 * unit) - slope(point - 1e-5 * unit)) / 2e-5
+        found = fmu.getDirectionalDerivative(
+            [references[name] for name in unknowns], [references[known]], [1.0]
+        )
+        np.testing.assert_allclose(found, [*rates, *np.eye(5)[k, :4]], rtol=1e-8, atol=1e-8)

@@ -296,8 +296,8 @@ impl Writer<'_> {
     /// `ModelStructure` (FMI 2.0.5, section 2.2.8; FMI 3.0.2, section 2.4.8), in which FMI 2.0 has the positions
     /// of variables, and FMI 3.0 their value references.
     ///
-    /// Where all dependencies are the default, they are listed all the same, of FMI 2.0 the initial
-    /// unknowns: CasADi demands it. All of FMI 3.0 include the independent variable.
+    /// Where all dependencies are the default, they are listed all the same: CasADi demands it of models with
+    /// equations. All of FMI 3.0 include the independent variable.
     fn structure(&self) -> Element<'static> {
         let is_2 = self.version == FmiVersion::Fmi2;
         let all = |is: fn(&Variable) -> bool| {
@@ -309,15 +309,12 @@ impl Writer<'_> {
             let unknown = |v: &Variable| {
                 let dependencies = match *of_2 == "InitialUnknowns" {
                     true => {
-                        let is_unknown =
-                            self.model.is_continuous && v.exported.initially_from.is_empty();
-                        let given = (!is_unknown).then(|| sorted(&v.exported.initially_from));
-                        Some(given.unwrap_or_else(|| all(Variable::is_initially_known)))
+                        let is_listed = self.model.is_continuous;
+                        let default = || is_listed.then(|| all(Variable::is_initially_known));
+                        let given = v.exported.initially_from.as_deref();
+                        given.map(sorted).or_else(default)
                     }
-                    false => {
-                        let default = || (!is_2).then(|| all(Variable::is_known));
-                        self.dependencies(v).or_else(default)
-                    }
+                    false => (self.dependencies(v)).or_else(|| Some(all(Variable::is_known))),
                 };
                 let name = if is_2 { "index" } else { "valueReference" };
                 let number = |reference| self.number(reference);

@@ -30,8 +30,8 @@ fn can_express(v: &Variable) -> bool {
 /// array of the same ones. A type of whole numbers other than Integer has its bounds.
 fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
     let from = |other: &&Variable| {
-        let references = &v.exported.initially_from;
-        references.contains(&(other.reference as usize))
+        let references = v.exported.initially_from.as_deref();
+        references.is_some_and(|all| all.contains(&(other.reference as usize)))
     };
     let elements_of = |other: &Variable| {
         let first = other.reference as usize;
@@ -69,9 +69,10 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
                 Dynamics::Derivative { of } => Dynamics::Derivative { of: of + element },
                 other => other,
             },
-            initially_from: (model.variables.iter().filter(from))
-                .flat_map(elements_of)
-                .collect(),
+            initially_from: (v.exported.initially_from.as_ref()).map(|_| {
+                let all = model.variables.iter().filter(from);
+                all.flat_map(elements_of).collect()
+            }),
             ..v.exported.clone()
         },
         ..v.clone()

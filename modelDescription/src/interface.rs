@@ -140,7 +140,7 @@ pub const GUID_LENGTH: usize = 38;
 /// The first bytes of a copy.
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
-pub(crate) const VERSION: u32 = 6;
+pub(crate) const VERSION: u32 = 7;
 /// Size of the checksum at the end of a copy.
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
@@ -382,7 +382,13 @@ impl<const N: usize> Writer<N> {
                 self.number(size as u128);
             }
         }
-        self.references(field.initially_from, scalar, scalars);
+        match field.initially_from {
+            None => self.raw(&[0]),
+            Some(names) => {
+                self.raw(&[1]);
+                self.references(names, scalar, scalars);
+            }
+        }
         self.references(field.depends_on, scalar, scalars);
         self.text(field.terminal.as_bytes());
     }

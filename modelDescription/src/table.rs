@@ -85,8 +85,9 @@ pub struct Field {
     /// MIME type of a Binary; empty for other types.
     pub mime_type: &'static str,
     /// Names of the variables of the same struct that its value after initialization depends on; if
-    /// both are arrays of the same size, each element depends on the element with the same index.
-    pub initially_from: &'static [&'static str],
+    /// both are arrays of the same size, each element depends on the element with the same index. `None` if
+    /// that is not known.
+    pub initially_from: Option<&'static [&'static str]>,
     /// Its part in the differential equations.
     pub dynamics: Dynamics,
     /// Names of the inputs and states of the same struct with respect to which its derivatives are known;
@@ -483,7 +484,7 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
         bounds: Bounds::None,
         unit: "",
         mime_type: "",
-        initially_from: &[],
+        initially_from: None,
         dynamics: Dynamics::Algebraic,
         depends_on: &[],
         has_input_derivative: false,
@@ -577,12 +578,14 @@ pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
             scalar.position(scalar.variable.name, scalars) == i,
             "two variables have the same name"
         );
-        each!(name in scalar.variable.initially_from => {
-            assert!(
-                scalar.position(name, scalars) < N,
-                "`initially_from` names a variable that does not exist"
-            );
-        });
+        if let Some(names) = scalar.variable.initially_from {
+            each!(name in names => {
+                assert!(
+                    scalar.position(name, scalars) < N,
+                    "`initially_from` names a variable that does not exist"
+                );
+            });
+        }
         check_dynamics(scalar, scalars);
         check_size(scalar, scalars);
     });

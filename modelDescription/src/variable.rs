@@ -57,8 +57,8 @@ pub struct Exported {
     /// Value reference of the structural parameter that is the number of elements in use, the first ones
     /// of an array; `None` if all are. The dimensions and start values cover all elements.
     pub size: Option<usize>,
-    /// Value references of the variables that its value after initialization depends on.
-    pub initially_from: Vec<usize>,
+    /// Value references of the variables that its value after initialization depends on, if that is known.
+    pub initially_from: Option<Vec<usize>>,
     /// Value references of the inputs and states with respect to which its derivatives are known, and on
     /// no others of which it depends.
     pub depends_on: Vec<usize>,

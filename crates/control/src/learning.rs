@@ -11,7 +11,7 @@ pub struct PidRbf<const N: usize> {
     #[cfg_attr(feature = "fmi", nested(flatten))]
     pub pid: Pid,
     /// The network's part of the force (N).
-    #[cfg_attr(feature = "fmi", output(unit = "N"))]
+    #[cfg_attr(feature = "fmi", output(unit = "N", initially_from()))]
     pub u_n: f64,
     /// The network; its input is the set-point.
     #[cfg_attr(feature = "fmi", nested(prefix = "rbf"))]

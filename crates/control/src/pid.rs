@@ -83,13 +83,16 @@ impl Terms {
 #[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct Pid {
     /// Force on the cart (N), limited to `u_max`.
-    #[cfg_attr(feature = "fmi", output(unit = "N", terminal = "loop.u"))]
+    #[cfg_attr(
+        feature = "fmi",
+        output(unit = "N", initially_from(), terminal = "loop.u")
+    )]
     pub u: f64,
     /// The PID's part of the force (N), not limited.
-    #[cfg_attr(feature = "fmi", output(unit = "N"))]
+    #[cfg_attr(feature = "fmi", output(unit = "N", initially_from()))]
     pub u_p: f64,
     /// Control error e = r - (y + d) of the last sample (rad).
-    #[cfg_attr(feature = "fmi", output(unit = "rad"))]
+    #[cfg_attr(feature = "fmi", output(unit = "rad", initially_from()))]
     pub e: f64,
     /// Gains.
     #[cfg_attr(feature = "fmi", nested(prefix = "pid"))]

@@ -38,7 +38,7 @@ pub struct Rbf<const N: usize> {
     #[cfg_attr(feature = "fmi", output(name = "w", unit = "N", size = nodes, initially_from("w0")))]
     pub weights: [f64; N],
     /// Activation h_j of the node.
-    #[cfg_attr(feature = "fmi", output(name = "h", unit = "1", size = nodes))]
+    #[cfg_attr(feature = "fmi", output(name = "h", unit = "1", size = nodes, initially_from()))]
     pub activations: [f64; N],
     /// Learning rate eta.
     #[cfg_attr(

@@ -108,7 +108,13 @@ impl Field {
         };
         let (dimensions, bounds) = (self.dimensions(), self.bounds());
         let start = self.start(&bounds);
-        let initially_from = options.names("initially_from");
+        let initially_from = match options.has("initially_from") {
+            true => {
+                let names = options.names("initially_from");
+                quote!(::core::option::Option::Some(&[#(#names),*]))
+            }
+            false => quote!(::core::option::Option::None),
+        };
         let depends_on = options.derivatives().iter().map(|(name, _)| name);
         let has_input_derivative = options.has("derivative");
         Some(quote! {
@@ -124,7 +130,7 @@ impl Field {
                 bounds: #krate::Bounds::#bounds,
                 unit: #unit,
                 mime_type: #mime_type,
-                initially_from: &[#(#initially_from),*],
+                initially_from: #initially_from,
                 dynamics: #krate::Dynamics::#dynamics,
                 depends_on: &[#(#depends_on),*],
                 has_input_derivative: #has_input_derivative,

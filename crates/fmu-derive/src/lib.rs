@@ -137,9 +137,9 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// | `discrete` | inputs, outputs and local variables of type `f64` or `f32` | changes at certain instants only |
 /// | `state` | outputs and local variables of type `f64` | a continuous state; a field with `#[derivative(of = ...)]` has its derivative |
 /// | `nominal = 0.1` | states | order of magnitude, 1 if it is not given |
-/// | `initially_from("y0", "pid.kp")` | outputs and local variables | variables of this struct that the value after the initialization depends on; those of an array of the same dimensions element by element |
+/// | `initially_from("y0", "pid.kp")` | outputs and local variables | variables of this struct that the value after the initialization depends on; those of an array of the same dimensions element by element; none: `initially_from()`; without this option, all |
 /// | `derivative = self.u_rate` | inputs of type `f64` | the host may set the time derivative of the input, which is stored in this field |
-/// | `derivative_by(u = self.slope())` | outputs, derivatives and event indicators of type `f64` | derivatives of the variable with respect to inputs and states of this struct, expressions of type `f64`; it depends on no others |
+/// | `derivative_by(u = self.slope())` | outputs, derivatives and event indicators of type `f64`, with equations | derivatives of the variable with respect to inputs and states of this struct, expressions of type `f64`; it depends on no others |
 /// | `terminal = "loop.u"` | inputs and outputs | the terminal of FMI 3.0 that it belongs to, and its name there; tools connect terminals with the same members by one line |
 /// | `prefix = "spare.pump"` | `#[nested]` | what to write before the names, instead of the name of the field |
 /// | `flatten` | `#[nested]` | the names are kept as they are |
