@@ -112,7 +112,7 @@ input continuous: u N 0
 output continuous: theta rad, omega rad/s, x m, v m/s
 parameter fixed: M kg 1.096, m kg 0.109, l m 0.25, g m/s2 9.8, I kg.m2 0.0034, b N.s/m 0.1
 parameter fixed: theta0 rad 0, omega0 rad/s 0, x0 m 0, v0 m/s 0, ts s 0.001
-parameter fixed: model transfer_function|linear|nonlinear linear
+parameter fixed: dynamics transfer_function|linear|nonlinear linear
 local continuous: der(theta) rad/s, der(omega) rad/s2, der(x) m/s, der(v) m/s2
 """,
     "Pid": PID,

@@ -620,6 +620,17 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
     }
 }
 
+#[test]
+fn a_step_with_too_many_samples_is_discarded_with_and_without_event_mode() {
+    for kind in [PLAIN[0], PLAIN[1], EVENTS] {
+        let it = Instance::running(kind, SAMPLED);
+        let before = it.snapshot();
+        it.fails(DISCARDED, "more than the maximum", |f| f.step(0.0, 0.5e12));
+        it.resume(&before);
+        assert_eq!(it.step(0.0, 0.5), OK);
+    }
+}
+
 // --- intermediate updates -----------------------------------------------------------------------
 
 /// A ball in step mode, with the callback for these variables; the step of its default experiment is 0.1 s.
