@@ -166,8 +166,29 @@ def test_wrong_connections_and_records_are_rejected(fmus):
         ):
             with pytest.raises(MasterError, match=message):
                 System([controller, plant], connections)
-        with pytest.raises(MasterError, match="not a Real"):
-            simulate(System([controller, plant], [right]), TS, TS, 1, record=["plant.dynamics"])
+        with pytest.raises(MasterError, match="a list of names is expected"):
+            simulate(System([controller, plant], [right]), TS, TS, 1, record="plant.theta")
+
+
+@pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])
+def test_a_system_is_simulated_again_from_what_was_set(fmus, fmi3):
+    sizes = (("controller.rbf.nodes", 4),) if fmi3 else ()
+    given = {"w0": (0.0, 1.0, 0.0, 0.0), "overrides": sizes, "fmi3": fmi3}
+    with Loop("PidRbf", **given).system(fmus) as system:
+        first, again = (simulate(system, TS, TS, 50) for _ in range(2))
+        system.components["controller"].set("pid.kp", 100.0)
+        changed = simulate(system, TS, TS, 50)
+    assert all(first[name].tobytes() == again[name].tobytes() for name in first)
+    assert changed["controller.u_p"][1] != first["controller.u_p"][1]
+
+
+def test_variables_of_all_types_are_recorded(fmus):
+    record = ["controller.previous_sample_terms", "source.signal", "plant.theta"]
+    with Loop("Pid", "sine", previous_sample_terms=True).system(fmus) as system:
+        results = simulate(system, TS, TS, 3, record=record)
+    assert results[record[0]].tolist() == [True] * 3
+    assert results[record[1]].tolist() == [2] * 3  # the second item of step, sine, square
+    assert results[record[2]].dtype == float
 
 
 @pytest.mark.parametrize("fmi3", [(), ("all",)], ids=["2.0", "3.0"])

@@ -23,6 +23,8 @@ from fmpy.model_description import ModelDescription, ModelVariable
 VERSIONS = {"2.0": (fmi2, "Real"), "3.0": (fmi3, "Float64")}
 """FMPy's module and the type of real numbers, by version of FMI."""
 
+STRUCTURAL = "structuralParameter"
+
 WARNING = 1
 """The status after which a call has done what it should, as after 0."""
 
@@ -82,7 +84,9 @@ class Component(AbstractContextManager):
         self.arrays: dict[str, list[str]] = {}  # all elements of an array, by each of them
         with ExitStack() as stack:
             self._instantiate(stack)
-            self._set_starts(dict(start or {}))
+            self._given = self._configure(dict(start or {}))
+            for name, value in self._given.items():
+                self.set(name, value)
             self._resources = stack.pop_all()
 
     def _instantiate(self, stack: ExitStack) -> None:
@@ -120,23 +124,34 @@ class Component(AbstractContextManager):
         """Return a function of the FMU, such as "DoStep", without the checks of FMPy."""
         return getattr(self.slave.dll, f"fmi{self.description.fmiVersion[0]}{name}")
 
-    def _set_starts(self, start: dict[str, Any]) -> None:
-        """Set the structural parameters, which give arrays their sizes, then the others."""
+    def _configure(self, start: dict[str, Any]) -> dict[str, Any]:
+        """Set the structural parameters, which give arrays their sizes; return the others."""
         known = [self.variables[name] for name in start if name in self.variables]
-        structural = [v for v in known if v.causality == "structuralParameter"]
-        if structural:
-            with self.explained("configuration"):
-                self.slave.enterConfigurationMode()
-                for variable in structural:
-                    variable.start = start.pop(variable.name)
-                    self._write(variable.name, variable.start)
-                self.slave.exitConfigurationMode()
+        self._sizes = {v.name: start.pop(v.name) for v in known if v.causality == STRUCTURAL}
+        self._write_sizes()
         for array in [v for v in self.description.modelVariables if v.dimensions]:
             self._name_elements(array)
         for name in self.arrays.keys() & start.keys():
             self.variables[name].start = start[name]
-        for name, value in start.items():
-            self.set(name, value)
+        return start
+
+    def _write_sizes(self) -> None:
+        if self._sizes:
+            with self.explained("configuration"):
+                self.slave.enterConfigurationMode()
+                for name, value in self._sizes.items():
+                    self.variables[name].start = value
+                    self._write(name, value)
+                self.slave.exitConfigurationMode()
+
+    def _reset(self) -> None:
+        """Return to the state after instantiation, with the values that were set."""
+        with self.explained("reset"):
+            self.slave.reset()
+        self._running = False
+        self._write_sizes()
+        for name, value in self._given.items():
+            self._write(name, value)
 
     def _name_elements(self, array: ModelVariable) -> None:
         """Replace an array among the variables by its elements."""
@@ -160,14 +175,13 @@ class Component(AbstractContextManager):
         raise MasterError(f"{self.path.name} has no variable {name}{hint}")
 
     def unit(self, name: str) -> str:
-        """Return the unit of a variable, "1" if it has none."""
+        """Return the unit of a variable, "" if it has none."""
         variable = self.variable(name)
-        return variable.unit or getattr(variable.declaredType, "unit", None) or "1"
+        return variable.unit or getattr(variable.declaredType, "unit", None) or ""
 
     def outputs(self) -> list[str]:
-        """Return the names of the Real outputs, in the order of the model description."""
-        variables = self.variables.items()
-        return [n for n, v in variables if v.causality == "output" and v.type == self.real]
+        """Return the names of the outputs, in the order of the model description."""
+        return [name for name, v in self.variables.items() if v.causality == "output"]
 
     def set(self, name: str, value: Any) -> None:
         """Set an input or a parameter."""
@@ -177,6 +191,7 @@ class Component(AbstractContextManager):
                 f"{self.name}.{name} has causality {kind}: only inputs and parameters can be set"
             )
         self._write(name, value)
+        self._given[name] = value
 
     def _write(self, name: str, value: Any) -> None:
         """Set a variable of any type; an element of an array together with the others."""
@@ -185,20 +200,29 @@ class Component(AbstractContextManager):
         numbers = [_number(f"{self.name}.{n}", variable, v) for n, v in given.items()]
         if name in self.arrays:
             variable.start = value
+        with self.explained(f"{name} = {value}"):
+            self._access("set", variable)([variable.valueReference], numbers)
+
+    def _access(self, verb: str, variable: ModelVariable) -> Callable:
+        """Return FMPy's function that gets or sets variables of a type."""
         kind = variable.type
         if kind == "Enumeration":
             kind = "Integer" if self.module is fmi2 else "Int64"
-        with self.explained(f"{name} = {value}"):
-            getattr(self.slave, f"set{kind}")([variable.valueReference], numbers)
+        return getattr(self.slave, verb + kind)
 
-    def get(self, name: str) -> float:
-        """Return the value of a Real variable."""
-        reals = Reals(self, [name])
-        reals.get()
-        return reals.values[reals.positions[0]]
+    def get(self, name: str) -> Any:
+        """Return the value of a variable; of an enumeration, the number of the item."""
+        variable, elements = self.variable(name), self.arrays.get(name, [name])
+        size = {"nValues": len(elements)} if self.module is fmi3 else {}
+        with self.explained(name):
+            values = self._access("get", variable)([variable.valueReference], **size)
+        value = values[elements.index(name)]
+        return bool(value) if variable.type == "Boolean" else value
 
     def initialize(self, time: float) -> None:
-        """Go through the initialization mode at `time` [s]."""
+        """Go through the initialization mode at `time` [s], again after a reset."""
+        if not math.isnan(self.time):
+            self._reset()
         self.time, given = time, {"startTime": time}
         with self.explained("initialization"):
             if self.module is fmi2:

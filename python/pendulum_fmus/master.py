@@ -84,7 +84,7 @@ class System(AbstractContextManager):
         return component.unit(variable)
 
     def outputs(self) -> list[str]:
-        """Return the full names of all Real outputs."""
+        """Return the full names of all outputs."""
         return [f"{c.name}.{name}" for c in self.components.values() for name in c.outputs()]
 
     def close(self) -> None:
@@ -108,14 +108,27 @@ def simulate(
 ) -> dict[str, np.ndarray]:
     """Initialize the system at `start` [s] and take `steps` communication steps of `step` [s].
 
-    Returns the time [s] and the variables `record` (all Real outputs by default), each of shape
-    (steps,). Row k belongs to t(k) = start + k step: the outputs of plants and sources at t(k),
-    and the outputs of the sample that a controller takes at t(k).
+    A system can be simulated again: it starts from the values that were set before and since.
+
+    Returns the time [s] and the variables `record` (all outputs by default), each of shape
+    (steps,); enumerations as the numbers of their items. Row k belongs to t(k) = start + k step:
+    the outputs of plants and sources at t(k), and the outputs of the sample that a controller
+    takes at t(k).
     """
+    if isinstance(record, str):
+        raise MasterError(
+            f"record is {record!r}; a list of names is expected, such as [{record!r}]"
+        )
     record = system.outputs() if record is None else record
+    others = {
+        name: (component, variable, [])
+        for name in record
+        for component, variable in [system.locate(name)]
+        if component.variable(variable).type != component.real
+    }
     inputs, outputs = (
         system.reals(system.sources),
-        system.reals([*system.sources.values(), *record]),
+        system.reals([*system.sources.values(), *(n for n in record if n not in others)]),
     )
     # All outputs share one row, from which inputs are copied
     row, columns, first = (c_double * sum(reals.size for reals in outputs))(), {}, 0
@@ -139,6 +152,10 @@ def simulate(
         if pairs:
             given.set()
 
+    def keep() -> None:
+        for component, variable, values in others.values():
+            values.append(component.get(variable))
+
     for component in system.components.values():
         component.initialize(start)
     for reals in outputs:
@@ -147,6 +164,7 @@ def simulate(
     hidden = None if progress else True  # None shows the bar on a terminal only
     for k in tqdm(range(steps), unit="step", delay=1, leave=False, disable=hidden):
         rows[k] = newest
+        keep()
         time = start + k * step  # not accumulated, since 20000 rounding errors would add up
         if order == "parallel":
             for given, from_, _ in nodes:
@@ -157,10 +175,12 @@ def simulate(
             given.component.step(time, step)
             read.get()
     rows[steps] = newest
+    keep()
     results = {"time": start + step * np.arange(steps)}
     for name in record:
         late = int(system.locate(name)[0].sampled)  # known after the step from the sample
-        results[name] = np.ascontiguousarray(rows[late : late + steps, columns[name]])
+        column = np.array(others[name][2]) if name in others else rows[:, columns[name]]
+        results[name] = np.ascontiguousarray(column[late : late + steps])
     return results
 
 

@@ -1,8 +1,10 @@
-"""Paths of the project; the package runs from its sources (`pip install --editable .`)."""
+"""Paths of the project; of the current folder, if the package is installed without its sources."""
 
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+_sources = Path(__file__).resolve().parents[2]
+
+ROOT = _sources if (_sources / "pyproject.toml").is_file() else Path.cwd()
 
 FMUS = ROOT / "target" / "fmu"
 """Folder to which `cargo fmu export` writes the FMUs."""

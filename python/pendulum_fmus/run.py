@@ -14,19 +14,21 @@ from . import loop
 from .loop import PREVIOUS_SAMPLE_TERMS, SETTLING_BAND, TS, Loop, settling_time
 from .master import ORDERS, MasterError, simulate, steps_until
 
+PROG = "python -m pendulum_fmus.run"
+
 EXAMPLES = """\
 examples:
-  python tests/master.py
+  {prog}
       step response of the IPID-RBF controller with its own u as target
-  python tests/master.py --controller Pid --signal square --disturbance 1 --csv pid.csv
+  {prog} --controller Pid --signal square --disturbance 1 --csv pid.csv
       row 6 of the paper's Table 1, with every sample
-  python tests/master.py --controller IpidRbf --target supervisor --signal sine
+  {prog} --controller IpidRbf --target supervisor --signal sine
       row 3: IPID-RBF with a PID-RBF loop as supervisor
-  python tests/master.py --order parallel --step 0.00025 --plant-model nonlinear
+  {prog} --order parallel --step 0.00025 --plant-model nonlinear
       parallel order as in most tools, four steps per sample, nonlinear pendulum
-  python tests/master.py --fmi3 plant --controller PidRbf
+  {prog} --fmi3 plant --controller PidRbf
       the plant is an FMU of FMI 3.0, the others are of FMI 2.0
-  python tests/master.py --set controller.rbf.eta=0.5 --set plant.M=2
+  {prog} --set controller.rbf.eta=0.5 --set plant.M=2
       other parameters; `cargo fmu info FILE` lists the parameters of an FMU
 
 A negative number in scientific notation needs an equals sign: --disturbance=-1e-3
@@ -36,7 +38,9 @@ A negative number in scientific notation needs an equals sign: --disturbance=-1e
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = loop.parser(
-        "Run one closed loop of the paper from its FMUs, coupled with FMPy.", epilog=EXAMPLES
+        "Run one closed loop of the paper from its FMUs, coupled with FMPy.",
+        epilog=EXAMPLES.format(prog=PROG),
+        prog=PROG,
     )
     add = parser.add_argument
     # fmt: off
@@ -116,7 +120,8 @@ def write_csv(path: Path, results: Mapping[str, np.ndarray], units: Iterable[str
 
     A file is replaced once it is complete; a device is written to.
     """
-    head = ",".join(f"{name} [{unit}]" for name, unit in zip(results, units, strict=True))
+    pairs = zip(results, units, strict=True)
+    head = ",".join(f"{name} [{unit}]" if unit else name for name, unit in pairs)
     columns = [column.tolist() for column in results.values()]
     rows = [",".join(map(repr, row)) for row in zip(*columns, strict=True)]
     special, target = path.exists() and not path.is_file(), path.resolve()
@@ -149,7 +154,7 @@ def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the script; return its exit status."""
-    return loop.finish("master.py", run, parser().parse_args(arguments))
+    return loop.finish(PROG, run, parser().parse_args(arguments))
 
 
 if __name__ == "__main__":
