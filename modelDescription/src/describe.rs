@@ -102,11 +102,16 @@ impl Description {
             .with("generationTool", &origin.generation_tool)
             .with("variableNamingConvention", "structured");
         let (stop, step) = self.default_experiment;
-        let tolerance = (self.tolerance > 0.0).then(|| format!("{:?}", self.tolerance));
+        // Without an integrator of its own, the model has no tolerance, but hosts that find none take a coarse one
+        // for what they integrate.
+        let tolerance = match self.tolerance > 0.0 {
+            true => format!("{:?}", self.tolerance),
+            false => "1e-6".to_owned(),
+        };
         let experiment = Element::new("DefaultExperiment")
             .with("startTime", 0)
             .with("stopTime", stop)
-            .with_some("tolerance", tolerance)
+            .with("tolerance", tolerance)
             .with("stepSize", step);
         let categories = LOG_CATEGORIES.map(|(name, description)| {
             Element::new("Category")

@@ -145,8 +145,9 @@ macro_rules! fmi2_functions {
                 terminate: [out fmi2Boolean]
             ) => completed_integrator_step in CONTINUOUS_TIME;
             fmi2SetTime(time: f64) => set_time in EVENT | CONTINUOUS_TIME;
+            // In event mode, too, though the standard does not allow it: OpenModelica calls it there.
             fmi2SetContinuousStates(states: [in f64; n], n: [len])
-                => set_continuous_states in CONTINUOUS_TIME;
+                => set_continuous_states in EVENT | CONTINUOUS_TIME;
             fmi2GetDerivatives(values: [out f64; n], n: [len])
                 => get_continuous_state_derivatives in EQUATIONS;
             fmi2GetEventIndicators(values: [out f64; n], n: [len])

@@ -447,6 +447,10 @@ impl Component {
                 "a state is {value}; expected finite numbers"
             )));
         }
+        if self.shared.lifecycle.state == State::Event {
+            let message = "states are set in event mode, which the standard does not allow";
+            (self.shared.settings.log).send(Category::Warning, format_args!("{message}"));
+        }
         self.model.set_states(states);
         self.shared.lifecycle.stale = true;
         Ok(())

@@ -218,13 +218,29 @@ impl Component {
     fn check(&mut self, of_type: Type, element: u32, value: Given) -> Result<(), ModelError> {
         let Lifecycle { state, mode, .. } = self.shared.lifecycle;
         let scalar = self.find(of_type, element)?;
-        if let Some(why) = not_settable(scalar.variable, state, mode) {
+        let value = value.within(scalar.variable);
+        // Some hosts, such as OpenModelica, set all parameters again after the initialization.
+        let is_same = |c: &mut Self| {
+            let is_running = matches!(
+                state,
+                State::StepMode | State::Event | State::ContinuousTime
+            );
+            is_running
+                && scalar.variable.causality == Causality::Parameter
+                && scalar.variable.variability == Variability::Fixed
+                && value
+                    .as_ref()
+                    .is_ok_and(|value| *value == c.model.get(&scalar))
+        };
+        if let Some(why) = not_settable(scalar.variable, state, mode)
+            && !is_same(self)
+        {
             return Err(ModelError::refuse(format_args!(
                 "{} is {why}",
                 scalar.name()
             )));
         }
-        match value.within(scalar.variable) {
+        match value {
             Ok(_) => Ok(()),
             Err(value) => Err(ModelError::refuse(format_args!(
                 "{} = {value} is refused; expected {}",

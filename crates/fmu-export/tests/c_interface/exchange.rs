@@ -137,6 +137,31 @@ fn samples_are_taken_at_their_instants_and_not_between() {
     }
 }
 
+#[test]
+fn what_openmodelica_does_after_the_initialization_is_accepted() {
+    for kind in EXCHANGED {
+        let it = Instance::of(kind, BALL);
+        it.start(0.0, None);
+        if kind.0 == Fmi2 {
+            assert_eq!(it.set_states(&[2.0, -1.0]), OK);
+            it.says("states are set in event mode");
+            assert_eq!(it.get([Ball::H, Ball::V, Ball::H_DOT]), [2.0, -1.0, -1.0]);
+        } else {
+            it.refuses("is not allowed in the state", |f| {
+                f.set_states(&[2.0, -1.0])
+            });
+        }
+    }
+    for kind in KINDS {
+        let it = Instance::running(kind, SAMPLED);
+        if kind.1 != Exchanged {
+            assert_eq!(it.set(Sampled::TS, 0.5), OK, "its value");
+        }
+        it.refuses("ts is a fixed parameter", |f| f.set(Sampled::TS, 0.25));
+        assert_eq!(it.get([Sampled::TS]), [0.5]);
+    }
+}
+
 // --- derivatives --------------------------------------------------------------------------------
 
 #[test]

@@ -347,7 +347,11 @@ fn check(f: Fmu, e: &mut Expected, saved: &mut Vec<Saved>, call: &Call) {
         }
         &Call::SetStates(h, v) => {
             let are_finite = h.is_finite() && v.is_finite();
-            let answer = e.answer(is_exchange, &[ContinuousTime], are_finite);
+            let allowed = match kind.0 {
+                Fmi2 => &[Event, ContinuousTime][..],
+                Fmi3 => &[ContinuousTime],
+            };
+            let answer = e.answer(is_exchange, allowed, are_finite);
             assert_eq!(f.set_states(&[h, v]), answer);
             if answer == OK {
                 (e.h, e.v) = (h, v);

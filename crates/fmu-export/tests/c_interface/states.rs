@@ -71,7 +71,7 @@ const TABLE: &[(&str, &str, &str, usize)] = &[
     ("enter_continuous_time_mode", "mE", "mE", 0),
     ("completed_integrator_step", "mC", "mC", 0),
     ("set_time", "mEC", "mEC", 0),
-    ("set_continuous_states", "mC", "mC", 2),
+    ("set_continuous_states", "mEC", "mC", 2),
     ("get_continuous_states get_continuous_state_derivatives", "mNECTX", "mNECTX", 2),
     ("get_nominals_of_continuous_states", "mINECTX", "mNECTX", 2),
     ("get_event_indicators", "mNECTX", "mNECTX", 1),

@@ -24,8 +24,6 @@ pub struct Layout {
     pub areas: Vec<Area>,
     /// The points of each connection between its two ends.
     pub lines: Vec<Vec<(f64, f64)>>,
-    /// The bounding box.
-    pub extent: Area,
 }
 
 /// The height of a connector: 0 at the bottom of its component, 1 at the top.
@@ -40,7 +38,6 @@ pub fn lay_out(sizes: &[[usize; 2]], links: &[[Pin; 2]]) -> Layout {
     let columns = columns(sizes.len(), &feeds);
     let areas = place(sizes, &columns);
     let bottom = areas.iter().map(|area| area[1]).fold(0.0, f64::min);
-    let right = areas.iter().map(|area| area[2]).fold(0.0, f64::max);
     let count = links.len() as f64;
     let level = |(part, index): Pin, side: usize| {
         let [_, bottom, _, top] = areas[part];
@@ -62,10 +59,8 @@ pub fn lay_out(sizes: &[[usize; 2]], links: &[[Pin; 2]]) -> Layout {
             around(bottom - lane)
         }
     };
-    let room = LANE * (count + 1.0);
     Layout {
         lines: links.iter().enumerate().map(line).collect(),
-        extent: [-GAP, bottom - room, right + GAP, room],
         areas,
     }
 }

@@ -91,7 +91,6 @@ pub fn document(
         .with("name", &name)
         .listing("ssd:Elements", components)
         .listing("ssd:Connections", connections.collect())
-        .holding(area("ssd:SystemGeometry", layout.extent))
         .listing("ssd:Annotations", vec![master(step)]);
     // The step in an annotation that libcosim reads.
     let fixed_step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(step));
