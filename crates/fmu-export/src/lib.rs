@@ -110,7 +110,7 @@ pub mod prelude {
 }
 
 /// Turns the library into an FMU binary with one or more [`Model`]s, which the host selects by GUID,
-/// and lists them in `MODELS`.
+/// and lists them in `MODELS`. A library has one `export!`, with all its models.
 ///
 /// The binary exports the functions of FMI 2.0 and 3.0, or of one version, if only its feature
 /// `fmi2` or `fmi3` of this crate is on, as `cargo fmu export` sets it.
@@ -129,13 +129,14 @@ macro_rules! export {
             $crate::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
         }),+];
 
-        mod fmi {
+        // Its name is the message of the compiler for a second `export!`.
+        mod export_takes_all_models_at_once {
             use super::MODELS;
 
             $crate::functions_of_fmi2!($crate::instantiate! fmi2);
             $crate::functions_of_fmi3!($crate::instantiate! fmi3);
         }
-        pub use fmi::*;
+        pub use export_takes_all_models_at_once::*;
     };
 }
 
