@@ -27,6 +27,7 @@ from native import (
     SOURCES,
     compiled,
     pack,
+    read_csv,
     refusal,
     replaced,
     run,
@@ -202,6 +203,49 @@ def test_the_calls_are_those_of_simulate_fmu(tmp_path, head, own, option, tolera
         same(column, expected[name.removeprefix("a.")])
 
 
+# --- one FMU without a system ---------------------------------------------------------------------
+
+TABLE = "time,r [rad],y\n0.1,0,0.25\n0.3,1,0.5\n0.3,-1,0.5\n0.75,0.5,0.1\n"
+"""Values of inputs, with a jump."""
+
+
+def test_one_fmu_gives_the_bits_of_simulate_fmu(tmp_path):
+    """Its inputs come from a table, its step from its default experiment."""
+    fmu, file = FMUS / "Pid.fmu", tmp_path / "input.csv"
+    file.write_text(TABLE)
+    options = ("--input", file, "--stop=1", "--set=pid.kp=10", "--output=u", "--output=e")
+    columns = simulate(fmu, tmp_path, *options)
+    rows = [tuple(map(float, line.split(","))) for line in TABLE.splitlines()[1:]]
+    signals = np.array(rows, dtype=[(name, float) for name in ("time", "r", "y")])
+    expected = fmpy.simulate_fmu(
+        fmu, input=signals, start_values={"pid.kp": 10.0}, output=["u", "e"], stop_time=1.0,
+        step_size=1e-3, output_interval=1e-3,
+    )  # fmt: skip
+    assert list(columns) == ["time", "u", "e"]
+    for name in ("u", "e"):
+        same(columns[name], expected[name])
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("t,r\n0,0\n", 'the first column is "t", expected time'),
+        ("time,R\n0,0\n", "Pid.fmu has no variable R"),
+        ("time,u\n0,0\n", "u is an output, expected an input"),
+        ("time,r,r\n0,0,0\n", "r is connected, or has two columns"),
+        ("time,r\n", "it has no rows, expected at least one"),
+        ("time,r\n0,x\n", "line 2: r is x, expected a number"),
+        ("time,r\n0,nan\n", "line 2: r = NaN, expected a finite number"),
+        ("time,r\n1,0\n0,0\n", "line 3: time = 0.0, expected a finite time that is not before 1.0"),
+        ("time,r\n0\n", 'line 2: "0", expected 2 fields'),
+    ],
+)
+def test_a_wrong_table_of_inputs_is_refused(table, message, tmp_path):
+    (tmp_path / "input.csv").write_text(table)
+    fmu = FMUS / "Pid.fmu"
+    assert f"input.csv: {message}" in refusal(tmp_path, "simulate", fmu, "--input", "input.csv")
+
+
 # --- options and output ---------------------------------------------------------------------------
 
 
@@ -225,6 +269,23 @@ def test_output_selects_the_columns_and_their_order_and_the_last_set_applies(tmp
     assert np.abs(columns["controller.u"]).max() == 7
 
 
+def test_the_summary_has_the_extremes_and_what_is_alarming(tmp_path):
+    """A controller that works on the terms of the previous sample in parallel order oscillates."""
+    system, out = LOOPS / "pid-rbf.toml", tmp_path / "out.csv"
+    late = ("--order=parallel", "--set=controller.previous_sample_terms=true")
+    for options, alarming in [((), {"moving"}), (late, {"oscillating", "moving"})]:
+        result = run("simulate", system, "--csv", out, *options)
+        lines = [line.split() for line in result.stdout.splitlines()]
+        for name, column in list(read_csv(out).items())[1:]:
+            (shown,) = (line[1:4] for line in lines if line[0] == name)
+            expected = (column.min(), column.max(), np.sqrt(np.mean(column**2)))
+            np.testing.assert_allclose(np.array(shown, float), expected, rtol=1e-3)
+        assert {line[1] for line in lines if line[0] == "alarming:"} == alarming
+    sine = ("--set=source.signal=sine", "--set=controller.u_max=1e9")
+    result = run("simulate", LOOPS / "pid.toml", *sine)
+    assert "oscillating" not in result.stdout
+
+
 def test_the_summary_shows_the_last_values_with_units(tmp_path):
     result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
     assert result.stderr == "", "no progress bar without a terminal"
@@ -234,8 +295,8 @@ def test_the_summary_shows_the_last_values_with_units(tmp_path):
     expected = {name: f"{float(value):.9e}" for name, value in zip(heads, last, strict=True)}
     del expected["time [s]"]
     shown = (line.split() for line in lines)
-    assert {f"{name} [{unit}]": f"{float(value):.9e}" for name, value, unit in shown} == expected
-    assert re.fullmatch(r"0.500000 s in [\d.]+ ms: [\d.]+ times real time", speed)
+    assert {f"{n} [{unit}]": f"{float(last):.9e}" for n, *_, last, unit in shown} == expected
+    assert re.fullmatch(r"0.5 s in [\d.]+ ms: [\d.]+ times real time", speed)
     assert os.listdir(tmp_path) == ["out.csv"]
 
 

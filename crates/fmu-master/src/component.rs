@@ -291,7 +291,10 @@ pub(crate) fn propagate(
     for ports in components[fed].ports {
         let same = |a: &Source, b: &Source| (a.component, a.kind) == (b.component, b.kind);
         for sources in ports.sources.chunk_by(same) {
-            let component = &mut components[sources[0].component];
+            let Some(feeding) = sources[0].component else {
+                continue;
+            };
+            let component = &mut components[feeding];
             let mut scalars = Wired::default();
             for source in sources {
                 scalars.push(&component.fmu, source.scalar);

@@ -11,6 +11,8 @@ use fmu_description::{Type, Value, Variable};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
+use crate::fmu::default_experiment;
+
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -40,6 +42,11 @@ pub struct Description {
     /// Variables to record, `component.variable`; by default all outputs except Strings.
     #[serde(default)]
     pub outputs: Vec<String>,
+    /// A CSV file with values of inputs over time, relative to the folder of the system file.
+    pub input: Option<PathBuf>,
+    /// Whether the only component is an FMU without a system file, whose variables have no prefix.
+    #[serde(skip)]
+    pub is_single: bool,
 }
 
 /// The times of a simulation (s).
@@ -231,7 +238,42 @@ impl Description {
         for component in &mut description.components {
             component.fmu = file.with_file_name(&component.fmu);
         }
+        description.input = description.input.map(|input| file.with_file_name(input));
         Ok(description)
+    }
+
+    /// One FMU, with the times of its default experiment: by default from 0 s for 1 s, in 500 steps. Its rows
+    /// are those of `fmpy.simulate_fmu`, so that also a sampled FMU has the outputs before each step.
+    ///
+    /// # Errors
+    /// The file cannot be read or is not an FMU.
+    pub fn of_fmu(file: &Path) -> Result<Self> {
+        let [start, stop, step] = default_experiment(file)?;
+        let start = start.unwrap_or(0.0);
+        let stop = stop.unwrap_or(start + 1.0);
+        Ok(Self {
+            start,
+            stop,
+            step: step.unwrap_or((stop - start) / 500.0),
+            order: Order::default(),
+            allow_algebraic_loops: true,
+            tolerance: None,
+            components: vec![Component {
+                name: file
+                    .file_stem()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .replace('.', "_"),
+                fmu: file.to_owned(),
+                sampled: Some(false),
+                tolerance: None,
+                start: BTreeMap::new(),
+            }],
+            connections: Vec::new(),
+            outputs: Vec::new(),
+            input: None,
+            is_single: true,
+        })
     }
 
     /// The times of the simulation.
@@ -245,7 +287,9 @@ impl Description {
 
     /// Replaces the start value of `component.variable`, if there is such a component.
     pub fn set_start(&mut self, name: &str, value: Written) {
-        if let Some((component, variable)) = name.split_once('.')
+        if self.is_single {
+            self.components[0].start.insert(name.to_owned(), value);
+        } else if let Some((component, variable)) = name.split_once('.')
             && let Some(component) = self.components.iter_mut().find(|c| c.name == component)
         {
             component.start.insert(variable.to_owned(), value);

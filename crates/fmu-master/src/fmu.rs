@@ -281,6 +281,18 @@ fn resize(root: &mut Element<'_>, sizes: &Sizes) {
 /// Maximum number of scalar variables and elements of arrays; more are assumed to be a mistake.
 const MAX_VARIABLES: usize = 1 << 20;
 
+/// The start time, stop time and step size (s) of an FMU's default experiment, if it has them.
+pub(crate) fn default_experiment(path: &Path) -> Result<[Option<f64>; 3]> {
+    let read = || {
+        let text = Archive::open_sound(path)?.model_description()?;
+        let root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
+        let model = ModelDescription::read(&root)?;
+        Ok(["startTime", "stopTime", "stepSize"].map(|name| model.experiment(name)))
+    };
+    let read: Result<_> = read();
+    read.with_context(|| format!("{} cannot be used", path.display()))
+}
+
 /// The element of co-simulation, if the master can run the FMU.
 fn co_simulation<'a>(model: &ModelDescription<'a>) -> Result<&'a Element<'a>> {
     let Some(interface) = model.co_simulation() else {
@@ -352,11 +364,14 @@ fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
         .collect()
 }
 
-/// The known names most similar to an unknown one.
+/// The known names most similar to an unknown one, or that end with it, as `pid.kp` does with `kp`.
 pub(crate) fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     const MIN_SIMILARITY: f64 = 0.85;
     let mut scored: Vec<(f64, &str)> = known
-        .map(|known| (strsim::jaro_winkler(name, known), known))
+        .map(|known| match known.strip_suffix(name) {
+            Some(rest) if rest.ends_with('.') => (1.0, known),
+            _ => (strsim::jaro_winkler(name, known), known),
+        })
         .filter(|(score, _)| *score >= MIN_SIMILARITY)
         .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -8,8 +8,9 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
 
 use crate::fmu::{Sizes, similar};
+use crate::input::Input;
 use crate::table::Column;
-use crate::wiring::{Wiring, places};
+use crate::wiring::{Wiring, number, places};
 use crate::{Component, Connection, Description, Experiment, Fmu, Order, Place, Scale, Written};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -22,7 +23,10 @@ pub struct Plan {
     pub experiment: Experiment,
     pub(crate) order: Order,
     pub(crate) links: Vec<Link>,
+    pub(crate) input: Option<Input>,
     pub(crate) wiring: Wiring,
+    /// The smallest and the largest value of each column that the model description allows.
+    pub(crate) bounds: Vec<[Option<f64>; 2]>,
 }
 
 /// A start value that fits its variable.
@@ -69,6 +73,9 @@ impl Plan {
             }
             components.push(new);
         }
+        if description.is_single {
+            components[0].prefix.clear();
+        }
         let link = |connection: &Connection| {
             Ok(Link {
                 from: port(&components, &connection.from)?,
@@ -82,7 +89,14 @@ impl Plan {
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             no_algebraic_loops(&components, &links)?;
         }
+        let input = description.input.as_deref();
+        let input = input.map(|file| Input::read(file, &components, &links));
+        let input = input.transpose()?;
         let recorded = recorded(&components, &description.outputs)?;
+        let bounds = |port: &Port| {
+            let Variable { min, max, .. } = port.of(&components);
+            [min, max].map(|bound| bound.as_ref().map(number))
+        };
         let column = |port: &Port| {
             let Variable { of_type, unit, .. } = port.of(&components);
             let none = if of_type.is_float() { "1" } else { "" };
@@ -95,8 +109,10 @@ impl Plan {
         Ok(Self {
             order: description.order,
             experiment: description.experiment(),
-            wiring: Wiring::new(&components, &links, &recorded),
+            wiring: Wiring::new(&components, &links, input.as_ref(), &recorded),
             columns: recorded.iter().map(column).collect(),
+            bounds: recorded.iter().map(bounds).collect(),
+            input,
             components,
             links,
         })
@@ -182,6 +198,8 @@ impl Plan {
 pub struct Planned {
     /// Its name in the system.
     pub name: String,
+    /// What the names of its variables begin with in the system: its name and a dot, or nothing.
+    prefix: String,
     /// Its FMU, shared by components with the same file.
     pub fmu: Arc<Fmu>,
     pub(crate) sampled: bool,
@@ -216,7 +234,7 @@ impl Port {
     }
 
     /// Its name in the system.
-    fn name(self, components: &[Planned]) -> String {
+    pub(crate) fn name(self, components: &[Planned]) -> String {
         components[self.component].name_of(self.scalar)
     }
 }
@@ -253,6 +271,7 @@ impl Planned {
         });
         Ok(Self {
             name: component.name.clone(),
+            prefix: format!("{}.", component.name),
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
             starts: starts.collect::<Result<_>>()?,
@@ -262,7 +281,7 @@ impl Planned {
 
     /// The name of a scalar in the system.
     pub(crate) fn name_of(&self, scalar: usize) -> String {
-        format!("{}.{}", self.name, self.fmu.name(scalar))
+        format!("{}{}", self.prefix, self.fmu.name(scalar))
     }
 
     /// The start values of the description.
@@ -329,8 +348,17 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
     value.typed(variable, name)
 }
 
-/// Finds `component.variable`.
-fn port(components: &[Planned], name: &str) -> Result<Port> {
+/// Finds `component.variable`, or the variable of a single FMU.
+pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
+    if let [single] = components
+        && single.prefix.is_empty()
+    {
+        let scalar = single.fmu.find(name)?;
+        return Ok(Port {
+            component: 0,
+            scalar,
+        });
+    }
     let (component, variable) = name
         .split_once('.')
         .with_context(|| format!("{name:?} is not of the form component.variable"))?;
@@ -442,7 +470,7 @@ fn class(kind: Type) -> Type {
     }
 }
 
-fn text(causality: Causality) -> &'static str {
+pub(crate) fn text(causality: Causality) -> &'static str {
     match causality {
         Causality::Input => "an input",
         Causality::Output => "an output",

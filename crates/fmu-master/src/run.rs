@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::{Crash, report_slow};
 use crate::simulation::Finished;
+use crate::summary::{Gathering, Summarized};
 use crate::table::{self, Cell, Column, Format};
 use crate::{Experiment, Failure, Message, Messages, Plan, Row, Start};
 
@@ -24,8 +25,9 @@ enum Report<'a> {
     Ready(Ready),
     /// A row.
     Row(Cow<'a, Row>),
-    /// It has ended: what the FMUs have logged, the last row, and the time that the simulation took.
-    Done(Vec<Message>, Cow<'a, Row>, Duration),
+    /// It has ended: what the FMUs have logged, the last row, the summary, and the time that the simulation
+    /// took.
+    Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration),
     /// It has failed, or cannot begin: what the FMUs have logged, why, and whether its rows are of use.
     Failed(Vec<Message>, String, bool),
 }
@@ -70,9 +72,11 @@ pub fn work(
     };
     // Loading the binaries and initializing the FMUs do not count as simulating.
     let mut begin = Instant::now();
+    let mut gathering = Gathering::new(&plan);
     let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
         begin = Instant::now();
         simulation.run(|row| {
+            gathering.add(row);
             if records {
                 service.reply(&Report::Row(Cow::Borrowed(row)));
             }
@@ -81,7 +85,9 @@ pub fn work(
     });
     let elapsed = begin.elapsed();
     service.reply(&match finished {
-        Ok(Finished { messages, last }) => Report::Done(messages, Cow::Owned(last), elapsed),
+        Ok(Finished { messages, last }) => {
+            Report::Done(messages, Cow::Owned(last), gathering.summarize(), elapsed)
+        }
         Err(error) => {
             let keeps_rows = error.is::<Failure>();
             Report::Failed(messages.take(), format!("{error:#}"), keeps_rows)
@@ -122,6 +128,8 @@ pub struct Summary {
     pub messages: Vec<Message>,
     /// The last row.
     pub last: Row,
+    /// The values of all rows.
+    pub summarized: Summarized,
     /// The time that the simulation took, without loading and initializing the FMUs.
     pub duration: Duration,
     /// The number of rows in the file, if one was written.
@@ -181,7 +189,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 continue;
             }
         };
-        if let Report::Row(row) | Report::Done(_, row, _) = &report {
+        if let Report::Row(row) | Report::Done(_, row, ..) = &report {
             // What an FMU that writes out of bounds may have damaged.
             let fits = ready.as_ref().is_some_and(|ready| row.fits(&ready.columns));
             ensure!(fits, "the worker process has sent a damaged row");
@@ -195,7 +203,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 ready = Some(new);
                 worker.send(&());
             }
-            Report::Done(messages, last, duration) => {
+            Report::Done(messages, last, summarized, duration) => {
                 let rows = rows.map(Rows::finish).transpose()?;
                 let last = last.into_owned();
                 let crash = match worker.end(FAREWELL)? {
@@ -207,6 +215,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                     ready,
                     messages,
                     last,
+                    summarized,
                     duration,
                     rows,
                     crash,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::component::{Called, Component, propagate};
 use crate::table::Column;
-use crate::wiring::{Store, places};
+use crate::wiring::{Store, number, places};
 use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
 
 /// An initialized run of a system.
@@ -53,7 +53,23 @@ impl Row {
 
     /// The values of the columns of [`Plan::columns`].
     pub fn values(&self, columns: &[Column]) -> impl Iterator<Item = Value> {
-        places(columns.iter().map(|column| column.kind)).map(|place| self.store.value(place))
+        Self::places(columns).map(|place| self.store.value(place))
+    }
+
+    /// The places of the columns.
+    pub(crate) fn places(columns: &[Column]) -> impl Iterator<Item = Place> {
+        places(columns.iter().map(|column| column.kind))
+    }
+
+    /// Writes all values as numbers: those of the type Float64, then the others.
+    #[inline]
+    pub(crate) fn numbers(&self, to: &mut [f64]) {
+        let Store { reals, others } = &self.store;
+        let (real, other) = to.split_at_mut(reals.len());
+        real.copy_from_slice(reals);
+        for (to, value) in other.iter_mut().zip(others) {
+            *to = number(value);
+        }
     }
 }
 
@@ -105,6 +121,7 @@ impl Simulation<'_> {
         let plan = self.plan;
         let (start, end) = (plan.experiment.start, plan.end());
         self.messages.record().at(start);
+        self.feed(start);
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
             component.call("setup_experiment", "set-up of the experiment", |instance| {
@@ -199,6 +216,7 @@ impl Simulation<'_> {
         for k in 0..steps {
             let time = experiment.time(k);
             self.messages.record().at(time);
+            self.feed(time);
             self.row.time = time;
             self.row.store.record(&wiring.before, &self.outputs);
             if k < last {
@@ -210,6 +228,13 @@ impl Simulation<'_> {
             }
         }
         self.call_all("terminate", "end", Instance::terminate)
+    }
+
+    /// Takes the values of a time from the input file.
+    fn feed(&mut self, time: f64) {
+        if let Some(input) = &self.plan.input {
+            input.apply(time, &self.plan.wiring.fed, &mut self.outputs);
+        }
     }
 
     /// Steps from one communication point to the next.

@@ -137,7 +137,7 @@ pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a st
 }
 
 /// The fields of a line, `None` for an empty one without quotes, and the rest after the line.
-fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
+pub(crate) fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
     let mut fields = Vec::new();
     loop {
         if let Some(mut rest) = text.strip_prefix('"') {

@@ -8,6 +8,7 @@ use fmu_host::operation;
 use fmu_worker::Function;
 use serde::{Deserialize, Serialize};
 
+use crate::input::Input;
 use crate::plan::{Link, Planned, Port};
 use crate::{Fmu, Scale};
 
@@ -116,6 +117,8 @@ pub(crate) struct Wiring {
     pub(crate) before: Records,
     /// The recorded variables of sampled components, whose values after a step are recorded.
     pub(crate) after: Records,
+    /// The places of the values from the input file among the outputs, in its order.
+    pub(crate) fed: Vec<Place>,
 }
 
 /// Recorded variables: their indices among the outputs of all components and in a row. Values are stored
@@ -143,9 +146,10 @@ pub(crate) struct Ports {
     pub(crate) first: Place,
 }
 
-/// The output that feeds an input.
+/// The output, or the column of the input file, that feeds an input.
 pub(crate) struct Source {
-    pub(crate) component: usize,
+    /// `None` for the input file.
+    pub(crate) component: Option<usize>,
     /// Its index in the FMU, and the type whose functions get it.
     pub(crate) scalar: usize,
     pub(crate) kind: Type,
@@ -181,7 +185,12 @@ impl Ports {
 }
 
 impl Wiring {
-    pub(crate) fn new(components: &[Planned], links: &[Link], recorded: &[Port]) -> Self {
+    pub(crate) fn new(
+        components: &[Planned],
+        links: &[Link],
+        input: Option<&Input>,
+        recorded: &[Port],
+    ) -> Self {
         let reals = |planned: &Planned| vec![Ports::new(planned.fmu.version, Type::Float64)];
         let mut wired = Vec::from_iter(components.iter().map(reals));
 
@@ -225,11 +234,27 @@ impl Wiring {
             let ports = Ports::of(&mut wired, components, *to);
             ports.inputs.push(&components[to.component].fmu, to.scalar);
             ports.sources.push(Source {
-                component: from.component,
+                component: Some(from.component),
                 scalar: from.scalar,
                 kind: from.access(components),
                 output: outputs[from],
                 scale: *scale,
+            });
+        }
+        let mut fed = Vec::new();
+        for port in input.iter().flat_map(|input| input.ports()) {
+            let ports = Ports::of(&mut wired, components, port);
+            let output = Place::next(ports.kind, &mut counts);
+            fed.push(output);
+            ports
+                .inputs
+                .push(&components[port.component].fmu, port.scalar);
+            ports.sources.push(Source {
+                component: None,
+                scalar: port.scalar,
+                kind: ports.kind,
+                output,
+                scale: None,
             });
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
@@ -240,6 +265,7 @@ impl Wiring {
             counts,
             before,
             after,
+            fed,
         }
     }
 }

@@ -1,5 +1,5 @@
-//! `cargo fmu simulate`: one run of a system of coupled FMUs, in a process of its own, since an FMU
-//! may crash, hang or exit.
+//! `cargo fmu simulate`: one run of an FMU or of a system of coupled FMUs, in a process of its own, since an
+//! FMU may crash, hang or exit.
 
 use std::cell::OnceCell;
 use std::fs;
@@ -12,7 +12,7 @@ use anyhow::{Context, Error, Result, bail};
 use clap::{Args, ValueEnum};
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
-use fmu_master::{Description, Experiment, Message, Plan, Start, Written, locate};
+use fmu_master::{Description, Experiment, Message, Plan, Start, Statistic, Written, locate};
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -21,13 +21,14 @@ use crate::session::{self, Session};
 use crate::style::WARNING;
 use crate::table;
 
-/// The system to simulate, and changes to it.
+/// The FMU or system to simulate, and changes to it.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// System file, such as those in examples/closed-loop
-    #[arg(value_name = "SYSTEM.toml")]
+    /// FMU, or system file such as those in examples/closed-loop
+    #[arg(value_name = "FMU or SYSTEM.toml")]
     system: PathBuf,
-    /// Set a start value (for an enumeration, the name of an item); may be repeated
+    /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
+    /// has no COMPONENT
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
     sets: Vec<(String, Written)>,
     /// Start time in s
@@ -48,6 +49,9 @@ pub struct SimulateArgs {
     /// Variable to record; may be repeated
     #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
     outputs: Vec<String>,
+    /// CSV file with values of inputs: a column time in s, and one for each input
+    #[arg(long, value_name = "FILE")]
+    input: Option<PathBuf>,
     /// Folder of the FMUs
     #[arg(long, value_name = "DIR")]
     fmus: Option<PathBuf>,
@@ -69,7 +73,7 @@ enum Order {
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
 fn assignment(text: &str) -> Result<(String, Written)> {
-    let parts = text.split_once('=').filter(|(name, _)| name.contains('.'));
+    let parts = text.split_once('=');
     let (name, value) =
         parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
     Ok((name.to_owned(), Written::Text(value.to_owned())))
@@ -137,8 +141,17 @@ fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
     Ok((plan, starts))
 }
 
+/// Whether an FMU is simulated without a system file.
+fn is_fmu(args: &SimulateArgs) -> bool {
+    let extension = args.system.extension();
+    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("fmu"))
+}
+
 /// Adds the system file to an error, and the line unless the value may come from an option.
 fn located(args: &SimulateArgs, error: Error) -> Error {
+    if is_fmu(args) {
+        return error;
+    }
     let text = match args.start.or(args.stop).or(args.step) {
         None => fs::read_to_string(&args.system).unwrap_or_default(),
         Some(_) => String::new(),
@@ -148,7 +161,10 @@ fn located(args: &SimulateArgs, error: Error) -> Error {
 
 /// Reads the system file and applies the options.
 fn describe(args: &SimulateArgs) -> Result<Description> {
-    let mut description = Description::read(&args.system)?;
+    let mut description = match is_fmu(args) {
+        true => Description::of_fmu(&args.system)?,
+        false => Description::read(&args.system)?,
+    };
     let of = |option: Option<f64>, file: f64| option.unwrap_or(file);
     description.start = of(args.start, description.start);
     description.stop = of(args.stop, description.stop);
@@ -167,6 +183,9 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
     }
     if !args.outputs.is_empty() {
         description.outputs.clone_from(&args.outputs);
+    }
+    if args.input.is_some() {
+        description.input.clone_from(&args.input);
     }
     if let Some(folder) = &args.fmus {
         description.take_fmus_from(folder);
@@ -187,25 +206,47 @@ fn warn(messages: &[Message]) {
 
 fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     let (ready, last) = (&finished.ready, &finished.last);
-    let time = last.time;
-    let mut cells = vec![["output".into(), format!("at t = {time} s"), "unit".into()]];
-    let columns = &ready.columns;
-    cells.extend(columns.iter().zip(last.values(columns)).map(|(c, value)| {
-        let value = match &value {
-            Value::Float64(value) => format!("{value:.9e}"),
-            Value::Float32(value) => format!("{value:.9e}"),
-            Value::String(text) => format!("{text:?}"),
-            value => value.to_string(),
-        };
-        [c.name.clone(), value, c.unit.clone()]
-    }));
+    let (columns, time) = (&ready.columns, last.time);
+    let last = format!("at t = {time} s");
+    let titles = ["output", "minimum", "maximum", "RMS", &last, "unit"];
+    let mut cells = vec![titles.map(str::to_owned)];
+    let rows = columns.iter().zip(finished.last.values(columns));
+    cells.extend(
+        rows.zip(&finished.summarized.statistics)
+            .map(|((c, value), statistic)| {
+                let short = |number: fn(&Statistic) -> f64| {
+                    let number = statistic.as_ref().map(number);
+                    number.map_or_else(String::new, |number| format!("{number:.3e}"))
+                };
+                let value = match &value {
+                    Value::Float64(value) => format!("{value:.9e}"),
+                    Value::Float32(value) => format!("{value:.9e}"),
+                    Value::String(text) => format!("{text:?}"),
+                    value => value.to_string(),
+                };
+                let unit = if c.unit == "1" { "" } else { &c.unit };
+                [
+                    c.name.clone(),
+                    short(|s| s.min),
+                    short(|s| s.max),
+                    short(|s| s.rms),
+                    value,
+                    unit.into(),
+                ]
+            }),
+    );
     for line in table::lines(&cells, false) {
         writeln!(out, "{line}")?;
+    }
+    for alarm in &finished.summarized.alarms {
+        writeln!(out, "alarming: {alarm}")?;
     }
     let simulated = ready.end - ready.experiment.start;
     let seconds = finished.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
-    writeln!(out, "{simulated:.6} s in {milliseconds:.3} ms: {speed}")?;
+    // Rounded, as the difference of two times may end with many nines.
+    let simulated = (simulated * 1e9).round() / 1e9;
+    writeln!(out, "{simulated} s in {milliseconds:.3} ms: {speed}")?;
     Ok(())
 }
 
