@@ -3,6 +3,8 @@
 
 pub mod commands;
 // Without the commands that run FMUs, a part of both is not used.
+#[cfg(feature = "run")]
+mod plot;
 #[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod session;
 #[cfg_attr(not(feature = "run"), expect(dead_code))]

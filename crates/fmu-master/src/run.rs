@@ -99,6 +99,8 @@ pub fn work(
 
 /// What a supervisor does while it waits for a worker.
 pub struct Watch<'a> {
+    /// Whether to keep the rows of a run that does not reach its end.
+    pub keeps_rows: bool,
     /// Whether to stop, asked again and again.
     pub is_cancelled: &'a dyn Fn() -> bool,
     /// Receives a description of each call that does not return for long.
@@ -149,6 +151,7 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 /// # Errors
 /// The file cannot be written, or the system does not tell the state of the worker.
 pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
+    let kept = file.filter(|_| watch.keeps_rows);
     let mut ready: Option<Ready> = None;
     let mut rows: Option<Rows> = None;
     let mut cancelled: Option<String> = None;
@@ -157,7 +160,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             Some(Event::Replied) => worker.reply()?,
             Some(Event::Ended(ended)) => {
                 let components = ready.map(|ready| ready.components).unwrap_or_default();
-                let rows = keep(file, rows);
+                let rows = keep(kept, rows);
                 return Ok(match cancelled {
                     Some(when) => Outcome::Cancelled(when + &rows),
                     None => {
@@ -223,7 +226,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             }
             Report::Failed(messages, mut text, keeps_rows) => {
                 if keeps_rows {
-                    text += &keep(file, rows);
+                    text += &keep(kept, rows);
                 }
                 return Ok(Outcome::Failed(messages, text));
             }

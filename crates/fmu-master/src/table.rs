@@ -136,8 +136,9 @@ pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a st
     Ok((cells.collect::<Result<_>>()?, rest))
 }
 
-/// The fields of a line, `None` for an empty one without quotes, and the rest after the line.
-pub(crate) fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
+/// The fields of a line of CSV, `None` for an empty one without quotes, and the rest after the line; `None` if
+/// the line is not CSV.
+pub fn fields(mut text: &str) -> Option<(Vec<Option<String>>, &str)> {
     let mut fields = Vec::new();
     loop {
         if let Some(mut rest) = text.strip_prefix('"') {

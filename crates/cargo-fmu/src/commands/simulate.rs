@@ -4,11 +4,11 @@
 use std::cell::OnceCell;
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::{Context, Error, Result, bail};
+use anyhow::{Context, Error, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
@@ -17,6 +17,7 @@ use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::worker::{self, Limited};
+use crate::plot;
 use crate::session::{self, Session};
 use crate::style::WARNING;
 use crate::table;
@@ -58,6 +59,15 @@ pub struct SimulateArgs {
     /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Draw the recorded variables on a page for the browser
+    #[arg(long, value_name = "FILE.html")]
+    plot: Option<PathBuf>,
+    /// On the page, draw the CSV file of another run, too; may be repeated
+    #[arg(long, value_name = "FILE.csv", requires = "plot")]
+    over: Vec<PathBuf>,
+    /// Show the page
+    #[arg(long, requires = "plot")]
+    open: bool,
     #[command(flatten)]
     limited: Limited,
 }
@@ -85,7 +95,8 @@ fn assignment(text: &str) -> Result<(String, Written)> {
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     if let Some(mut service) = Service::of_this_process()? {
-        run::work(&mut service, args.csv.is_some(), || plan(args))?;
+        let records = args.csv.is_some() || args.plot.is_some();
+        run::work(&mut service, records, || plan(args))?;
         return Ok(ExitCode::SUCCESS);
     }
     let session = Session::start()?;
@@ -93,11 +104,26 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     let worker = Worker::start(&mut Session::worker()?, session.folder(), limits)?;
     let progress = Progress::new()?;
     let watch = Watch {
+        keeps_rows: args.csv.is_some(),
         is_cancelled: &|| session.signal().is_some(),
         slow: &worker::report_slow,
         progress: &|ready, time| progress.show(ready.experiment, time),
     };
-    let outcome = run::supervise(worker, args.csv.as_deref(), &watch)?;
+    let unsaved = session.folder().join("rows.csv");
+    let rows = match (&args.csv, &args.plot) {
+        (None, Some(_)) => Some(unsaved.as_path()),
+        (csv, _) => csv.as_deref(),
+    };
+    if let (Some(rows), Some(page)) = (rows, &args.plot) {
+        let is_csv = rows.extension().is_some_and(|extension| extension == "csv");
+        ensure!(
+            is_csv,
+            "{} cannot be drawn on {}; expected --csv with a name that ends in .csv",
+            rows.display(),
+            page.display()
+        );
+    }
+    let outcome = run::supervise(worker, rows, &watch)?;
     progress.bar.finish_and_clear();
     match outcome {
         Outcome::Finished(finished) => {
@@ -105,6 +131,10 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
             report(out, &finished)?;
             if let (Some(rows), Some(path)) = (finished.rows, &args.csv) {
                 writeln!(out, "wrote {}: {rows} rows", path.display())?;
+            }
+            if let (Some(page), Some(rows)) = (&args.plot, rows) {
+                draw(args, page, rows)?;
+                writeln!(out, "wrote {}", page.display())?;
             }
             if let Some(ended) = finished.crash {
                 anstream::eprintln!(
@@ -121,6 +151,23 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
             anstream::eprintln!("interrupted{text}");
             Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
         }
+    }
+}
+
+/// Draws the rows of this run and of others on a page.
+fn draw(args: &SimulateArgs, page: &Path, rows: &Path) -> Result<()> {
+    let name = |file: &Path| {
+        file.file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    };
+    let mut runs = vec![("this run".to_owned(), rows)];
+    runs.extend(args.over.iter().map(|file| (name(file), file.as_path())));
+    plot::write(page, &name(&args.system), &runs)?;
+    match args.open {
+        true => plot::open(page),
+        false => Ok(()),
     }
 }
 
