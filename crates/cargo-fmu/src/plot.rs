@@ -29,6 +29,7 @@ pub fn write(page: &Path, title: &str, runs: &[(String, &Path)]) -> Result<()> {
     let mut text = PAGE.to_owned();
     for (place, content) in [
         ("{{title}}", escaped.as_str()),
+        ("{{licence}}", include_str!("plot/LICENSE")),
         ("{{uplot.css}}", include_str!("plot/uPlot.min.css")),
         ("{{uplot.js}}", include_str!("plot/uPlot.iife.min.js")),
         ("{{runs}}", &runs),
