@@ -61,11 +61,12 @@ Example:\n  cargo fmu new my-controller"
   cargo fmu export Pid --name FastPid --set pid.kp=400 --set ts=0.0005
                                        a variant with other start values")]
     Export(export::ExportArgs),
-    /// Show the variables, capabilities and platforms of an FMU
+    /// Show the variables, capabilities and platforms of FMUs
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
     Info {
-        /// The FMU, from any vendor
-        file: PathBuf,
+        /// The FMUs, from any vendor
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
     },
     /// Merge FMUs of one model that were built on different machines
     #[command(
@@ -120,7 +121,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
             let _session = Session::end_when_interrupted()?;
             export::run(args, out)?;
         }
-        Command::Info { file } => info::print(&file, out)?,
+        Command::Info { files } => info::run(&files, out)?,
         Command::Merge(args) => {
             let _session = Session::end_when_interrupted()?;
             merge::run(&args, out)?;

@@ -1,7 +1,7 @@
 //! `cargo fmu info`: the contents of an FMU.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result};
 use fmu_build::table;
@@ -23,17 +23,26 @@ const MAX_TERMINALS: u64 = 64 << 20;
 /// An interface type: its element, its title, its flags, and its numbers.
 type Interface = [&'static str; 4];
 
-/// The interface type of FMI 2.0 that is shown (FMI 2.0.5, section 4.3.1).
-const OF_FMI_2: [Interface; 1] = [[
-    "CoSimulation",
-    "co-simulation",
-    "needsExecutionTool canHandleVariableCommunicationStepSize canInterpolateInputs \
-     canRunAsynchronuously canBeInstantiatedOnlyOncePerProcess canNotUseMemoryManagementFunctions \
-     canGetAndSetFMUstate canSerializeFMUstate providesDirectionalDerivative",
-    "maxOutputDerivativeOrder",
-]];
+/// The interface types of FMI 2.0.5 (sections 3.3.1 and 4.3.1); both have the flags in `COMMON_2`.
+const OF_FMI_2: [Interface; 2] = [
+    [
+        "ModelExchange",
+        "model exchange",
+        "completedIntegratorStepNotNeeded",
+        "",
+    ],
+    [
+        "CoSimulation",
+        "co-simulation",
+        "canHandleVariableCommunicationStepSize canInterpolateInputs canRunAsynchronuously",
+        "maxOutputDerivativeOrder",
+    ],
+];
+const COMMON_2: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
+     canNotUseMemoryManagementFunctions canGetAndSetFMUstate canSerializeFMUstate \
+     providesDirectionalDerivative";
 
-/// The interface types of FMI 3.0 (sections 2.4.2, 3.4 and 4.4); all have the flags in `COMMON`.
+/// The interface types of FMI 3.0 (sections 2.4.2, 3.4 and 4.4); all have the flags in `COMMON_3`.
 const OF_FMI_3: [Interface; 3] = [
     [
         "ModelExchange",
@@ -51,15 +60,26 @@ const OF_FMI_3: [Interface; 3] = [
     ],
     ["ScheduledExecution", "scheduled execution", "", ""],
 ];
-const COMMON: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
+const COMMON_3: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
      canGetAndSetFMUState canSerializeFMUState providesDirectionalDerivatives \
      providesAdjointDerivatives providesPerElementDependencies";
 
-/// Prints the contents of an FMU.
+/// Prints the contents of FMUs.
 ///
 /// # Errors
-/// The file is not a valid FMU, or `out` cannot be written.
-pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
+/// A file is not a valid FMU, or `out` cannot be written.
+pub fn run(files: &[PathBuf], out: &mut impl Write) -> Result<()> {
+    for (index, file) in files.iter().enumerate() {
+        if files.len() > 1 {
+            let gap = if index > 0 { "\n" } else { "" };
+            writeln!(out, "{gap}{}:", file.display())?;
+        }
+        print(file, out)?;
+    }
+    Ok(())
+}
+
+fn print(file: &Path, out: &mut impl Write) -> Result<()> {
     let (mut archive, text) = open(file).map_err(|error| about(file, &error))?;
     let cannot = |error: Error| {
         let error = error.context(format!("{MODEL_DESCRIPTION} cannot be read"));
@@ -69,11 +89,8 @@ pub fn print(file: &Path, out: &mut impl Write) -> Result<()> {
     let model = ModelDescription::read(&root).map_err(cannot)?;
     header(&model, &archive, out)?;
     match model.version {
-        FmiVersion::Fmi2 if model.co_simulation().is_none() => {
-            writeln!(out, "\nnot for co-simulation")?;
-        }
-        FmiVersion::Fmi2 => interfaces(&model, "", &OF_FMI_2, out)?,
-        FmiVersion::Fmi3 => interfaces(&model, COMMON, &OF_FMI_3, out)?,
+        FmiVersion::Fmi2 => interfaces(&model, COMMON_2, &OF_FMI_2, out)?,
+        FmiVersion::Fmi3 => interfaces(&model, COMMON_3, &OF_FMI_3, out)?,
     }
     variables(&model, out)?;
     enumerations(&model, out)?;
