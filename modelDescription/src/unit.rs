@@ -110,21 +110,17 @@ impl Unit {
             Some((above, below)) => (above, Some(below)),
             None => (text, None),
         };
+        let product = below.and_then(|below| below.strip_prefix('(')?.strip_suffix(')'));
+        let divisors = match product {
+            Some(product) => product.split('.').collect(),
+            None => Vec::from_iter(below),
+        };
         let mut unit = Self::ONE;
         for factor in above.split('.') {
             unit.multiply(factor, 1)?;
         }
-        let Some(below) = below else {
-            return Ok(unit);
-        };
-        let product = below.strip_prefix('(').and_then(|b| b.strip_suffix(')'));
-        match product {
-            Some(product) => {
-                for factor in product.split('.') {
-                    unit.multiply(factor, -1)?;
-                }
-            }
-            None => unit.multiply(below, -1)?,
+        for factor in divisors {
+            unit.multiply(factor, -1)?;
         }
         Ok(unit)
     }
