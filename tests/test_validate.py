@@ -524,6 +524,7 @@ X86 = "binaries/x86_64-linux/"
 BINARIES = [
     # changes of the files, parts of the finding; the binary is not run
     (lambda pid: {**pid, "binaries/amiga/Pid.library": b""}, "warning: binaries/amiga", "linux64"),
+    (lambda pid: {**pid, "binaries/win64/": b""}, "warning: binaries/win64", "it is empty"),
     (lambda pid: {**without(pid), "binaries/linux64/libPid.so": pid[PID]}, "modelIdentifier"),
     (lambda pid: {**pid, PID: b""}, PID, "not a shared library"),
     (lambda pid: {**pid, PID: b"MZ"}, PID, "not a shared library"),

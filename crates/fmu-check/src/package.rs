@@ -38,6 +38,9 @@ rules! {
         KNOWN_PLATFORM: Warning, "platform-known",
             Practice("importers look for binaries only in the platform folders of the standard"),
             "The folders in binaries are those of the standard.";
+        PLATFORM_EMPTY: Warning, "platform-empty",
+            Practice("importers look for a binary in each platform folder"),
+            "Each platform folder has files.";
         BINARY_NAMED: Error, "binary-named", Standard("section 2.3", "section 2.5.1.4"),
             "Each platform folder has the binary that modelIdentifier names.";
         BINARY_FORMAT: Error, "binary-format", Standard("section 2.3", "section 2.5.1.4"),
@@ -203,6 +206,16 @@ impl<'a> Files<'a> {
     fn binaries(&mut self, has_sources: bool) {
         let folders = platform::folders(&self.archive.names).into_iter();
         let folders: BTreeSet<String> = folders.map(str::to_owned).collect();
+        let is_empty = |folder: &String| {
+            let folder = format!("binaries/{folder}/");
+            let mut files = self.archive.names.iter();
+            files.all(|name| !name.starts_with(&folder) || *name == folder)
+        };
+        let (empty, folders): (Vec<_>, Vec<_>) = folders.into_iter().partition(is_empty);
+        for folder in empty {
+            find!(self.findings, PLATFORM_EMPTY at format!("binaries/{folder}"),
+                "it is empty, expected a binary");
+        }
         let version = self.model.version;
         require!(self.findings, BINARIES_OR_SOURCES at "archive", has_sources || !folders.is_empty(),
             "it has neither binaries nor sources, expected at least one of the two");

@@ -3,15 +3,15 @@
 use std::ffi::{CStr, c_char, c_int};
 use std::ptr;
 
-/// The locale of the C library, which changes how numbers are formatted and parsed.
+/// The locale of the C library by which numbers are formatted and parsed.
 pub fn locale() -> Option<String> {
-    const LC_ALL: c_int = if cfg!(target_os = "linux") { 6 } else { 0 };
+    const LC_NUMERIC: c_int = if cfg!(target_os = "linux") { 1 } else { 4 };
     unsafe extern "C" {
         fn setlocale(category: c_int, locale: *const c_char) -> *const c_char;
     }
     // SAFETY: with NULL, the function only returns the current locale, a string that is valid until
     // the next call.
-    let name = unsafe { setlocale(LC_ALL, ptr::null()) };
+    let name = unsafe { setlocale(LC_NUMERIC, ptr::null()) };
     if name.is_null() {
         return None;
     }

@@ -47,6 +47,8 @@ rules! {
             "Functions write no more values than they are asked for.";
         NO_VARIABLES: Error, "zero-references", Practice("hosts pass NULL with a length of 0"),
             "Functions that get or set 0 variables succeed.";
+        SINGLE_PRECISION: Warning, "single-precision", Standard("section 2.1.7", "section 2.2.7.2"),
+            "A Real is kept with the digits of a Float64.";
         INPUTS_KEPT: Error, "inputs-kept", Standard("section 2.1.7", "section 2.2.7.2"),
             "An input or parameter that was set reads back as it was set.";
         STRINGS: Error, "string-lifetime", Standard("section 2.1.7", "section 2.2.7.2"),

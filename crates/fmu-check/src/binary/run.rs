@@ -412,7 +412,7 @@ pub fn readable<'a>(
 }
 
 pub struct Run<'a> {
-    subject: &'a Subject<'a>,
+    pub(crate) subject: &'a Subject<'a>,
     /// What differs from other runs.
     pub setup: Setup<'a>,
     pub instance: Instance,

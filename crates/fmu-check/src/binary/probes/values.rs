@@ -58,7 +58,8 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
         };
         let starts = (0..).map_while(|element| variable.start_of(element));
         // A tool may have lost digits when it wrote the XML.
-        let differs = |(value, start): (&Value, &Value)| !is_near(value, start, 1e-6 * size(start));
+        let allowed = |start: &Value| (1e-6 * size(start)).max(1e-12);
+        let differs = |(value, start): (&Value, &Value)| !is_near(value, start, allowed(start));
         if let Some(element) = values.iter().zip(starts).position(differs) {
             let (name, value) = (element_name(variable, element), shown(&values[element]));
             let written = variable.starts();
@@ -207,13 +208,21 @@ fn are_kept(
             Err(_) if causality == Causality::Parameter => return Ok(false),
             read => read?,
         };
-        ensure!(
-            is_near(&read, &value, 1e-12 * size(&value)),
-            "{} is {} after it was set to {} {when}, expected the value that was set",
-            quote(&variable.name),
-            shown(&read),
-            shown(&value)
-        );
+        let text = || {
+            let name = quote(&variable.name);
+            let [read, value] = [&read, &value].map(shown);
+            format!(
+                "{name} is {read} after it was set to {value} {when}, expected the value that was set"
+            )
+        };
+        // A Real of FMI 2.0 may be a Float32 in the model.
+        let is_rounded = |value: f64| read == Value::Float64((value as f32).into());
+        if is_near(&read, &value, 1e-12 * size(&value)) {
+            continue;
+        }
+        ensure!(value.as_real().is_some_and(is_rounded), "{}", text());
+        subject.report.find(&rules::SINGLE_PRECISION, text());
+        return Ok(true);
     }
     Ok(true)
 }
@@ -448,6 +457,10 @@ fn compare(
             given.is_finite(),
             "the directional derivative of {of} with respect to {by} is {given}, expected a finite number"
         );
+        // In co-simulation, an output may follow an input only after the next step.
+        if coarse == 0.0 && fine == 0.0 && run.subject.kind == Kind::CoSimulation {
+            continue;
+        }
         let scale = coarse.abs().max(fine.abs()).max(given.abs());
         // Where the function is not smooth, the two quotients differ.
         let smooth = (coarse - fine).abs() <= 1e-2 * scale;
@@ -467,14 +480,18 @@ pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
     );
     let allowed = Dependencies::of(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    // Even if no output depends on an input, the function is there.
-    directional(&mut run, &[], &[])?;
+    let mut is_called = false;
     for input in inputs.iter().take(MAX_INPUTS) {
         let mut unknowns = outputs.clone();
         unknowns.retain(|output| allowed.allow(output, input));
         if !unknowns.is_empty() {
             compare(&mut run, &unknowns, (input, None))?;
+            is_called = true;
         }
+    }
+    // Even if no output depends on an input, the function is there; some refuse such a call.
+    if !is_called {
+        directional(&mut run, &[], &[]).context("without unknowns")?;
     }
     Ok(())
 }
@@ -511,11 +528,9 @@ pub fn derivatives_by_states(subject: &Subject<'_>) -> Result<()> {
 /// Compares adjoint derivatives with directional ones.
 pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
     let mut run = Run::after(subject, WARM_UP)?;
-    // Even if nothing depends on anything, the function is there.
-    run.instance
-        .get_adjoint_derivative(&[], &[], &[], &mut [])?;
     if !subject.claims("providesDirectionalDerivative") {
-        return Ok(());
+        let call = run.instance.get_adjoint_derivative(&[], &[], &[], &mut []);
+        return call.map(drop).context("without unknowns");
     }
     let allowed = Dependencies::of(subject);
     let mut inputs = subject.continuous(Causality::Input);
