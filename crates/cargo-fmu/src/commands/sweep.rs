@@ -170,6 +170,16 @@ fn write(
             "{failed} runs failed, the first was run {run}: {failure}"
         )?;
     }
+    if let Some(first) = progress.first_diverged {
+        let diverged = progress.diverged;
+        writeln!(
+            out,
+            "{diverged} of {runs} runs diverged or failed, the first: {first}"
+        )?;
+    }
+    if let Some((iae, best)) = progress.best {
+        writeln!(out, "smallest iae, {iae:.6e}: {best}")?;
+    }
     Ok(Some(runs))
 }
 

@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, bail, ensure};
 
-use crate::table::{self, Column, Format};
+use crate::table::{self, Cell, Column, Format};
 
 /// The journal of a sweep, opened and locked.
 #[derive(Debug)]
@@ -169,7 +169,7 @@ impl Journal {
     /// # Errors
     /// Runs are missing or appear twice with different values, or a file cannot be read or written; the
     /// journal is then kept.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(mut self, mut see: impl FnMut(&[Cell])) -> Result<()> {
         let text = self.read()?;
         let rows = self.rows(&text)?;
         let missing = self.runs - rows.len() as u64;
@@ -181,9 +181,11 @@ impl Journal {
             self.runs,
             first.unwrap_or_default()
         );
-        let rows = rows
-            .values()
-            .map(|line| Ok(table::parse(&self.columns, line)?.0));
+        let rows = rows.values().map(|line| {
+            let (row, _) = table::parse(&self.columns, line)?;
+            see(&row);
+            Ok(row)
+        });
         table::write(&self.output, self.format, &self.columns, rows)?;
         self.remove()
     }
@@ -333,7 +335,7 @@ mod tests {
         assert_eq!(fs::read_to_string(&part).unwrap(), expected);
         let used = "a.csv.part is in use by another process: wait for it, or give another --out";
         assert!(open(&output).unwrap_err().ends_with(used));
-        let error = journal.finish().unwrap_err().to_string();
+        let error = journal.finish(|_| ()).unwrap_err().to_string();
         assert!(error.ends_with("a.csv.part: 2 of 4 runs are missing, the first is 1"));
 
         let mut journal = open(&output).unwrap();
@@ -341,7 +343,7 @@ mod tests {
         for run in [3, 1, 3] {
             journal.append(LINES[run]).unwrap();
         }
-        journal.finish().unwrap();
+        journal.finish(|_| ()).unwrap();
         let table = format!("index,p,model\n{}", LINES.concat());
         assert_eq!(fs::read_to_string(&output).unwrap(), table);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);

@@ -17,7 +17,7 @@ use super::metrics::{Metrics, Options, Sample, Summary};
 use super::parameters::{Parameter, Parameters};
 use super::pool::{Outcome, Pool, Workers};
 use crate::failure::Crash;
-use crate::table::{self, Column};
+use crate::table::{self, Cell, Column};
 use crate::{
     Description, Failure, Messages, Order, Place, Plan, Simulation, Start, Written, locate,
 };
@@ -104,6 +104,40 @@ pub struct Progress {
     pub failed: u64,
     /// The first of these, and why.
     pub first_failure: Option<(u64, String)>,
+    /// Once all runs are done: the smallest integral of the absolute error of a run that did not diverge, and
+    /// this run with its parameters.
+    pub best: Option<(f64, String)>,
+    /// Once all runs are done: the number of those that diverged or failed.
+    pub diverged: u64,
+    /// The first of these with its parameters.
+    pub first_diverged: Option<String>,
+}
+
+impl Progress {
+    /// Compares a row of the table with the best so far.
+    fn see(&mut self, columns: &[Column], row: &[Cell]) {
+        let value = |name| {
+            let (_, cell) = columns.iter().zip(row).find(|(c, _)| c.name == name)?;
+            cell.as_ref()
+        };
+        let parameters = columns.iter().zip(row).take_while(|(c, _)| c.name != "iae");
+        let named = parameters.filter_map(|(column, cell)| {
+            let value = cell.as_ref()?;
+            Some(match column.name.as_str() {
+                "index" => format!("run {value}"),
+                name => format!("{name} = {value}"),
+            })
+        });
+        let run = || Vec::from_iter(named).join(", ");
+        if let Some(Value::Boolean(true)) = value("diverged") {
+            self.diverged += 1;
+            self.first_diverged.get_or_insert_with(run);
+        } else if let Some(&Value::Float64(iae)) = value("iae")
+            && self.best.as_ref().is_none_or(|(best, _)| iae < *best)
+        {
+            self.best = Some((iae, run()));
+        }
+    }
 }
 
 /// What a worker is asked to do.
@@ -389,7 +423,7 @@ impl Study {
             Ok(())
         })?;
         match is_complete {
-            true => journal.finish()?,
+            true => journal.finish(|row| progress.see(&self.columns, row))?,
             false => journal.keep()?,
         }
         Ok((is_complete, progress))
@@ -424,7 +458,7 @@ impl Study {
         }
         let missing = journal.missing();
         match missing[..] {
-            [] => journal.finish()?,
+            [] => journal.finish(|_| ())?,
             [(0, end)] if end == self.parameters.runs => journal.remove()?,
             _ => journal.keep()?,
         }
@@ -464,4 +498,39 @@ fn fingerprint(sweep: &str, files: &[PathBuf]) -> Result<String> {
         content.extend_from_slice(&checksum(&bytes).to_le_bytes());
     }
     Ok(format!("{:032x}", checksum(&content)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_run_is_the_one_with_the_smallest_error_of_those_that_did_not_diverge() {
+        let columns = [
+            Column::new("index", "", Type::UInt64),
+            Column::new("a.k", "1", Type::Float64),
+            Column::new("iae", "1", Type::Float64),
+            Column::new("diverged", "", Type::Boolean),
+        ];
+        let mut progress = Progress::default();
+        let runs = [
+            (1.0, 3.0, false),
+            (2.0, 0.5, true),
+            (4.0, f64::NAN, true),
+            (8.0, 2.0, false),
+            (9.0, 2.5, false),
+        ];
+        for (index, (k, iae, diverged)) in (0..).zip(runs) {
+            let row = [
+                Value::UInt64(index),
+                Value::Float64(k),
+                Value::Float64(iae),
+                Value::Boolean(diverged),
+            ];
+            progress.see(&columns, &row.map(Some));
+        }
+        assert_eq!(progress.best, Some((2.0, "run 3, a.k = 8.0".to_owned())));
+        assert_eq!(progress.diverged, 2);
+        assert_eq!(progress.first_diverged.as_deref(), Some("run 1, a.k = 2.0"));
+    }
 }
