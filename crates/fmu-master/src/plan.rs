@@ -99,10 +99,9 @@ impl Plan {
         };
         let column = |port: &Port| {
             let Variable { of_type, unit, .. } = port.of(&components);
-            let none = if of_type.is_float() { "1" } else { "" };
             Column::new(
                 port.name(&components),
-                unit.as_deref().unwrap_or(none),
+                unit.as_deref().unwrap_or_default(),
                 *of_type,
             )
         };

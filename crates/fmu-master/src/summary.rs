@@ -260,7 +260,7 @@ fn is_number(kind: Type) -> bool {
 /// A number in few digits, with its unit.
 fn with_unit(value: f64, column: &Column) -> String {
     match column.unit.as_str() {
-        "" | "1" => format!("{value:.3e}"),
+        "" => format!("{value:.3e}"),
         unit => format!("{value:.3e} {unit}"),
     }
 }

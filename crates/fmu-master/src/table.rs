@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 pub struct Column {
     /// Its name, such as `component.variable`.
     pub name: String,
-    /// Its unit; 1 for a real number without unit, empty for other variables.
+    /// Its unit; empty if it has none.
     pub unit: String,
     /// The type of its values.
     pub kind: Type,

@@ -271,14 +271,13 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
                     Value::String(text) => format!("{text:?}"),
                     value => value.to_string(),
                 };
-                let unit = if c.unit == "1" { "" } else { &c.unit };
                 [
                     c.name.clone(),
                     short(|s| s.min),
                     short(|s| s.max),
                     short(|s| s.rms),
                     value,
-                    unit.into(),
+                    c.unit.clone(),
                 ]
             }),
     );
