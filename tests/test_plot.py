@@ -76,10 +76,3 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
         assert result.returncode == 1
         assert message in result.stderr
         assert not list(tmp_path.iterdir())
-
-
-def test_the_library_is_the_one_of_the_report():
-    own = LOOPS.parents[1] / "crates" / "cargo-fmu" / "src" / "plot"
-    report = LOOPS.parents[1] / "python" / "pendulum_fmus" / "report" / "assets" / "uplot"
-    for file in report.iterdir():
-        assert file.read_bytes() == (own / file.name).read_bytes()
