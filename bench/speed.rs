@@ -116,11 +116,8 @@ fn nodes(criterion: &mut Criterion) {
 
 fn nodes_of<const N: usize>(group: &mut Group<'_>) {
     both(group, &N.to_string(), CONTROLLER, || {
-        let mut c = PidRbf {
-            pid: pid(Integral::Sum, false),
-            network: network::<N>(),
-            ..PidRbf::default()
-        };
+        let mut c =
+            PidRbf { pid: pid(Integral::Sum, false), network: network::<N>(), ..PidRbf::default() };
         move |[r, y, d, _]| c.sample(r, y, d)
     });
 }

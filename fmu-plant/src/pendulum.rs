@@ -111,10 +111,7 @@ impl Continuous for Pendulum {
             }
             PlantModel::TransferFunction => {
                 let plant = TransferFunction::new(&self.parameters, self.ts, state);
-                state = State {
-                    theta: plant.theta(),
-                    ..State::default()
-                };
+                state = State { theta: plant.theta(), ..State::default() };
                 Selected::TransferFunction(plant)
             }
             PlantModel::Linear => Selected::Linear(Box::new(Linear::new(&self.parameters))),
@@ -160,10 +157,7 @@ impl Pendulum {
     #[inline(always)]
     fn advance(&mut self, step: f64) -> Result<(), ModelError> {
         let mut state = self.state();
-        let u = Force {
-            value: self.u,
-            slope: self.u_slope,
-        };
+        let u = Force { value: self.u, slope: self.u_slope };
         match &mut self.selected {
             Selected::TransferFunction(plant) => {
                 for k in 0..whole_samples(step, self.ts)? {
@@ -219,9 +213,5 @@ fn whole_samples(step: f64, ts: f64) -> Result<u32, ModelError> {
 /// that computes its step as a difference of times would cause a new matrix exponential at every step.
 fn snap(step: f64, ts: f64) -> f64 {
     let nominal = (step / ts).round() * ts;
-    if (step - nominal).abs() <= 1e-9 * nominal {
-        nominal
-    } else {
-        step
-    }
+    if (step - nominal).abs() <= 1e-9 * nominal { nominal } else { step }
 }

@@ -222,16 +222,9 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
         let _ = info::run(&[file.to_owned()], &mut sink());
     });
     assert!(start.elapsed() < MAX_TIME, "took {:?}", start.elapsed());
-    assert!(
-        memory.bytes_max < MAX_MEMORY,
-        "took {} bytes",
-        memory.bytes_max
-    );
+    assert!(memory.bytes_max < MAX_MEMORY, "took {} bytes", memory.bytes_max);
     for message in &messages {
-        assert!(
-            message.len() < 10_000 && !message.contains(char::is_control),
-            "{message:?}"
-        );
+        assert!(message.len() < 10_000 && !message.contains(char::is_control), "{message:?}");
     }
     messages.iter().map(|message| kind(message)).collect()
 }
@@ -240,18 +233,13 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
 fn kind(message: &str) -> String {
     let outside = message.split(['"', '`']).step_by(2);
     let words = outside.flat_map(|part| part.split_whitespace());
-    words
-        .filter(|word| word.chars().all(|c| c.is_ascii_alphabetic() || c == ','))
-        .take(6)
-        .collect()
+    words.filter(|word| word.chars().all(|c| c.is_ascii_alphabetic() || c == ',')).take(6).collect()
 }
 
 fn corpus() -> Vec<Input> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    let mut files: Vec<PathBuf> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
+    let mut files: Vec<PathBuf> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     let input = |file: &PathBuf| {
         let bytes = fs::read(file).unwrap();

@@ -60,16 +60,8 @@ pub(crate) struct Writer<'a> {
 type List = (&'static str, &'static str, fn(&Variable) -> bool);
 const LISTS: [List; 4] = [
     ("Outputs", "Output", Variable::is_output),
-    (
-        "Derivatives",
-        "ContinuousStateDerivative",
-        Variable::is_derivative,
-    ),
-    (
-        "InitialUnknowns",
-        "InitialUnknown",
-        Variable::is_initial_unknown,
-    ),
+    ("Derivatives", "ContinuousStateDerivative", Variable::is_derivative),
+    ("InitialUnknowns", "InitialUnknown", Variable::is_initial_unknown),
     ("", "EventIndicator", Variable::is_event_indicator),
 ];
 
@@ -85,11 +77,7 @@ impl Description {
             FmiVersion::Fmi2 => (fmi2::variables(self), "guid"),
             FmiVersion::Fmi3 => (fmi3::variables(self)?, "instantiationToken"),
         };
-        let writer = Writer {
-            model: self,
-            version,
-            variables,
-        };
+        let writer = Writer { model: self, version, variables };
         let root = Element::new("fmiModelDescription")
             .with("fmiVersion", version.as_str())
             .with("modelName", &self.name)
@@ -381,18 +369,11 @@ fn unit_definition(name: &str) -> Result<Element<'static>> {
         .into_iter()
         .zip(unit.exponents)
         .filter(|(_, exponent)| *exponent != 0)
-        .fold(Element::new("BaseUnit"), |base, (name, exponent)| {
-            base.with(name, exponent)
-        })
+        .fold(Element::new("BaseUnit"), |base, (name, exponent)| base.with(name, exponent))
         .with_some("factor", (unit.factor != 1.0).then_some(unit.factor))
         .with_some("offset", (unit.offset != 0.0).then_some(unit.offset));
     let display = Unit::display(name).map(|(name, factor)| {
-        Element::new("DisplayUnit")
-            .with("name", name)
-            .with("factor", factor)
+        Element::new("DisplayUnit").with("name", name).with("factor", factor)
     });
-    Ok(Element::new("Unit")
-        .with("name", name)
-        .holding(base)
-        .holding_all(display))
+    Ok(Element::new("Unit").with("name", name).holding(base).holding_all(display))
 }

@@ -48,12 +48,8 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
     let value = |bound| Value::whole(v.of_type, bound);
     let (min, max) = match v.of_type.is_integer() {
         true => (
-            whole(&v.min, least)
-                .filter(|min| *min > low)
-                .and_then(value),
-            whole(&v.max, most)
-                .filter(|max| *max < high)
-                .and_then(value),
+            whole(&v.min, least).filter(|min| *min > low).and_then(value),
+            whole(&v.max, most).filter(|max| *max < high).and_then(value),
         ),
         false => (v.min.clone(), v.max.clone()),
     };
@@ -82,9 +78,7 @@ fn scalar(model: &Description, v: &Variable, element: usize) -> Variable {
 /// Adds the types of interfaces, with the capabilities of the C interface of `fmu-export`. Memory comes from
 /// Rust's allocator, not from the callbacks of the host.
 pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element<'static> {
-    let Writer {
-        model, variables, ..
-    } = writer;
+    let Writer { model, variables, .. } = writer;
     let event_indicators = variables.iter().filter(|v| v.is_event_indicator());
     let exchange = Element::new("ModelExchange")
         .with("modelIdentifier", &model.name)
@@ -95,19 +89,13 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
         .with("canGetAndSetFMUstate", true)
         .with("canSerializeFMUstate", true)
         .with("providesDirectionalDerivative", model.has_all_derivatives());
-    let interpolates = model
-        .variables
-        .iter()
-        .any(|v| v.exported.has_input_derivative);
+    let interpolates = model.variables.iter().any(|v| v.exported.has_input_derivative);
     let co_simulation = Element::new("CoSimulation")
         .with("modelIdentifier", &model.name)
         .with("needsExecutionTool", false)
         .with("canHandleVariableCommunicationStepSize", true)
         .with("canInterpolateInputs", interpolates)
-        .with(
-            "maxOutputDerivativeOrder",
-            model.max_output_derivative_order(),
-        )
+        .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("canRunAsynchronuously", false)
         .with("canBeInstantiatedOnlyOncePerProcess", false)
         .with("canNotUseMemoryManagementFunctions", true)
@@ -115,10 +103,7 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
         .with("canSerializeFMUstate", true)
         .with("providesDirectionalDerivative", model.has_all_derivatives());
     let is_for_exchange = model.is_for_model_exchange();
-    root.with_some(
-        "numberOfEventIndicators",
-        is_for_exchange.then(|| event_indicators.count()),
-    )
-    .holding_all(is_for_exchange.then_some(exchange))
-    .holding(co_simulation)
+    root.with_some("numberOfEventIndicators", is_for_exchange.then(|| event_indicators.count()))
+        .holding_all(is_for_exchange.then_some(exchange))
+        .holding(co_simulation)
 }

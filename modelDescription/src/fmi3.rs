@@ -20,10 +20,7 @@ pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
     );
     let variables = model.variables.iter().map(|v| {
         let start = v.start.iter().take(model.elements(v));
-        Variable {
-            start: start.cloned().collect(),
-            ..v.clone()
-        }
+        Variable { start: start.cloned().collect(), ..v.clone() }
     });
     let time = Variable {
         name: TIME.into(),
@@ -56,17 +53,13 @@ pub(crate) fn interfaces(model: &Description, root: Element<'static>) -> Element
     let exchange = interface("ModelExchange").with("needsCompletedIntegratorStep", false);
     let co_simulation = interface("CoSimulation")
         .with("canHandleVariableCommunicationStepSize", true)
-        .with(
-            "maxOutputDerivativeOrder",
-            model.max_output_derivative_order(),
-        )
+        .with("maxOutputDerivativeOrder", model.max_output_derivative_order())
         .with("providesIntermediateUpdate", model.is_continuous)
         .with("canReturnEarlyAfterIntermediateUpdate", model.is_continuous)
         // In event mode, a step ends at the next sample instant or time event.
         .with("mightReturnEarlyFromDoStep", model.is_for_model_exchange())
         .with("hasEventMode", model.is_for_model_exchange());
-    root.holding_all(model.is_for_model_exchange().then_some(exchange))
-        .holding(co_simulation)
+    root.holding_all(model.is_for_model_exchange().then_some(exchange)).holding(co_simulation)
 }
 
 /// Corners of the icon and of the coordinate system that it fills.
@@ -84,10 +77,7 @@ impl Description {
             let Some((name, member)) = variable.exported.terminal.split_once('.') else {
                 continue;
             };
-            let index = match terminals
-                .iter()
-                .position(|t| t.attribute("name") == Some(name))
-            {
+            let index = match terminals.iter().position(|t| t.attribute("name") == Some(name)) {
                 Some(index) => index,
                 None => {
                     let terminal = Element::new("Terminal").with("name", name);
@@ -97,9 +87,7 @@ impl Description {
             };
             let members = &mut terminals[index].children;
             ensure!(
-                members
-                    .iter()
-                    .all(|other| other.attribute("memberName") != Some(member)),
+                members.iter().all(|other| other.attribute("memberName") != Some(member)),
                 "two variables of {} are the member {member} of the terminal {name}; expected different members",
                 self.name
             );
@@ -122,9 +110,7 @@ impl Description {
 fn graphics() -> Element<'static> {
     let corners = |name| {
         let element = Element::new(name);
-        CORNERS
-            .iter()
-            .fold(element, |element, (name, value)| element.with(name, value))
+        CORNERS.iter().fold(element, |element, (name, value)| element.with(name, value))
     };
     Element::new("GraphicalRepresentation")
         .holding(corners("CoordinateSystem").with("suggestedScalingFactorTo_mm", 0.1))

@@ -226,10 +226,7 @@ pub const fn write<const N: usize>(interface: &Interface) -> [u8; N] {
 }
 
 const fn written<const N: usize>(interface: &Interface) -> Writer<N> {
-    let mut writer = Writer {
-        bytes: [0; N],
-        length: 0,
-    };
+    let mut writer = Writer { bytes: [0; N], length: 0 };
     writer.raw(&MAGIC);
     writer.raw(&VERSION.to_le_bytes());
     // The first pass, which computes the length, does not know it.

@@ -175,9 +175,7 @@ impl<'a> ModelDescription<'a> {
 
     /// The valid variables with their indices from 1.
     pub fn variables(&self) -> impl Iterator<Item = (usize, &Listed<'a>)> {
-        (1..)
-            .zip(&self.variables)
-            .filter_map(|(index, v)| Some((index, v.as_ref()?)))
+        (1..).zip(&self.variables).filter_map(|(index, v)| Some((index, v.as_ref()?)))
     }
 
     /// The index from 1 of the variable to which a number of the XML refers: the number itself in FMI 2.0, a
@@ -284,10 +282,7 @@ impl<'a> Listed<'a> {
         let defined = type_name.and_then(|name| types.get(name));
         let declared_type = type_name.map(|name| match defined {
             Some((_, defined)) => Arc::clone(defined),
-            None => Arc::new(DeclaredType {
-                name: name.to_owned(),
-                ..DeclaredType::default()
-            }),
+            None => Arc::new(DeclaredType { name: name.to_owned(), ..DeclaredType::default() }),
         });
         let mut listed = Self {
             is_sized: dimensions.is_some(),
@@ -432,10 +427,7 @@ mod tests {
     #[test]
     fn documents_that_are_not_valid_model_descriptions_are_rejected() {
         for (document, expected) in [
-            (
-                "<a/>",
-                "the root element is \"a\", expected fmiModelDescription",
-            ),
+            ("<a/>", "the root element is \"a\", expected fmiModelDescription"),
             ("1.0", "it is of FMI version 1.0, expected 2.0 or 3.0"),
             ("30", "it is of FMI version 30, expected 2.0 or 3.0"),
             ("4.0", "it is of FMI version 4.0, expected 2.0 or 3.0"),
@@ -443,11 +435,7 @@ mod tests {
             ("&#10;", "it is of FMI version \"\\n\", expected 2.0 or 3.0"),
         ] {
             let of_version = format!("<fmiModelDescription fmiVersion='{document}'/>");
-            let document = if document.starts_with('<') {
-                document
-            } else {
-                &of_version
-            };
+            let document = if document.starts_with('<') { document } else { &of_version };
             let root = parse(document).unwrap();
             let error = ModelDescription::read(&root).err().expect(document);
             assert_eq!(error.to_string(), expected);
@@ -558,9 +546,7 @@ mod tests {
         let root = parse(OF_FMI_3).unwrap();
         let model = ModelDescription::read(&root).unwrap();
         let of = |list: &[Unknown<'_>]| -> Vec<_> {
-            list.iter()
-                .map(|u| (u.number, u.index, u.dependencies.clone()))
-                .collect()
+            list.iter().map(|u| (u.number, u.index, u.dependencies.clone())).collect()
         };
         let expected = [(10, Some(2), Some(vec![20, 99])), (99, None, None)];
         assert_eq!(of(&model.outputs), expected);

@@ -490,12 +490,7 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
         has_input_derivative: false,
         terminal: "",
     };
-    let mut all = [Scalar {
-        variable: NONE,
-        prefixes: [""; MAX_DEPTH],
-        element: 0,
-        offset: 0,
-    }; N];
+    let mut all = [Scalar { variable: NONE, prefixes: [""; MAX_DEPTH], element: 0, offset: 0 }; N];
     let mut i = 0;
     while let Some(scalar) = find_scalar(rows, i) {
         all[i] = scalar;
@@ -597,10 +592,7 @@ const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
     let Some(size) = scalar.size(scalars) else {
         return;
     };
-    assert!(
-        size < scalars.len(),
-        "`size` names a variable that does not exist"
-    );
+    assert!(size < scalars.len(), "`size` names a variable that does not exist");
     assert!(
         scalars[size].offset_of_size().is_some(),
         "`size` names a variable that is no structural parameter"
@@ -626,10 +618,7 @@ const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
                     derivatives += 1;
                 }
             });
-            assert!(
-                derivatives == 1,
-                "a state needs one field with #[derivative(of = ...)]"
-            );
+            assert!(derivatives == 1, "a state needs one field with #[derivative(of = ...)]");
         }
         Dynamics::Derivative { of } => {
             let state = scalar.position(of, scalars);

@@ -64,10 +64,8 @@ const SYMBOLS: &[Symbol] = &[
 ];
 
 /// Units with an offset, which cannot be factors.
-const WITH_OFFSET: [(&str, f64, f64); 2] = [
-    ("degC", 1.0, 273.15),
-    ("degF", 5.0 / 9.0, 459.67 * 5.0 / 9.0),
-];
+const WITH_OFFSET: [(&str, f64, f64); 2] =
+    [("degC", 1.0, 273.15), ("degF", 5.0 / 9.0, 459.67 * 5.0 / 9.0)];
 const KELVIN: [i8; 8] = [0, 0, 0, 0, 1, 0, 0, 0];
 
 const PREFIXES: [(&str, f64); 14] = [
@@ -88,11 +86,7 @@ const PREFIXES: [(&str, f64); 14] = [
 ];
 
 impl Unit {
-    const ONE: Self = Self {
-        exponents: [0; 8],
-        factor: 1.0,
-        offset: 0.0,
-    };
+    const ONE: Self = Self { exponents: [0; 8], factor: 1.0, offset: 0.0 };
 
     /// Parses a unit.
     ///
@@ -100,11 +94,7 @@ impl Unit {
     /// The part of the text that is not a unit.
     pub fn parse(text: &str) -> Result<Self, String> {
         if let Some((_, factor, offset)) = WITH_OFFSET.iter().find(|(name, ..)| *name == text) {
-            return Ok(Self {
-                exponents: KELVIN,
-                factor: *factor,
-                offset: *offset,
-            });
+            return Ok(Self { exponents: KELVIN, factor: *factor, offset: *offset });
         }
         let (above, below) = match text.split_once('/') {
             Some((above, below)) => (above, Some(below)),
@@ -221,10 +211,7 @@ mod tests {
             ("g", 1e-3),
         ] {
             let unit = Unit::parse(text).unwrap();
-            assert!(
-                (unit.factor / factor - 1.0).abs() < 1e-15,
-                "{text}: {unit:?}"
-            );
+            assert!((unit.factor / factor - 1.0).abs() < 1e-15, "{text}: {unit:?}");
         }
         let celsius = Unit::parse("degC").unwrap();
         assert_eq!((celsius.factor, celsius.offset), (1.0, 273.15));
@@ -232,10 +219,7 @@ mod tests {
 
     #[test]
     fn angles_are_displayed_in_degrees() {
-        assert_eq!(
-            Unit::display("rad"),
-            Some(("deg".into(), 180.0 / core::f64::consts::PI))
-        );
+        assert_eq!(Unit::display("rad"), Some(("deg".into(), 180.0 / core::f64::consts::PI)));
         assert_eq!(Unit::display("rad/s").unwrap().0, "deg/s");
         assert_eq!(Unit::display("N/rad"), None);
     }

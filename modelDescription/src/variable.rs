@@ -110,10 +110,7 @@ impl Variable {
 
     /// Whether it is a parameter that the host sets, structural ones included.
     pub fn is_parameter(&self) -> bool {
-        matches!(
-            self.causality,
-            Causality::Parameter | Causality::StructuralParameter
-        )
+        matches!(self.causality, Causality::Parameter | Causality::StructuralParameter)
     }
 
     /// The items of an Enumeration.

@@ -14,10 +14,7 @@ use crate::table::{Enumeration, Row, count};
 /// The table has the offsets of the fields: the derive macros take them from the compiler. At the
 /// offset of a variable is a value of the type that its [`Start`](crate::table::Start) has, or an array of them: an `f64` for a
 /// `Float64`, a `String` for a `String`, and a value of the enum for an `Enumeration`.
-#[allow(
-    unsafe_code,
-    reason = "a promise of the derive macros; it has no unsafe functions"
-)]
+#[allow(unsafe_code, reason = "a promise of the derive macros; it has no unsafe functions")]
 #[diagnostic::on_unimplemented(
     message = "`{Self}` has no variables",
     label = "expected a struct with #[derive(Variables)] or #[derive(Model)]"
@@ -241,13 +238,9 @@ pub mod derive {
         let mut sums = [-0.0; 4]; // the neutral element of addition
         let (blocks, rest) = values.as_chunks::<4>();
         for block in blocks {
-            sums.iter_mut()
-                .zip(block)
-                .for_each(|(sum, value)| *sum += (*value).into());
+            sums.iter_mut().zip(block).for_each(|(sum, value)| *sum += (*value).into());
         }
-        sums.iter_mut()
-            .zip(rest)
-            .for_each(|(sum, value)| *sum += (*value).into());
+        sums.iter_mut().zip(rest).for_each(|(sum, value)| *sum += (*value).into());
         (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 

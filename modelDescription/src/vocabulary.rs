@@ -138,14 +138,8 @@ macro_rules! types {
 pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
     (c"logStatusError", "calls and steps that failed"),
     (c"logStatusWarning", "calls that are unusual, but worked"),
-    (
-        c"logStatusDiscard",
-        "steps that were discarded, and changed nothing",
-    ),
-    (
-        c"logStatusFatal",
-        "failures after which the instance is dead",
-    ),
+    (c"logStatusDiscard", "steps that were discarded, and changed nothing"),
+    (c"logStatusFatal", "failures after which the instance is dead"),
     (c"logEvents", "changes of the slave's state"),
     (c"logAll", "all messages"),
 ];

@@ -27,12 +27,7 @@ use commands::{completions, export, info, merge, new};
 
 /// Write, build, inspect, merge, check, simulate and sweep FMUs
 #[derive(Parser)]
-#[command(
-    name = "cargo-fmu",
-    bin_name = "cargo fmu",
-    version,
-    max_term_width = 80
-)]
+#[command(name = "cargo-fmu", bin_name = "cargo fmu", version, max_term_width = 80)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -137,9 +132,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
 
 /// Whether the reader of our output has exited, as in `cargo fmu info FILE | head`.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error
-        .downcast_ref::<io::Error>()
-        .is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+    error.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
 }
 
 #[cfg(test)]

@@ -53,28 +53,21 @@ fn run(name: &str, text: &str) -> Result<Value> {
         (fields, rest) =
             table::fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
         let (found, expected) = (fields.len(), columns.len());
-        ensure!(
-            found == expected,
-            "line {line} has {found} fields, expected {expected}"
-        );
+        ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
         for (column, field) in columns.iter_mut().zip(&fields) {
             column.push(number(field.as_deref()));
         }
     }
     let mut named = titles.iter().map(|title| {
         let title = title.as_deref().unwrap_or_default();
-        let parts = title
-            .strip_suffix(']')
-            .and_then(|title| title.rsplit_once(" ["));
+        let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
         parts.unwrap_or((title, ""))
     });
     let mut columns = columns.into_iter();
     let (Some(("time", _)), Some(time)) = (named.next(), columns.next()) else {
         bail!("line 1 has no column time, expected it first");
     };
-    let columns = named
-        .zip(columns)
-        .filter(|(_, values)| values.iter().any(|v| !v.is_null()));
+    let columns = named.zip(columns).filter(|(_, values)| values.iter().any(|v| !v.is_null()));
     let columns = columns.map(|((name, unit), mut values)| {
         if values.windows(2).all(|pair| pair[0] == pair[1]) {
             values.truncate(1);

@@ -63,10 +63,7 @@ impl Session {
     /// As [`Session::start`].
     pub fn end_when_interrupted() -> Result<Self> {
         let session = Self::start()?;
-        let (signal, folder) = (
-            Arc::clone(&session.signal),
-            session.folder.path().to_owned(),
-        );
+        let (signal, folder) = (Arc::clone(&session.signal), session.folder.path().to_owned());
         thread::spawn(move || {
             loop {
                 thread::sleep(PERIOD);

@@ -25,10 +25,8 @@ use snapbox::{Assert, Data};
 fn sessions() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let relay = Relay::compile(&root.join("../../tests/c"));
-    let mut files: Vec<_> = fs::read_dir(root.join("tests/cmd"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
+    let mut files: Vec<_> =
+        fs::read_dir(root.join("tests/cmd")).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     for file in files {
         let session = fs::read_to_string(&file).unwrap();
@@ -46,11 +44,7 @@ struct Session<'a> {
 
 impl<'a> Session<'a> {
     fn new(relay: &'a Relay) -> Self {
-        Self {
-            folder: tempfile::tempdir().unwrap(),
-            relay,
-            shown: String::new(),
-        }
+        Self { folder: tempfile::tempdir().unwrap(), relay, shown: String::new() }
     }
 
     /// Executes the lines of a session and returns them with the output of the commands.
@@ -102,10 +96,7 @@ impl<'a> Session<'a> {
         self.shown += &stable(&text, self.folder.path());
         if !output.status.success() {
             self.shown += &format!("? {}\n", output.status.code().unwrap());
-            assert!(
-                before == contents(self.folder.path()),
-                "{line} changed the folder"
-            );
+            assert!(before == contents(self.folder.path()), "{line} changed the folder");
         }
     }
 }
@@ -114,18 +105,12 @@ impl<'a> Session<'a> {
 fn stable(text: &str, folder: &Path) -> String {
     let text = text.replace(&folder.display().to_string(), "[FOLDER]");
     let hidden = [
-        (
-            r" in [0-9.]+ m?s: [0-9.]+ (times real time|a second)",
-            " in [TIME]",
-        ),
+        (r" in [0-9.]+ m?s: [0-9.]+ (times real time|a second)", " in [TIME]"),
         (r"[0-9]+ KB", "[SIZE] KB"),
         (r"# sweep [0-9a-f]{32}", "# sweep [DIGEST]"),
         (r"/[^ ]*/fmu-[^/]*/", "[UNPACKED]/"),
         (r#" at path "[^"]*""#, ""),
-        (
-            r#""[^"]*/crates/fmu-export""#,
-            "\"[CHECKOUT]/crates/fmu-export\"",
-        ),
+        (r#""[^"]*/crates/fmu-export""#, "\"[CHECKOUT]/crates/fmu-export\""),
         (r"(?m) +$", ""),
     ];
     hidden.iter().fold(text, |text, (pattern, shown)| {
@@ -190,10 +175,7 @@ impl Relay {
         let mut binaries = BTreeMap::from(["RELAY", "WITHOUT_STEP", "WITHOUT_INIT"].map(compile));
         binaries.insert("NONE", Vec::new());
         binaries.insert("BROKEN", b"\x7fELF, but no more".to_vec());
-        Self {
-            xml: fs::read_to_string(sources.join("relay.xml")).unwrap(),
-            binaries,
-        }
+        Self { xml: fs::read_to_string(sources.join("relay.xml")).unwrap(), binaries }
     }
 
     /// Writes an FMU, given its file, optionally the name of a binary or `PLATFORM=TEXT`, and changes.

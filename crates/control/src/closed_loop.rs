@@ -71,12 +71,7 @@ pub struct ClosedLoop {
 impl ClosedLoop {
     /// The loop at rest.
     pub fn new(order: Order) -> Self {
-        Self {
-            plant: Linear::new(&Parameters::PAPER),
-            state: State::default(),
-            order,
-            u: 0.0,
-        }
+        Self { plant: Linear::new(&Parameters::PAPER), state: State::default(), order, u: 0.0 }
     }
 
     /// The angle of the pendulum (rad).
@@ -99,10 +94,7 @@ impl ClosedLoop {
             Order::Parallel => before,
         };
         self.plant.advance(&mut self.state, applied, TS);
-        Sample {
-            e: r - (y + d),
-            u: self.u,
-        }
+        Sample { e: r - (y + d), u: self.u }
     }
 
     /// The samples k = 1, 2, ... of section 4, with a `disturbance` (rad) added to the measured angle
@@ -115,10 +107,7 @@ impl ClosedLoop {
     ) -> impl Iterator<Item = Sample> {
         let mut time = TS;
         (0u32..).map(move |k| {
-            let (r, d) = (
-                set_point.at(time),
-                disturbance * signal::pulse(5.0, 0.5, time),
-            );
+            let (r, d) = (set_point.at(time), disturbance * signal::pulse(5.0, 0.5, time));
             // Bit-identical to the time of a source that steps from k ts to k ts + ts.
             time = (TS + f64::from(k) * TS) + TS;
             self.sample(r, d, &mut controller)
@@ -129,11 +118,7 @@ impl ClosedLoop {
 /// The PID with the settings of section 4.
 pub fn pid(integral: Integral, previous_sample_terms: bool) -> Pid {
     let mut pid = Pid::new(integral);
-    pid.gains = Gains {
-        kp: 300.0,
-        ki: 500.0,
-        kd: 100.0,
-    };
+    pid.gains = Gains { kp: 300.0, ki: 500.0, kd: 100.0 };
     pid.ts = TS;
     pid.u_max = 100.0;
     pid.previous_sample_terms = previous_sample_terms;
@@ -163,10 +148,7 @@ pub fn pid_rbf(previous_sample_terms: bool, w0: [f64; 4]) -> PidRbf<4> {
 
 /// IPID-RBF with the settings of section 4 and the initial weights `w0` (N).
 pub fn ipid_rbf(target: Target, w0: [f64; 4]) -> IpidRbf<4> {
-    let law = PidRbf {
-        pid: pid(Integral::Leaky, false),
-        network: network(w0),
-        ..PidRbf::default()
-    };
+    let law =
+        PidRbf { pid: pid(Integral::Leaky, false), network: network(w0), ..PidRbf::default() };
     IpidRbf { law, target }
 }

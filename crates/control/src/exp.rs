@@ -14,10 +14,8 @@ const LOWEST: f64 = -746.0;
 const HIGHEST: f64 = 710.0;
 
 /// ln 2 as a sum. The first part ends in 11 zero bits, so that its product with n is exact.
-const LN_2: (f64, f64) = (
-    f64::from_bits(0x3fe6_2e42_fefa_3800),
-    f64::from_bits(0x3d2e_f357_93c7_6730),
-);
+const LN_2: (f64, f64) =
+    (f64::from_bits(0x3fe6_2e42_fefa_3800), f64::from_bits(0x3d2e_f357_93c7_6730));
 
 /// Coefficients of q, with which the relative error of exp(r) is below 2^-57 before rounding.
 const Q: [f64; 10] = [

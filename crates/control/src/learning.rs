@@ -77,10 +77,7 @@ pub struct IpidRbf<const N: usize> {
 impl<const N: usize> Default for IpidRbf<N> {
     fn default() -> Self {
         Self {
-            law: PidRbf {
-                pid: Pid::new(Integral::Leaky),
-                ..PidRbf::default()
-            },
+            law: PidRbf { pid: Pid::new(Integral::Leaky), ..PidRbf::default() },
             target: Target::default(),
         }
     }

@@ -83,10 +83,7 @@ impl Terms {
 #[cfg_attr(feature = "fmi", derive(fmu_derive::Variables), variables(crate = fmu_description))]
 pub struct Pid {
     /// Force on the cart (N), limited to `u_max`.
-    #[cfg_attr(
-        feature = "fmi",
-        output(unit = "N", initially_from(), terminal = "loop.u")
-    )]
+    #[cfg_attr(feature = "fmi", output(unit = "N", initially_from(), terminal = "loop.u"))]
     pub u: f64,
     /// The PID's part of the force (N), not limited.
     #[cfg_attr(feature = "fmi", output(unit = "N", initially_from()))]
@@ -98,16 +95,10 @@ pub struct Pid {
     #[cfg_attr(feature = "fmi", nested(prefix = "pid"))]
     pub gains: Gains,
     /// Limit of the force (N), both ways.
-    #[cfg_attr(
-        feature = "fmi",
-        parameter(tunable, start = 100, min = 0, max = 1e9, unit = "N")
-    )]
+    #[cfg_attr(feature = "fmi", parameter(tunable, start = 100, min = 0, max = 1e9, unit = "N"))]
     pub u_max: f64,
     /// Sample time (s).
-    #[cfg_attr(
-        feature = "fmi",
-        parameter(start = 0.001, min = 1e-6, max = 1e3, unit = "s")
-    )]
+    #[cfg_attr(feature = "fmi", parameter(start = 0.001, min = 1e-6, max = 1e3, unit = "s"))]
     pub ts: f64,
     /// Whether u(k) is computed from the terms of sample k-1, a delay of one sample, as in the
     /// paper's simulations of PID and PID-RBF.
@@ -125,10 +116,7 @@ pub struct Pid {
 impl Pid {
     /// Creates a PID at rest with all parameters zero.
     pub fn new(integral: Integral) -> Self {
-        Self {
-            integral,
-            ..Self::default()
-        }
+        Self { integral, ..Self::default() }
     }
 
     /// Takes one sample and returns the force u (N).
@@ -163,11 +151,7 @@ impl Pid {
         self.e = r - (y + d);
         let before = self.terms;
         self.terms = before.next(self.e, self.ts, self.integral);
-        let x = if self.previous_sample_terms {
-            before
-        } else {
-            self.terms
-        };
+        let x = if self.previous_sample_terms { before } else { self.terms };
         self.u_p = self.gains.kp * x.x1 + self.gains.kd * x.x2 + self.gains.ki * x.x3;
         self.u = clip(self.u_p + u_n, self.u_max);
         self.u

@@ -41,16 +41,10 @@ pub struct Rbf<const N: usize> {
     #[cfg_attr(feature = "fmi", output(name = "h", unit = "1", size = nodes, initially_from()))]
     pub activations: [f64; N],
     /// Learning rate eta.
-    #[cfg_attr(
-        feature = "fmi",
-        parameter(tunable, start = 0.3, min = 0, max = 10, unit = "1")
-    )]
+    #[cfg_attr(feature = "fmi", parameter(tunable, start = 0.3, min = 0, max = 10, unit = "1"))]
     pub eta: f64,
     /// Momentum factor alpha.
-    #[cfg_attr(
-        feature = "fmi",
-        parameter(tunable, start = 0.05, min = 0, max = 1, unit = "1")
-    )]
+    #[cfg_attr(feature = "fmi", parameter(tunable, start = 0.05, min = 0, max = 1, unit = "1"))]
     pub alpha: f64,
     /// Centre c_j of the node (rad).
     #[cfg_attr(

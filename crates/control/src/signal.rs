@@ -30,11 +30,7 @@ pub fn square(frequency: f64, time: f64) -> f64 {
 /// 1 for `start <= time < start + duration` (s), else 0.
 pub fn pulse(start: f64, duration: f64, time: f64) -> f64 {
     let since = time - start + tolerance(time);
-    if (0.0..duration).contains(&since) {
-        1.0
-    } else {
-        0.0
-    }
+    if (0.0..duration).contains(&since) { 1.0 } else { 0.0 }
 }
 
 #[cfg(test)]

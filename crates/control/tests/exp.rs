@@ -87,11 +87,7 @@ fn errors_are_below_one_unit_in_the_last_place() {
 fn errors_at_the_edges_are_below_one_unit_in_the_last_place() {
     let mut constants = Consts::new().unwrap();
     let halves = (-1075..=1023).map(|n| (f64::from(n) + 0.5) * std::f64::consts::LN_2);
-    let edges = [
-        -745.133_219_101_941_1,
-        -708.396_418_532_264_1,
-        709.782_712_893_383_9,
-    ];
+    let edges = [-745.133_219_101_941_1, -708.396_418_532_264_1, 709.782_712_893_383_9];
     for edge in halves.chain(edges) {
         for k in -20_i64..=20 {
             let x = f64::from_bits(edge.to_bits().wrapping_add_signed(k));

@@ -11,9 +11,7 @@ fn ringing(mut controller: PidRbf<4>, order: Order) -> Vec<f64> {
     let mut closed_loop = ClosedLoop::new(order);
     let mut sample = || closed_loop.sample(1.0, 0.0, |r, y, d| controller.sample(r, y, d));
     let u: Vec<_> = (0..5000).map(|_| sample().u).collect();
-    u.windows(3)
-        .map(|u| (u[2] - 2.0 * u[1] + u[0]).abs())
-        .collect()
+    u.windows(3).map(|u| (u[2] - 2.0 * u[1] + u[0]).abs()).collect()
 }
 
 fn largest(values: &[f64]) -> f64 {
@@ -29,10 +27,7 @@ fn ringing_decays_below_the_limit_and_grows_above_it() {
         (false, Order::Parallel, 0.324),
         (true, Order::Parallel, 0.205),
     ] {
-        for mut law in [
-            pid_rbf(false, [0.0; 4]),
-            ipid_rbf(Target::Own, [0.0; 4]).law,
-        ] {
+        for mut law in [pid_rbf(false, [0.0; 4]), ipid_rbf(Target::Own, [0.0; 4]).law] {
             law.pid.previous_sample_terms = previous_sample_terms;
             let [below, above] = [0.97, 1.03].map(|factor| {
                 law.network.eta = factor * limit;

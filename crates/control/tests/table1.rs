@@ -33,10 +33,7 @@ fn assert_error(row: usize, column: &str, e: f64) {
             // Decayed transients are more sensitive to rounding.
             let tolerance = if expected.abs() < 1e-9 { 1e-2 } else { 2e-5 };
             let error = (e / expected - 1.0).abs();
-            assert!(
-                error < tolerance,
-                "row {row}, {column}: {e}, not {expected}"
-            );
+            assert!(error < tolerance, "row {row}, {column}: {e}, not {expected}");
         }
     }
 }
@@ -61,9 +58,8 @@ fn all_columns() {
 
         let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);
         let mut forces = forces.into_iter();
-        let e = last_error(set_point, disturbance, |r, y, d| {
-            c.sample(r, y, d, forces.next().unwrap())
-        });
+        let e =
+            last_error(set_point, disturbance, |r, y, d| c.sample(r, y, d, forces.next().unwrap()));
         assert_error(row, "e_ipid_rbf_expected", e);
     }
 }

@@ -8,12 +8,7 @@ use pendulum_control::plant::{Linear, Parameters, State, TransferFunction};
 /// the angle stays below the last digit printed in Table 1.
 #[test]
 fn both_give_the_same_angle_over_20000_samples_in_closed_loop_from_any_start_state() {
-    let start = State {
-        x: 1.0,
-        v: -0.4,
-        theta: 0.2,
-        omega: -0.7,
-    };
+    let start = State { x: 1.0, v: -0.4, theta: 0.2, omega: -0.7 };
     let (mut linear, mut state) = (Linear::new(&Parameters::PAPER), start);
     let mut difference = TransferFunction::new(&Parameters::PAPER, TS, start);
     assert_eq!(difference.theta(), start.theta);

@@ -167,11 +167,7 @@ pub struct Call {
 impl Call {
     /// A function that no state forbids.
     const fn free(name: &'static str) -> Self {
-        Self {
-            name,
-            interface: Interface::All,
-            states: u16::MAX,
-        }
+        Self { name, interface: Interface::All, states: u16::MAX }
     }
 
     /// Whether the function is allowed in a state.
@@ -203,11 +199,7 @@ mod tests {
             ("do_step", "fmi2DoStep", "fmi3DoStep"),
             ("get_float64", "fmi2GetReal", "fmi3GetFloat64"),
             ("set_int32", "fmi2SetInteger", "fmi3SetInt32"),
-            (
-                "update_discrete_states",
-                "fmi2NewDiscreteStates",
-                "fmi3UpdateDiscreteStates",
-            ),
+            ("update_discrete_states", "fmi2NewDiscreteStates", "fmi3UpdateDiscreteStates"),
             ("get_fmu_state", "fmi2GetFMUstate", "fmi3GetFMUState"),
         ] {
             assert_eq!(Version::Fmi2.function(operation), Some(in_2));
@@ -219,11 +211,7 @@ mod tests {
     #[test]
     fn nothing_is_allowed_after_a_fatal_error() {
         let all = Version::ALL.map(Version::functions);
-        for (call, _) in all
-            .into_iter()
-            .flatten()
-            .filter(|(call, _)| call.states != u16::MAX)
-        {
+        for (call, _) in all.into_iter().flatten().filter(|(call, _)| call.states != u16::MAX) {
             assert!(!call.is_allowed(State::Fatal), "{}", call.name);
         }
     }

@@ -57,8 +57,7 @@ impl State {
     /// Its name in messages.
     pub fn name(self) -> &'static str {
         let mut all = Self::ALL.iter();
-        all.find(|(state, _)| *state == self)
-            .map_or("", |(_, name)| name)
+        all.find(|(state, _)| *state == self).map_or("", |(_, name)| name)
     }
 }
 

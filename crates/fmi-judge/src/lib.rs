@@ -98,9 +98,7 @@ impl ClosedLoop {
     /// Returns e and u.
     fn feed_plant(&mut self) -> [f64; 2] {
         let mut values = [0.0; 2];
-        self.controller
-            .get_real(&self.outputs, &mut values)
-            .unwrap();
+        self.controller.get_real(&self.outputs, &mut values).unwrap();
         self.plant.set_real(&self.force, &values[1..]).unwrap();
         values
     }

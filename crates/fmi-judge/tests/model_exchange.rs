@@ -18,9 +18,7 @@ const FORCE: [u32; 1] = [0];
 const ANGLE: [u32; 1] = [1];
 
 fn fmu(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../target/fmu")
-        .join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/fmu").join(name)
 }
 
 fn fmi2() -> Fmi2Import {
@@ -61,12 +59,7 @@ fn integrate(model: &mut impl FmiModelExchange) -> [f64; 4] {
         let time = f64::from(k) * STEP;
         let mut slope = [0.0; 4];
         let mut next = x;
-        for (late, weight) in [
-            (0.0, 1.0),
-            (STEP / 2.0, 2.0),
-            (STEP / 2.0, 2.0),
-            (STEP, 1.0),
-        ] {
+        for (late, weight) in [(0.0, 1.0), (STEP / 2.0, 2.0), (STEP / 2.0, 2.0), (STEP, 1.0)] {
             let stage: Vec<_> = x.iter().zip(slope).map(|(x, dx)| x + late * dx).collect();
             assert!(model.set_time(time + late).is_ok());
             assert!(model.set_continuous_states(&stage).is_ok());
@@ -87,9 +80,7 @@ fn both_versions_give_the_same_bits_by_model_exchange_and_by_co_simulation() {
     let mut stepped2 = fmi2.instantiate_cs("stepped", false, true).unwrap();
     stepped2.set_real(&FORCE, &[1.0]).unwrap();
     initialize(&mut stepped2);
-    let mut stepped3 = fmi3
-        .instantiate_cs("stepped", false, true, false, false, &[])
-        .unwrap();
+    let mut stepped3 = fmi3.instantiate_cs("stepped", false, true, false, false, &[]).unwrap();
     stepped3.set_float64(&FORCE, &[1.0]).unwrap();
     initialize(&mut stepped3);
     let (mut angle2, mut angle3) = ([0.0], [0.0]);
@@ -98,15 +89,7 @@ fn both_versions_give_the_same_bits_by_model_exchange_and_by_co_simulation() {
         stepped2.do_step(time, STEP, true).unwrap();
         let (mut event, mut terminate, mut early, mut reached) = (false, false, false, 0.0);
         stepped3
-            .do_step(
-                time,
-                STEP,
-                true,
-                &mut event,
-                &mut terminate,
-                &mut early,
-                &mut reached,
-            )
+            .do_step(time, STEP, true, &mut event, &mut terminate, &mut early, &mut reached)
             .unwrap();
         assert!(!event && !terminate && !early && reached > time);
         stepped2.get_real(&ANGLE, &mut angle2).unwrap();
@@ -119,13 +102,7 @@ fn both_versions_give_the_same_bits_by_model_exchange_and_by_co_simulation() {
     let states = integrate(&mut integrated2);
     let mut integrated3 = fmi3.instantiate_me("integrated", false, true).unwrap();
     integrated3.set_float64(&FORCE, &[1.0]).unwrap();
-    assert_eq!(
-        states.map(f64::to_bits),
-        integrate(&mut integrated3).map(f64::to_bits)
-    );
+    assert_eq!(states.map(f64::to_bits), integrate(&mut integrated3).map(f64::to_bits));
     assert!(angle2[0] > 0.5);
-    assert!(
-        (states[0] - angle2[0]).abs() < 1e-10,
-        "{states:?} {angle2:?}"
-    );
+    assert!((states[0] - angle2[0]).abs() < 1e-10, "{states:?} {angle2:?}");
 }

@@ -72,19 +72,11 @@ impl Build {
     pub fn new(program: impl AsRef<OsStr>, title: &str, subcommand: &str) -> Self {
         let mut command = Command::new(program);
         // Quiet, so that only diagnostics reach its standard error.
-        command.args([
-            subcommand,
-            "--quiet",
-            "--message-format=json-render-diagnostics",
-        ]);
+        command.args([subcommand, "--quiet", "--message-format=json-render-diagnostics"]);
         // Libraries of both versions of FMI have the same name. In its folder `deps`, cargo would take one
         // for the other, unless this variable makes it add a hash to the name.
         command.env("__CARGO_DEFAULT_LIB_METADATA", "fmu");
-        Self {
-            title: title.into(),
-            command,
-            rustflags: inherited_rustflags(),
-        }
+        Self { title: title.into(), command, rustflags: inherited_rustflags() }
     }
 
     /// Adds arguments.
@@ -174,10 +166,7 @@ impl Build {
             let built = &artifact.target;
             built.name == target && built.crate_types.contains(&CrateType::CDyLib)
         };
-        let mut files = artifacts
-            .iter()
-            .filter(is_library)
-            .flat_map(|a| &a.filenames);
+        let mut files = artifacts.iter().filter(is_library).flat_map(|a| &a.filenames);
         let file = files.find(|file| file.extension() == Some(extension));
         let file =
             file.with_context(|| format!("{}: cargo built no shared library", self.title))?;

@@ -74,10 +74,7 @@ struct Documentation {
 
 impl Documentation {
     fn read(path: &Path) -> Result<Self> {
-        let mut documentation = Self {
-            others: read(path)?,
-            ..Self::default()
-        };
+        let mut documentation = Self { others: read(path)?, ..Self::default() };
         for (name, _) in &documentation.others {
             let first = name.split('/').next().unwrap_or_default();
             ensure!(
@@ -93,11 +90,7 @@ impl Documentation {
             .transpose()
             .with_context(|| path.display().to_string())?;
         if let Some(icon) = &documentation.icon {
-            ensure!(
-                icon.starts_with(PNG),
-                "{} is not a PNG image",
-                path.join(OWN_ICON).display()
-            );
+            ensure!(icon.starts_with(PNG), "{} is not a PNG image", path.join(OWN_ICON).display());
         }
         Ok(documentation)
     }
@@ -210,10 +203,7 @@ mod tests {
         assert_eq!(read.about.as_deref(), Some("1 D 2 <!-- a comment -->"));
         assert_eq!(read.icon.as_deref(), Some(PNG));
         let others = [("a/c.svg", b"c"), ("b.svg", b"b")];
-        assert_eq!(
-            read.others,
-            others.map(|(name, content)| (name.to_owned(), content.to_vec()))
-        );
+        assert_eq!(read.others, others.map(|(name, content)| (name.to_owned(), content.to_vec())));
         let none = Documentation::read(Path::new("nowhere")).unwrap();
         assert!(none.about.is_none() && none.icon.is_none() && none.others.is_empty());
     }
@@ -221,21 +211,9 @@ mod tests {
     #[test]
     fn errors_name_the_file() {
         for (name, content, expected) in [
-            (
-                "about.html",
-                &b"ab\xff"[..],
-                "about.html is not UTF-8 from byte 2 on",
-            ),
-            (
-                "about.html",
-                b"<!-- include a.svg -->",
-                "\"a.svg\" is included",
-            ),
-            (
-                "about.html",
-                b"<!-- include ../a -->",
-                "\"../a\" is included",
-            ),
+            ("about.html", &b"ab\xff"[..], "about.html is not UTF-8 from byte 2 on"),
+            ("about.html", b"<!-- include a.svg -->", "\"a.svg\" is included"),
+            ("about.html", b"<!-- include ../a -->", "\"../a\" is included"),
             ("about.html", b"<!-- include a", "without \" -->\""),
             ("icon.png", b"GIF89a", "icon.png is not a PNG"),
             ("Index.html", b"", "Index.html has a name"),
@@ -259,11 +237,7 @@ mod tests {
     fn licences_have_an_entry_point() {
         let text = "Licence: MIT OR Apache-2.0\nTexts: LICENSE-APACHE, LICENSE-MIT\n";
         for (names, expected, content) in [
-            (
-                "LICENSE-APACHE LICENSE-MIT",
-                "LICENSE-APACHE LICENSE-MIT license.txt",
-                text,
-            ),
+            ("LICENSE-APACHE LICENSE-MIT", "LICENSE-APACHE LICENSE-MIT license.txt", text),
             ("NOTICE LICENSE.TXT", "NOTICE license.txt", "text"),
             ("", "", ""),
         ] {
@@ -273,9 +247,7 @@ mod tests {
             add_entry_point(&mut found, Some("MIT OR Apache-2.0"));
             let expected = expected.split_whitespace().map(path);
             assert!(found.iter().map(|(path, _)| path.clone()).eq(expected));
-            let last = found
-                .last()
-                .map_or("", |(_, text)| str::from_utf8(text).unwrap());
+            let last = found.last().map_or("", |(_, text)| str::from_utf8(text).unwrap());
             assert_eq!(last, content);
         }
     }

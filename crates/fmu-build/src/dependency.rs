@@ -11,11 +11,8 @@ use anyhow::{Context, Result, bail};
 pub const FMU_EXPORT: &str = "fmu-export";
 
 /// The versions of `fmu-export` that are compatible with this program.
-pub const VERSION: &str = concat!(
-    env!("CARGO_PKG_VERSION_MAJOR"),
-    ".",
-    env!("CARGO_PKG_VERSION_MINOR")
-);
+pub const VERSION: &str =
+    concat!(env!("CARGO_PKG_VERSION_MAJOR"), ".", env!("CARGO_PKG_VERSION_MINOR"));
 
 /// The source of `fmu-export`, shown as a line of a manifest.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,26 +112,17 @@ mod tests {
         for (text, line) in [
             ("0.1", Some("fmu-export = \"0.1\"")),
             (">=0.1, <0.3", Some("fmu-export = \">=0.1, <0.3\"")),
-            (
-                "https://a/b.git",
-                Some("fmu-export = { git = \"https://a/b.git\" }"),
-            ),
+            ("https://a/b.git", Some("fmu-export = { git = \"https://a/b.git\" }")),
             (concat!(env!("CARGO_MANIFEST_DIR"), "/../fmu-build"), None),
             ("nowhere", None),
             ("", None),
         ] {
             assert_eq!(shown(text).as_deref(), line, "{text}");
         }
-        let checkout = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .ancestors()
-            .nth(2)
-            .unwrap();
+        let checkout = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap();
         assert_eq!(shown(checkout.to_str().unwrap()), Some(folder));
         let git: Dependency = "https://a/b.git".parse().unwrap();
-        assert_eq!(
-            git.install(),
-            "cargo install --locked --git https://a/b.git cargo-fmu"
-        );
+        assert_eq!(git.install(), "cargo install --locked --git https://a/b.git cargo-fmu");
         assert_eq!(quoted(r#"C:\a "b""#), r#""C:\\a \"b\"""#);
     }
 }

@@ -179,10 +179,7 @@ impl<'a> Builder<'a> {
             });
             packed.collect::<Result<Vec<_>>>()
         })?;
-        models
-            .iter()
-            .map(|model| self.fmu(model, &packed))
-            .collect()
+        models.iter().map(|model| self.fmu(model, &packed)).collect()
     }
 
     /// Builds libraries until all requested models are found; all libraries, if none is named.
@@ -253,11 +250,7 @@ impl<'a> Builder<'a> {
             .args(["--lib", "--crate-type", "cdylib"])
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments())
-            .args(
-                self.profile
-                    .iter()
-                    .flat_map(|setting| ["--config", setting]),
-            )
+            .args(self.profile.iter().flat_map(|setting| ["--config", setting]))
             // Whatever the profile says: an abort would end the host.
             .rustflags(["-Cpanic=unwind".to_owned()])
             .without_local_paths(self.metadata, recipe.sources().as_deref());
@@ -269,10 +262,7 @@ impl<'a> Builder<'a> {
         }
         let file = build
             .args(["--", NO_SLP])
-            .args([remap(
-                self.metadata.workspace_root.as_std_path(),
-                "workspace",
-            )])
+            .args([remap(self.metadata.workspace_root.as_std_path(), "workspace")])
             .args(recipe.compiler_args(&library.target))
             .shared_library(&library.target, extension, self.progress)?;
         fs::read(&file).with_context(|| format!("cannot read {}", file.display()))
@@ -322,10 +312,7 @@ impl<'a> Builder<'a> {
     ) -> Result<(Vec<Binary<'a>>, Vec<Model<'a>>)> {
         let variant = &self.options.variant;
         let [model] = models else {
-            bail!(
-                "--name and --set need one model, but {} are exported",
-                models.len()
-            );
+            bail!("--name and --set need one model, but {} are exported", models.len());
         };
         let text = variant.text(&model.description)?;
         let name = variant.name.as_deref().unwrap_or(model.name());
@@ -367,11 +354,7 @@ impl<'a> Builder<'a> {
         entries.extend(contents.iter().map(|(path, file)| (path.clone(), file)));
         let name = model.file_name();
         let content = archive::zip(&entries).with_context(|| format!("cannot pack {name}"))?;
-        let fmu = Written {
-            file: self.out.join(name),
-            size: content.len() as u64,
-            platforms,
-        };
+        let fmu = Written { file: self.out.join(name), size: content.len() as u64, platforms };
         Ok((fmu, content))
     }
 }

@@ -183,14 +183,8 @@ fn no_cdylib(package: &Package) -> anyhow::Error {
 }
 
 fn unknown_package(name: &str, members: &[&Package]) -> String {
-    let known: Vec<_> = members
-        .iter()
-        .map(|package| package.name.as_str())
-        .collect();
-    format!(
-        "the workspace has no package {name:?}; there are {}",
-        known.join(", ")
-    )
+    let known: Vec<_> = members.iter().map(|package| package.name.as_str()).collect();
+    format!("the workspace has no package {name:?}; there are {}", known.join(", "))
 }
 
 /// The crate `fmu-export` that a package uses, in the version that this program knows.
@@ -226,10 +220,7 @@ fn origin(package: &Package) -> Origin {
         version: package.version.to_string(),
         author: (!package.authors.is_empty()).then(|| package.authors.join(", ")),
         copyright: copyright.as_str().map(str::to_owned),
-        license: package
-            .license
-            .clone()
-            .or_else(|| Some(license_file?.file_name()?.to_owned())),
+        license: package.license.clone().or_else(|| Some(license_file?.file_name()?.to_owned())),
         generation_tool: concat!("cargo-fmu ", env!("CARGO_PKG_VERSION")).into(),
     }
 }

@@ -33,13 +33,7 @@ impl<'a> Model<'a> {
             .to_xml(version, &library.origin)
             .and_then(|xml| xml.document())
             .with_context(|| format!("the model {} cannot be described", description.name))?;
-        Ok(Self {
-            library,
-            base: description.name.clone(),
-            description,
-            version,
-            xml,
-        })
+        Ok(Self { library, base: description.name.clone(), description, version, xml })
     }
 
     /// Name of the model and of its binary.
@@ -98,18 +92,11 @@ fn value(model: &Description, name: &str, text: &str) -> Result<(usize, Value)> 
     let found = scalars.find(|(_, v, element)| v.element_name(&v.name, *element) == name);
     let Some((reference, variable, _)) = found else {
         let settable = model.scalars().filter(|(_, v, _)| has_start(v));
-        let names: Vec<_> = settable
-            .map(|(_, v, element)| v.element_name(&v.name, element))
-            .collect();
-        bail!(
-            "there is no variable {name}; expected one of {}",
-            names.join(", ")
-        );
+        let names: Vec<_> =
+            settable.map(|(_, v, element)| v.element_name(&v.name, element)).collect();
+        bail!("there is no variable {name}; expected one of {}", names.join(", "));
     };
-    ensure!(
-        has_start(variable),
-        "{name} has no start value; the model computes it"
-    );
+    ensure!(has_start(variable), "{name} has no start value; the model computes it");
     let value = variable.value(text).filter(|value| variable.allows(value));
     let value = value.with_context(|| format!("expected {}", variable.expected()))?;
     Ok((reference, value))
@@ -144,11 +131,7 @@ mod tests {
         let root = xml::parse(XML).unwrap();
         let read = ModelDescription::read(&root).unwrap();
         let variables = read.variables().map(|(_, v)| Variable::clone(v));
-        Description {
-            name: "Pid".into(),
-            variables: variables.collect(),
-            ..Description::default()
-        }
+        Description { name: "Pid".into(), variables: variables.collect(), ..Description::default() }
     }
 
     fn value_of(name: &str, text: &str) -> Result<(usize, Value), String> {
@@ -183,16 +166,8 @@ mod tests {
             ("w[2]", "inf", "expected a number [N/rad]"),
             ("order", "5", "expected a whole number from 1 to 4"),
             ("order", "1.5", "expected a whole number from 1 to 4"),
-            (
-                "seed",
-                "-1",
-                "expected a whole number from 0 to 18446744073709551615",
-            ),
-            (
-                "key",
-                "0x1",
-                "expected two hexadecimal digits for each byte",
-            ),
+            ("seed", "-1", "expected a whole number from 0 to 18446744073709551615"),
+            ("key", "0x1", "expected two hexadecimal digits for each byte"),
             ("ratio", "1e39", "expected a number"),
             ("anti_windup", "yes", "expected true or false"),
             ("target", "neither", "expected one of own, supervisor"),
@@ -209,30 +184,18 @@ mod tests {
 
     #[test]
     fn the_name_is_an_identifier() {
-        for (name, is_valid) in [
-            ("Fast_Pid2", true),
-            ("2Pid", false),
-            ("Fast-Pid", false),
-            ("", false),
-        ] {
-            let variant = Variant {
-                name: Some(name.into()),
-                settings: Vec::new(),
-            };
+        for (name, is_valid) in
+            [("Fast_Pid2", true), ("2Pid", false), ("Fast-Pid", false), ("", false)]
+        {
+            let variant = Variant { name: Some(name.into()), settings: Vec::new() };
             assert_eq!(variant.text(&model()).is_ok(), is_valid, "{name}");
         }
     }
 
     #[test]
     fn the_error_names_the_option() {
-        let variant = Variant {
-            name: None,
-            settings: vec![("order".into(), "5".into())],
-        };
+        let variant = Variant { name: None, settings: vec![("order".into(), "5".into())] };
         let error = format!("{:#}", variant.text(&model()).unwrap_err());
-        assert!(
-            error.starts_with("--set order=5 cannot be used: expected"),
-            "{error}"
-        );
+        assert!(error.starts_with("--set order=5 cannot be used: expected"), "{error}");
     }
 }

@@ -23,17 +23,11 @@ pub fn html(
     let icon = icon.map_or(String::new(), |path| {
         format!("<img src=\"../{path}\" alt=\"\" width=\"64\" height=\"64\"/>\n")
     });
-    let title = if what.is_empty() {
-        name.clone()
-    } else {
-        format!("{name}: {what}")
-    };
+    let title = if what.is_empty() { name.clone() } else { format!("{name}: {what}") };
     let version = model
         .root
         .attribute("version")
-        .map_or(String::new(), |version| {
-            format!("<br/>version {}", escape(version))
-        });
+        .map_or(String::new(), |version| format!("<br/>version {}", escape(version)));
     [
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n",
         "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n",
@@ -71,10 +65,7 @@ fn use_of(model: &ModelDescription<'_>, file: &str) -> String {
         <li>Set fixed parameters before the initialization, tunable ones at any time.</li>\n\
         {experiment}</ul>\n",
         file = escape(file),
-        kinds = interfaces(model)
-            .map(|(_, kind)| kind)
-            .collect::<Vec<_>>()
-            .join(" or "),
+        kinds = interfaces(model).map(|(_, kind)| kind).collect::<Vec<_>>().join(" or "),
         version = escaped(model.root, "fmiVersion"),
         inputs = named(Causality::Input),
         outputs = named(Causality::Output),
@@ -108,10 +99,7 @@ fn variables(model: &ModelDescription<'_>) -> String {
             format!("<tr>{name}{}</tr>\n", cells("td", others))
         })
         .collect();
-    let choices: String = model
-        .enumerations()
-        .map(|of_type| choices(&of_type))
-        .collect();
+    let choices: String = model.enumerations().map(|of_type| choices(&of_type)).collect();
     format!(
         "<h2>Variables</h2>\n\
         <div class=\"wide\" role=\"region\" aria-label=\"Variables\" tabindex=\"0\">\n\
@@ -124,10 +112,7 @@ fn variables(model: &ModelDescription<'_>) -> String {
 fn choices(of_type: &DeclaredType) -> String {
     let item = |item: &Item| {
         let (name, about) = (escape(&item.name), escape(&item.description));
-        format!(
-            "<dt><code>{name}</code> = {}</dt><dd>{about}</dd>\n",
-            item.value
-        )
+        format!("<dt><code>{name}</code> = {}</dt><dd>{about}</dd>\n", item.value)
     };
     let items: String = of_type.items.iter().map(item).collect();
     let (name, about) = (escape(&of_type.name), escape(&of_type.description));
@@ -139,13 +124,8 @@ fn interfaces<'a>(
     model: &ModelDescription<'a>,
 ) -> impl Iterator<Item = (&'a Element<'a>, &'static str)> {
     let root = model.root;
-    let kinds = [
-        ("CoSimulation", "co-simulation"),
-        ("ModelExchange", "model exchange"),
-    ];
-    kinds
-        .into_iter()
-        .filter_map(move |(element, kind)| Some((root.child(element)?, kind)))
+    let kinds = [("CoSimulation", "co-simulation"), ("ModelExchange", "model exchange")];
+    kinds.into_iter().filter_map(move |(element, kind)| Some((root.child(element)?, kind)))
 }
 
 /// The capabilities, as the model description has them.
@@ -202,10 +182,7 @@ fn identity(root: &Element<'_>, licenses: &[File]) -> String {
 /// Cells of a table; `tag` may have attributes.
 fn cells<const N: usize>(tag: &str, texts: [impl AsRef<str>; N]) -> String {
     let end = tag.split(' ').next().unwrap_or_default();
-    texts
-        .iter()
-        .map(|text| format!("<{tag}>{}</{end}>", escape(text.as_ref())))
-        .collect()
+    texts.iter().map(|text| format!("<{tag}>{}</{end}>", escape(text.as_ref()))).collect()
 }
 
 /// An attribute escaped for HTML; empty if missing.

@@ -4,16 +4,8 @@ use fmu_description::value::whole;
 use fmu_description::{Listed, ModelDescription};
 
 /// The column headings.
-pub const HEAD: [&str; 8] = [
-    "variable",
-    "causality",
-    "variability",
-    "type",
-    "unit",
-    "start",
-    "range",
-    "description",
-];
+pub const HEAD: [&str; 8] =
+    ["variable", "causality", "variability", "type", "unit", "start", "range", "description"];
 
 /// The cells of a variable.
 pub type Row = [String; HEAD.len()];

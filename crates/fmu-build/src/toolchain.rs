@@ -99,13 +99,7 @@ impl Recipe {
                 )
             })?;
         check_linker(target, triple, by_zig)?;
-        Ok(Self {
-            target: target.to_owned(),
-            is_named: true,
-            toolchain,
-            std_from_source,
-            by_zig,
-        })
+        Ok(Self { target: target.to_owned(), is_named: true, toolchain, std_from_source, by_zig })
     }
 
     /// Whether the target was asked for by name.
@@ -215,16 +209,12 @@ impl Toolchain {
     fn all() -> impl Iterator<Item = Self> {
         let path = env::var_os("PATH").unwrap_or_default();
         let folders: Vec<_> = env::split_paths(&path).collect();
-        let installed = folders.into_iter().map(|folder| Self {
-            folder: Some(folder),
-        });
-        [Self::active()]
-            .into_iter()
-            .chain(installed.filter(|toolchain| {
-                ["cargo", "rustc"]
-                    .into_iter()
-                    .all(|program| Path::new(&toolchain.program(program)).is_file())
-            }))
+        let installed = folders.into_iter().map(|folder| Self { folder: Some(folder) });
+        [Self::active()].into_iter().chain(installed.filter(|toolchain| {
+            ["cargo", "rustc"]
+                .into_iter()
+                .all(|program| Path::new(&toolchain.program(program)).is_file())
+        }))
     }
 
     /// The path of `cargo` or `rustc`.
@@ -237,10 +227,7 @@ impl Toolchain {
 
     /// The output of the compiler, if it succeeds.
     fn rustc(&self, args: &[&str]) -> Option<String> {
-        let output = Command::new(self.program("rustc"))
-            .args(args)
-            .output()
-            .ok()?;
+        let output = Command::new(self.program("rustc")).args(args).output().ok()?;
         let text = String::from_utf8_lossy(&output.stdout).trim().to_owned();
         output.status.success().then_some(text)
     }
@@ -254,8 +241,7 @@ impl Toolchain {
     /// The folder of the standard library for a target, which may not exist; `None` if the target is
     /// unknown.
     fn folder_of_std(&self, triple: &str) -> Option<PathBuf> {
-        self.rustc(&["--print", "target-libdir", "--target", triple])
-            .map(Into::into)
+        self.rustc(&["--print", "target-libdir", "--target", triple]).map(Into::into)
     }
 
     fn sources(&self) -> Option<PathBuf> {
@@ -264,8 +250,7 @@ impl Toolchain {
     }
 
     fn has_sources(&self) -> bool {
-        self.sources()
-            .is_some_and(|sources| sources.join("library/Cargo.lock").is_file())
+        self.sources().is_some_and(|sources| sources.join("library/Cargo.lock").is_file())
     }
 }
 
@@ -377,11 +362,7 @@ mod tests {
         assert!(args.contains(&"-Cstrip=none".to_owned()));
         let by_apple = recipe("aarch64-apple-darwin", false).compiler_args("models");
         assert_eq!(by_apple, args[..1]);
-        assert!(
-            recipe("x86_64-unknown-linux-gnu", true)
-                .compiler_args("models")
-                .is_empty()
-        );
+        assert!(recipe("x86_64-unknown-linux-gnu", true).compiler_args("models").is_empty());
     }
 
     #[test]
@@ -389,18 +370,12 @@ mod tests {
         let host = host().unwrap();
         let recipe = Recipe::to(&host).unwrap();
         assert!(!recipe.std_from_source && !recipe.by_zig);
-        assert!(
-            recipe.to_string().starts_with(&format!("{host}: rustc 1.")),
-            "{recipe}"
-        );
+        assert!(recipe.to_string().starts_with(&format!("{host}: rustc 1.")), "{recipe}");
     }
 
     #[test]
     fn unknown_targets_are_named_in_the_error() {
-        let error = Recipe::to("x86_64-nonsense-linux-gnu")
-            .err()
-            .unwrap()
-            .to_string();
+        let error = Recipe::to("x86_64-nonsense-linux-gnu").err().unwrap().to_string();
         assert!(error.contains("x86_64-nonsense-linux-gnu"), "{error}");
     }
 

@@ -42,18 +42,12 @@ impl Location {
     /// The line of a variable, and its name.
     pub fn of_variable(element: &Element<'_>) -> Self {
         let name = element.attribute("name");
-        Self {
-            variable: name.map(|name| plain(name, Findings::MAX_LENGTH)),
-            ..element.into()
-        }
+        Self { variable: name.map(|name| plain(name, Findings::MAX_LENGTH)), ..element.into() }
     }
 
     /// The line of an element in a file.
     pub fn of(file: &str, element: &Element<'_>) -> Self {
-        Self {
-            line: Some(element.line),
-            ..file.into()
-        }
+        Self { line: Some(element.line), ..file.into() }
     }
 }
 
@@ -138,11 +132,7 @@ impl Findings {
 
     /// Keeps the first `keep` findings of each rule.
     pub fn keeping(keep: usize) -> Self {
-        Self {
-            groups: Vec::new(),
-            keep,
-            version: FmiVersion::Fmi2,
-        }
+        Self { groups: Vec::new(), keep, version: FmiVersion::Fmi2 }
     }
 
     /// The version of FMI whose rules apply.

@@ -43,10 +43,8 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
         }
     };
     let parsed = xml::parse(&decoded.text);
-    let version = parsed
-        .as_ref()
-        .ok()
-        .and_then(|root| FmiVersion::named(root.attribute("fmiVersion")));
+    let version =
+        parsed.as_ref().ok().and_then(|root| FmiVersion::named(root.attribute("fmiVersion")));
     let version = version.unwrap_or_default();
     findings.set_version(version);
     package::check(&mut archive, findings);

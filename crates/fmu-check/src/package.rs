@@ -127,30 +127,19 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
 
 /// Checks the files of an FMU.
 pub fn check_files(model: &ModelDescription<'_>, archive: &mut Archive, findings: &mut Findings) {
-    let mut files = Files {
-        model,
-        names: archive.names.iter().cloned().collect(),
-        archive,
-        findings,
-    };
+    let mut files =
+        Files { model, names: archive.names.iter().cloned().collect(), archive, findings };
     let has_sources = files.sources();
     files.binaries(has_sources);
     if model.version == FmiVersion::Fmi3 {
         files.folders();
-        files.document(
-            TERMINALS_FILE,
-            &schema::TERMINALS,
-            &TERMINALS_READABLE,
-            Files::terminals,
-        );
+        files.document(TERMINALS_FILE, &schema::TERMINALS, &TERMINALS_READABLE, Files::terminals);
     }
 }
 
 /// The elements of the interface types.
 pub fn interfaces<'a, 'b>(root: &'a Element<'b>) -> impl Iterator<Item = &'a Element<'b>> {
-    root.children
-        .iter()
-        .filter(|child| INTERFACES.contains(&child.name))
+    root.children.iter().filter(|child| INTERFACES.contains(&child.name))
 }
 
 /// Whether a folder is for static libraries: a platform of FMI 3.0 and an ABI.
@@ -171,9 +160,7 @@ impl<'a> Files<'a> {
     /// The identifiers of the interface types, which are names of binaries.
     fn identifiers(&self) -> BTreeSet<&'a str> {
         let identifiers = interfaces(self.model.root);
-        identifiers
-            .filter_map(|of| of.attribute("modelIdentifier"))
-            .collect()
+        identifiers.filter_map(|of| of.attribute("modelIdentifier")).collect()
     }
 
     /// Checks an XML file against its schema, and applies further checks; returns whether it exists. Its damage
@@ -415,13 +402,11 @@ impl<'a> Files<'a> {
             }
         }
         let variables = root.child("ModelVariables").into_iter();
-        let causalities = variables
-            .flat_map(|list| &list.children)
-            .flat_map(|variable| {
-                let causality = variable.attribute("causality").unwrap_or("local");
-                let elements = [variable].into_iter().chain(variable.children("Alias"));
-                elements.filter_map(move |element| Some((element.attribute("name")?, causality)))
-            });
+        let causalities = variables.flat_map(|list| &list.children).flat_map(|variable| {
+            let causality = variable.attribute("causality").unwrap_or("local");
+            let elements = [variable].into_iter().chain(variable.children("Alias"));
+            elements.filter_map(move |element| Some((element.attribute("name")?, causality)))
+        });
         if let Some(terminals) = document.child("Terminals") {
             self.level(terminals, &causalities.collect());
         }
@@ -494,12 +479,7 @@ fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut
         let kind = member.attribute("variableKind").unwrap_or_default();
         let is_flow = matches!(kind, "inflow" | "outflow");
         flows += usize::from(is_flow);
-        variable(
-            member,
-            "variableName",
-            is_flow || kind == "signal",
-            findings,
-        );
+        variable(member, "variableName", is_flow || kind == "signal", findings);
         let name = member.attribute("memberName");
         let is_own = name.is_some_and(|name| !name.is_empty() && names.insert(name));
         require!(findings, MEMBER_NAMED at at(member), is_own || !is_matched_by_name,

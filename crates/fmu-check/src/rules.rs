@@ -17,14 +17,7 @@ use crate::{binary, package, schema};
 
 /// All rules, by the part of the FMU that they are about.
 pub fn rules() -> impl Iterator<Item = &'static Rule> {
-    [
-        package::PACKAGE,
-        schema::SCHEMA,
-        MODEL,
-        binary::rules::BEHAVIOUR,
-    ]
-    .into_iter()
-    .flatten()
+    [package::PACKAGE, schema::SCHEMA, MODEL, binary::rules::BEHAVIOUR].into_iter().flatten()
 }
 
 rules! {
@@ -242,11 +235,7 @@ struct Check<'a> {
 pub fn check(model: &ModelDescription<'_>, findings: &mut Findings) {
     let states = model.variables().filter_map(|(_, v)| state_of(v, model));
     let states = states.collect();
-    let mut check = Check {
-        model,
-        states,
-        findings,
-    };
+    let mut check = Check { model, states, findings };
     check.root();
     check.units();
     check.types();
@@ -333,11 +322,9 @@ impl Check<'_> {
         let root = self.model.root;
         let [token, get_state, serialize] = match self.model.version {
             FmiVersion::Fmi2 => ["guid", "canGetAndSetFMUstate", "canSerializeFMUstate"],
-            FmiVersion::Fmi3 => [
-                "instantiationToken",
-                "canGetAndSetFMUState",
-                "canSerializeFMUState",
-            ],
+            FmiVersion::Fmi3 => {
+                ["instantiationToken", "canGetAndSetFMUState", "canSerializeFMUState"]
+            }
         };
         for name in ["modelName", token] {
             let text = root.attribute(name);
@@ -366,19 +353,15 @@ impl Check<'_> {
                 !is_exchange || root.has("numberOfEventIndicators"),
                 "numberOfEventIndicators is missing, expected it for model exchange");
         }
-        let early = [
-            "canReturnEarlyAfterIntermediateUpdate",
-            "providesIntermediateUpdate",
-        ];
+        let early = ["canReturnEarlyAfterIntermediateUpdate", "providesIntermediateUpdate"];
         for interface in interfaces(root) {
             if let Some(identifier) = interface.attribute("modelIdentifier") {
                 require!(self, MODEL_IDENTIFIER at interface, is_identifier(identifier),
                     "modelIdentifier is {}, expected a C identifier", quote(identifier));
             }
-            for (rule, [flag, needed]) in [
-                (&SERIALIZE_NEEDS_GET, [serialize, get_state]),
-                (&EARLY_RETURN, early),
-            ] {
+            for (rule, [flag, needed]) in
+                [(&SERIALIZE_NEEDS_GET, [serialize, get_state]), (&EARLY_RETURN, early)]
+            {
                 if interface.is_true(flag) && !interface.is_true(needed) {
                     let text = format!("{flag} is true, expected {needed} to be true with it");
                     self.add(rule, interface, text);
@@ -1093,9 +1076,7 @@ impl Check<'_> {
         let is_list = matches!(variable.of_type, Type::String | Type::Binary);
         let starts = match is_list {
             true => element.children("Start").count(),
-            false => element
-                .attribute("start")
-                .map_or(1, |start| items(start).count()),
+            false => element.attribute("start").map_or(1, |start| items(start).count()),
         };
         if let Some(size) = size {
             let fits = starts == 1 || starts as u64 == size || is_list && starts == 0;
@@ -1248,10 +1229,9 @@ impl Check<'_> {
                 "it has {name} and intervalVariability {variability}, expected {name} only for periodic \
                  clocks");
         }
-        for [shift, interval] in [
-            ["shiftDecimal", "intervalDecimal"],
-            ["shiftCounter", "intervalCounter"],
-        ] {
+        for [shift, interval] in
+            [["shiftDecimal", "intervalDecimal"], ["shiftCounter", "intervalCounter"]]
+        {
             require!(self, CLOCK_SHIFT at at(), !clock.has(shift) || has(interval),
                 "it has {shift} and no {interval}, expected both");
         }

@@ -81,11 +81,7 @@ pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Fin
         return find!(findings, ROOT_ELEMENT at Location::of(file, root),
             "the root is {}, expected {}", quote(root.name), schema.root);
     }
-    let mut document = Document {
-        file,
-        schema,
-        findings,
-    };
+    let mut document = Document { file, schema, findings };
     document.element(root, schema.root);
 }
 
@@ -223,13 +219,8 @@ impl Schema {
         definitions.retain(|words| !words.is_empty());
         let all = definitions.iter().map(|words| (words[0], &words[1..]));
         let all: HashMap<_, _> = all.collect();
-        let types = all
-            .iter()
-            .map(|(name, words)| (*name, Type::of(words, &all)));
-        Self {
-            root: definitions.first().map_or("", |words| words[0]),
-            types: types.collect(),
-        }
+        let types = all.iter().map(|(name, words)| (*name, Type::of(words, &all)));
+        Self { root: definitions.first().map_or("", |words| words[0]), types: types.collect() }
     }
 }
 
@@ -278,11 +269,7 @@ fn sequence(words: &[&'static str]) -> Vec<Part> {
                 _ => (1, 1),
             };
             let choice = std::mem::take(&mut choice);
-            parts.push(Part {
-                choice,
-                at_least,
-                at_most,
-            });
+            parts.push(Part { choice, at_least, at_most });
         }
     }
     parts
@@ -290,9 +277,7 @@ fn sequence(words: &[&'static str]) -> Vec<Part> {
 
 /// What was expected, if a text does not have the form of this name.
 fn unfit(text: &str, form: &str) -> Option<String> {
-    let list = form
-        .strip_prefix('[')
-        .and_then(|form| form.strip_suffix(']'));
+    let list = form.strip_prefix('[').and_then(|form| form.strip_suffix(']'));
     if let Some(form) = list {
         let each = items(text).find_map(|item| unfit(item, form))?;
         return Some(format!("items separated by spaces, each {each}"));
@@ -315,19 +300,13 @@ fn unfit(text: &str, form: &str) -> Option<String> {
         "string" => (true, ""),
         "double" => (real(text).is_some(), "a number"),
         "boolean" => (boolean(text).is_some(), "true, false, 1 or 0"),
-        "dateTime" => (
-            is_date_time(text),
-            "a date and time such as 2026-01-31T12:00:00Z",
-        ),
-        "hexBinary" => (
-            trimmed.len().is_multiple_of(2) && is_hex(trimmed),
-            "pairs of hexadecimal digits",
-        ),
+        "dateTime" => (is_date_time(text), "a date and time such as 2026-01-31T12:00:00Z"),
+        "hexBinary" => {
+            (trimmed.len().is_multiple_of(2) && is_hex(trimmed), "pairs of hexadecimal digits")
+        }
         "version" => (is_version(text), "a version such as 3.0"),
         _ if max > 0 => {
-            let fits = trimmed
-                .parse()
-                .is_ok_and(|number: i128| (min..=max).contains(&number));
+            let fits = trimmed.parse().is_ok_and(|number: i128| (min..=max).contains(&number));
             let to = match max {
                 i128::MAX => String::new(),
                 max => format!(" to {max}"),

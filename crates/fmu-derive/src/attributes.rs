@@ -98,16 +98,8 @@ const OF_FIELDS: &[(Known, &[Role])] = &[
     (("prefix", text), &[Nested]),
     (("flatten", flag), &[Nested]),
 ];
-const DESCRIBED: &[Role] = &[
-    Derivative,
-    Input,
-    Output,
-    Parameter,
-    StructuralParameter,
-    Local,
-    Constant,
-    EventIndicator,
-];
+const DESCRIBED: &[Role] =
+    &[Derivative, Input, Output, Parameter, StructuralParameter, Local, Constant, EventIndicator];
 /// The name of a derivative follows from the name of its state.
 const NAMED: &[Role] = DESCRIBED.split_at(1).1;
 const EQUATIONS: &[Role] = &[Output, Derivative, EventIndicator];

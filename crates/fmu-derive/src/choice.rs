@@ -37,11 +37,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
         )*
         ::core::option::Option::None
     };
-    let bodies = [
-        quote!(self as i32 + #base),
-        from_number,
-        quote!(Self::#first),
-    ];
+    let bodies = [quote!(self as i32 + #base), from_number, quote!(Self::#first)];
     let about = (name.to_token_stream(), description.to_token_stream());
     Ok(implementation(input, &krate, about, &items, base, bodies))
 }
@@ -49,9 +45,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
 /// The implementation for a type whose derive failed, so that the compiler reports the mistake alone. Its
 /// functions are never called.
 pub fn stub(input: &DeriveInput) -> TokenStream {
-    let krate = Options::of(&input.attrs, CHOICE)
-        .unwrap_or_default()
-        .krate();
+    let krate = Options::of(&input.attrs, CHOICE).unwrap_or_default().krate();
     let item = quote!(#krate::derive::Item { value: 1, name: "", description: "" });
     let bodies = [(); 3].map(|()| quote!(::core::unreachable!()));
     implementation(input, &krate, (quote!(""), quote!("")), &[item], 1, bodies)

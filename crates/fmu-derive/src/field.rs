@@ -140,10 +140,7 @@ impl Field {
             return error(&self.ident, what);
         };
         let state = structured(state.clone())?;
-        Ok(LitStr::new(
-            &format!("der({})", state.value()),
-            state.span(),
-        ))
+        Ok(LitStr::new(&format!("der({})", state.value()), state.span()))
     }
 
     /// The description, without the unit, which the variable has by itself.
@@ -244,10 +241,7 @@ impl Field {
     fn literal_bounds(&self) -> (f64, f64) {
         let bound = |name| self.options.expression(name).and_then(Expression::number);
         let (min, max) = (bound("min"), bound("max"));
-        (
-            min.unwrap_or(f64::NEG_INFINITY),
-            max.unwrap_or(f64::INFINITY),
-        )
+        (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY))
     }
 
     /// Checks that an array has the dimensions of the type.
@@ -285,10 +279,9 @@ impl Field {
         };
         let is_infinite = |number: f64| (number as f32).is_infinite();
         let (is_right, expected) = match (self.of_type, literal) {
-            (FmiType::Float32, Lit::Int(_) | Lit::Float(_)) => (
-                !expression.number().is_some_and(is_infinite),
-                "a number in the range of f32",
-            ),
+            (FmiType::Float32, Lit::Int(_) | Lit::Float(_)) => {
+                (!expression.number().is_some_and(is_infinite), "a number in the range of f32")
+            }
             (FmiType::Float32 | FmiType::Float64, _) => {
                 (matches!(literal, Lit::Int(_) | Lit::Float(_)), "a number")
             }
@@ -430,20 +423,15 @@ fn description(attributes: &[Attribute]) -> Option<String> {
     });
     let texts: Vec<String> = texts
         .filter_map(|value| match value {
-            Expr::Lit(ExprLit {
-                lit: Lit::Str(text),
-                ..
-            }) => Some(text.value()),
+            Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) => Some(text.value()),
             _ => None,
         })
         .collect();
     let is_empty = |line: &&str| line.trim().is_empty();
     let lines = texts.iter().flat_map(|text| text.split('\n'));
-    let words = (lines
-        .skip_while(is_empty)
-        .take_while(|line| !is_empty(line)))
-    .flat_map(str::split_whitespace)
-    .collect::<Vec<_>>();
+    let words = (lines.skip_while(is_empty).take_while(|line| !is_empty(line)))
+        .flat_map(str::split_whitespace)
+        .collect::<Vec<_>>();
     let text = words.join(" ").replace('`', "");
     let text = text.strip_suffix('.').unwrap_or(&text);
     (!text.is_empty()).then(|| text.to_owned())

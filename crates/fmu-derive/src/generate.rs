@@ -59,14 +59,7 @@ impl Field {
 
     /// Its row; none if it is internal.
     pub fn row(&self) -> Option<TokenStream> {
-        let Self {
-            ident,
-            krate,
-            name,
-            description,
-            options,
-            ..
-        } = self;
+        let Self { ident, krate, name, description, options, .. } = self;
         let offset = quote!(::core::mem::offset_of!(Self, #ident));
         if let Some(rows) = self.nested(&quote!(ROWS)) {
             return Some(
@@ -168,14 +161,10 @@ impl Field {
                 }
             };
         }
-        let arms = self
-            .options
-            .derivatives()
-            .iter()
-            .filter_map(|(name, value)| {
-                let known = others.iter().find(|other| other.is_named(name))?.first();
-                Some(quote!(_ if unknown == #first && known == #known => #value,))
-            });
+        let arms = self.options.derivatives().iter().filter_map(|(name, value)| {
+            let known = others.iter().find(|other| other.is_named(name))?.first();
+            Some(quote!(_ if unknown == #first && known == #known => #value,))
+        });
         quote!(#(#arms)*)
     }
 
@@ -241,9 +230,7 @@ impl Field {
         of_elements: fn(TokenStream) -> TokenStream,
     ) -> TokenStream {
         let dimensions = self.dimensions();
-        dimensions
-            .iter()
-            .fold(of_element, |inner, _| of_elements(inner))
+        dimensions.iter().fold(of_element, |inner, _| of_elements(inner))
     }
 }
 
@@ -307,10 +294,7 @@ impl Field {
         let message = format!("the start value of `{name}` is outside its bounds");
         let of_type = Ident::new(self.of_type.as_str(), place);
         let start = quote!(#krate::Start::#of_type(#values));
-        at(
-            place,
-            quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)),
-        )
+        at(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))
     }
 
     /// The start values as a constant slice; empty if the model calculates them.

@@ -214,11 +214,7 @@ pub fn model(input: TokenStream) -> TokenStream {
     )
 )]
 pub fn variables(input: TokenStream) -> TokenStream {
-    expand(
-        parse_macro_input!(input),
-        model::expand_variables,
-        model::stub_variables,
-    )
+    expand(parse_macro_input!(input), model::expand_variables, model::stub_variables)
 }
 
 /// Turns an enum into the type of an enumeration variable.

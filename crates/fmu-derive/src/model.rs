@@ -60,9 +60,8 @@ pub fn stub(input: &DeriveInput) -> TokenStream {
 fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String)>) -> TokenStream {
     let (ident, krate) = (&input.ident, options.krate());
     let is_stub = named.is_none();
-    let (name, description) = named.map_or((quote!(""), ""), |(name, description)| {
-        (name.to_token_stream(), description)
-    });
+    let (name, description) =
+        named.map_or((quote!(""), ""), |(name, description)| (name.to_token_stream(), description));
     let is_sampled = options.has("sample_time");
     let continuous = options.place("continuous").filter(|_| !is_stub);
     let is_continuous = continuous.is_some();
@@ -158,9 +157,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let rows = fields.iter().filter_map(Field::row);
     let sums = fields.iter().filter_map(|field| field.add_outputs(fields));
     let input_derivatives = fields.iter().filter_map(Field::input_derivative);
-    let derivatives = fields
-        .iter()
-        .map(|field| field.directional_derivatives(fields));
+    let derivatives = fields.iter().map(|field| field.directional_derivatives(fields));
     let copies = each(Field::copy_from);
     let (saves, loads) = (each(Field::save), each(Field::load));
     let checks = checks(input, fields, krate);
@@ -218,20 +215,12 @@ fn check_names(fields: &[Field]) -> Result<()> {
     let mut names = HashSet::new();
     for Field { name, .. } in fields.iter().filter(|field| field.is_variable()) {
         if !names.insert(name.value()) {
-            return error(
-                name,
-                format!("two variables have the name {:?}", name.value()),
-            );
+            return error(name, format!("two variables have the name {:?}", name.value()));
         }
     }
-    fields
-        .iter()
-        .try_for_each(|field| check_size(field, fields))?;
+    fields.iter().try_for_each(|field| check_size(field, fields))?;
     let has_nested = fields.iter().any(|field| field.role == Role::Nested);
-    for name in fields
-        .iter()
-        .flat_map(|f| f.options.names("initially_from"))
-    {
+    for name in fields.iter().flat_map(|f| f.options.names("initially_from")) {
         let is_unknown = !has_nested && !names.contains(&name.value());
         if is_unknown {
             let known = fields.iter().filter(|field| field.is_variable());
@@ -242,10 +231,7 @@ fn check_names(fields: &[Field]) -> Result<()> {
         }
     }
     for (name, _) in fields.iter().flat_map(|field| field.options.derivatives()) {
-        if !fields
-            .iter()
-            .any(|field| field.is_known() && field.is_named(name))
-        {
+        if !fields.iter().any(|field| field.is_known() && field.is_named(name)) {
             let what = format!("there is no input or state {:?}", name.value());
             return error(name, format!("{what} of type f64 in this struct"));
         }
@@ -291,20 +277,12 @@ fn checks(input: &DeriveInput, fields: &[Field], krate: &TokenStream) -> TokenSt
     let unique = nested.map(|Field { ident, row, .. }| {
         let message = format!("a variable of `{ident}` has the name of another: ");
         let check = quote!(#krate::unique(#rows, #row, #message));
-        at(
-            ident.span(),
-            quote!(#[allow(long_running_const_eval)] const _: () = #check;),
-        )
+        at(ident.span(), quote!(#[allow(long_running_const_eval)] const _: () = #check;))
     });
-    let names = fields
-        .iter()
-        .flat_map(|f| f.options.names("initially_from"));
+    let names = fields.iter().flat_map(|f| f.options.names("initially_from"));
     let exist = names.map(|name| {
         let message = format!("there is no variable {:?} in this struct", name.value());
-        at(
-            name.span(),
-            quote!(const _: () = #krate::exists(#rows, #name, #message);),
-        )
+        at(name.span(), quote!(const _: () = #krate::exists(#rows, #name, #message);))
     });
     quote!(const _: &[#krate::Row] = #rows; #(#unique)* #(#exist)*)
 }

@@ -71,10 +71,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
     const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
 
     pub(crate) fn new(overrides: Overrides) -> Self {
-        let mut new = Self {
-            model: M::new(),
-            is_smaller: false,
-        };
+        let mut new = Self { model: M::new(), is_smaller: false };
         new.is_smaller = (&mut new as &mut dyn AnyModel).override_starts(overrides);
         new
     }
@@ -115,12 +112,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
         }
         for (&reference, value) in references.iter().zip(values) {
             // SAFETY: the reference belongs to a Real, by the check.
-            *value = unsafe {
-                *real_at(
-                    self.memory(),
-                    places.get_unchecked(reference as usize).offset,
-                )
-            };
+            *value =
+                unsafe { *real_at(self.memory(), places.get_unchecked(reference as usize).offset) };
         }
         true
     }
@@ -146,10 +139,7 @@ impl<M: Model, const N: usize> Bound<M, N> {
         for (&reference, &value) in all {
             // SAFETY: the reference belongs to a Real, by the check.
             unsafe {
-                *real_at(
-                    self.memory(),
-                    places.get_unchecked(reference as usize).offset,
-                ) = value
+                *real_at(self.memory(), places.get_unchecked(reference as usize).offset) = value
             };
         }
         true
@@ -353,10 +343,7 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     fn copy(&self) -> Box<dyn AnyModel> {
-        Box::new(Self {
-            model: self.model.copy(),
-            is_smaller: self.is_smaller,
-        })
+        Box::new(Self { model: self.model.copy(), is_smaller: self.is_smaller })
     }
 
     fn assign(&mut self, from: &dyn AnyModel) -> bool {
@@ -413,13 +400,7 @@ impl dyn AnyModel {
 
     pub(crate) fn set(&mut self, scalar: &Scalar, value: Value) {
         // SAFETY: as above; the model is borrowed mutably.
-        unsafe {
-            layout::set(
-                self.memory().byte_add(scalar.place()),
-                scalar.variable,
-                value,
-            )
-        }
+        unsafe { layout::set(self.memory().byte_add(scalar.place()), scalar.variable, value) }
     }
 
     /// Number of elements in use of the variable whose first element has the given value reference;
@@ -436,9 +417,7 @@ impl dyn AnyModel {
         self.find(reference).is_some_and(|scalar| {
             let first = reference.wrapping_sub(scalar.element as u32);
             scalar.variable.causality != Causality::StructuralParameter
-                && self
-                    .elements(first)
-                    .is_some_and(|elements| scalar.element < elements)
+                && self.elements(first).is_some_and(|elements| scalar.element < elements)
         })
     }
 

@@ -45,11 +45,8 @@ impl Default for SampleClock {
 }
 
 impl SampleClock {
-    pub(crate) const UNSET: Self = Self {
-        start: 0.0,
-        rate: f64::INFINITY,
-        next: BEFORE_FIRST_STEP,
-    };
+    pub(crate) const UNSET: Self =
+        Self { start: 0.0, rate: f64::INFINITY, next: BEFORE_FIRST_STEP };
 
     /// Creates a clock with the first instant `start` (s) and the sample time `ts` (s).
     ///
@@ -62,11 +59,7 @@ impl SampleClock {
                 "the sample time is {ts} s; expected a positive number"
             )));
         }
-        Ok(Self {
-            start,
-            rate,
-            next: BEFORE_FIRST_STEP,
-        })
+        Ok(Self { start, rate, next: BEFORE_FIRST_STEP })
     }
 
     /// Counts the instants in `[time, time + step)` (up to rounding) that were not counted before.
@@ -145,11 +138,7 @@ mod tests {
             for k in 0..20_000 {
                 let h = 0.001 + if k % 2 == 0 { jitter } else { -jitter };
                 assert_eq!(clock.due(time, h), Ok(1), "step {k}");
-                time = if jitter == 0.0 {
-                    start + f64::from(k + 1) * 0.001
-                } else {
-                    time + h
-                };
+                time = if jitter == 0.0 { start + f64::from(k + 1) * 0.001 } else { time + h };
             }
         }
     }

@@ -168,10 +168,7 @@ impl<M: AnyModel> Component<M> {
         let facts = model.facts();
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| facts.is_continuous);
-        let settings = Settings {
-            intermediate_update,
-            ..settings
-        };
+        let settings = Settings { intermediate_update, ..settings };
         let workspace = match facts.is_integrated {
             true => Workspace::new(facts.states.len(), facts.event_indicators.len()),
             false => Workspace::default(),
@@ -243,10 +240,8 @@ impl Component {
     #[cold]
     fn refuse_in(&self, state: State, call: &Call) -> Outcome {
         let all = State::ALL.iter();
-        let mut allowed: Vec<&str> = all
-            .filter(|(state, _)| call.is_allowed(*state))
-            .map(|(_, name)| *name)
-            .collect();
+        let mut allowed: Vec<&str> =
+            all.filter(|(state, _)| call.is_allowed(*state)).map(|(_, name)| *name).collect();
         allowed.dedup();
         self.shared.settings.log.send(
             Category::Error,
@@ -286,10 +281,7 @@ impl Component {
     #[cold]
     #[inline(never)]
     pub(crate) fn fail_step(&mut self, error: ModelError, time: f64, step: f64) -> Outcome {
-        self.fail(
-            &self.shared.settings.edge.do_step,
-            error.in_step(time, step),
-        )
+        self.fail(&self.shared.settings.edge.do_step, error.in_step(time, step))
     }
 
     #[cold]
@@ -484,10 +476,7 @@ impl Component {
         let time = self.event_time();
         let states_changed = self.handle_event(time)?;
         self.shared.lifecycle.stale = true;
-        Ok(Update {
-            states_changed,
-            next_event: self.next_event(time),
-        })
+        Ok(Update { states_changed, next_event: self.next_event(time) })
     }
 
     /// The time of the event to handle: the current time, or the time of a time event which the end of a step
@@ -496,10 +485,9 @@ impl Component {
         let (facts, now) = (self.model.facts(), self.shared.lifecycle.time);
         let tolerance = 1e-6 * facts.step + 8.0 * f64::EPSILON * now.abs();
         match self.shared.lifecycle.mode {
-            Mode::CoSimulationWithEvents if !facts.is_sampled => self
-                .next_event(now)
-                .filter(|event| *event <= now + tolerance)
-                .unwrap_or(now),
+            Mode::CoSimulationWithEvents if !facts.is_sampled => {
+                self.next_event(now).filter(|event| *event <= now + tolerance).unwrap_or(now)
+            }
             _ => now,
         }
     }
@@ -536,9 +524,7 @@ impl Component {
     pub(crate) fn refuse_step(&mut self, time: f64, step: f64) -> Option<Outcome> {
         let call = &self.shared.settings.edge.do_step;
         let outcome = self.call(call, |c| {
-            c.shared
-                .lifecycle
-                .check_step(call.name, time, step, &c.shared.settings.log)
+            c.shared.lifecycle.check_step(call.name, time, step, &c.shared.settings.log)
         });
         // Some hosts iterate events with steps of 0.
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
@@ -663,11 +649,7 @@ impl Component {
         if model.load(&mut loader).is_err() || !loader.is_empty() {
             return Err(damaged());
         }
-        Ok(Snapshot {
-            guid: *expected,
-            lifecycle,
-            model,
-        })
+        Ok(Snapshot { guid: *expected, lifecycle, model })
     }
 
     /// Evaluates the equations between steps if the host asks for what is computed only then: derivatives and event
@@ -706,9 +688,7 @@ impl Component {
     /// Computes what a host may read and is not up to date, before the end of the initialization, in event
     /// mode and in model exchange.
     pub(crate) fn update(&mut self) -> Result<(), ModelError> {
-        let Lifecycle {
-            mode, state, stale, ..
-        } = self.shared.lifecycle;
+        let Lifecycle { mode, state, stale, .. } = self.shared.lifecycle;
         let is_evaluated = match state {
             _ if !stale => return Ok(()),
             State::Initialization => return self.initialize(),
@@ -842,9 +822,7 @@ impl solver::System for Equations<'_> {
 
     fn not_finite(&mut self) -> ModelError {
         let checked = self.0.check_equations();
-        checked
-            .err()
-            .unwrap_or_else(|| ModelError::new("the states became too large"))
+        checked.err().unwrap_or_else(|| ModelError::new("the states became too large"))
     }
 
     fn event(&mut self, time: f64) -> Result<(), ModelError> {

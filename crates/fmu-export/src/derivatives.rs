@@ -122,10 +122,9 @@ impl Component {
         let (count, version) = (self.model.facts().count, self.shared.settings.edge.version);
         match self.model.find(reference) {
             None => Err(unknown(count, reference)),
-            Some(scalar) if !has_part(scalar.variable) => Err(ModelError::refuse(format_args!(
-                "{} is not {expected}",
-                scalar.name()
-            ))),
+            Some(scalar) if !has_part(scalar.variable) => {
+                Err(ModelError::refuse(format_args!("{} is not {expected}", scalar.name())))
+            }
             Some(scalar) => check_type(&scalar, Type::Float64, version),
         }
     }
@@ -250,9 +249,7 @@ impl Component {
         let mut states = facts.states.iter();
         match states.find(|integrated| integrated.state == reference) {
             Some(integrated) => Ok(integrated.derivative),
-            None => Err(ModelError::refuse(format_args!(
-                "the derivative of {name} is not known"
-            ))),
+            None => Err(ModelError::refuse(format_args!("the derivative of {name} is not known"))),
         }
     }
 }

@@ -106,20 +106,17 @@ impl Entry {
         }
         let guid = guid.ok_or("the GUID is missing")?.to_string_lossy();
         let model = models.iter().find(|m| m.guid() == guid).ok_or_else(|| {
-            let known: Vec<String> = models
-                .iter()
-                .map(|m| format!("{} {}", m.name(), m.guid()))
-                .collect();
+            let known: Vec<String> =
+                models.iter().map(|m| format!("{} {}", m.name(), m.guid())).collect();
             format!(
                 "the GUID {guid} is that of another FMU or version; this binary has: {}",
                 known.join(", ")
             )
         })?;
         match mode {
-            Mode::ModelExchange if !model.is_for_model_exchange => Err(format!(
-                "{} is for co-simulation, not for model exchange",
-                model.name()
-            )),
+            Mode::ModelExchange if !model.is_for_model_exchange => {
+                Err(format!("{} is for co-simulation, not for model exchange", model.name()))
+            }
             Mode::CoSimulationWithEvents if !model.is_for_model_exchange => Err(format!(
                 "eventModeUsed is true, but {} has no event mode: hasEventMode is false",
                 model.name()

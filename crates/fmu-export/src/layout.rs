@@ -19,11 +19,7 @@ pub(crate) struct Place {
 impl Place {
     pub(crate) const NONE: usize = usize::MAX;
     /// That of no variable.
-    const EMPTY: Self = Self {
-        offset: Self::NONE,
-        min: f64::INFINITY,
-        max: f64::NEG_INFINITY,
-    };
+    const EMPTY: Self = Self { offset: Self::NONE, min: f64::INFINITY, max: f64::NEG_INFINITY };
 
     const fn of(row: &Scalar) -> Self {
         let variable = row.variable;
@@ -33,15 +29,10 @@ impl Place {
         );
         match (row.offset_of_real(), variable.dynamics, variable.bounds) {
             (_, Dynamics::Derivative { .. } | Dynamics::EventIndicator, _) => Self::EMPTY,
-            (Some(offset), _, Bounds::Real(min, max)) if is_settable => Self {
-                offset,
-                min: min.max(f64::MIN),
-                max: max.min(f64::MAX),
-            },
-            (Some(offset), ..) => Self {
-                offset,
-                ..Self::EMPTY
-            },
+            (Some(offset), _, Bounds::Real(min, max)) if is_settable => {
+                Self { offset, min: min.max(f64::MIN), max: max.min(f64::MAX) }
+            }
+            (Some(offset), ..) => Self { offset, ..Self::EMPTY },
             _ => Self::EMPTY,
         }
     }
@@ -61,11 +52,7 @@ pub(crate) struct Array {
 impl Array {
     pub(crate) const ALL: u32 = u32::MAX;
     /// That of no variable.
-    const EMPTY: Self = Self {
-        count: 0,
-        default: 0,
-        size: Self::ALL,
-    };
+    const EMPTY: Self = Self { count: 0, default: 0, size: Self::ALL };
 }
 
 /// A state and its derivative.
@@ -89,10 +76,7 @@ pub(crate) struct List<T, const N: usize> {
 
 impl<T: Copy, const N: usize> List<T, N> {
     const fn new(filler: T) -> Self {
-        Self {
-            items: [filler; N],
-            length: 0,
-        }
+        Self { items: [filler; N], length: 0 }
     }
 
     const fn push(&mut self, item: T) {

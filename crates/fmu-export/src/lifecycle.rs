@@ -96,10 +96,7 @@ pub(crate) struct Integration {
 
 impl Integration {
     /// That of a model which is not integrated.
-    pub(crate) const NONE: Self = Self {
-        tolerance: 0.0,
-        handled: 0.0,
-    };
+    pub(crate) const NONE: Self = Self { tolerance: 0.0, handled: 0.0 };
 }
 
 impl Lifecycle {
@@ -219,15 +216,8 @@ mod tests {
         let states = [State::Initialization, State::StepFailed, State::Fatal];
         let ends = times.iter().flat_map(|end| [(*end, 2.0), (*end, f64::MAX)]);
         for (end, stop_time) in ends {
-            let lifecycle = Lifecycle {
-                stop_time,
-                time: end,
-                ..RUNNING
-            };
-            for (time, step) in times
-                .iter()
-                .flat_map(|t| times.iter().map(|step| (*t, *step)))
-            {
+            let lifecycle = Lifecycle { stop_time, time: end, ..RUNNING };
+            for (time, step) in times.iter().flat_map(|t| times.iter().map(|step| (*t, *step))) {
                 assert!(
                     !lifecycle.is_next_step(time, step) || is_allowed(&lifecycle, time, step),
                     "{lifecycle:?} {time} {step}"
@@ -237,10 +227,7 @@ mod tests {
                 }
             }
         }
-        let first = Lifecycle {
-            time: BEFORE_FIRST_STEP,
-            ..RUNNING
-        };
+        let first = Lifecycle { time: BEFORE_FIRST_STEP, ..RUNNING };
         assert!(!first.is_next_step(0.0, 0.1));
     }
 }

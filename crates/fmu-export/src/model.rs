@@ -182,11 +182,7 @@ pub struct Start {
 impl Start {
     /// A start at `time` (s) with the folder of the resources, for tests.
     pub fn new(time: f64, resources: impl Into<PathBuf>) -> Self {
-        Self {
-            time,
-            is_model_exchange: false,
-            resources: Ok(resources.into()),
-        }
+        Self { time, is_model_exchange: false, resources: Ok(resources.into()) }
     }
 
     /// The path of a file in the FMU's `resources`, which `cargo fmu export` packs from the folder of
@@ -219,10 +215,7 @@ impl Start {
     pub fn read_resource(&self, file: impl AsRef<Path>) -> Result<String, ModelError> {
         let path = self.resource(file)?;
         fs::read_to_string(&path).map_err(|error| {
-            ModelError::new(format_args!(
-                "cannot read the resource {}: {error}",
-                path.display()
-            ))
+            ModelError::new(format_args!("cannot read the resource {}: {error}", path.display()))
         })
     }
 }

@@ -30,9 +30,7 @@ pub(crate) fn path(location: Option<&str>) -> Folder {
     if is_network {
         return match cfg!(windows) {
             true => Ok(format!("//{path}").into()),
-            false => Err(format!(
-                "the resource location {location:?} is on another machine"
-            )),
+            false => Err(format!("the resource location {location:?} is on another machine")),
         };
     }
     // file:///C:/path
@@ -48,16 +46,12 @@ fn strip_scheme(location: &str) -> Result<Option<&str>, String> {
     let Some((scheme, rest)) = location.split_once(':') else {
         return Ok(None);
     };
-    let is_scheme = scheme.len() > 1
-        && scheme
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || c == '+');
+    let is_scheme =
+        scheme.len() > 1 && scheme.chars().all(|c| c.is_ascii_alphanumeric() || c == '+');
     match is_scheme {
         false => Ok(None),
         true if scheme.eq_ignore_ascii_case("file") => Ok(Some(rest)),
-        true => Err(format!(
-            "the resource location {location:?} is not a file: URI"
-        )),
+        true => Err(format!("the resource location {location:?} is not a file: URI")),
     }
 }
 

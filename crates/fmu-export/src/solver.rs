@@ -93,15 +93,7 @@ pub(crate) fn advance(
     workspace: &mut Workspace,
     step: &Step,
 ) -> Result<f64, ModelError> {
-    let mut run = Run {
-        system,
-        w: workspace,
-        step,
-        reached: 0.0,
-        size: 0.0,
-        steps: 0,
-        events: 0,
-    };
+    let mut run = Run { system, w: workspace, step, reached: 0.0, size: 0.0, steps: 0, events: 0 };
     run.start()?;
     let mut handled = step.handled;
     while let Some((end, event)) = run.next_event(handled) {
@@ -271,11 +263,7 @@ impl Run<'_> {
         if let Some(failed) = self.evaluate_within(after, h)? {
             return Ok(Some(failed));
         }
-        self.reached = if after == 1.0 {
-            to
-        } else {
-            self.reached + after * h
-        };
+        self.reached = if after == 1.0 { to } else { self.reached + after * h };
         self.event(self.now())?;
         self.size = RESTART * resolution;
         Ok(None)
@@ -389,10 +377,7 @@ impl Run<'_> {
     /// The error after which the integration cannot go on from the current time.
     #[cold]
     fn stopped(&self, error: ModelError) -> ModelError {
-        error.with_prefix(format_args!(
-            "the integration stopped at t = {:?} s",
-            self.now()
-        ))
+        error.with_prefix(format_args!("the integration stopped at t = {:?} s", self.now()))
     }
 
     #[cold]
@@ -497,13 +482,8 @@ mod tests {
         system(|_, [x, v]| [*v, -x], [1.0, 0.5])
     }
 
-    const STEP: Step = Step {
-        time: 0.0,
-        size: 0.0,
-        tolerance: 1e-6,
-        longest: 0.1,
-        handled: Some(0.0),
-    };
+    const STEP: Step =
+        Step { time: 0.0, size: 0.0, tolerance: 1e-6, longest: 0.1, handled: Some(0.0) };
 
     /// Takes steps of this size until `end`. Returns the states at the end.
     fn run<const N: usize>(
@@ -514,11 +494,7 @@ mod tests {
     ) -> Result<[f64; N], ModelError> {
         let indicators = (system.indicators)(&system.states).len();
         let mut workspace = Workspace::new(N, indicators);
-        let mut step = Step {
-            size,
-            tolerance,
-            ..STEP
-        };
+        let mut step = Step { size, tolerance, ..STEP };
         while step.time < end - 1e-9 {
             step.handled = Some(advance(system, &mut workspace, &step)?);
             step.time += size; // with rounding errors that add up
@@ -530,20 +506,14 @@ mod tests {
     fn fail<const N: usize>(mut system: Equations<N>, size: f64) -> (Kind, String, f64) {
         let error = run(&mut system, size, size, 1e-6).unwrap_err();
         let text = error.reason().to_owned();
-        let time = text
-            .split("t = ")
-            .nth(1)
-            .and_then(|rest| rest.split(' ').next());
+        let time = text.split("t = ").nth(1).and_then(|rest| rest.split(' ').next());
         (error.kind(), text.clone(), time.unwrap().parse().unwrap())
     }
 
     #[test]
     fn the_error_falls_with_the_tolerance_and_the_work_grows_as_its_fifth_root() {
         let errors = [1e-4, 1e-6, 1e-8, 1e-10].map(|tolerance| {
-            let mut oscillator = Equations {
-                states: [1.0, 0.0],
-                ..oscillator()
-            };
+            let mut oscillator = Equations { states: [1.0, 0.0], ..oscillator() };
             let [x, v] = run(&mut oscillator, 20.0, 20.0, tolerance).unwrap();
             let error = (x - libm::cos(20.0)).abs() + (v + libm::sin(20.0)).abs();
             assert!(error < 50.0 * tolerance, "{error} for {tolerance}");
@@ -566,11 +536,7 @@ mod tests {
             let mut run = Run {
                 system: &mut oscillator(),
                 w: &mut Workspace::new(2, 0),
-                step: &Step {
-                    size: h,
-                    tolerance: 1.0,
-                    ..STEP
-                },
+                step: &Step { size: h, tolerance: 1.0, ..STEP },
                 reached: 0.0,
                 size: h,
                 steps: 0,

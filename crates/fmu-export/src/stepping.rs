@@ -20,11 +20,7 @@ impl Results {
     /// Those of a step without events that ended at the given time.
     #[inline(always)]
     pub(crate) fn plain(last_successful_time: f64) -> Self {
-        Self {
-            event_handling_needed: false,
-            early_return: false,
-            last_successful_time,
-        }
+        Self { event_handling_needed: false, early_return: false, last_successful_time }
     }
 }
 
@@ -134,11 +130,7 @@ impl Stepping {
             if let Some(event) = event {
                 // A step that ends at an event ends exactly where the host wants it.
                 let is_end = event >= self.end - self.tolerance;
-                to = if is_end {
-                    self.end
-                } else {
-                    event.max(self.now)
-                };
+                to = if is_end { self.end } else { event.max(self.now) };
             }
             passed(c.call(call, |c| c.take_part(self.now, to - self.now, has_events)))?;
             self.now = to;

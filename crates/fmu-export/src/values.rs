@@ -50,9 +50,8 @@ fn expected(field: &Field) -> String {
         (_, Type::Binary) => "bytes".into(),
         _ => {
             let items = field.start.items().iter();
-            let texts: Vec<_> = items
-                .map(|item| format!("{} ({})", item.value, item.name))
-                .collect();
+            let texts: Vec<_> =
+                items.map(|item| format!("{} ({})", item.value, item.name)).collect();
             texts.join(", ")
         }
     }
@@ -114,9 +113,7 @@ impl Component {
         let fitting = match of_type {
             same if same == value.of_type() => return Ok(value),
             Type::Float64 => value.as_real().map(Value::Float64),
-            whole => value
-                .as_whole()
-                .and_then(|value| Value::whole(whole, value)),
+            whole => value.as_whole().and_then(|value| Value::whole(whole, value)),
         };
         fitting.ok_or_else(|| does_not_fit(&scalar, value.as_whole()))
     }
@@ -221,24 +218,17 @@ impl Component {
         let value = value.within(scalar.variable);
         // Some hosts, such as OpenModelica, set all parameters again after the initialization.
         let is_same = |c: &mut Self| {
-            let is_running = matches!(
-                state,
-                State::StepMode | State::Event | State::ContinuousTime
-            );
+            let is_running =
+                matches!(state, State::StepMode | State::Event | State::ContinuousTime);
             is_running
                 && scalar.variable.causality == Causality::Parameter
                 && scalar.variable.variability == Variability::Fixed
-                && value
-                    .as_ref()
-                    .is_ok_and(|value| *value == c.model.get(&scalar))
+                && value.as_ref().is_ok_and(|value| *value == c.model.get(&scalar))
         };
         if let Some(why) = not_settable(scalar.variable, state, mode)
             && !is_same(self)
         {
-            return Err(ModelError::refuse(format_args!(
-                "{} is {why}",
-                scalar.name()
-            )));
+            return Err(ModelError::refuse(format_args!("{} is {why}", scalar.name())));
         }
         match value {
             Ok(_) => Ok(()),
@@ -298,10 +288,8 @@ numbers! {
 fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static str> {
     use State::{ContinuousTime, Event, IntermediateUpdate};
     let is_start = matches!(state, State::Instantiated | State::Initialization);
-    let is_reconfiguration = matches!(
-        state,
-        State::StepReconfiguration | State::EventReconfiguration
-    );
+    let is_reconfiguration =
+        matches!(state, State::StepReconfiguration | State::EventReconfiguration);
     let is_configuration = is_reconfiguration || state == State::Configuration;
     let is_exchange = mode == Mode::ModelExchange && matches!(state, Event | ContinuousTime);
     match (variable.causality, variable.variability) {
@@ -335,9 +323,7 @@ fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static s
 #[cold]
 pub(crate) fn unknown(count: usize, reference: u32) -> ModelError {
     let last = count.saturating_sub(1);
-    ModelError::refuse(format_args!(
-        "value reference {reference} is unknown; expected 0 to {last}"
-    ))
+    ModelError::refuse(format_args!("value reference {reference} is unknown; expected 0 to {last}"))
 }
 
 /// Why a value of a variable of the right type cannot be got: only FMI 2.0 has too few types.

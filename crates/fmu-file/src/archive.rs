@@ -135,10 +135,7 @@ pub fn zip(entries: &[(impl AsRef<str>, &Packed)]) -> Result<Vec<u8>> {
     for (path, Packed(bytes)) in entries {
         let path = path.as_ref();
         let clean = relative(path).map_err(Error::msg)?;
-        ensure!(
-            clean == path,
-            "the file name is {path:?}, expected {clean:?}"
-        );
+        ensure!(clean == path, "the file name is {path:?}, expected {clean:?}");
         let mut packed = ZipArchive::new(Cursor::new(bytes))?;
         writer.raw_copy_file_rename(packed.by_index(0)?, path)?;
     }
@@ -168,10 +165,7 @@ impl Archive {
     /// The file cannot be read or is not an archive.
     pub fn open(file: &Path) -> Result<Self> {
         let metadata = fs::metadata(file).context("cannot open it")?;
-        ensure!(
-            metadata.is_file(),
-            "it is a folder or device, expected a file"
-        );
+        ensure!(metadata.is_file(), "it is a folder or device, expected a file");
         let open = File::open(file).context("cannot open it")?;
         let zip = ZipArchive::new(BufReader::new(open)).context("it is damaged, or not an FMU")?;
         ensure!(
@@ -231,8 +225,7 @@ impl Archive {
         folded.sort_unstable();
         let twins = folded.windows(2).find(|pair| pair[0].0 == pair[1].0);
         if self.zip.has_duplicate_names() {
-            self.oddities
-                .push("two files have the same name, expected each name once".into());
+            self.oddities.push("two files have the same name, expected each name once".into());
         } else if let Some([(_, first), (_, second)]) = twins {
             let (first, second) = (quote(first), quote(second));
             self.oddities.push(format!(
@@ -246,8 +239,7 @@ impl Archive {
         if !self.zip.has_duplicate_names()
             && let Err(error) = self.zip.validate_header_consistency()
         {
-            self.oddities
-                .push(format!("its directory is wrong: {error}"));
+            self.oddities.push(format!("its directory is wrong: {error}"));
         }
         let mut inflated = 0_u64;
         for (index, name) in self.names.iter().enumerate() {
@@ -352,10 +344,7 @@ impl Archive {
         let mut damages = Vec::new();
         for index in 0..self.names.len() {
             if let Err(error) = self.copy(index, &mut io::sink()) {
-                damages.push(format!(
-                    "{} is damaged: {error:#}",
-                    quote(&self.names[index])
-                ));
+                damages.push(format!("{} is damaged: {error:#}", quote(&self.names[index])));
             }
         }
         damages
@@ -388,10 +377,7 @@ impl Archive {
         let size = file.size();
         let copied = io::copy(&mut file.take(size.saturating_add(1)), to)?;
         ensure!(copied <= size, "it inflates to more, expected {size} bytes");
-        ensure!(
-            copied == size,
-            "it inflates to {copied}, expected {size} bytes"
-        );
+        ensure!(copied == size, "it inflates to {copied}, expected {size} bytes");
         Ok(())
     }
 }
@@ -434,9 +420,7 @@ fn entry(zip: &mut ZipArchive<BufReader<File>>, index: usize) -> Result<(u64, bo
         CompressionMethod::Stored | CompressionMethod::Deflated => {
             Ok((file.size(), file.is_symlink()))
         }
-        other => Err(format!(
-            "is compressed with {other}, expected deflate or none"
-        )),
+        other => Err(format!("is compressed with {other}, expected deflate or none")),
     }
 }
 
@@ -448,11 +432,7 @@ mod tests {
     fn sound() -> Vec<u8> {
         let text = Packed::text(b"<a/>").unwrap();
         let program = Packed::program(b"\x7fELF", Compression::Deflate).unwrap();
-        zip(&[
-            (MODEL_DESCRIPTION, &text),
-            ("binaries/linux64/A.so", &program),
-        ])
-        .unwrap()
+        zip(&[(MODEL_DESCRIPTION, &text), ("binaries/linux64/A.so", &program)]).unwrap()
     }
 
     #[test]

@@ -56,16 +56,9 @@ enum Part {
 /// # Errors
 /// An FMU cannot be read or does not match the others, or `out` cannot be written.
 pub fn merge(files: &[PathBuf], out: &Path) -> Result<Merged> {
-    ensure!(
-        files.len() > 1,
-        "got {} FMU, expected two or more",
-        files.len()
-    );
+    ensure!(files.len() > 1, "got {} FMU, expected two or more", files.len());
     let mut notes = Vec::new();
-    let mut fmus = files
-        .iter()
-        .map(|path| Fmu::open(path))
-        .collect::<Result<Vec<_>>>()?;
+    let mut fmus = files.iter().map(|path| Fmu::open(path)).collect::<Result<Vec<_>>>()?;
     for other in &fmus[1..] {
         check_same_model(&fmus[0], other, &mut notes)?;
     }
@@ -98,11 +91,7 @@ impl Fmu {
             Ok((archive, description))
         };
         let (archive, description) = read().map_err(|error| about(path, &error))?;
-        Ok(Self {
-            path: path.to_owned(),
-            archive,
-            description,
-        })
+        Ok(Self { path: path.to_owned(), archive, description })
     }
 
     fn content(&mut self, file: usize) -> Result<Vec<u8>> {
@@ -194,9 +183,8 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
     let (left, right) = (root(&first.description)?, root(&other.description)?);
     let mut differences = Vec::new();
     compare("", &left, &right, &mut differences);
-    let (harmless, conflicts): (Vec<_>, Vec<_>) = differences
-        .into_iter()
-        .partition(|(path, _)| EXPORT_ATTRIBUTES.contains(&path.as_str()));
+    let (harmless, conflicts): (Vec<_>, Vec<_>) =
+        differences.into_iter().partition(|(path, _)| EXPORT_ATTRIBUTES.contains(&path.as_str()));
     let shown = |(path, values): &Difference| {
         let [left, right] = values.each_ref().map(|value| match value {
             Some(value) => plain(value, MAX_LENGTH),
@@ -221,11 +209,7 @@ fn check_same_model(first: &Fmu, other: &Fmu, notes: &mut Vec<String>) -> Result
             lines.join("\n  ")
         );
     }
-    notes.extend(
-        harmless
-            .iter()
-            .map(|difference| note(&shown(difference), first)),
-    );
+    notes.extend(harmless.iter().map(|difference| note(&shown(difference), first)));
     Ok(())
 }
 
@@ -278,11 +262,7 @@ fn compare(path: &str, left: &Element<'_>, right: &Element<'_>, found: &mut Vec<
 
 /// The path of a child or attribute.
 fn below(path: &str, name: &str) -> String {
-    if path.is_empty() {
-        name.to_owned()
-    } else {
-        format!("{path}/{name}")
-    }
+    if path.is_empty() { name.to_owned() } else { format!("{path}/{name}") }
 }
 
 fn children<'a, 'b>(element: &'a Element<'b>) -> impl Iterator<Item = &'a Element<'b>> {
@@ -311,10 +291,7 @@ mod tests {
         let files = [&[(MODEL_DESCRIPTION, xml)], files].concat();
         let packed = files.iter().map(|(_, text)| Packed::text(text.as_bytes()));
         let packed = packed.collect::<Result<Vec<_>>>().unwrap();
-        let entries = files
-            .iter()
-            .zip(&packed)
-            .map(|((name, _), file)| (*name, file));
+        let entries = files.iter().zip(&packed).map(|((name, _), file)| (*name, file));
         archive::zip(&Vec::from_iter(entries)).unwrap()
     }
 
@@ -347,25 +324,12 @@ mod tests {
     #[test]
     fn files_are_merged_in_the_order_of_an_export() {
         let shared = ("documentation/index.html", "page");
-        let (linux, windows) = (
-            ("binaries/linux64/A.so", "l"),
-            ("binaries/win64/A.dll", "w"),
-        );
+        let (linux, windows) = (("binaries/linux64/A.so", "l"), ("binaries/win64/A.dll", "w"));
         let (icon, resource) = (("model.png", "i"), ("resources/r", "r"));
-        let (a, b) = (
-            fmu(XML, &[windows, shared, icon]),
-            fmu(XML, &[linux, resource, shared]),
-        );
+        let (a, b) = (fmu(XML, &[windows, shared, icon]), fmu(XML, &[linux, resource, shared]));
         let (found, out) = merged(&[&a, &b]).unwrap();
         assert_eq!(found.platforms, ["linux64", "win64"]);
-        let expected = [
-            (MODEL_DESCRIPTION, XML),
-            linux,
-            windows,
-            shared,
-            icon,
-            resource,
-        ];
+        let expected = [(MODEL_DESCRIPTION, XML), linux, windows, shared, icon, resource];
         let expected = expected.map(|(name, text)| (name.to_owned(), text.to_owned()));
         assert_eq!(texts(&out), expected);
         for order in [&[&b, &a][..], &[&out, &a, &b, &a]] {
@@ -405,16 +369,8 @@ mod tests {
                 fmu(XML, &[("extra/e", "1"), (terminals, "2")]),
                 "terminalsAndIcons.xml\" differs in a and b, expected the same bytes",
             ),
-            (
-                xml(XML),
-                xml("<html/>"),
-                "b: modelDescription.xml has the root \"html\"",
-            ),
-            (
-                xml("<a>"),
-                xml(XML),
-                "a: modelDescription.xml cannot be read",
-            ),
+            (xml(XML), xml("<html/>"), "b: modelDescription.xml has the root \"html\""),
+            (xml("<a>"), xml(XML), "a: modelDescription.xml cannot be read"),
         ] {
             let found = merged(&[&one, &other]).unwrap_err();
             assert!(found.contains(reason), "{found}");
@@ -443,9 +399,7 @@ mod tests {
         compare("", &left, &right, &mut found);
         let shown = |value: Option<String>| value.unwrap_or_else(|| "nothing".into());
         let line = |(path, values): Difference| [vec![path], values.map(shown).to_vec()].concat();
-        let lines = found
-            .into_iter()
-            .map(|difference| line(difference).join(" | "));
+        let lines = found.into_iter().map(|difference| line(difference).join(" | "));
         lines.collect::<Vec<_>>().join("\n")
     }
 

@@ -52,10 +52,7 @@ impl Platform {
         let found = platforms(version).find(|platform| platform.folder == folder);
         found.with_context(|| {
             let known: Vec<_> = platforms(version).map(|platform| platform.folder).collect();
-            format!(
-                "platform {folder:?} is unknown; there are {}",
-                known.join(", ")
-            )
+            format!("platform {folder:?} is unknown; there are {}", known.join(", "))
         })
     }
 
@@ -157,9 +154,7 @@ pub fn is_for_this_processor(binary: &[u8]) -> bool {
         "aarch64" => 183,
         _ => return true,
     };
-    let field = binary
-        .get(MACHINE)
-        .filter(|_| binary.starts_with(b"\x7fELF"));
+    let field = binary.get(MACHINE).filter(|_| binary.starts_with(b"\x7fELF"));
     field.is_none_or(|field| field == machine.to_le_bytes())
 }
 
@@ -192,10 +187,7 @@ impl FromStr for Prebuilt {
             true => FmiVersion::Fmi3,
             false => FmiVersion::Fmi2,
         };
-        Ok(Self {
-            platform: Platform::named(platform, version)?,
-            file: file.into(),
-        })
+        Ok(Self { platform: Platform::named(platform, version)?, file: file.into() })
     }
 }
 
@@ -212,16 +204,8 @@ mod tests {
             ("x86_64-pc-windows-msvc", "win64", "x86_64-windows"),
             ("i686-pc-windows-gnu", "win32", "x86-windows"),
             ("x86_64-apple-darwin", "darwin64", "x86_64-darwin"),
-            (
-                "aarch64-unknown-linux-gnu",
-                "linux64 aarch64-linux",
-                "aarch64-linux",
-            ),
-            (
-                UNIVERSAL,
-                "darwin64 aarch64-darwin",
-                "x86_64-darwin aarch64-darwin",
-            ),
+            ("aarch64-unknown-linux-gnu", "linux64 aarch64-linux", "aarch64-linux"),
+            (UNIVERSAL, "darwin64 aarch64-darwin", "x86_64-darwin aarch64-darwin"),
         ] {
             for (version, expected) in FmiVersion::ALL.into_iter().zip([in_fmi_2, in_fmi_3]) {
                 let folders = Platform::of_target(triple, version).unwrap();

@@ -146,8 +146,7 @@ impl Write for Replacement {
 /// The file cannot be written.
 pub fn write(path: &Path, content: &[u8]) -> Result<()> {
     let mut new = Replacement::of(path)?;
-    new.write_all(content)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    new.write_all(content).with_context(|| format!("cannot write {}", path.display()))?;
     new.finish()
 }
 
@@ -240,10 +239,7 @@ mod tests {
         new.write_all(b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
         let hidden = names(folder.path()).remove(0);
-        assert!(
-            hidden.starts_with(".pid.csv.") && hidden.ends_with(".tmp"),
-            "{hidden}"
-        );
+        assert!(hidden.starts_with(".pid.csv.") && hidden.ends_with(".tmp"), "{hidden}");
         new.finish().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         drop(Replacement::of(&path).unwrap());

@@ -16,11 +16,7 @@ pub fn locale() -> Option<String> {
         return None;
     }
     // SAFETY: not NULL by the check.
-    Some(
-        unsafe { CStr::from_ptr(name) }
-            .to_string_lossy()
-            .into_owned(),
-    )
+    Some(unsafe { CStr::from_ptr(name) }.to_string_lossy().into_owned())
 }
 
 /// Bytes of memory that `malloc` has handed out and that were not freed; `None` where the C library
@@ -44,9 +40,7 @@ pub fn heap() -> Option<usize> {
     let this = libloading::os::unix::Library::this();
     // SAFETY: the type is the one in glibc, which has the function since 2.33.
     let info = unsafe {
-        let mallinfo2 = this
-            .get::<unsafe extern "C" fn() -> Info>("mallinfo2")
-            .ok()?;
+        let mallinfo2 = this.get::<unsafe extern "C" fn() -> Info>("mallinfo2").ok()?;
         mallinfo2()
     };
     Some(info.uordblks + info.hblkhd)

@@ -137,9 +137,7 @@ impl Library {
         };
         if arguments.treatment == Treatment::ShortLivedStrings {
             let bytes = strings.iter_mut().flatten();
-            bytes
-                .filter(|byte| **byte != 0)
-                .for_each(|byte| *byte = b'#');
+            bytes.filter(|byte| **byte != 0).for_each(|byte| *byte = b'#');
         }
         instance.strings = strings;
         instance.pointer = pointer;
@@ -605,12 +603,10 @@ impl Instance {
     fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
         let (done, stepped) = self.step(time, step, true)?;
         let cause = match stepped {
-            Stepped {
-                terminate: true, ..
-            } => Cause::Terminated,
-            Stepped {
-                early_return: true, ..
-            } => Cause::ReturnedEarly(stepped.last_successful_time),
+            Stepped { terminate: true, .. } => Cause::Terminated,
+            Stepped { early_return: true, .. } => {
+                Cause::ReturnedEarly(stepped.last_successful_time)
+            }
             _ => return Ok(done),
         };
         Err(Failure::new("fmi3DoStep", cause))

@@ -94,10 +94,7 @@ impl Library {
         trace: impl Fn(&'static str) + Send + Sync + 'static,
     ) -> std::result::Result<Arc<Self>, LoadError> {
         trace("loading it");
-        Ok(Arc::new(Self {
-            trace: Some(Box::new(trace)),
-            ..Self::new(open(file)?, version)
-        }))
+        Ok(Arc::new(Self { trace: Some(Box::new(trace)), ..Self::new(open(file)?, version) }))
     }
 
     fn new(binary: libloading::Library, version: Version) -> Self {
@@ -278,9 +275,7 @@ fn needs_python(reason: &str) -> bool {
 #[cfg(target_os = "linux")]
 fn load_python() -> bool {
     use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LAZY};
-    let names = (8..20)
-        .rev()
-        .map(|minor| format!("libpython3.{minor}.so.1.0"));
+    let names = (8..20).rev().map(|minor| format!("libpython3.{minor}.so.1.0"));
     names.into_iter().any(|name| {
         // SAFETY: it is the interpreter that the FMU would find in a host in Python.
         match unsafe { Library::open(Some(name), RTLD_LAZY | RTLD_GLOBAL) } {

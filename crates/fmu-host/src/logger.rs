@@ -178,13 +178,7 @@ pub(crate) unsafe extern "C" fn intermediate_update(
 ) {
     let [set_requested, get_allowed, step_finished, can_return_early] =
         [set_requested, get_allowed, step_finished, can_return_early].map(|flag| flag != fmi3False);
-    let update = Intermediate {
-        time,
-        set_requested,
-        get_allowed,
-        step_finished,
-        can_return_early,
-    };
+    let update = Intermediate { time, set_requested, get_allowed, step_finished, can_return_early };
     let callback = registered(environment).and_then(|callbacks| callbacks.intermediate);
     let request = callback.and_then(|callback| {
         // C code must not be unwound.
@@ -202,10 +196,7 @@ pub(crate) unsafe extern "C" fn intermediate_update(
 }
 
 // On Windows, the `printf` family is inline in the headers of the C library; this library has it.
-#[cfg_attr(
-    all(windows, target_env = "msvc"),
-    link(name = "legacy_stdio_definitions")
-)]
+#[cfg_attr(all(windows, target_env = "msvc"), link(name = "legacy_stdio_definitions"))]
 unsafe extern "C" {
     /// Each ABI of [`entry`] passes a `va_list` as a pointer, to itself or to
     /// the arguments.
@@ -412,10 +403,7 @@ mod tests {
     fn arguments_in_registers_and_on_the_stack_are_formatted() {
         let (a, b) = (c"text".as_ptr(), c"other".as_ptr());
         let none = logged!(c"100%% plain");
-        assert_eq!(
-            (none.status, none.category.as_deref()),
-            (Status::Warning, Some("c"))
-        );
+        assert_eq!((none.status, none.category.as_deref()), (Status::Warning, Some("c")));
         assert_eq!(none.text, "100% plain");
         assert_eq!(logged!(c"%s=%d", a, -7).text, "text=-7");
         let many = logged!(
@@ -443,10 +431,7 @@ mod tests {
             many.text,
             "1 text 2.5 3 other 4.5 -9223372036854775808 5 0.25 6 7 8 9 10 11 12 text 13"
         );
-        assert_eq!(
-            logged!(c"%*d|%.*f|%c", 5, 42, 2, 1.0 / 3.0, 65).text,
-            "   42|0.33|A"
-        );
+        assert_eq!(logged!(c"%*d|%.*f|%c", 5, 42, 2, 1.0 / 3.0, 65).text, "   42|0.33|A");
     }
 
     #[test]

@@ -130,10 +130,7 @@ impl fmt::Display for Cause {
             }
             Self::Terminated => f.write_str("asked to end the simulation"),
             Self::ReturnedEarly(time) => {
-                write!(
-                    f,
-                    "ended the step early at {time:?} s, which was not allowed"
-                )
+                write!(f, "ended the step early at {time:?} s, which was not allowed")
             }
             Self::OutOfRange(value) => write!(f, "cannot take the value {value}"),
             Self::TooLarge(size) => write!(f, "returned a size of {size} bytes"),

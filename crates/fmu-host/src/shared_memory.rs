@@ -31,11 +31,7 @@ impl SharedMemory {
     /// # Errors
     /// The file exists, or cannot be written or mapped.
     pub fn create(path: &Path, words: usize) -> io::Result<Self> {
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .open(path)?;
+        let mut file = OpenOptions::new().read(true).write(true).create_new(true).open(path)?;
         file.write_all(&vec![0; words * size_of::<AtomicU64>()])?;
         Self::map(&file, words)
     }
@@ -43,10 +39,7 @@ impl SharedMemory {
     /// Ordinary memory of this process.
     pub fn private(words: usize) -> Self {
         let own: Vec<_> = (0..words).map(|_| AtomicU64::new(0)).collect();
-        Self {
-            words: NonNull::from(own.as_slice()),
-            _owner: Arc::new(own),
-        }
+        Self { words: NonNull::from(own.as_slice()), _owner: Arc::new(own) }
     }
 
     /// Maps a file that another process has created.
@@ -64,10 +57,7 @@ impl SharedMemory {
         let map = MmapOptions::new().len(length).map_raw(file)?;
         let first = NonNull::new(map.as_mut_ptr().cast::<AtomicU64>());
         let first = first.ok_or_else(|| io::Error::other("it has no address"))?;
-        Ok(Self {
-            words: NonNull::slice_from_raw_parts(first, words),
-            _owner: Arc::new(map),
-        })
+        Ok(Self { words: NonNull::slice_from_raw_parts(first, words), _owner: Arc::new(map) })
     }
 
     /// The words.

@@ -19,9 +19,7 @@ fn compile() -> (TempDir, std::path::PathBuf) {
     let file = folder.path().join("fmi3.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fmi3.c");
     let compiled = Command::new("cc")
-        .args([
-            "-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o",
-        ])
+        .args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o"])
         .args([&file, &source])
         .status();
     assert!(compiled.unwrap().success());
@@ -64,14 +62,8 @@ fn texts(log: &Log) -> Vec<String> {
 #[test]
 fn the_arguments_of_the_instantiation_reach_the_fmu() {
     let library = library();
-    assert_eq!(
-        library.location(Path::new("/tmp/resources")),
-        "/tmp/resources/"
-    );
-    let of_model = Instantiation {
-        kind: Kind::ModelExchange,
-        ..arguments()
-    };
+    assert_eq!(library.location(Path::new("/tmp/resources")), "/tmp/resources/");
+    let of_model = Instantiation { kind: Kind::ModelExchange, ..arguments() };
     let used = Instantiation {
         event_mode_used: true,
         early_return_allowed: true,
@@ -93,10 +85,7 @@ fn the_arguments_of_the_instantiation_reach_the_fmu() {
 
 #[test]
 fn a_wrong_token_gives_no_instance_and_a_message() {
-    let wrong = Instantiation {
-        guid: "{other}",
-        ..arguments()
-    };
+    let wrong = Instantiation { guid: "{other}", ..arguments() };
     let (instance, log) = instantiate(&library(), &wrong);
     assert!(instance.is_none());
     let expected = Logged {
@@ -136,12 +125,7 @@ fn the_trace_receives_each_function_before_it_is_called() {
     instance.do_step(0.0, -1.0).unwrap_err();
     instance.reset().unwrap_err(); // it is missing
     drop(instance);
-    let called = [
-        "loading it",
-        "fmi3InstantiateCoSimulation",
-        "fmi3DoStep",
-        "fmi3FreeInstance",
-    ];
+    let called = ["loading it", "fmi3InstantiateCoSimulation", "fmi3DoStep", "fmi3FreeInstance"];
     assert_eq!(*calls.lock().unwrap(), called);
 }
 
@@ -165,9 +149,7 @@ fn steps_do_not_allocate_and_run_on_any_thread() {
 #[test]
 fn the_experiment_is_passed_when_the_initialization_starts() {
     let (mut instance, log) = instance();
-    instance
-        .setup_experiment(1.5, Some(20.0), Some(1e-3))
-        .unwrap();
+    instance.setup_experiment(1.5, Some(20.0), Some(1e-3)).unwrap();
     instance.enter_initialization_mode().unwrap();
     instance.exit_initialization_mode().unwrap();
     instance.setup_experiment(2.0, None, None).unwrap();
@@ -205,10 +187,7 @@ fn values_of_every_type_come_back_and_arrays_as_a_whole() {
         get_boolean set_boolean 0: [1, 0, 1];
     }
     instance.set_binary(&[0], &[b"\x00\xff"]).unwrap();
-    assert_eq!(
-        instance.get_binary(&[0], 1).unwrap(),
-        [b"\x00\xff".to_vec()]
-    );
+    assert_eq!(instance.get_binary(&[0], 1).unwrap(), [b"\x00\xff".to_vec()]);
     instance.set_binary(&[0], &[b""]).unwrap();
     assert_eq!(instance.get_binary(&[0], 1).unwrap(), [b"".to_vec()]);
     instance.set_binary(&[0], &[&[1; 8]]).unwrap();
@@ -225,9 +204,7 @@ fn texts_are_copied_and_null_is_not_one() {
     let (mut instance, _log) = instance();
     let null = instance.get_string(&[0], 1).unwrap_err().to_string();
     assert_eq!(null, "fmi3GetString returned NULL for a string");
-    instance
-        .set_string(&[0], &[c"ab".into(), c"cd".into()])
-        .unwrap();
+    instance.set_string(&[0], &[c"ab".into(), c"cd".into()]).unwrap();
     assert_eq!(instance.get_string(&[0], 1).unwrap(), ["abcd"]);
     let elements = instance.get_string_late(&[0], 2, || ()).unwrap();
     assert_eq!(elements, [Some("abcd".into()), Some("bcd".into())]);
@@ -243,10 +220,7 @@ fn steps_that_do_not_reach_their_end_have_failed() {
     assert!(stepped.terminate && stepped.event_handling_needed && !stepped.early_return);
     assert_eq!(stepped.last_successful_time, 10.5);
     let refused = instance.do_step(0.0, -1.0).unwrap_err();
-    assert_eq!(
-        refused.to_string(),
-        "fmi3DoStep returned fmi3Error, expected fmi3OK"
-    );
+    assert_eq!(refused.to_string(), "fmi3DoStep returned fmi3Error, expected fmi3OK");
     let discarded = instance.do_step(0.0, 0.0).unwrap_err();
     assert_eq!(discarded.outcome(), "returned fmi3Discard");
     // The message is not a format.
@@ -267,10 +241,7 @@ fn the_host_may_end_a_step_in_an_intermediate_update() {
     };
     let mut instance = instantiate(&library(), &arguments).0.unwrap();
     let (_, stepped) = instance.step(0.0, 1.0, true).unwrap();
-    assert_eq!(
-        (stepped.early_return, stepped.last_successful_time),
-        (false, 1.0)
-    );
+    assert_eq!((stepped.early_return, stepped.last_successful_time), (false, 1.0));
     let early = instance.do_step(1.0, 1.0).unwrap_err();
     assert_eq!(early.cause, Cause::ReturnedEarly(1.25));
     let update = |time| Intermediate {
@@ -298,15 +269,9 @@ fn a_warning_is_a_success_and_5_is_not_a_status() {
 #[test]
 fn functions_of_the_other_version_and_missing_ones_fail_without_a_call() {
     let (mut instance, _log) = instance();
-    let other = Failure {
-        function: "fmi2CancelStep",
-        cause: Cause::OtherVersion,
-    };
+    let other = Failure { function: "fmi2CancelStep", cause: Cause::OtherVersion };
     assert_eq!(instance.cancel_step(), Err(other));
-    let missing = Failure {
-        function: "fmi3Reset",
-        cause: Cause::Missing,
-    };
+    let missing = Failure { function: "fmi3Reset", cause: Cause::Missing };
     assert_eq!(instance.reset(), Err(missing));
     let library = library();
     assert_eq!(library.texts().unwrap(), [("fmi3GetVersion", "3.0".into())]);
@@ -323,24 +288,13 @@ fn states_are_saved_restored_and_serialized_within_their_size() {
     let bytes = instance.serialize_fmu_state(&state, 8).unwrap();
     assert_eq!(bytes, 3.0_f64.to_ne_bytes());
     let large = instance.serialize_fmu_state(&state, 7).unwrap_err();
-    assert_eq!(
-        (large.function, large.cause),
-        ("fmi3SerializedFMUStateSize", Cause::TooLarge(8))
-    );
+    assert_eq!((large.function, large.cause), ("fmi3SerializedFMUStateSize", Cause::TooLarge(8)));
     instance.set_time(7.0).unwrap();
-    assert!(matches!(
-        instance.serialize_fmu_state(&state, 8).unwrap_err().cause,
-        Cause::Broke(_)
-    ));
-    let other = instance
-        .deserialize_fmu_state(&5.0_f64.to_ne_bytes())
-        .unwrap();
+    assert!(matches!(instance.serialize_fmu_state(&state, 8).unwrap_err().cause, Cause::Broke(_)));
+    let other = instance.deserialize_fmu_state(&5.0_f64.to_ne_bytes()).unwrap();
     instance.set_fmu_state(&other).unwrap();
     let mut saved = instance.get_fmu_state().unwrap();
-    assert_eq!(
-        instance.serialize_fmu_state(&saved, 8).unwrap(),
-        5.0_f64.to_ne_bytes()
-    );
+    assert_eq!(instance.serialize_fmu_state(&saved, 8).unwrap(), 5.0_f64.to_ne_bytes());
     instance.set_fmu_state(&state).unwrap();
     instance.save_to(&mut saved).unwrap();
     assert_eq!(instance.serialize_fmu_state(&saved, 8).unwrap(), bytes);
@@ -355,13 +309,9 @@ fn derivatives_are_those_of_all_elements() {
     let (mut instance, _log) = instance();
     // 1 unknown, 2 knowns, and the sum of the seed.
     let seed = [0.25, 1.5, 2.0];
-    let values = instance.read(3, |i, v| {
-        i.get_directional_derivative(&[0], &[1, 2], &seed, v)
-    });
+    let values = instance.read(3, |i, v| i.get_directional_derivative(&[0], &[1, 2], &seed, v));
     assert_eq!(values.unwrap(), [213.75; 3]);
-    let values = instance.read(4, |i, v| {
-        i.get_adjoint_derivative(&[0], &[1, 2, 3], &[0.5], v)
-    });
+    let values = instance.read(4, |i, v| i.get_adjoint_derivative(&[0], &[1, 2, 3], &[0.5], v));
     assert_eq!(values.unwrap(), [310.5; 4]);
     let values = instance.read(2, |i, v| i.get_output_derivatives(&[4, 6], &[1, 2], v));
     assert_eq!(values.unwrap(), [4.5, 7.0]);
@@ -369,10 +319,7 @@ fn derivatives_are_those_of_all_elements() {
 
 #[test]
 fn results_that_the_fmu_has_not_written_are_known() {
-    let of_model = Instantiation {
-        kind: Kind::ModelExchange,
-        ..arguments()
-    };
+    let of_model = Instantiation { kind: Kind::ModelExchange, ..arguments() };
     let mut model = instantiate(&library(), &of_model).0.unwrap();
     let mut n = 0;
     model.get_number_of_continuous_states(&mut n).unwrap();

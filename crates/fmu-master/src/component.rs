@@ -42,9 +42,7 @@ impl<'a> Component<'a> {
         messages: &Messages,
     ) -> Result<Self> {
         let Planned { name, fmu, .. } = planned;
-        let mut inputs = ports
-            .iter()
-            .map(|ports| initial(&ports.inputs, fmu, starts));
+        let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
         Ok(Self {
             name,
@@ -245,8 +243,7 @@ impl<'a> Component<'a> {
             }
             let values = initial(&wired, &fmu, starts);
             let kind = fmu.access(scalar);
-            self.calls
-                .begin(Function::of(fmu.version, &operation("set", kind)));
+            self.calls.begin(Function::of(fmu.version, &operation("set", kind)));
             let outcome = (self.instance).set_values(kind, &wired.references, &values);
             self.explain_writing(outcome, &wired, &values)?;
         }
@@ -257,8 +254,7 @@ impl<'a> Component<'a> {
 impl Drop for Component<'_> {
     /// Records that the FMU is about to be called; the field `instance` frees it.
     fn drop(&mut self) {
-        self.calls
-            .begin(Function::of(self.fmu.version, "free_instance"));
+        self.calls.begin(Function::of(self.fmu.version, "free_instance"));
     }
 }
 

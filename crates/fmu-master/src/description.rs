@@ -119,12 +119,7 @@ pub struct Scale {
 )]
 enum Notation {
     Arrow(String),
-    Table {
-        from: String,
-        to: String,
-        factor: Option<f64>,
-        offset: Option<f64>,
-    },
+    Table { from: String, to: String, factor: Option<f64>, offset: Option<f64> },
 }
 
 impl TryFrom<Notation> for Connection {
@@ -138,12 +133,7 @@ impl TryFrom<Notation> for Connection {
                 })?;
                 (from.trim().to_owned(), to.trim().to_owned(), None, None)
             }
-            Notation::Table {
-                from,
-                to,
-                factor,
-                offset,
-            } => (from, to, factor, offset),
+            Notation::Table { from, to, factor, offset } => (from, to, factor, offset),
         };
         let is_scaled = factor.is_some() || offset.is_some();
         let (factor, offset) = (factor.unwrap_or(1.0), offset.unwrap_or(0.0));
@@ -158,10 +148,7 @@ impl TryFrom<Notation> for Connection {
 
 /// A value as the user writes it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "expected a number, true, false or a quoted string"
-)]
+#[serde(untagged, expecting = "expected a number, true, false or a quoted string")]
 pub enum Written {
     /// `true` or `false`.
     Boolean(bool),
@@ -259,11 +246,7 @@ impl Description {
             allow_algebraic_loops: true,
             tolerance: None,
             components: vec![Component {
-                name: file
-                    .file_stem()
-                    .unwrap_or_default()
-                    .to_string_lossy()
-                    .replace('.', "_"),
+                name: file.file_stem().unwrap_or_default().to_string_lossy().replace('.', "_"),
                 fmu: file.to_owned(),
                 sampled: Some(false),
                 tolerance: None,
@@ -278,11 +261,7 @@ impl Description {
 
     /// The times of the simulation.
     pub fn experiment(&self) -> Experiment {
-        Experiment {
-            start: self.start,
-            stop: self.stop,
-            step: self.step,
-        }
+        Experiment { start: self.start, stop: self.stop, step: self.step }
     }
 
     /// Replaces the start value of `component.variable`, if there is such a component.
@@ -317,19 +296,10 @@ impl Experiment {
     pub fn steps(&self) -> Result<u64> {
         let Self { start, stop, step } = *self;
         for (key, time) in [("start", start), ("stop", stop)] {
-            ensure!(
-                time.is_finite(),
-                "{key} = {time:?}, expected a finite time in s"
-            );
+            ensure!(time.is_finite(), "{key} = {time:?}, expected a finite time in s");
         }
-        ensure!(
-            stop >= start,
-            "stop = {stop:?}, expected at least start = {start:?}"
-        );
-        ensure!(
-            step.is_finite() && step > 0.0,
-            "step = {step:?}, expected a positive number of s"
-        );
+        ensure!(stop >= start, "stop = {stop:?}, expected at least start = {start:?}");
+        ensure!(step.is_finite() && step > 0.0, "step = {step:?}, expected a positive number of s");
         let steps = (stop - start) / step;
         ensure!(
             steps <= MAX_STEPS,
@@ -377,14 +347,11 @@ fn in_table(table: &DeTable<'_>, word: &str) -> Option<usize> {
 
 fn in_value(value: &DeValue<'_>, start: usize, word: &str) -> Option<usize> {
     match value {
-        DeValue::String(text) => text
-            .split_whitespace()
-            .any(|part| part == word)
-            .then_some(start),
+        DeValue::String(text) => text.split_whitespace().any(|part| part == word).then_some(start),
         DeValue::Table(table) => in_table(table, word),
-        DeValue::Array(values) => values
-            .iter()
-            .find_map(|value| in_value(value.get_ref(), value.span().start, word)),
+        DeValue::Array(values) => {
+            values.iter().find_map(|value| in_value(value.get_ref(), value.span().start, word))
+        }
         _ => None,
     }
 }

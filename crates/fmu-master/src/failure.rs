@@ -37,9 +37,7 @@ impl Failure {
         let message = match now.message.as_str() {
             "" => None,
             text if now.is_message_of_call => Some(text.to_owned()),
-            text => Some(format!(
-                "the last log message, of an earlier call, is {text:?}"
-            )),
+            text => Some(format!("the last log message, of an earlier call, is {text:?}")),
         };
         Some(Self {
             component,

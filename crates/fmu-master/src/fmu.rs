@@ -124,11 +124,7 @@ impl Fmu {
 
     /// Its file name.
     pub fn file_name(&self) -> String {
-        self.path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
     /// The variable of a scalar.
@@ -226,8 +222,7 @@ impl Fmu {
     ) -> Result<Instance> {
         let path = self.path.display();
         let what = || format!("component {name}: {path} cannot be instantiated");
-        self.try_instantiate(component, name, messages)
-            .with_context(what)
+        self.try_instantiate(component, name, messages).with_context(what)
     }
 
     fn try_instantiate(&self, index: usize, name: &str, messages: &Messages) -> Result<Instance> {
@@ -306,10 +301,7 @@ fn co_simulation<'a>(model: &ModelDescription<'a>) -> Result<&'a Element<'a>> {
     let is_input_clock =
         |v: &&Listed<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
     if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
-        bail!(
-            "its clock {} must be ticked by the master, which is not supported",
-            clock.name
-        );
+        bail!("its clock {} must be ticked by the master, which is not supported", clock.name);
     }
     Ok(interface)
 }

@@ -49,16 +49,10 @@ impl Input {
         });
         let mut names = titles.clone();
         let first = names.next().unwrap_or_default();
-        ensure!(
-            first == "time",
-            "the first column is {first:?}, expected time"
-        );
+        ensure!(first == "time", "the first column is {first:?}, expected time");
 
         let mut taken: HashSet<Port> = links.iter().map(|link| link.to).collect();
-        let mut inputs = Self {
-            times: Vec::new(),
-            columns: Vec::new(),
-        };
+        let mut inputs = Self { times: Vec::new(), columns: Vec::new() };
         let mut columns = vec![Column::new("time", "s", Type::Float64)];
         for name in names {
             let port = port(components, name)?;
@@ -68,15 +62,8 @@ impl Input {
                 bail!("{name} cannot be set: {reason}");
             }
             let is_input = variable.causality == Causality::Input;
-            ensure!(
-                is_input,
-                "{name} is {}, expected an input",
-                plan::text(variable.causality)
-            );
-            ensure!(
-                taken.insert(port),
-                "{name} is connected, or has two columns"
-            );
+            ensure!(is_input, "{name} is {}, expected an input", plan::text(variable.causality));
+            ensure!(taken.insert(port), "{name} is connected, or has two columns");
             let is_continuous = variable.variability == Variability::Continuous;
             let kind = variable.of_type;
             columns.push(Column::new(name, "", kind));
@@ -108,10 +95,7 @@ impl Input {
                 column.values.push(value);
             }
         }
-        ensure!(
-            !inputs.times.is_empty(),
-            "it has no rows, expected at least one"
-        );
+        ensure!(!inputs.times.is_empty(), "it has no rows, expected at least one");
         Ok(inputs)
     }
 
@@ -161,10 +145,7 @@ mod tests {
 
     #[test]
     fn rows_hold_jump_and_end() {
-        let input = |times: &[f64]| Input {
-            times: times.to_vec(),
-            columns: Vec::new(),
-        };
+        let input = |times: &[f64]| Input { times: times.to_vec(), columns: Vec::new() };
         let jump = input(&[0.0, 0.1 + 0.2, 0.1 + 0.2, 0.5]);
         assert_eq!(jump.rows(-1.0), (0, None));
         assert_eq!(jump.rows(0.1), (0, Some(1)));

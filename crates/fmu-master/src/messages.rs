@@ -73,13 +73,9 @@ impl Messages {
         let same = |m: &Message| m.text == text && m.instance == instance;
         let mut message = match messages.iter().position(same) {
             Some(index) => messages.remove(index),
-            None => Message {
-                instance: instance.to_owned(),
-                warning: false,
-                text,
-                times: 0,
-                call: 0,
-            },
+            None => {
+                Message { instance: instance.to_owned(), warning: false, text, times: 0, call: 0 }
+            }
         };
         message.warning |= warning;
         message.times += 1;
@@ -101,11 +97,7 @@ impl Messages {
         }
         if !explained {
             let version = function.get(..4).unwrap_or_default();
-            self.keep(
-                instance,
-                true,
-                format!("{function} returned {version}Warning"),
-            );
+            self.keep(instance, true, format!("{function} returned {version}Warning"));
         }
     }
 

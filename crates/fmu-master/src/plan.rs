@@ -45,10 +45,7 @@ impl Plan {
     pub fn new(description: &Description) -> Result<Self> {
         description.experiment().steps()?;
         tolerance("tolerance", description.tolerance)?;
-        ensure!(
-            !description.components.is_empty(),
-            "the system has no component"
-        );
+        ensure!(!description.components.is_empty(), "the system has no component");
         let mut fmus = Fmus::new();
         let mut components: Vec<Planned> = Vec::new();
         for component in &description.components {
@@ -99,11 +96,7 @@ impl Plan {
         };
         let column = |port: &Port| {
             let Variable { of_type, unit, .. } = port.of(&components);
-            Column::new(
-                port.name(&components),
-                unit.as_deref().unwrap_or_default(),
-                *of_type,
-            )
+            Column::new(port.name(&components), unit.as_deref().unwrap_or_default(), *of_type)
         };
         Ok(Self {
             order: description.order,
@@ -119,10 +112,7 @@ impl Plan {
 
     /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).
     pub fn names(&self) -> Vec<(String, String)> {
-        let names = self
-            .components
-            .iter()
-            .map(|c| (c.name.clone(), c.fmu.file_name()));
+        let names = self.components.iter().map(|c| (c.name.clone(), c.fmu.file_name()));
         names.collect()
     }
 
@@ -167,13 +157,9 @@ impl Plan {
         others: &'a [Start],
     ) -> BTreeMap<usize, &'a Value> {
         let own = self.components[component].starts.iter();
-        let others = others
-            .iter()
-            .filter(|start| start.port.component == component);
+        let others = others.iter().filter(|start| start.port.component == component);
         let others = others.map(|start| (start.port.scalar, &start.value));
-        own.map(|(index, value)| (*index, value))
-            .chain(others)
-            .collect()
+        own.map(|(index, value)| (*index, value)).chain(others).collect()
     }
 
     /// The end of the last step: the stop time, or one step later if there are sampled components,
@@ -324,10 +310,7 @@ fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
 
 /// Whether all outputs are discrete, as in a sampled controller.
 fn is_sampled(fmu: &Fmu) -> bool {
-    let outputs = fmu
-        .variables
-        .iter()
-        .filter(|v| v.causality == Causality::Output);
+    let outputs = fmu.variables.iter().filter(|v| v.causality == Causality::Output);
     let mut outputs = outputs.peekable();
     outputs.peek().is_some() && outputs.all(|v| v.variability == Variability::Discrete)
 }
@@ -353,10 +336,7 @@ pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
         && single.prefix.is_empty()
     {
         let scalar = single.fmu.find(name)?;
-        return Ok(Port {
-            component: 0,
-            scalar,
-        });
+        return Ok(Port { component: 0, scalar });
     }
     let (component, variable) = name
         .split_once('.')
@@ -371,10 +351,7 @@ pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
         format!("{name}: there is no component {component:?}; {known}")
     })?;
     let scalar = components[index].fmu.find(variable);
-    Ok(Port {
-        component: index,
-        scalar: scalar.with_context(|| name.to_owned())?,
-    })
+    Ok(Port { component: index, scalar: scalar.with_context(|| name.to_owned())? })
 }
 
 /// Checks a tolerance, which `key` names.

@@ -33,10 +33,7 @@ pub struct Row {
 
 impl Row {
     fn new(columns: &[Column]) -> Self {
-        Self {
-            time: f64::NAN,
-            store: Store::new(counts(columns)),
-        }
+        Self { time: f64::NAN, store: Store::new(counts(columns)) }
     }
 
     /// Whether it has the values of these columns.
@@ -194,10 +191,7 @@ impl Simulation<'_> {
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
         self.steps(observe).map_err(|failure| *failure)?;
-        Ok(Finished {
-            messages: self.messages.take(),
-            last: std::mem::take(&mut self.row),
-        })
+        Ok(Finished { messages: self.messages.take(), last: std::mem::take(&mut self.row) })
     }
 
     fn steps(&mut self, mut observe: impl FnMut(&Row) -> bool) -> Called {

@@ -108,11 +108,7 @@ impl<'a> Gathering<'a> {
     pub(crate) fn add(&mut self, row: &Row) {
         row.numbers(&mut self.now);
         let mut is_finite = true;
-        let all = self
-            .min
-            .iter_mut()
-            .zip(&mut self.max)
-            .zip(&mut self.squares);
+        let all = self.min.iter_mut().zip(&mut self.max).zip(&mut self.squares);
         for (&x, ((min, max), squares)) in self.now.iter().zip(all) {
             *min = if x < *min { x } else { *min };
             *max = if x > *max { x } else { *max };
@@ -204,10 +200,8 @@ impl<'a> Gathering<'a> {
             if turns.windows >= MOST_WINDOWS && turns.range > VISIBLE * (max - min) {
                 let range = with_unit(turns.range, column);
                 let rows = (self.window * WINDOWS) as f64 / turns.all as f64;
-                oscillating.push(format!(
-                    "{} by {range}, with a turn every {rows:.1} steps",
-                    column.name
-                ));
+                oscillating
+                    .push(format!("{} by {range}, with a turn every {rows:.1} steps", column.name));
             }
             if self.leaves(index) {
                 leaving.push(format!(
@@ -228,9 +222,8 @@ impl<'a> Gathering<'a> {
             (leaving, "moving away ever faster", ""),
         ];
         let alarms = alarms.into_iter().filter(|(found, ..)| !found.is_empty());
-        let alarms = alarms
-            .map(|(found, what, note)| format!("{what}: {}{note}", listed(&found)))
-            .collect();
+        let alarms =
+            alarms.map(|(found, what, note)| format!("{what}: {}{note}", listed(&found))).collect();
         Summarized { statistics, alarms }
     }
 
@@ -243,18 +236,13 @@ impl<'a> Gathering<'a> {
         let moves: [f64; PARTS] =
             from_fn(|part| self.parts[part + 1][index] - self.parts[part][index]);
         let far = moves[PARTS - 1].abs() > VISIBLE * self.now[index].abs();
-        far && moves
-            .windows(2)
-            .all(|pair| pair[0] != 0.0 && pair[1] / pair[0] > 1.0)
+        far && moves.windows(2).all(|pair| pair[0] != 0.0 && pair[1] / pair[0] > 1.0)
     }
 }
 
 /// Whether values of a type have a size.
 fn is_number(kind: Type) -> bool {
-    !matches!(
-        kind,
-        Type::Boolean | Type::Enumeration | Type::String | Type::Binary | Type::Clock
-    )
+    !matches!(kind, Type::Boolean | Type::Enumeration | Type::String | Type::Binary | Type::Clock)
 }
 
 /// A number in few digits, with its unit.

@@ -38,12 +38,7 @@ pub type Cell = Option<Value>;
 impl Column {
     /// A column without missing values.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, kind: Type) -> Self {
-        Self {
-            name: name.into(),
-            unit: unit.into(),
-            kind,
-            optional: false,
-        }
+        Self { name: name.into(), unit: unit.into(), kind, optional: false }
     }
 
     /// The same column, in which values may be missing.
@@ -87,9 +82,7 @@ pub(crate) fn expected(kind: Type) -> &'static str {
 
 /// The header of a CSV file, with its line feed.
 pub fn header(columns: &[Column]) -> String {
-    let titles = columns
-        .iter()
-        .map(|column| Some(Value::String(column.title())));
+    let titles = columns.iter().map(|column| Some(Value::String(column.title())));
     let mut line = String::new();
     push_line(&mut line, titles);
     line
@@ -125,12 +118,7 @@ pub fn parse<'a>(columns: &[Column], text: &'a str) -> Result<(Vec<Cell>, &'a st
     let line = || text.lines().next().unwrap_or_default();
     let (fields, rest) =
         fields(text).with_context(|| format!("{:?}, expected fields of CSV", line()))?;
-    ensure!(
-        fields.len() == columns.len(),
-        "{:?}, expected {} fields",
-        line(),
-        columns.len()
-    );
+    ensure!(fields.len() == columns.len(), "{:?}, expected {} fields", line(), columns.len());
     let cells = columns.iter().zip(&fields);
     let cells = cells.map(|(column, field)| column.parse(field.as_deref()));
     Ok((cells.collect::<Result<_>>()?, rest))

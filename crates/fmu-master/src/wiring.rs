@@ -55,10 +55,7 @@ pub(crate) struct Store {
 impl Store {
     /// This many values of each kind.
     pub(crate) fn new([reals, others]: [usize; 2]) -> Self {
-        Self {
-            reals: vec![0.0; reals],
-            others: vec![Value::Boolean(false); others],
-        }
+        Self { reals: vec![0.0; reals], others: vec![Value::Boolean(false); others] }
     }
 
     /// A number, or a Boolean as 0 or 1; NaN for other values.
@@ -246,9 +243,7 @@ impl Wiring {
             let ports = Ports::of(&mut wired, components, port);
             let output = Place::next(ports.kind, &mut counts);
             fed.push(output);
-            ports
-                .inputs
-                .push(&components[port.component].fmu, port.scalar);
+            ports.inputs.push(&components[port.component].fmu, port.scalar);
             ports.sources.push(Source {
                 component: None,
                 scalar: port.scalar,
@@ -260,13 +255,7 @@ impl Wiring {
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
         }
-        Self {
-            components: wired,
-            counts,
-            before,
-            after,
-            fed,
-        }
+        Self { components: wired, counts, before, after, fed }
     }
 }
 

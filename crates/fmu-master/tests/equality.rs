@@ -15,14 +15,9 @@ const STEPS: usize = 20_000;
 /// The root of the checkout, with the FMUs of the present sources in `target/fmu`.
 static ROOT: LazyLock<PathBuf> = LazyLock::new(|| {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let selection = Selection {
-        manifest_path: Some(root.join("Cargo.toml")),
-        ..Selection::default()
-    };
-    let options = Options {
-        selection,
-        ..Options::default()
-    };
+    let selection =
+        Selection { manifest_path: Some(root.join("Cargo.toml")), ..Selection::default() };
+    let options = Options { selection, ..Options::default() };
     fmu_build::export(&options, &|_| ()).unwrap();
     root
 });
@@ -88,9 +83,7 @@ fn every_loop_of_table_1_has_the_bits_of_the_mathematics() {
             let forces = check(&rbf, &mut |r, y, d| supervisor.sample(r, y, d));
             let mut forces = forces.into_iter().map(|[_, u]| f64::from_bits(u));
             let mut c = ipid_rbf(Target::Supervisor, [0.0; 4]);
-            check(&supervised, &mut |r, y, d| {
-                c.sample(r, y, d, forces.next().unwrap())
-            });
+            check(&supervised, &mut |r, y, d| c.sample(r, y, d, forces.next().unwrap()));
         }
     }
 }

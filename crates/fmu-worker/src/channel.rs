@@ -83,11 +83,7 @@ pub(crate) struct Receiver {
 
 impl Receiver {
     pub(crate) fn new(memory: SharedMemory) -> Self {
-        Self {
-            memory,
-            length: None,
-            message: Vec::new(),
-        }
+        Self { memory, length: None, message: Vec::new() }
     }
 
     /// Receives the next message, if all of it has been sent.

@@ -83,10 +83,7 @@ impl Record {
     /// Records the calls of a component.
     pub fn calls(&self, component: usize) -> Calls {
         let component = (component as u64) << FUNCTION_BITS & NOT_NUMBER;
-        Calls {
-            record: self.clone(),
-            word: self.call() & !NOT_NUMBER | component,
-        }
+        Calls { record: self.clone(), word: self.call() & !NOT_NUMBER | component }
     }
 
     /// Records that no call is in progress.
@@ -257,10 +254,7 @@ mod tests {
         worker.calls(0).begin(Some(Function::LOADING));
         worker.log(&"é".repeat(2000));
         let (call, first) = (supervisor.call(), supervisor.now());
-        assert_eq!(
-            (first.message.len(), first.is_message_of_call),
-            (MAX_TEXT, true)
-        );
+        assert_eq!((first.message.len(), first.is_message_of_call), (MAX_TEXT, true));
         worker.at(1.5);
         let step = Function::of(Version::Fmi3, "do_step");
         worker.calls(1_000_000).begin(step);
@@ -273,10 +267,7 @@ mod tests {
             ..first
         };
         assert_eq!(supervisor.now(), second);
-        assert_eq!(
-            step.and_then(Function::row),
-            Some(("fmi3DoStep", "do_step"))
-        );
+        assert_eq!(step.and_then(Function::row), Some(("fmi3DoStep", "do_step")));
         worker.end_call();
         assert!(!supervisor.is_in_call());
         assert_eq!(Function(NonZeroU16::MAX).name(), None, "a damaged record");

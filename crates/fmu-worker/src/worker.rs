@@ -56,10 +56,7 @@ impl fmt::Display for Ended {
             }
             Self::OutOfMemory(bytes) => {
                 let gigabytes = *bytes as f64 / 1e9;
-                return write!(
-                    f,
-                    "used more than {gigabytes:.1} GB of memory and was killed"
-                );
+                return write!(f, "used more than {gigabytes:.1} GB of memory and was killed");
             }
         };
         #[cfg(unix)]
@@ -336,13 +333,9 @@ fn used_memory(process: u32) -> Option<u64> {
 /// The memory in bytes that the processes of this machine, or of this container, may use together. Only
 /// Linux tells it.
 pub fn available_memory() -> Option<u64> {
-    let limits = [
-        "/sys/fs/cgroup/memory.max",
-        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
-    ];
-    let limits = limits
-        .iter()
-        .filter_map(|file| fs::read_to_string(file).ok()?.trim().parse().ok());
+    let limits = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+    let limits =
+        limits.iter().filter_map(|file| fs::read_to_string(file).ok()?.trim().parse().ok());
     let machine = fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let total = machine.lines().find_map(|line| {
         let kilobytes = line.strip_prefix("MemTotal:")?.trim().strip_suffix("kB")?;

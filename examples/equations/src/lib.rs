@@ -11,8 +11,4 @@ mod bouncing_ball;
 mod stair;
 mod van_der_pol;
 
-fmu_export::export!(
-    bouncing_ball::BouncingBall,
-    stair::Stair,
-    van_der_pol::VanDerPol
-);
+fmu_export::export!(bouncing_ball::BouncingBall, stair::Stair, van_der_pol::VanDerPol);

@@ -92,11 +92,7 @@ mod tests {
     }
 
     fn noise(seed: i32) -> Vec<f64> {
-        let sensor = Sensor {
-            seed,
-            noise: 0.1,
-            ..Sensor::new()
-        };
+        let sensor = Sensor { seed, noise: 0.1, ..Sensor::new() };
         let angles = (1..).map(f64::from);
         let noisy = measured(sensor, 10_000).into_iter().zip(angles);
         noisy.map(|(y, theta)| y - theta).collect()
@@ -116,10 +112,7 @@ mod tests {
     #[test]
     fn it_delays_by_whole_samples() {
         for delay in [1, 2, 32] {
-            let sensor = Sensor {
-                delay,
-                ..Sensor::new()
-            };
+            let sensor = Sensor { delay, ..Sensor::new() };
             let expected = (1..=100).map(|k| f64::from((k - delay).max(0)));
             assert_eq!(measured(sensor, 100), expected.collect::<Vec<_>>());
         }

@@ -34,10 +34,7 @@ pub fn decode(bytes: &[u8]) -> Decoded {
             encoding.name()
         ));
     }
-    Decoded {
-        text: text.into_owned(),
-        faults,
-    }
+    Decoded { text: text.into_owned(), faults }
 }
 
 /// The encoding without a byte order mark, and the name that the XML declaration gives it.

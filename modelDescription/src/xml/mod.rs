@@ -62,9 +62,7 @@ impl<'a> Element<'a> {
 
     /// The children named `item` of its first child named `list`.
     pub fn list(&self, list: &str, item: &str) -> impl Iterator<Item = &Element<'a>> {
-        self.child(list)
-            .into_iter()
-            .flat_map(move |list| list.children(item))
+        self.child(list).into_iter().flat_map(move |list| list.children(item))
     }
 }
 
@@ -72,10 +70,7 @@ impl<'a> Element<'a> {
 impl<'a> Element<'a> {
     /// Creates an element without attributes and children.
     pub fn new(name: &'a str) -> Self {
-        Self {
-            name,
-            ..Self::default()
-        }
+        Self { name, ..Self::default() }
     }
 
     /// Adds an attribute.

@@ -25,14 +25,7 @@ const MAX_ATTRIBUTES: usize = 64;
 pub fn parse(text: &str) -> Result<Element<'_>> {
     // The reader does not count a byte order mark in its positions.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut parser = Parser {
-        text,
-        at: 0,
-        line: 1,
-        open: Vec::new(),
-        root: None,
-        elements: 0,
-    };
+    let mut parser = Parser { text, at: 0, line: 1, open: Vec::new(), root: None, elements: 0 };
     let mut reader = Reader::from_str(text);
     reader.config_mut().check_comments = true;
     loop {
@@ -43,9 +36,7 @@ pub fn parse(text: &str) -> Result<Element<'_>> {
         if matches!(event, Event::Eof) {
             break;
         }
-        parser
-            .take(event, line)
-            .with_context(|| format!("line {line}"))?;
+        parser.take(event, line).with_context(|| format!("line {line}"))?;
     }
     ensure!(
         parser.open.is_empty(),
@@ -83,10 +74,7 @@ impl<'a> Parser<'a> {
         match event {
             Event::Start(start) => {
                 let element = self.element(&start, line)?;
-                ensure!(
-                    self.open.len() < MAX_DEPTH,
-                    "elements are nested deeper than {MAX_DEPTH}"
-                );
+                ensure!(self.open.len() < MAX_DEPTH, "elements are nested deeper than {MAX_DEPTH}");
                 self.open.push(element);
             }
             Event::Empty(start) => {
@@ -94,10 +82,7 @@ impl<'a> Parser<'a> {
                 self.close(element)?;
             }
             Event::End(_) => {
-                let element = self
-                    .open
-                    .pop()
-                    .context("there is an end tag without a start tag")?;
+                let element = self.open.pop().context("there is an end tag without a start tag")?;
                 self.close(element)?;
             }
             Event::Text(text) => self.note_text(&text)?,
@@ -114,10 +99,7 @@ impl<'a> Parser<'a> {
 
     fn element(&mut self, start: &BytesStart<'a>, line: u32) -> Result<Element<'a>> {
         self.elements += 1;
-        ensure!(
-            self.elements <= MAX_ELEMENTS,
-            "there are more than {MAX_ELEMENTS} elements"
-        );
+        ensure!(self.elements <= MAX_ELEMENTS, "there are more than {MAX_ELEMENTS} elements");
         let source = self.text;
         let mut element = Element {
             name: within(source, start.name().into_inner())?,
@@ -165,18 +147,13 @@ impl<'a> Parser<'a> {
         if text.trim_matches([' ', '\t', '\r', '\n']).is_empty() {
             return Ok(());
         }
-        self.open
-            .last_mut()
-            .context("there is text outside the root element")?
-            .has_text = true;
+        self.open.last_mut().context("there is text outside the root element")?.has_text = true;
         Ok(())
     }
 
     fn reference(&mut self, reference: &BytesRef<'_>) -> Result<()> {
         let character = reference.resolve_char_ref()?.map(String::from);
-        let text = character
-            .as_deref()
-            .or_else(|| resolve_predefined_entity(reference));
+        let text = character.as_deref().or_else(|| resolve_predefined_entity(reference));
         let text = text.with_context(|| {
             format!(
                 "the entity {} is unknown, expected lt, gt, amp, quot or apos",
@@ -198,9 +175,7 @@ impl<'a> Parser<'a> {
 /// Returns `part` of `source` with the lifetime of the source, which the reader shortens.
 fn within<'a>(source: &'a str, part: &str) -> Result<&'a str> {
     let start = (part.as_ptr() as usize).wrapping_sub(source.as_ptr() as usize);
-    source
-        .get(start..start.saturating_add(part.len()))
-        .context("a name could not be read")
+    source.get(start..start.saturating_add(part.len())).context("a name could not be read")
 }
 
 fn check_characters(text: &str) -> Result<()> {

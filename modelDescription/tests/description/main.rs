@@ -138,11 +138,7 @@ fn descriptions_that_no_importer_could_read_are_errors() {
     };
     type Case = (fn(&mut Description), &'static [FmiVersion], &'static str);
     let cases: [Case; 3] = [
-        (
-            other_items,
-            &FmiVersion::ALL,
-            "two enumerations of Tank have the name PumpMode",
-        ),
+        (other_items, &FmiVersion::ALL, "two enumerations of Tank have the name PumpMode"),
         (
             |tank| tank.variables[0].unit = Some("Nm".into()),
             &FmiVersion::ALL,
@@ -165,10 +161,7 @@ fn descriptions_that_no_importer_could_read_are_errors() {
     let mut tank = description(&TANK_COPY);
     tank.variables[0].exported.terminal = "pipe.flow".into();
     let error = tank.terminals(true).unwrap_err().to_string();
-    assert!(
-        error.contains("member flow of the terminal pipe"),
-        "{error}"
-    );
+    assert!(error.contains("member flow of the terminal pipe"), "{error}");
 }
 
 #[test]
@@ -281,14 +274,7 @@ fn structs_can_be_written_by_macros() {
 
 #[test]
 fn copies_are_found_anywhere_in_a_binary_and_without_duplicates() {
-    let binary = [
-        b"\x7fELF\x7fFMU",
-        &TANK_COPY[..],
-        b"\x7f",
-        &SMALL_COPY,
-        &TANK_COPY,
-        b"end",
-    ];
+    let binary = [b"\x7fELF\x7fFMU", &TANK_COPY[..], b"\x7f", &SMALL_COPY, &TANK_COPY, b"end"];
     let models = read_interfaces(&binary.concat()).unwrap();
     let names: Vec<_> = models.iter().map(|model| &*model.name).collect();
     assert_eq!(names, ["Tank", "SmallTank"]);
@@ -298,10 +284,7 @@ fn copies_are_found_anywhere_in_a_binary_and_without_duplicates() {
 /// Checks that bytes are an error.
 fn assert_damaged(bytes: &[u8]) {
     let error = read_interfaces(bytes).unwrap_err().to_string();
-    assert!(
-        error.contains("is damaged") || error.contains("another version"),
-        "{error}"
-    );
+    assert!(error.contains("is damaged") || error.contains("another version"), "{error}");
 }
 
 #[test]

@@ -23,12 +23,7 @@ pub struct ExportArgs {
     #[arg(long = "set", value_name = "VARIABLE=VALUE", value_parser = setting)]
     settings: Vec<(String, String)>,
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
-    #[arg(
-        long,
-        value_name = "VERSION",
-        value_delimiter = ',',
-        default_value = "2.0"
-    )]
+    #[arg(long, value_name = "VERSION", value_delimiter = ',', default_value = "2.0")]
     fmi: Vec<Version>,
     /// Output folder for the FMUs [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
@@ -117,10 +112,7 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
             profile: selection.profile,
         },
         models: args.models,
-        variant: Variant {
-            name: args.name,
-            settings: args.settings,
-        },
+        variant: Variant { name: args.name, settings: args.settings },
         versions: args.fmi.into_iter().map(Into::into).collect(),
         out: args.out,
         portable: args.portable,

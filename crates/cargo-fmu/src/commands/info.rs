@@ -25,12 +25,7 @@ type Interface = [&'static str; 4];
 
 /// The interface types of FMI 2.0.5 (sections 3.3.1 and 4.3.1); both have the flags in `COMMON_2`.
 const OF_FMI_2: [Interface; 2] = [
-    [
-        "ModelExchange",
-        "model exchange",
-        "completedIntegratorStepNotNeeded",
-        "",
-    ],
+    ["ModelExchange", "model exchange", "completedIntegratorStepNotNeeded", ""],
     [
         "CoSimulation",
         "co-simulation",
@@ -95,9 +90,7 @@ fn print(file: &Path, out: &mut impl Write) -> Result<()> {
     variables(&model, out)?;
     enumerations(&model, out)?;
     let document = archive.head(TERMINALS, MAX_TERMINALS);
-    let text = document
-        .map(|bytes| xml::decode(&bytes).text)
-        .unwrap_or_default();
+    let text = document.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let mut lines = Vec::new();
     if let Ok(document) = xml::parse(&text)
         && let Some(list) = document.child("Terminals")
@@ -125,11 +118,7 @@ fn section(title: &str, lines: &[String], out: &mut impl Write) -> Result<()> {
 }
 
 fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
-    let times = [
-        ("start", "startTime"),
-        ("stop", "stopTime"),
-        ("step", "stepSize"),
-    ];
+    let times = [("start", "startTime"), ("stop", "stopTime"), ("step", "stepSize")];
     let tolerance = model.experiment("tolerance");
     let experiment: Vec<String> = times
         .iter()
@@ -196,10 +185,7 @@ fn interfaces(
 /// Prints a table of the variables, without those that are invalid.
 fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     let rows = table::rows(model).map(|row| row.map(|cell| plain(&cell, MAX_WIDTH)));
-    let rows: Vec<_> = [table::HEAD.map(str::to_owned)]
-        .into_iter()
-        .chain(rows)
-        .collect();
+    let rows: Vec<_> = [table::HEAD.map(str::to_owned)].into_iter().chain(rows).collect();
     // On a terminal, long descriptions are cut off rather than wrapped into the other columns.
     let terminal = terminal_size::terminal_size_of(std::io::stdout());
     let width = terminal.map_or(usize::MAX, |(width, _)| usize::from(width.0));
@@ -209,19 +195,13 @@ fn variables(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
         0 => String::new(),
         invalid => format!(", without {invalid} that are invalid"),
     };
-    section(
-        &format!("{} variables{left_out}", rows.len() - 1),
-        &lines,
-        out,
-    )
+    section(&format!("{} variables{left_out}", rows.len() - 1), &lines, out)
 }
 
 fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()> {
     let lines = model.enumerations().map(|of_type| {
         let items = of_type.items.iter();
-        let items: Vec<_> = items
-            .map(|item| format!("{} = {}", item.name, item.value))
-            .collect();
+        let items: Vec<_> = items.map(|item| format!("{} = {}", item.name, item.value)).collect();
         let line = format!("{}: {}", of_type.name, items.join(", "));
         format!("  {}", plain(&line, MAX_ITEMS))
     });
@@ -230,11 +210,7 @@ fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()
 
 /// Adds a line for each terminal and those in it.
 fn terminals(parent: &Element<'_>, depth: usize, lines: &mut Vec<String>) {
-    const NAMES: [&str; 3] = [
-        "variableName",
-        "inStreamVariableName",
-        "outStreamVariableName",
-    ];
+    const NAMES: [&str; 3] = ["variableName", "inStreamVariableName", "outStreamVariableName"];
     for terminal in parent.children("Terminal") {
         let text = |name: &str| terminal.attribute(name).unwrap_or_default();
         let members: Vec<&str> = (terminal.children.iter())

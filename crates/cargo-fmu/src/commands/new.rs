@@ -33,21 +33,11 @@ const TEMPLATE: [(&str, &str); 7] = [
     ("loop.toml", include_str!("../template/loop.toml")),
     ("README.md", include_str!("../template/README.md")),
     (".gitignore", include_str!("../template/gitignore")),
-    (
-        ".github/workflows/fmu.yml",
-        include_str!("../template/fmu.yml"),
-    ),
+    (".github/workflows/fmu.yml", include_str!("../template/fmu.yml")),
 ];
 
 /// Names that the template uses for something else.
-const TAKEN: [&str; 6] = [
-    "FmuExport",
-    "Model",
-    "ModelError",
-    "Result",
-    "Simulate",
-    "Start",
-];
+const TAKEN: [&str; 6] = ["FmuExport", "Model", "ModelError", "Result", "Simulate", "Start"];
 
 /// Writes the package and prints what to do next.
 ///
@@ -64,11 +54,8 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
         fs::symlink_metadata(&folder).is_err(),
         "{shown} exists; expected the name of a new folder"
     );
-    let package = Package {
-        name,
-        model: &model,
-        dependency: args.fmu_export.clone().unwrap_or_default(),
-    };
+    let package =
+        Package { name, model: &model, dependency: args.fmu_export.clone().unwrap_or_default() };
     if let Err(error) = package.create(&folder) {
         let _ = fs::remove_dir_all(&folder);
         return Err(error.context(format!("cannot create the package {name}")));
@@ -91,17 +78,13 @@ pub fn run(args: &NewArgs, out: &mut impl Write) -> Result<()> {
 /// The name of the model of a package: `MyController` of `my-controller`.
 fn model_name(package: &str) -> Result<String> {
     let is_valid = package.starts_with(|c: char| c.is_ascii_alphabetic())
-        && package
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+        && package.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
     ensure!(
         is_valid,
         "the name {package:?} cannot be used; expected letters, digits, - and _, starting with a letter"
     );
     let words = package.split(['-', '_']).filter(|word| !word.is_empty());
-    let model: String = words
-        .map(|word| word[..1].to_uppercase() + &word[1..])
-        .collect();
+    let model: String = words.map(|word| word[..1].to_uppercase() + &word[1..]).collect();
     ensure!(
         !TAKEN.contains(&model.as_str()),
         "the name {package:?} cannot be used; fmu-export has a {model}, too"
@@ -165,9 +148,7 @@ fn cargo() -> Command {
 /// Runs a program and returns what it prints.
 fn output(command: &mut Command) -> Result<String> {
     let program = command.get_program().display().to_string();
-    let output = command
-        .output()
-        .with_context(|| format!("cannot run {program}"))?;
+    let output = command.output().with_context(|| format!("cannot run {program}"))?;
     if !output.status.success() {
         let message = String::from_utf8_lossy(&output.stderr);
         bail!("{}", message.trim_start_matches("error: ").trim_end());
@@ -193,17 +174,7 @@ mod tests {
 
     #[test]
     fn names_that_are_no_model_are_refused() {
-        for package in [
-            "",
-            "1pid",
-            "_",
-            "-pid",
-            "pïd",
-            "a b",
-            "a.b",
-            "result",
-            "fmu-export",
-        ] {
+        for package in ["", "1pid", "_", "-pid", "pïd", "a b", "a.b", "result", "fmu-export"] {
             assert!(model_name(package).is_err(), "{package}");
         }
     }

@@ -13,11 +13,9 @@ use crate::session::Session;
 #[derive(Subcommand)]
 pub enum Command {
     /// Check FMUs as an importer would, and run their binaries
-    #[command(
-        after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
+    #[command(after_help = "Exit code: 1 if there is an error, 0 if there are only warnings.
 
-Example:\n  cargo fmu validate target/fmu/*.fmu"
-    )]
+Example:\n  cargo fmu validate target/fmu/*.fmu")]
     Validate(validate::ValidateArgs),
     /// Simulate a system of coupled FMUs
     #[command(after_help = "Examples:

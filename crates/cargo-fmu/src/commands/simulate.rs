@@ -156,12 +156,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
 
 /// Draws the rows of this run and of others on a page.
 fn draw(args: &SimulateArgs, page: &Path, rows: &Path) -> Result<()> {
-    let name = |file: &Path| {
-        file.file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    };
+    let name = |file: &Path| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut runs = vec![("this run".to_owned(), rows)];
     runs.extend(args.over.iter().map(|file| (name(file), file.as_path())));
     plot::write(page, &name(&args.system), &runs)?;
@@ -258,29 +253,26 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     let titles = ["output", "minimum", "maximum", "RMS", &last, "unit"];
     let mut cells = vec![titles.map(str::to_owned)];
     let rows = columns.iter().zip(finished.last.values(columns));
-    cells.extend(
-        rows.zip(&finished.summarized.statistics)
-            .map(|((c, value), statistic)| {
-                let short = |number: fn(&Statistic) -> f64| {
-                    let number = statistic.as_ref().map(number);
-                    number.map_or_else(String::new, |number| format!("{number:.3e}"))
-                };
-                let value = match &value {
-                    Value::Float64(value) => format!("{value:.9e}"),
-                    Value::Float32(value) => format!("{value:.9e}"),
-                    Value::String(text) => format!("{text:?}"),
-                    value => value.to_string(),
-                };
-                [
-                    c.name.clone(),
-                    short(|s| s.min),
-                    short(|s| s.max),
-                    short(|s| s.rms),
-                    value,
-                    c.unit.clone(),
-                ]
-            }),
-    );
+    cells.extend(rows.zip(&finished.summarized.statistics).map(|((c, value), statistic)| {
+        let short = |number: fn(&Statistic) -> f64| {
+            let number = statistic.as_ref().map(number);
+            number.map_or_else(String::new, |number| format!("{number:.3e}"))
+        };
+        let value = match &value {
+            Value::Float64(value) => format!("{value:.9e}"),
+            Value::Float32(value) => format!("{value:.9e}"),
+            Value::String(text) => format!("{text:?}"),
+            value => value.to_string(),
+        };
+        [
+            c.name.clone(),
+            short(|s| s.min),
+            short(|s| s.max),
+            short(|s| s.rms),
+            value,
+            c.unit.clone(),
+        ]
+    }));
     for line in table::lines(&cells, false) {
         writeln!(out, "{line}")?;
     }
@@ -315,18 +307,14 @@ impl Progress {
     fn new() -> Result<Self> {
         let template = "[{bar:40}] {percent:>3} %  {msg}  {eta} left";
         let style = ProgressStyle::with_template(template)?.progress_chars("=> ");
-        Ok(Self {
-            bar: ProgressBar::new(LENGTH).with_style(style),
-            begin: OnceCell::new(),
-        })
+        Ok(Self { bar: ProgressBar::new(LENGTH).with_style(style), begin: OnceCell::new() })
     }
 
     fn show(&self, Experiment { start, stop, .. }: Experiment, time: f64) {
         let begin = self.begin.get_or_init(Instant::now);
         let factor = (time - start) / begin.elapsed().as_secs_f64().max(1e-9);
         let speed = speed(factor);
-        self.bar
-            .set_message(format!("t = {time:.3} of {stop} s, {speed}"));
+        self.bar.set_message(format!("t = {time:.3} of {stop} s, {speed}"));
         let done = (time - start) / (stop - start);
         self.bar.set_position((done * LENGTH as f64) as u64);
     }

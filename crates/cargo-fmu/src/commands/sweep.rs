@@ -120,11 +120,7 @@ fn collect(
     let mut runs = 0;
     let begin = |outline: &Outline<'_>, missing: &[(u64, u64)]| {
         runs = outline.runs;
-        Ok(writeln!(
-            out,
-            "{}",
-            serde_json::to_string(&(outline, missing))?
-        )?)
+        Ok(writeln!(out, "{}", serde_json::to_string(&(outline, missing))?)?)
     };
     let is_complete = study.collect(file, workers, begin, io::stdin().lock())?;
     Ok(is_complete.then_some(runs))
@@ -165,17 +161,11 @@ fn write(
     }
     if let Some((run, failure)) = progress.first_failure {
         let failed = progress.failed;
-        writeln!(
-            out,
-            "{failed} runs failed, the first was run {run}: {failure}"
-        )?;
+        writeln!(out, "{failed} runs failed, the first was run {run}: {failure}")?;
     }
     if let Some(first) = progress.first_diverged {
         let diverged = progress.diverged;
-        writeln!(
-            out,
-            "{diverged} of {runs} runs diverged or failed, the first: {first}"
-        )?;
+        writeln!(out, "{diverged} of {runs} runs diverged or failed, the first: {first}")?;
     }
     if let Some((iae, best)) = progress.best {
         writeln!(out, "smallest iae, {iae:.6e}: {best}")?;

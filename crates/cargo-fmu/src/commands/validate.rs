@@ -89,10 +89,7 @@ fn print(file: &Path, findings: &Findings, out: &mut impl Write) -> Result<()> {
         };
         for finding in &group.kept {
             let (location, text) = (&finding.location, &finding.text);
-            writeln!(
-                out,
-                "{file}: {style}{severity}{style:#}: {location}: {text} ({source})"
-            )?;
+            writeln!(out, "{file}: {style}{severity}{style:#}: {location}: {text} ({source})")?;
         }
         if group.left_out() > 0 {
             let (number, id) = (group.left_out(), group.rule.id);

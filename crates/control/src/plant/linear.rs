@@ -97,9 +97,7 @@ impl Linear {
     /// The derivative (x', v', theta', omega') of `state` under the force `u` (N).
     pub fn derivative(&self, state: &State, u: f64) -> State {
         let j = self.jacobian();
-        let State {
-            v, theta, omega, ..
-        } = *state;
+        let State { v, theta, omega, .. } = *state;
         State {
             x: v,
             v: j.v.v * v + j.theta.v * theta + j.u.v * u,
@@ -148,10 +146,7 @@ mod tests {
     #[test]
     fn the_written_out_product_equals_the_matrix_product() {
         let t = transition(&Linear::new(&Parameters::PAPER).jacobian(), 0.01);
-        let u = Force {
-            value: 3.0,
-            slope: -7.0,
-        };
+        let u = Force { value: 3.0, slope: -7.0 };
         let start = [0.3, -0.2, 0.05, 0.1];
         let mut state = State::from(start);
         t.apply(&mut state, u);
@@ -163,10 +158,7 @@ mod tests {
     #[test]
     fn a_cart_without_pendulum_follows_the_closed_form() {
         // m = 0: v = u/b (1 - exp(-b t/M)).
-        let p = Parameters {
-            m: 0.0,
-            ..Parameters::PAPER
-        };
+        let p = Parameters { m: 0.0, ..Parameters::PAPER };
         let mut state = State::default();
         Linear::new(&p).advance(&mut state, 2.0, 1.5);
         let expected = 2.0 / p.b * (1.0 - libm::exp(-p.b * 1.5 / p.M));

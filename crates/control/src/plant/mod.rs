@@ -60,14 +60,7 @@ pub struct Parameters {
 
 impl Parameters {
     /// The values of section 4.
-    pub const PAPER: Self = Self {
-        M: 1.096,
-        m: 0.109,
-        l: 0.25,
-        g: 9.8,
-        I: 0.0034,
-        b: 0.1,
-    };
+    pub const PAPER: Self = Self { M: 1.096, m: 0.109, l: 0.25, g: 9.8, I: 0.0034, b: 0.1 };
 
     /// Static moment `m l` (kg m).
     fn ml(&self) -> f64 {
@@ -163,18 +156,8 @@ mod tests {
         let at = |[x, v, theta, omega, u]: [f64; 5]| {
             <[f64; 4]>::from(derivative(&[x, v, theta, omega].into(), u))
         };
-        let Jacobian {
-            x,
-            v,
-            theta,
-            omega,
-            u,
-        } = *jacobian;
-        for (j, column) in [x, v, theta, omega, u]
-            .map(<[f64; 4]>::from)
-            .iter()
-            .enumerate()
-        {
+        let Jacobian { x, v, theta, omega, u } = *jacobian;
+        for (j, column) in [x, v, theta, omega, u].map(<[f64; 4]>::from).iter().enumerate() {
             let [above, below] = [1e-4, -1e-4].map(|delta| {
                 let mut moved = SWING;
                 moved[j] += delta;
@@ -237,23 +220,13 @@ mod tests {
     fn a_ramp_of_the_force_is_the_limit_of_many_held_steps() {
         let (n, step) = (4096, 0.5);
         let mut repeated = [State::from([0.3, -0.2, 0.05, 0.1]); 2];
-        let single = ends(
-            repeated[0],
-            Force {
-                value: 1.0,
-                slope: 4.0,
-            },
-            step,
-        );
+        let single = ends(repeated[0], Force { value: 1.0, slope: 4.0 }, step);
         let small = step / f64::from(n);
         for k in 0..n {
             // The value in the middle of each small step: second order.
             let middle = Force::from(1.0 + 4.0 * (f64::from(k) + 0.5) * small);
             let [full, linear] = repeated;
-            repeated = [
-                ends(full, middle, small)[0].into(),
-                ends(linear, middle, small)[1].into(),
-            ];
+            repeated = [ends(full, middle, small)[0].into(), ends(linear, middle, small)[1].into()];
         }
         for (single, repeated) in single.into_iter().zip(repeated) {
             let repeated: [f64; 4] = repeated.into();

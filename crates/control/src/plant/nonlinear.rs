@@ -22,11 +22,7 @@ pub struct StepFailure {
 
 impl core::fmt::Display for StepFailure {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(
-            f,
-            "the motion became too fast to integrate {} s into the step",
-            self.reached
-        )
+        write!(f, "the motion became too fast to integrate {} s into the step", self.reached)
     }
 }
 
@@ -189,12 +185,7 @@ mod tests {
     use super::super::Linear;
     use super::*;
 
-    const SWING: State = State {
-        x: 0.0,
-        v: 0.5,
-        theta: 2.0,
-        omega: -1.0,
-    };
+    const SWING: State = State { x: 0.0, v: 0.5, theta: 2.0, omega: -1.0 };
 
     /// Kinetic plus potential energy; (7), (8) are its Lagrange equations.
     fn energy(p: &Parameters, s: &State) -> f64 {
@@ -223,10 +214,7 @@ mod tests {
     #[test]
     fn the_difference_from_the_linear_plant_is_cubic_in_the_angle() {
         let difference = |theta: f64| {
-            let start = State {
-                theta,
-                ..State::default()
-            };
+            let start = State { theta, ..State::default() };
             let (mut full, mut linear) = (start, start);
             advance(&Parameters::PAPER, &mut full, 0.0, 0.2).unwrap();
             Linear::new(&Parameters::PAPER).advance(&mut linear, 0.0, 0.2);
@@ -254,14 +242,8 @@ mod tests {
     /// A step of 1e6 s: the first trial substep overflows, and later ones adapt their size.
     #[test]
     fn a_substep_that_overflows_is_retried_with_a_smaller_size() {
-        let p = Parameters {
-            b: 100.0,
-            ..Parameters::PAPER
-        };
-        let mut state = State {
-            theta: 3.0,
-            ..State::default()
-        };
+        let p = Parameters { b: 100.0, ..Parameters::PAPER };
+        let mut state = State { theta: 3.0, ..State::default() };
         let failure = advance(&p, &mut state, 0.0, 1e6).unwrap_err();
         assert!(failure.reached > 1.0, "{failure:?}");
     }

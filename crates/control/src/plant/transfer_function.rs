@@ -37,11 +37,7 @@ impl Continuous {
         let (ml, q) = (p.ml(), p.q());
         Self {
             gain: ml / q,
-            a: [
-                p.b * p.inertia() / q,
-                -(p.M + p.m) * ml * p.g / q,
-                -p.b * ml * p.g / q,
-            ],
+            a: [p.b * p.inertia() / q, -(p.M + p.m) * ml * p.g / q, -p.b * ml * p.g / q],
         }
     }
 
@@ -90,12 +86,7 @@ impl TransferFunction {
             plant.advance(&mut past, 0.0, -ts);
             *theta = past.theta;
         }
-        Self {
-            num,
-            den,
-            theta,
-            u: [0.0; 2],
-        }
+        Self { num, den, theta, u: [0.0; 2] }
     }
 
     /// The angle (rad) at the current sample.
@@ -136,18 +127,10 @@ mod tests {
     #[test]
     fn the_difference_equation_is_the_zero_order_hold() {
         let (num, den) = Continuous::new(&Parameters::PAPER).discretize(0.001);
-        let num_reference = [
-            0.0,
-            1.178_244_519_421_022e-6,
-            -3.468_576_509_902_101e-11,
-            -1.178_209_833_655_923e-6,
-        ];
-        let den_reference = [
-            1.0,
-            -2.999_939_515_737_814_4,
-            2.999_851_200_642_168_4,
-            -0.999_911_687_213_679_3,
-        ];
+        let num_reference =
+            [0.0, 1.178_244_519_421_022e-6, -3.468_576_509_902_101e-11, -1.178_209_833_655_923e-6];
+        let den_reference =
+            [1.0, -2.999_939_515_737_814_4, 2.999_851_200_642_168_4, -0.999_911_687_213_679_3];
         for k in 0..4 {
             assert!((num[k] - num_reference[k]).abs() < 2e-21, "{num:?}");
             assert!((den[k] - den_reference[k]).abs() < 1e-15, "{den:?}");

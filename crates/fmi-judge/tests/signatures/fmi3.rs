@@ -29,19 +29,10 @@ const _: fn(
     ours::fmi3PreemptionCallback,
 ) = |log, update, clock, preemption| {
     alike(Some(log), None as headers::fmi3LogMessageCallback);
-    alike(
-        Some(update),
-        None as headers::fmi3IntermediateUpdateCallback,
-    );
+    alike(Some(update), None as headers::fmi3IntermediateUpdateCallback);
     alike(Some(clock), None as headers::fmi3ClockUpdateCallback);
-    alike(
-        Some(preemption),
-        None as headers::fmi3LockPreemptionCallback,
-    );
-    alike(
-        Some(preemption),
-        None as headers::fmi3UnlockPreemptionCallback,
-    );
+    alike(Some(preemption), None as headers::fmi3LockPreemptionCallback);
+    alike(Some(preemption), None as headers::fmi3UnlockPreemptionCallback);
 };
 
 const _: () = {

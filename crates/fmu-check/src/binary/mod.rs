@@ -284,10 +284,8 @@ impl Checker<'_> {
         /// memory.
         const ROUNDING: f64 = 1e-9;
         // glibc fills memory with a pattern when it is allocated.
-        const PATTERN: &[(&str, &str)] = &[
-            ("MALLOC_PERTURB_", "85"),
-            ("GLIBC_TUNABLES", "glibc.malloc.perturb=85"),
-        ];
+        const PATTERN: &[(&str, &str)] =
+            &[("MALLOC_PERTURB_", "85"), ("GLIBC_TUNABLES", "glibc.malloc.perturb=85")];
         let observed = run::observed(self.model, &self.task.ignored);
         let (Some(expected), Some(again)) = (self.trace("trace", &[])?, self.trace("trace", &[])?)
         else {
@@ -308,12 +306,7 @@ impl Checker<'_> {
         self.check_heap()?;
         let logging = "with another instance name and logging";
         for (probe, variables, rule, when) in [
-            (
-                "trace",
-                PATTERN,
-                &INITIALISED,
-                "when new memory is not zero",
-            ),
+            ("trace", PATTERN, &INITIALISED, "when new memory is not zero"),
             ("trace-logging", &[], &INDEPENDENT, logging),
         ] {
             if let Some(trace) = self.trace(probe, variables)? {
@@ -341,9 +334,7 @@ impl Checker<'_> {
         const LIBRARY: &str = "libc_malloc_debug.so.0";
         let own = format!("{}-linux-gnu", std::env::consts::ARCH);
         let folders = ["/lib", "/lib64", "/usr/lib", "/usr/lib64"].map(Path::new);
-        let files = folders
-            .iter()
-            .flat_map(|f| [f.join(LIBRARY), f.join(&own).join(LIBRARY)]);
+        let files = folders.iter().flat_map(|f| [f.join(LIBRARY), f.join(&own).join(LIBRARY)]);
         if let Some(file) = files.into_iter().find(|file| file.is_file()) {
             let variables = [
                 ("LD_PRELOAD", file.to_str().unwrap_or_default()),
@@ -379,9 +370,7 @@ impl Checker<'_> {
     }
 
     fn add(&mut self, rule: &'static Rule, text: String) {
-        let cause = text
-            .split_once(", but: ")
-            .map_or(text.as_str(), |(_, cause)| cause);
+        let cause = text.split_once(", but: ").map_or(text.as_str(), |(_, cause)| cause);
         if self.seen.insert(cause.to_owned()) {
             let text = format!("{}{text}", self.about);
             self.findings.add(rule, self.task.binary.as_str(), text);
@@ -425,9 +414,7 @@ impl Checker<'_> {
         let now = worker.record().now();
         outcome.has_message = !now.message.is_empty();
         if !ended.is_empty() {
-            outcome
-                .found
-                .push((probe.crash(), unfinished(&now, &ended)));
+            outcome.found.push((probe.crash(), unfinished(&now, &ended)));
             return Ok(outcome);
         }
         worker.end(GRACE)?;
@@ -450,10 +437,7 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     let mut of_fmu = list(&session.join(FMU))?;
     of_fmu.retain(|path, content| before.get(path) != Some(content));
     let written = list(&session.join(WORK))?;
-    for (files, place) in [
-        (of_fmu, "the folder of the FMU"),
-        (written, "the working directory"),
-    ] {
+    for (files, place) in [(of_fmu, "the folder of the FMU"), (written, "the working directory")] {
         let name = |path: &PathBuf| {
             let name = path.strip_prefix(session).unwrap_or(Path::new(""));
             quote(&name.to_string_lossy())

@@ -115,10 +115,7 @@ fn in_version(text: &str, version: FmiVersion) -> String {
         ["fmi2SetupExperiment", "fmi3EnterInitializationMode"],
         ["FMUstate", "FMUState"],
         ["DeSerialize", "Deserialize"],
-        [
-            "providesDirectionalDerivative",
-            "providesDirectionalDerivatives",
-        ],
+        ["providesDirectionalDerivative", "providesDirectionalDerivatives"],
         ["the GUID", "the instantiationToken"],
         ["fmi2", "fmi3"],
     ];
@@ -337,8 +334,7 @@ impl<'a> Subject<'a> {
 
     /// The scalars that the host sets: parameters and inputs.
     pub fn settable(&self) -> impl Iterator<Item = &'a Listed<'a>> {
-        self.all()
-            .filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
+        self.all().filter(|v| matches!(v.causality, Causality::Parameter | Causality::Input))
     }
 
     /// The Float64 scalars of a causality that can be read.
@@ -504,10 +500,7 @@ impl<'a> Run<'a> {
 
     /// Puts an instance that is new or was reset into initialization mode.
     pub fn enter_initialization(&mut self) -> Result<()> {
-        self.place = Place {
-            now: self.subject.start,
-            ..Place::default()
-        };
+        self.place = Place { now: self.subject.start, ..Place::default() };
         self.ended = false;
         if self.setup.parameters {
             let parameters = self.subject.settable().filter(|v| v.is_parameter());
@@ -556,8 +549,7 @@ impl<'a> Run<'a> {
     }
 
     pub fn set(&mut self, variable: &Listed<'_>, values: &[Value]) -> fmu_host::Result {
-        self.instance
-            .set_values(variable.of_type, &[variable.reference], values)
+        self.instance.set_values(variable.of_type, &[variable.reference], values)
     }
 
     /// Sets scalars to other values than their start values; the test ends if the FMU refuses one.
@@ -590,8 +582,7 @@ impl<'a> Run<'a> {
 
     pub fn derivatives(&mut self) -> fmu_host::Result<Vec<f64>> {
         let n = self.states();
-        self.instance
-            .read(n, Instance::get_continuous_state_derivatives)
+        self.instance.read(n, Instance::get_continuous_state_derivatives)
     }
 
     /// Takes a step without what belongs to it; time and size are in steps since the start.
@@ -601,9 +592,7 @@ impl<'a> Run<'a> {
     }
 
     fn set_inputs(&mut self, which: impl Fn(&Input<'_>) -> bool) -> Result<()> {
-        let Setup {
-            excitation, seed, ..
-        } = self.setup;
+        let Setup { excitation, seed, .. } = self.setup;
         for input in self.subject.inputs.iter().filter(|input| which(input)) {
             if let Some(value) = input.value(excitation, seed, self.place.point) {
                 self.set(input.variable, &[value])?;
@@ -710,11 +699,7 @@ impl<'a> Run<'a> {
                 self.ended = true;
                 return Ok(());
             }
-            failure => {
-                failure
-                    .with_context(|| format!("the step from t = {time} s"))?
-                    .1
-            }
+            failure => failure.with_context(|| format!("the step from t = {time} s"))?.1,
         };
         self.ended = stepped.terminate;
         if self.ended {
@@ -809,10 +794,7 @@ impl<'a> Run<'a> {
 
     pub fn event_indicators(&mut self) -> Result<Vec<f64>> {
         let n = self.subject.indicators();
-        ensure!(
-            n <= 1 << 20,
-            "numberOfEventIndicators is {n}, which is more than can be tested"
-        );
+        ensure!(n <= 1 << 20, "numberOfEventIndicators is {n}, which is more than can be tested");
         Ok(match n {
             0 => Vec::new(),
             _ => self.instance.read(n, Instance::get_event_indicators)?,

@@ -97,10 +97,7 @@ impl<'a> Observed<'a> {
             let count = part.iter().map(|v| v.count()).sum();
             (part[0].of_type, references(part), count)
         });
-        Self {
-            parts: parts.collect(),
-            variables,
-        }
+        Self { parts: parts.collect(), variables }
     }
 
     pub fn variables(&self) -> impl DoubleEndedIterator<Item = &'a Listed<'a>> {
@@ -250,11 +247,7 @@ pub fn inputs<'a>(model: &'a ModelDescription<'a>) -> Vec<Input<'a>> {
                 Signal::Choice(values, 7)
             }
         };
-        Input {
-            variable,
-            index,
-            signal,
-        }
+        Input { variable, index, signal }
     });
     inputs.collect()
 }
@@ -269,9 +262,9 @@ impl Input<'_> {
                 // Not `clamp`, since the XML may be wrong about which is larger.
                 Value::real(self.variable.of_type, value.max(min).min(max))
             }
-            Signal::Choice(values, points) if excitation == EXCITATIONS[0] => values
-                .get((point / points).checked_rem(values.len())?)
-                .cloned(),
+            Signal::Choice(values, points) if excitation == EXCITATIONS[0] => {
+                values.get((point / points).checked_rem(values.len())?).cloned()
+            }
             _ => None,
         }
     }

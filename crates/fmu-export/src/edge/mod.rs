@@ -160,10 +160,7 @@ unsafe fn text<'a>(text: *const c_char) -> Option<&'a CStr> {
 /// As [`text`].
 unsafe fn texts<'a>(pointers: &[*const c_char]) -> Vec<Option<&'a CStr>> {
     // SAFETY: the caller's promise.
-    pointers
-        .iter()
-        .map(|&pointer| unsafe { text(pointer) })
-        .collect()
+    pointers.iter().map(|&pointer| unsafe { text(pointer) }).collect()
 }
 
 /// A text for C, where strings end at a zero byte. Our messages have none, but they may quote the host.

@@ -38,9 +38,7 @@ unsafe fn saved<'a>(state: *mut c_void) -> Result<&'a mut Saved, ModelError> {
             return Ok(&mut *state);
         }
     }
-    Err(ModelError::refuse(
-        "the pointer does not point to an FMU state",
-    ))
+    Err(ModelError::refuse("the pointer does not point to an FMU state"))
 }
 
 /// The host's variable.
@@ -53,10 +51,7 @@ fn required<T>(variable: Option<&mut T>) -> Result<&mut T, ModelError> {
 /// # Safety
 /// As [`saved`].
 unsafe fn store(snapshot: Snapshot, state: &mut *mut c_void) -> Result<(), ModelError> {
-    let new = Saved {
-        magic: MAGIC,
-        snapshot,
-    };
+    let new = Saved { magic: MAGIC, snapshot };
     match state.is_null() {
         true => *state = Box::into_raw(Box::new(new)).cast(),
         // SAFETY: the caller's promise.

@@ -310,11 +310,7 @@ impl Instance {
         };
         let fmu = Fmu { kind, c };
         host.instance.set(Some(fmu));
-        Self {
-            fmu,
-            host,
-            _callbacks: callbacks,
-        }
+        Self { fmu, host, _callbacks: callbacks }
     }
 
     pub fn messages(&self) -> Vec<Message> {
@@ -400,19 +396,11 @@ pub struct Argument {
 
 impl Argument {
     pub fn number(number: impl Into<f64>) -> Self {
-        Self {
-            number: number.into(),
-            memory: null_mut(),
-            length: 0,
-        }
+        Self { number: number.into(), memory: null_mut(), length: 0 }
     }
 
     pub fn memory<T>(memory: *const T, length: usize) -> Self {
-        Self {
-            number: 0.0,
-            memory: memory.cast_mut().cast(),
-            length,
-        }
+        Self { number: 0.0, memory: memory.cast_mut().cast(), length }
     }
 }
 
@@ -517,11 +505,7 @@ impl Function {
                 let mut lengths =
                     arrays.filter(|(_, kind)| matches!(kind, Place::Array(n, _) if n == name));
                 let length = lengths.next().unwrap().0.length;
-                assert!(
-                    lengths.all(|(array, _)| array.length == length),
-                    "{}",
-                    self.operation
-                );
+                assert!(lengths.all(|(array, _)| array.length == length), "{}", self.operation);
                 all[k].length = length;
             }
         }
@@ -700,10 +684,7 @@ impl Fmu {
                 let status = self.get_strings(references, &mut texts);
                 // SAFETY: strings of the FMU, valid until its next call, or the literal.
                 let texts = texts.iter().map(|&text| unsafe { CStr::from_ptr(text) });
-                (
-                    status,
-                    texts.map(|text| number(text.to_str().unwrap())).collect(),
-                )
+                (status, texts.map(|text| number(text.to_str().unwrap())).collect())
             }
             Type::Binary => {
                 let mut sizes = vec![77; n];
@@ -826,21 +807,9 @@ impl Fmu {
             return (status, results(false, false, end));
         }
         let [time, step, flag] = begin;
-        let ends = [
-            (&mut event).into(),
-            (&mut terminate).into(),
-            (&mut early).into(),
-        ];
+        let ends = [(&mut event).into(), (&mut terminate).into(), (&mut early).into()];
         let [of_event, of_end, of_early] = ends;
-        let all = [
-            time,
-            step,
-            flag,
-            of_event,
-            of_end,
-            of_early,
-            (&mut last).into(),
-        ];
+        let all = [time, step, flag, of_event, of_end, of_early, (&mut last).into()];
         let status = self.call("do_step", all);
         assert!(event <= 1 && early <= 1 && terminate == 0);
         (status, results(event == 1, early == 1, last))

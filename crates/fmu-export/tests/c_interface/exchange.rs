@@ -147,9 +147,7 @@ fn what_openmodelica_does_after_the_initialization_is_accepted() {
             it.says("states are set in event mode");
             assert_eq!(it.get([Ball::H, Ball::V, Ball::H_DOT]), [2.0, -1.0, -1.0]);
         } else {
-            it.refuses("is not allowed in the state", |f| {
-                f.set_states(&[2.0, -1.0])
-            });
+            it.refuses("is not allowed in the state", |f| f.set_states(&[2.0, -1.0]));
         }
     }
     for kind in KINDS {

@@ -177,9 +177,7 @@ fn unknown_categories_are_refused_and_change_nothing() {
         let it = Instance::of(kind, BALL);
         it.refuses("NULL", |f| f.switch(true, &[ALL.as_ptr(), null()]));
         let names = Argument::memory(null::<*const c_char>(), 1);
-        it.refuses("NULL", |f| {
-            f.call("set_debug_logging", [true.into(), names])
-        });
+        it.refuses("NULL", |f| f.call("set_debug_logging", [true.into(), names]));
     }
 }
 
@@ -241,11 +239,7 @@ fn every_change_of_the_state_is_an_event_and_states_do_not_include_log_settings(
 #[test]
 fn a_model_reads_the_resource_that_a_parameter_names() {
     let folder = tempfile::Builder::new().prefix("a b").tempdir().unwrap();
-    for (name, text) in [
-        ("weights.txt", "1\n2.5\n"),
-        ("other.txt", "-1"),
-        ("bad", "x"),
-    ] {
+    for (name, text) in [("weights.txt", "1\n2.5\n"), ("other.txt", "-1"), ("bad", "x")] {
         std::fs::write(folder.path().join(name), text).unwrap();
     }
     let path = folder.path().to_str().unwrap().replace('\\', "/");
@@ -273,11 +267,9 @@ fn a_model_reads_the_resource_that_a_parameter_names() {
         assert_eq!(it.get([Sampled::SUM]), [3.5]);
         let place = if kind.0 == Fmi2 { "location" } else { "path" };
         let none = format!("weights.txt cannot be found: the host passed no resource {place}");
-        for (resources, reason) in [
-            (None, &*none),
-            (Some(c""), &none),
-            (Some(c"/a\xff"), "is not UTF-8"),
-        ] {
+        for (resources, reason) in
+            [(None, &*none), (Some(c""), &none), (Some(c"/a\xff"), "is not UTF-8")]
+        {
             initializing(resources).refuses(reason, Fmu::exit_initialization_mode);
         }
     }
@@ -290,10 +282,8 @@ const FAST: Interface = interface::<Every, N>(Some(
 ));
 /// n = 1
 const SMALL: Interface = interface::<Lists, { Lists::COUNT as usize }>(Some("Lists=Small;0:1:1"));
-static VARIANTS: &[Entry] = &[
-    Entry::of::<Every, N>(FAST, &[]),
-    Entry::of::<Lists, { Lists::COUNT as usize }>(SMALL, &[]),
-];
+static VARIANTS: &[Entry] =
+    &[Entry::of::<Every, N>(FAST, &[]), Entry::of::<Lists, { Lists::COUNT as usize }>(SMALL, &[])];
 
 #[test]
 fn a_variant_is_another_model_that_starts_with_its_own_values() {

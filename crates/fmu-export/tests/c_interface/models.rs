@@ -407,11 +407,7 @@ impl Continuous for Ball {
 
     fn next_event(&self, _time: f64) -> Option<f64> {
         assert!(self.trouble != BUG, "the bug shows in the next event");
-        Some(if self.kicked {
-            f64::INFINITY
-        } else {
-            Self::KICK
-        })
+        Some(if self.kicked { f64::INFINITY } else { Self::KICK })
     }
 }
 
@@ -461,10 +457,7 @@ impl Continuous for Hopper {
     fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
         (self.h_dot, self.v_dot) = match self.rests {
             true => (0.0, 0.0),
-            false => (
-                self.v,
-                self.drive - Self::G - self.drag * self.v * self.v.abs(),
-            ),
+            false => (self.v, self.drive - Self::G - self.drag * self.v * self.v.abs()),
         };
         self.gap = if self.rests { -1.0 } else { self.h };
         if time >= self.trouble_time {

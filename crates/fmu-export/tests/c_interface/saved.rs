@@ -159,16 +159,12 @@ fn buffers_and_pointers_are_checked() {
         it.refuses(words, |f| f.deserialize(&bytes, null_mut()));
         let words = "the buffer is NULL";
         let (nothing, state_of) = (Argument::memory(null::<u8>(), size), Argument::from(state));
-        it.refuses(words, |f| {
-            f.call("serialize_fmu_state", [state_of, nothing])
-        });
+        it.refuses(words, |f| f.call("serialize_fmu_state", [state_of, nothing]));
         let words = "the bytes are NULL";
         let to = Argument::from(&mut none);
         it.refuses(words, |f| f.call("deserialize_fmu_state", [nothing, to]));
         let nothing = Argument::memory(null::<u8>(), 0);
-        it.refuses("damaged", |f| {
-            f.call("deserialize_fmu_state", [nothing, to])
-        });
+        it.refuses("damaged", |f| f.call("deserialize_fmu_state", [nothing, to]));
         assert_eq!((none.is_null(), it.free_state(null_mut())), (true, OK));
         let mut memory = [0u128; 64];
         for offset in [0, 1] {
@@ -200,10 +196,9 @@ fn assert_refused(it: &Instance, bytes: &[u8]) {
 
 /// The content followed by a valid checksum: 128-bit FNV-1a.
 fn sealed(content: &[u8]) -> Vec<u8> {
-    let sum = content.iter().fold(
-        0x6c62_272e_07bb_0142_62b8_2175_6295_c58d,
-        |sum: u128, &byte| (sum ^ u128::from(byte)).wrapping_mul(0x0100_0000_0000_0000_0000_013b),
-    );
+    let sum = content.iter().fold(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d, |sum: u128, &byte| {
+        (sum ^ u128::from(byte)).wrapping_mul(0x0100_0000_0000_0000_0000_013b)
+    });
     [content, &sum.to_le_bytes()].concat()
 }
 

@@ -143,13 +143,7 @@ impl Expected {
             Ball::TROUBLE | Ball::FAULT => (0.0..=BUG).contains(&value),
             _ => false,
         };
-        let states = [
-            Instantiated,
-            Initialization,
-            Event,
-            ContinuousTime,
-            StepMode,
-        ];
+        let states = [Instantiated, Initialization, Event, ContinuousTime, StepMode];
         let answer = self.answer(true, &states, is_valid);
         match reference {
             _ if answer != OK => {}
@@ -291,11 +285,7 @@ fn check(f: Fmu, e: &mut Expected, saved: &mut Vec<Saved>, call: &Call) {
             assert_eq!(f.enter_continuous_time_mode(), answer);
         }
         Call::Terminate => {
-            let answer = e.change(
-                true,
-                &[Event, ContinuousTime, StepMode, StepFailed],
-                Terminated,
-            );
+            let answer = e.change(true, &[Event, ContinuousTime, StepMode, StepFailed], Terminated);
             assert_eq!(f.terminate(), answer);
         }
         Call::Reset => {
@@ -358,13 +348,7 @@ fn check(f: Fmu, e: &mut Expected, saved: &mut Vec<Saved>, call: &Call) {
             }
         }
         Call::Derivatives => {
-            let states = [
-                Initialization,
-                Event,
-                ContinuousTime,
-                Terminated,
-                State::Error,
-            ];
+            let states = [Initialization, Event, ContinuousTime, Terminated, State::Error];
             let mut answer = e.answer(is_exchange, &states, true);
             if answer == OK {
                 answer = e.update();
@@ -442,14 +426,8 @@ fn the_calls_reach_every_state() {
             .flat_map(|_| run(kind, &calls().new_tree(&mut runner).unwrap().current()))
             .map(State::name)
             .collect();
-        for letter in states(kind)
-            .chars()
-            .filter(|letter| !"GRV".contains(*letter))
-        {
-            assert!(
-                reached.contains(name(letter)),
-                "{letter} of {kind:?}: {reached:?}"
-            );
+        for letter in states(kind).chars().filter(|letter| !"GRV".contains(*letter)) {
+            assert!(reached.contains(name(letter)), "{letter} of {kind:?}: {reached:?}");
         }
     }
 }

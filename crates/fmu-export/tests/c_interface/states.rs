@@ -89,14 +89,8 @@ const UNSUPPORTED: &[(&str, &str)] = &[
         "cancel_step get_status get_integer_status get_string_status",
         "canRunAsynchronuously is false",
     ),
-    (
-        "activate_model_partition",
-        "the FMU is not for scheduled execution",
-    ),
-    (
-        "evaluate_discrete_states",
-        "providesEvaluateDiscreteStates is false",
-    ),
+    ("activate_model_partition", "the FMU is not for scheduled execution"),
+    ("evaluate_discrete_states", "providesEvaluateDiscreteStates is false"),
     (
         "get_number_of_variable_dependencies get_variable_dependencies",
         "providesPerElementDependencies is false",
@@ -206,11 +200,7 @@ fn bring(kind: Kind, state: char) -> Instance {
     let fail_by = |trouble, status| {
         run();
         let is_exchange = kind.1 == Exchanged;
-        let input = if is_exchange {
-            Ball::TROUBLE
-        } else {
-            Ball::FAULT
-        };
+        let input = if is_exchange { Ball::TROUBLE } else { Ball::FAULT };
         ok([it.set(input, trouble)]);
         let found = match is_exchange {
             true => it.get_derivatives(&mut [0.0; 2]),
@@ -304,10 +294,7 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
             let Ok((_, letters, n)) = row(Fmi3, function.operation) else {
                 continue;
             };
-            println!(
-                "{} in an intermediate update of {kind:?}",
-                function.operation
-            );
+            println!("{} in an intermediate update of {kind:?}", function.operation);
             let (it, statuses) = (new(), Rc::new(RefCell::new(Vec::new())));
             let answers = statuses.clone();
             it.on_update(move |fmu, _| {

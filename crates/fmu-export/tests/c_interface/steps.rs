@@ -807,11 +807,7 @@ fn a_ramp_applies_to_the_next_step_only() {
     for phase in 0..3 {
         let it = Instance::of(PLAIN[0], EVERY);
         let set = || ok([it.set(U, 3.0), it.set_input_derivatives(&[U], &[1], &[8.0])]);
-        let calls = [
-            |_| OK,
-            |f: Fmu| f.enter(0.0, None, None),
-            Fmu::exit_initialization_mode,
-        ];
+        let calls = [|_| OK, |f: Fmu| f.enter(0.0, None, None), Fmu::exit_initialization_mode];
         for (now, call) in calls.iter().enumerate() {
             ok([call(*it)]);
             if now == phase {

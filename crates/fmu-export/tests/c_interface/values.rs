@@ -61,9 +61,7 @@ fn each(can: bool, test: impl Fn(usize, &Instance, &Fact, (u32, String, &'static
 
 #[test]
 fn start_values_are_those_of_the_table() {
-    for (version, fact) in [Fmi2, Fmi3]
-        .into_iter()
-        .flat_map(|v| FACTS.iter().map(move |f| (v, f)))
+    for (version, fact) in [Fmi2, Fmi3].into_iter().flat_map(|v| FACTS.iter().map(move |f| (v, f)))
     {
         let it = in_phase(version, 1);
         for (reference, name, start) in parts(version, fact) {
@@ -195,10 +193,10 @@ fn unknown_references_and_wrong_types_are_refused() {
         // In FMI 2.0, the other numbers are accessed by the same functions.
         let in_2 = |of: &Type| matches!(of, Float64 | Int32 | Boolean | String);
         for of in types.into_iter().filter(|of| version == Fmi3 || in_2(of)) {
-            let accesses: [&dyn Fn(Fmu, u32, usize) -> Status; 2] = [
-                &|f, reference, n| f.get_all(of, &[reference], n).0,
-                &|f, reference, n| f.set_all(of, &[reference], &vec![0.0; n]),
-            ];
+            let accesses: [&dyn Fn(Fmu, u32, usize) -> Status; 2] =
+                [&|f, reference, n| f.get_all(of, &[reference], n).0, &|f, reference, n| {
+                    f.set_all(of, &[reference], &vec![0.0; n])
+                }];
             for access in accesses {
                 for unknown in [COUNT + 1, 1_000_000, 1 << 31, u32::MAX] {
                     let words = format!("value reference {unknown} is unknown");
@@ -375,11 +373,9 @@ fn texts_and_bytes_are_copied_and_live_until_the_next_call_on_their_instance() {
         assert_eq!(given.each_ref().map(|text| &**text), expected);
         it.steps(0.001, 1.0);
         assert_eq!(it.read(Type::Int32, [LENGTH]), [11.0]);
-        for (bad, shown) in [
-            (null(), "NULL"),
-            (c"\xc3".as_ptr(), r#""\xc3""#),
-            (c"a\xff".as_ptr(), r#""a\xff""#),
-        ] {
+        for (bad, shown) in
+            [(null(), "NULL"), (c"\xc3".as_ptr(), r#""\xc3""#), (c"a\xff".as_ptr(), r#""a\xff""#)]
+        {
             let words = format!("label = {shown} is refused; expected a text in UTF-8");
             let texts = [c"1".as_ptr(), bad];
             it.refuses(&words, |f| f.set_strings(&[LABEL, LABEL], &texts));

@@ -59,10 +59,7 @@ pub fn lay_out(sizes: &[[usize; 2]], links: &[[Pin; 2]]) -> Layout {
             around(bottom - lane)
         }
     };
-    Layout {
-        lines: links.iter().enumerate().map(line).collect(),
-        areas,
-    }
+    Layout { lines: links.iter().enumerate().map(line).collect(), areas }
 }
 
 /// The column of each component: one after the last component that feeds it, ignoring feedback. `feeds` are

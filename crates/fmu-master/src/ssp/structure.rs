@@ -19,9 +19,7 @@ const OSP: &str = "http://opensimulationplatform.com/SSP/OSPAnnotations";
 const OMS: &str =
     "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd";
 
-const BASE_UNIT: [&str; 10] = [
-    "kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset",
-];
+const BASE_UNIT: [&str; 10] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset"];
 
 /// The document of a system whose components have the names `identifiers` and FMUs at `places` in the
 /// package.
@@ -55,10 +53,7 @@ pub fn document(
             .with("type", "application/x-fmu-sharedlibrary")
             .with("source", place)
             .with("implementation", "CoSimulation")
-            .listing(
-                "ssd:Connectors",
-                connectors(&sides[index], &planned.fmu, &mut terms),
-            )
+            .listing("ssd:Connectors", connectors(&sides[index], &planned.fmu, &mut terms))
             .holding(area("ssd:ElementGeometry", layout.areas[index]))
             .listing("ssd:ParameterBindings", bindings(planned, &mut terms))
     });
@@ -157,9 +152,11 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'s
 /// The start values, stored in the component itself, where all tools read them.
 fn bindings(component: &Planned, terms: &mut Terms) -> Vec<Element<'static>> {
     let parameters = component.starts().map(|(variable, value)| {
-        Element::new("ssv:Parameter")
-            .with("name", &variable.name)
-            .holding(terms.of(&component.fmu, variable, Some(value)))
+        Element::new("ssv:Parameter").with("name", &variable.name).holding(terms.of(
+            &component.fmu,
+            variable,
+            Some(value),
+        ))
     });
     let parameters = Vec::from_iter(parameters);
     if parameters.is_empty() {
@@ -184,9 +181,7 @@ fn real(value: f64) -> String {
 
 fn area(name: &'static str, area: Area) -> Element<'static> {
     let ends = ["x1", "y1", "x2", "y2"].into_iter().zip(area);
-    ends.fold(Element::new(name), |area, (end, value)| {
-        area.with(end, value)
-    })
+    ends.fold(Element::new(name), |area, (end, value)| area.with(end, value))
 }
 
 /// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the
@@ -274,9 +269,7 @@ impl Terms {
 
     fn enumerations(&self) -> Vec<Element<'static>> {
         let item = |(name, value): &(String, i64)| {
-            Element::new("ssc:Item")
-                .with("name", name)
-                .with("value", value)
+            Element::new("ssc:Item").with("name", name).with("value", value)
         };
         let enumerations = self.enumerations.iter().map(|(name, items)| {
             let enumeration = Element::new("ssc:Enumeration").with("name", name);
@@ -287,12 +280,10 @@ impl Terms {
 
     fn units(&self) -> Vec<Element<'static>> {
         let units = self.units.iter().map(|(name, base)| {
-            let unit = BASE_UNIT
-                .iter()
-                .fold(Element::new("ssc:BaseUnit"), |unit, name| {
-                    let part = base.iter().find(|(known, _)| known == name);
-                    unit.with_some(name, part.map(|(_, value)| value))
-                });
+            let unit = BASE_UNIT.iter().fold(Element::new("ssc:BaseUnit"), |unit, name| {
+                let part = base.iter().find(|(known, _)| known == name);
+                unit.with_some(name, part.map(|(_, value)| value))
+            });
             Element::new("ssc:Unit").with("name", name).holding(unit)
         });
         units.collect()

@@ -201,10 +201,7 @@ impl Journal {
     /// The whole lines. Cuts the file after the last of them, and writes the header if it was torn or missing.
     fn read(&mut self) -> Result<String> {
         let mut bytes = Vec::new();
-        let read = self
-            .file
-            .rewind()
-            .and_then(|()| self.file.read_to_end(&mut bytes));
+        let read = self.file.rewind().and_then(|()| self.file.read_to_end(&mut bytes));
         read.with_context(|| self.cannot("read"))?;
         let header = self.header.as_bytes();
         let cut = if bytes.starts_with(header) {
@@ -217,9 +214,7 @@ impl Journal {
             }
         } else if header.starts_with(&bytes) {
             bytes = header.to_vec();
-            self.file
-                .set_len(0)
-                .and_then(|()| self.file.write_all(&bytes))
+            self.file.set_len(0).and_then(|()| self.file.write_all(&bytes))
         } else {
             bail!(
                 "{} belongs to another sweep: delete it or give another --out",
@@ -293,12 +288,7 @@ mod tests {
 
     use super::*;
 
-    const LINES: [&str; 4] = [
-        "0,0.0,\n",
-        "1,NaN,\"π,\"\"x\"\"\"\n",
-        "2,0.2,linear\n",
-        "3,0.3,#\n",
-    ];
+    const LINES: [&str; 4] = ["0,0.0,\n", "1,NaN,\"π,\"\"x\"\"\"\n", "2,0.2,linear\n", "3,0.3,#\n"];
 
     fn columns() -> Vec<Column> {
         let column = |name, kind| Column::new(name, "", kind);
@@ -375,22 +365,13 @@ mod tests {
         for (text, reason) in [
             (other, foreign.to_owned()),
             ("\n".into(), foreign.to_owned()),
-            (
-                ours.clone() + "0,0.1,\n\n1,0.1,\n",
-                damaged(4, "\"\", expected 3 fields"),
-            ),
+            (ours.clone() + "0,0.1,\n\n1,0.1,\n", damaged(4, "\"\", expected 3 fields")),
             (
                 ours.clone() + "0,0.1,\n0,0.2,\n",
                 damaged(4, "another row of run 0, expected the same one"),
             ),
-            (
-                ours.clone() + "4,0.1,\n",
-                damaged(3, "\"4,0.1,\", expected one of the runs 0..4"),
-            ),
-            (
-                ours + "0,0.\u{0}1,\n",
-                damaged(3, "p is 0.\u{0}1, expected a number"),
-            ),
+            (ours.clone() + "4,0.1,\n", damaged(3, "\"4,0.1,\", expected one of the runs 0..4")),
+            (ours + "0,0.\u{0}1,\n", damaged(3, "p is 0.\u{0}1, expected a number")),
         ] {
             fs::write(&part, &text).unwrap();
             let expected = format!("{}{reason}", part.display());

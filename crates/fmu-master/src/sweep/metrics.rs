@@ -23,10 +23,7 @@ pub struct Options {
 fn band<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     converted(deserializer, |band: f64| {
         let is_valid = band >= 0.0 && band.is_finite();
-        ensure!(
-            is_valid,
-            "band = {band:?}, expected a finite number of at least 0"
-        );
+        ensure!(is_valid, "band = {band:?}, expected a finite number of at least 0");
         Ok(band)
     })
 }
@@ -40,10 +37,7 @@ fn limit<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            band: 0.003,
-            limit: 1e3,
-        }
+        Self { band: 0.003, limit: 1e3 }
     }
 }
 
@@ -314,10 +308,7 @@ mod tests {
                     let r = |time| if time < step { start } else { end };
                     let y = |time: f64| start + height * response((time - step).max(0.0));
                     let overshoot = summary(sampled(5000, r, y)).overshoot.unwrap();
-                    assert!(
-                        (overshoot - expected).abs() < 5e-5,
-                        "{overshoot} {expected}"
-                    );
+                    assert!((overshoot - expected).abs() < 5e-5, "{overshoot} {expected}");
                 }
             }
         }
@@ -372,12 +363,8 @@ mod tests {
             assert!(!metrics.push(Sample { time, r, y, e, u }));
             assert!(!metrics.push(sound[51]));
             metrics.diverge(99.0);
-            let expected = Summary {
-                diverged: true,
-                diverged_at: Some(time),
-                settling_time: None,
-                ..until
-            };
+            let expected =
+                Summary { diverged: true, diverged_at: Some(time), settling_time: None, ..until };
             assert_eq!(metrics.finish(), expected);
         }
         let mut metrics = Metrics::new(&Options::default());
@@ -388,13 +375,7 @@ mod tests {
 
     #[test]
     fn options_are_checked() {
-        for wrong in [
-            "band = -0.1",
-            "band = nan",
-            "limit = 0.0",
-            "limit = nan",
-            "bnd = 0",
-        ] {
+        for wrong in ["band = -0.1", "band = nan", "limit = 0.0", "limit = nan", "bnd = 0"] {
             assert!(toml::from_str::<Options>(wrong).is_err(), "{wrong}");
         }
         let partial: Options = toml::from_str("limit = inf").unwrap();

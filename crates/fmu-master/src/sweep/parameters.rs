@@ -36,10 +36,7 @@ impl Parameters {
     /// # Errors
     /// A variable appears twice, there is nothing to draw, or there are too many runs.
     pub fn new(seed: u64, draws: u64, all: Vec<Parameter>) -> Result<Self> {
-        ensure!(
-            !all.is_empty(),
-            "no parameter, expected at least one [[parameter]]"
-        );
+        ensure!(!all.is_empty(), "no parameter, expected at least one [[parameter]]");
         let mut names = HashSet::new();
         for variable in all.iter().flat_map(|parameter| &parameter.variables) {
             ensure!(
@@ -57,12 +54,7 @@ impl Parameters {
         let Some(runs) = runs.filter(|&runs| runs <= MAX_RUNS) else {
             bail!("the plan has too many runs, expected {MAX_RUNS} at most");
         };
-        Ok(Self {
-            seed,
-            draws,
-            all,
-            runs,
-        })
+        Ok(Self { seed, draws, all, runs })
     }
 
     /// A column for every variable.
@@ -97,11 +89,7 @@ impl Parameters {
             points_left /= parameter.count();
             let place = point / points_left;
             point %= points_left;
-            let value = parameter.value(place, || Draw {
-                seed: self.seed,
-                rank,
-                draw,
-            });
+            let value = parameter.value(place, || Draw { seed: self.seed, rank, draw });
             rank += u64::from(parameter.is_random());
             for variable in &parameter.variables {
                 assignments.push((variable.as_str(), value.clone()));
@@ -147,12 +135,7 @@ pub struct Parameter {
 #[derive(Debug, Clone, PartialEq)]
 enum Values {
     List(Vec<Value>),
-    Spaced {
-        from: f64,
-        to: f64,
-        count: u64,
-        scale: Scale,
-    },
+    Spaced { from: f64, to: f64, count: u64, scale: Scale },
     Uniform([f64; 2]),
     LogUniform([f64; 2]),
     Normal([f64; 2]),
@@ -195,12 +178,7 @@ impl Parameter {
             // The exact ends, without the rounding of logarithms and powers.
             Values::Spaced { from, .. } if place == 0 => from,
             Values::Spaced { to, count, .. } if place == count - 1 => to,
-            Values::Spaced {
-                from,
-                to,
-                count,
-                scale,
-            } => {
+            Values::Spaced { from, to, count, scale } => {
                 let (place, last) = (place as f64, (count - 1) as f64);
                 // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
                 scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
@@ -328,12 +306,7 @@ impl Keys {
                     "from = {from:?}, expected more than 0 for logarithms"
                 );
                 ensure!(from < to, "to = {to:?}, expected more than from = {from:?}");
-                Some(Values::Spaced {
-                    from,
-                    to,
-                    count,
-                    scale,
-                })
+                Some(Values::Spaced { from, to, count, scale })
             }
             _ => bail!("part of a range, expected from, to and count"),
         };
@@ -542,10 +515,7 @@ mod tests {
         let random =
             "[a]; uniform = [0.2, 0.3]; [b]; log_uniform = [0.01, 100]; [c]; normal = [1, 0.5]";
         let grid = "[kp]; values = [100, 200]";
-        for (text, first) in [
-            (format!("{grid}; {random}"), 1),
-            (format!("{random}; {grid}"), 0),
-        ] {
+        for (text, first) in [(format!("{grid}; {random}"), 1), (format!("{random}; {grid}"), 0)] {
             let parameters = read(&format!("seed = 42; draws = 1000; {text}")).unwrap();
             let expected = [
                 [0.23482544685480763, 12.807234226403251, 0.6540068581916535],
@@ -616,10 +586,7 @@ mod tests {
         for case in cases.trim().lines() {
             let (text, reason) = case.split_once(" => ").unwrap();
             let error = format!("{:#}", read(text).unwrap_err());
-            assert!(
-                error.contains(&reason.replace("ONE_OF", one_of)),
-                "{text}: {error}"
-            );
+            assert!(error.contains(&reason.replace("ONE_OF", one_of)), "{text}: {error}");
         }
         let many = "[p]; from = 0; to = 1; count = 1000; [q]; from = 0; to = 1; count = 1000000";
         assert_eq!(read(many).unwrap().runs, MAX_RUNS);

@@ -81,11 +81,7 @@ struct Busy<T> {
 
 impl<'a, T: Copy + Serialize> Pool<'a, T> {
     pub(crate) fn new(setup: &'a Workers<'a>, names: Vec<(String, String)>) -> Self {
-        Self {
-            setup,
-            names,
-            busy: Vec::new(),
-        }
+        Self { setup, names, busy: Vec::new() }
     }
 
     /// Hands out tasks; `keep` receives what came of each, in any order. Returns false if cancelled.

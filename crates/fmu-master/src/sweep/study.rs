@@ -190,12 +190,7 @@ impl Study {
         description.step = file.step.unwrap_or(description.step);
         description.order = file.order.unwrap_or(description.order);
         let signals = &file.signals;
-        let signals = [
-            &signals.reference,
-            &signals.output,
-            &signals.error,
-            &signals.control,
-        ];
+        let signals = [&signals.reference, &signals.output, &signals.error, &signals.control];
         let mut seen = HashSet::new();
         let outputs = signals.iter().filter(|name| seen.insert(**name));
         description.outputs = outputs.map(|name| name.to_string()).collect();
@@ -334,10 +329,7 @@ impl Study {
             diverged_at: Some(time),
             ..Summary::default()
         };
-        Ok(Done {
-            line: self.line(index, summary, Some(crash.event))?,
-            failure: Some(crash.text),
-        })
+        Ok(Done { line: self.line(index, summary, Some(crash.event))?, failure: Some(crash.text) })
     }
 
     /// The row of a run as a line of CSV.

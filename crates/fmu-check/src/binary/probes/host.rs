@@ -111,11 +111,7 @@ pub fn short_lived_strings(subject: &Subject<'_>) -> Result<()> {
 pub fn with_text(subject: &Subject<'_>, what: &str, text: &str) -> Result<()> {
     let stage = format!("with {what} in the name of the instance and in Strings");
     subject.report.stage(stage);
-    let setup = Setup {
-        name: text,
-        logging: true,
-        ..subject.setup()
-    };
+    let setup = Setup { name: text, logging: true, ..subject.setup() };
     provoke(subject, setup);
     let mut run = Run::instantiate(subject, setup).ok().context(SKIP)?;
     for variable in subject.settable().filter(|v| v.of_type == Type::String) {
@@ -149,11 +145,7 @@ fn properties() -> Vec<Property> {
     };
     let locale = environment::locale().unwrap_or_default();
     vec![
-        (
-            &DIRECTORY,
-            "the working directory",
-            format!("{directory:?}"),
-        ),
+        (&DIRECTORY, "the working directory", format!("{directory:?}")),
         (&LOCALE, "the locale", locale),
         (&SIGNALS, "the mask of caught signals", field("SigCgt:")),
         (&ARITHMETIC, "the arithmetic", arithmetic.into()),
@@ -171,10 +163,7 @@ fn handles() -> [(&'static str, usize); 3] {
     let tasks = fs::read_dir("/proc/self/task");
     let count = |folder| fs::read_dir(folder).map_or(0, Iterator::count);
     [
-        (
-            "processes",
-            tasks.map_or(0, |tasks| tasks.flatten().map(children).sum()),
-        ),
+        ("processes", tasks.map_or(0, |tasks| tasks.flatten().map(children).sum())),
         ("threads", count("/proc/self/task")),
         ("open files", count("/proc/self/fd")),
     ]
@@ -268,9 +257,7 @@ pub fn memory(subject: &Subject<'_>) -> Result<()> {
     if subject.claims("canGetAndSetFMUstate") {
         let mut run = Run::begin(subject, subject.setup())?;
         let mut state = run.instance.get_fmu_state()?;
-        let grown = growth(subject, || {
-            Ok(run.instance.save_to(&mut state).map(drop)?)
-        })?;
+        let grown = growth(subject, || Ok(run.instance.save_to(&mut state).map(drop)?))?;
         found(grown, "fmi2GetFMUstate that overwrites a state", "");
         run.instance.free_fmu_state(state)?;
     }
@@ -324,9 +311,8 @@ pub fn logging(subject: &Subject<'_>) -> Result<()> {
 /// Selects log categories that do and do not exist.
 pub fn debug_logging(subject: &Subject<'_>) -> Result<()> {
     let categories = subject.model.root.list("LogCategories", "Category");
-    let mut names: Vec<CString> = categories
-        .filter_map(|category| CString::new(category.attribute("name")?).ok())
-        .collect();
+    let mut names: Vec<CString> =
+        categories.filter_map(|category| CString::new(category.attribute("name")?).ok()).collect();
     let mut run = Run::begin(subject, subject.setup())?;
     if !names.is_empty() {
         run.instance.set_debug_logging(true, &names)?;
@@ -385,10 +371,7 @@ struct Refused<'a> {
 
 impl<'a> Refused<'a> {
     fn new(subject: &'a Subject<'a>) -> Self {
-        Self {
-            subject,
-            accepted: Vec::new(),
-        }
+        Self { subject, accepted: Vec::new() }
     }
 
     /// Makes a call in a new run; `what` tells function and circumstances, such as `fmi2DoStep before
@@ -421,11 +404,8 @@ impl<'a> Refused<'a> {
 
 /// The types of FMI 2.0 that are accessed with value references that do not exist, by the names of their
 /// functions.
-const TYPES: [(&str, Type); 3] = [
-    ("Real", Type::Float64),
-    ("Integer", Type::Int32),
-    ("Boolean", Type::Boolean),
-];
+const TYPES: [(&str, Type); 3] =
+    [("Real", Type::Float64), ("Integer", Type::Int32), ("Boolean", Type::Boolean)];
 
 /// Reads value references that do not exist, or have another type.
 pub fn unknown_get(subject: &Subject<'_>) -> Result<()> {
@@ -476,9 +456,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
     use Variability::{Constant, Continuous, Discrete, Fixed};
     // In model exchange, some hosts, such as CasADi, set the states one by one.
     let model = subject.model;
-    let variables = model
-        .variables()
-        .filter(|_| subject.kind == Kind::ModelExchange);
+    let variables = model.variables().filter(|_| subject.kind == Kind::ModelExchange);
     let states: HashSet<u32> = variables
         .filter_map(|(_, v)| Some(model.referred(v.value, "derivative")?.reference))
         .collect();
@@ -599,10 +577,7 @@ pub fn damaged_state(subject: &Subject<'_>) -> Result<()> {
     let sound = bytes(&mut Run::begin(subject, subject.setup())?)?;
     let mut cases: Vec<(String, Vec<u8>)> = vec![
         ("half of a state".into(), sound[..sound.len() / 2].to_vec()),
-        (
-            "a state with 8 more bytes".into(),
-            [sound.as_slice(), &[0; 8]].concat(),
-        ),
+        ("a state with 8 more bytes".into(), [sound.as_slice(), &[0; 8]].concat()),
         ("255 in all bytes".into(), vec![255; sound.len()]),
     ];
     for at in (0..8).map(|part| part * sound.len() / 8) {

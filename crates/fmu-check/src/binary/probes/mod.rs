@@ -62,8 +62,7 @@ impl Probe {
     /// The test of a name.
     pub fn named(name: &str) -> Result<&'static Self> {
         let mut all = FIRST.iter().chain(PROBES);
-        all.find(|probe| probe.name == name)
-            .context("there is no such test")
+        all.find(|probe| probe.name == name).context("there is no such test")
     }
 
     pub fn is_quick(&self) -> bool {

@@ -319,10 +319,7 @@ pub fn serialize(subject: &Subject<'_>) -> Result<()> {
     other.instance.free_fmu_state(state)?;
     other.place = place;
     let actual = other.record()?;
-    let how = [
-        "after steps from the state restored from bytes",
-        " as in the first instance",
-    ];
+    let how = ["after steps from the state restored from bytes", " as in the first instance"];
     (subject.observed).ensure_same(&actual, &expected, subject.tolerance, how)
 }
 

@@ -242,10 +242,7 @@ pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
     // Such as breakpoints, which have an order.
     run.enter_initialization().ok().context(SKIP)?;
     let expected = arrays.variables().flat_map(reversed).collect();
-    let (read, how) = (
-        run.row(&arrays)?,
-        ["in initialization mode", " as it was set before"],
-    );
+    let (read, how) = (run.row(&arrays)?, ["in initialization mode", " as it was set before"]);
     arrays.ensure_same(&read, &[(run.time(), expected)], 1e-12, how)
 }
 
@@ -262,10 +259,7 @@ pub fn initial_outputs(subject: &Subject<'_>) -> Result<()> {
     run.change(subject.reals(Causality::Input).into_iter())?;
     let before = run.row(&listed)?;
     run.instance.exit_initialization_mode()?;
-    let (after, how) = (
-        run.row(&listed)?,
-        ["in initialization mode", " as after it"],
-    );
+    let (after, how) = (run.row(&listed)?, ["in initialization mode", " as after it"]);
     listed.ensure_same(&before, &after, subject.tolerance, how)
 }
 
@@ -339,9 +333,7 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Resul
     run.instance.exit_configuration_mode()?;
     run.initialize()?;
     run.advance_by(subject.task.steps.min(STEPS))?;
-    let arrays = subject
-        .readable()
-        .filter_map(|v| Some((v, count(v, parameter, size)?)));
+    let arrays = subject.readable().filter_map(|v| Some((v, count(v, parameter, size)?)));
     for (variable, n) in arrays.filter(|(_, n)| *n <= MAX_ELEMENTS) {
         let values = run.read_elements(variable, n)?;
         let is_output = variable.causality == Causality::Output;
@@ -366,9 +358,7 @@ fn count(variable: &Listed<'_>, parameter: &Listed<'_>, size: &Value) -> Option<
         }
     }
     let is_changed = dimensions != variable.dimensions;
-    let product = dimensions
-        .iter()
-        .try_fold(1_usize, |product, n| product.checked_mul(*n));
+    let product = dimensions.iter().try_fold(1_usize, |product, n| product.checked_mul(*n));
     product.filter(|_| is_changed)
 }
 
@@ -474,10 +464,8 @@ fn compare(
 
 /// Compares directional derivatives of outputs with difference quotients.
 pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
-    let (inputs, outputs) = (
-        subject.continuous(Causality::Input),
-        subject.continuous(Causality::Output),
-    );
+    let (inputs, outputs) =
+        (subject.continuous(Causality::Input), subject.continuous(Causality::Output));
     let allowed = Dependencies::of(subject);
     let mut run = Run::after(subject, WARM_UP)?;
     let mut is_called = false;
@@ -504,9 +492,7 @@ fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
     let is_tested = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
     let pairs = model.derivatives.iter().map(|unknown| {
         let derivative = model.variable(unknown.index).filter(is_tested)?;
-        let state = model
-            .referred(derivative.value, "derivative")
-            .filter(is_tested)?;
+        let state = model.referred(derivative.value, "derivative").filter(is_tested)?;
         Some((derivative, state))
     });
     let pairs: Option<Pairs<'_>> = pairs.collect();
@@ -572,10 +558,7 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
 
 /// Changes each input, and looks for outputs that follow though the XML says that they do not.
 pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
-    let (mut inputs, outputs) = (
-        subject.reals(Causality::Input),
-        subject.reals(Causality::Output),
-    );
+    let (mut inputs, outputs) = (subject.reals(Causality::Input), subject.reals(Causality::Output));
     let is_exchange = subject.kind == Kind::ModelExchange;
     inputs.truncate(MAX_INPUTS);
     inputs.retain(|v| !is_exchange || is_continuous(v));
@@ -613,8 +596,7 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
         let mut run = Run::after(subject, WARM_UP)?;
         if change == 0.0 {
             let values = vec![derivative / subject.step; inputs.len()];
-            run.instance
-                .set_input_derivatives(&inputs, &orders, &values)?;
+            run.instance.set_input_derivatives(&inputs, &orders, &values)?;
         } else {
             let values: Vec<f64> = run.reals(&inputs)?.iter().map(|u| u + change).collect();
             let set = run.instance.set_float64(&inputs, &values);
@@ -665,9 +647,7 @@ pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
         }
     }
     for (i, output) in outputs.iter().enumerate().filter(|(_, v)| is_continuous(v)) {
-        let slopes = values
-            .windows(2)
-            .map(|row| (row[1][i] - row[0][i]) / subject.step);
+        let slopes = values.windows(2).map(|row| (row[1][i] - row[0][i]) / subject.step);
         let judged = given.iter().skip(1).map(|given| given[i]).zip(slopes);
         let wrong = judged.clone().filter(|(given, slope)| {
             let scale = slope.abs().max(given.abs());
