@@ -16,7 +16,7 @@ from sweeps import table, wait_until
 LIMIT = 3
 """Time limit of calls that hang [s], which no other call takes on a busy machine."""
 
-FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL".split(" ")
+FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END".split(" ")
 """The faults of tests/c/faulty.c, by number."""
 
 
@@ -87,6 +87,15 @@ def test_a_complete_run_replaces_the_file_and_what_was_kept(folder):
     assert simulated(folder, "").stderr == ""
     assert len(read_csv(folder / "out.csv")["time"]) == 1001
     assert not (folder / "out.csv.part").exists()
+
+
+def test_an_fmu_that_ends_the_simulation_leaves_a_complete_table(folder):
+    result = simulated(folder, "END")
+    assert (result.returncode, result.stderr) == (0, "")
+    ended = "plant (Faulty.fmu) ended the simulation at t = 0.501 s: it has arrived\n"
+    assert ended in result.stdout
+    times = read_csv(folder / "out.csv")["time"]
+    assert list(times) == [*(k * 0.001 for k in range(501)), 0.5 + 0.001]
 
 
 @pytest.mark.parametrize("fault", ["CRASH", "EXIT"])
@@ -181,6 +190,7 @@ def test_a_sweep_with_one_crashing_run_in_a_thousand_finishes(folder):
         ("HANG", f"--call-timeout={LIMIT}", f"did not return within {LIMIT} s and was killed"),
         ("FILL", "--memory-limit=0.4", "used too much memory and was killed"),
         ("FAIL", "--threads=2", "returned fmi2Error"),
+        ("END", "--threads=2", "asked to end the simulation"),
     ],
 )
 def test_a_failed_run_has_its_reason_in_the_table(folder, fault, limit, reason):

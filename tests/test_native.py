@@ -563,7 +563,6 @@ MISFITS = [
     ({}, {"u[1]": -1}, [], [], "a.u[1] = -1 is invalid; expected a whole number from 0 to 255"),
     ({}, {"x": "?"}, [], [], 'a.x = "?" is invalid; expected a number'),
     ({}, {"bytes": "00"}, [], [], 'a.bytes = "00" cannot be set: a Binary can only be recorded'),
-    ({}, {"u[1]": 99}, [], [], "step of 0.25 s at t = 0.0 s: fmi3DoStep asked to end"),
     ({}, {}, ["b.n -> a.u[2]"], [], "fmi3SetUInt8 cannot take the value 321"),
     ({}, {}, ["a.y -> a.u[1]"], [], "a.y (Float32) cannot feed a.u[1] (UInt8): the types differ"),
     ({}, {}, ["a.n -> a.u"], [], "Sums.fmu has no variable u; its elements are u[1] to u[3]"),
@@ -576,6 +575,14 @@ MISFITS = [
 def test_what_does_not_fit_is_named(sums, tmp_path, changes, start, connections, outputs, message):
     system = sums({"a": start, "b": {}}, connections, changes, outputs=outputs)
     assert message in refusal(tmp_path, "simulate", system)
+
+
+def test_an_fmu_of_fmi_3_ends_the_simulation(sums, tmp_path):
+    system = sums({"a": {}, "b": {"u[1]": 99}})
+    result = run("simulate", system, "--csv", "out.csv", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "b (Sums.fmu) ended the simulation at t = 0.25 s\n" in result.stdout
+    assert list(read_csv(tmp_path / "out.csv")["time"]) == [0.0]
 
 
 @pytest.mark.parametrize("value", ["0.0", "-1e-6", "inf", "nan"])

@@ -9,7 +9,7 @@
 #include "stubs.h"
 
 enum { Y, R, E, U, AT, REALS };
-enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL };
+enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END };
 
 typedef struct {
     const Callbacks *callbacks;
@@ -43,6 +43,9 @@ static int fault(Instance *c) {
         break;
     case FAIL:
         return ERROR;
+    case END:
+        c->callbacks->logger(c->callbacks->environment, "", OK, "faulty", "it has %s", "arrived");
+        return DISCARD;
     }
     return OK;
 }
@@ -96,6 +99,17 @@ EXPORT int fmi2DoStep(Instance *c, double time, double step) {
     calculate(c, time + step);
     double at = c->reals[AT];
     return at >= 0 && time > at - step / 2 && time < at + step / 2 ? fault(c) : OK;
+}
+
+EXPORT int fmi2GetBooleanStatus(const Instance *c, int kind, int *value) {
+    *value = kind == TERMINATED && c->fault == END;
+    return OK;
+}
+
+/* The time of the last step, which was completed although the simulation ends. */
+EXPORT int fmi2GetRealStatus(const Instance *c, int kind, double *value) {
+    *value = c->reals[Y];
+    return kind == LAST_SUCCESSFUL_TIME ? OK : ERROR;
 }
 
 STUB(fmi2Reset)

@@ -17,7 +17,7 @@ macro_rules! access {
     ($($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($_0:tt)*) => {
         impl Instance {
             /// Gets the values of all elements of variables of one type. An Enumeration is accessed as a number. A
-            /// Boolean is true unless it is 0.
+            /// Boolean is true unless it is 0, and so is a Clock that is active.
             ///
             /// # Errors
             /// As for every call: the function is missing or returned a failure status.
@@ -37,9 +37,15 @@ macro_rules! access {
                         fill(values, i.get_string(r, n)?, Value::String);
                         Ok(Success::Ok)
                     }
-                    Type::Binary | Type::Clock => {
+                    Type::Binary => {
                         fill(values, i.get_binary(r, n)?, Value::Binary);
                         Ok(Success::Ok)
+                    }
+                    Type::Clock => {
+                        let mut own = vec![0; n];
+                        let got = i.get_clock(r, &mut own)?;
+                        fill(values, own, |active| Value::Boolean(active != 0));
+                        Ok(got)
                     }
                 }
             }
@@ -61,7 +67,18 @@ macro_rules! access {
                         let own = values.map(|value| i32::from(*value == Value::Boolean(true)));
                         i.set_boolean(r, &Vec::from_iter(own))
                     }
-                    Type::String | Type::Binary | Type::Clock => {
+                    Type::Clock => {
+                        let own = values.map(|value| u8::from(*value == Value::Boolean(true)));
+                        i.set_clock(r, &Vec::from_iter(own))
+                    }
+                    Type::Binary => {
+                        let own = values.map(|value| match value {
+                            Value::Binary(bytes) => bytes.as_slice(),
+                            _ => &[],
+                        });
+                        i.set_binary(r, &Vec::from_iter(own))
+                    }
+                    Type::String => {
                         let own = values.map(|value| match value {
                             Value::String(text) => CString::new(text.as_str()).unwrap_or_default(),
                             _ => CString::default(),

@@ -603,7 +603,7 @@ impl Instance {
     fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
         let (done, stepped) = self.step(time, step, true)?;
         let cause = match stepped {
-            Stepped { terminate: true, .. } => Cause::Terminated,
+            Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
             Stepped { early_return: true, .. } => {
                 Cause::ReturnedEarly(stepped.last_successful_time)
             }
@@ -642,6 +642,13 @@ impl Instance {
         let mut terminated = fmi2False;
         self.get_boolean_status(fmi2Terminated, &mut terminated)?;
         Ok(terminated != fmi2False)
+    }
+
+    /// `fmi2GetRealStatus` of `fmi2LastSuccessfulTime`: the time (s) that a discarded step has reached.
+    pub fn last_successful_time(&mut self) -> Result<f64> {
+        let mut time = f64::NAN;
+        self.get_real_status(fmi2LastSuccessfulTime, &mut time)?;
+        Ok(time)
     }
 
     /// `fmi2NewDiscreteStates`, `fmi3UpdateDiscreteStates`

@@ -90,8 +90,8 @@ pub enum Cause {
     TooLarge(usize),
     /// The instance is one of another version of FMI, which does not have the function.
     OtherVersion,
-    /// The step asked to end the simulation.
-    Terminated,
+    /// The step asked to end the simulation, at this time (s).
+    Terminated(f64),
     /// The step ended early, at this time (s), which the host did not allow.
     ReturnedEarly(f64),
     /// The type of the variable cannot represent the value.
@@ -128,7 +128,7 @@ impl fmt::Display for Cause {
             Self::OtherVersion => {
                 f.write_str("does not exist in the version of FMI of the instance")
             }
-            Self::Terminated => f.write_str("asked to end the simulation"),
+            Self::Terminated(_) => f.write_str("asked to end the simulation"),
             Self::ReturnedEarly(time) => {
                 write!(f, "ended the step early at {time:?} s, which was not allowed")
             }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::Value;
-use fmu_host::{Instance, Success, operation};
+use fmu_host::{Cause, Instance, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
 use crate::plan::Planned;
@@ -89,6 +89,10 @@ impl<'a> Component<'a> {
             time: None,
             outcome: failure.outcome(),
             message: self.messages.reason(failure.function),
+            ended: match failure.cause {
+                Cause::Terminated(time) => Some(time),
+                _ => None,
+            },
         }))
     }
 
@@ -97,8 +101,26 @@ impl<'a> Component<'a> {
         self.calls.begin(self.do_step);
         match self.instance.do_step(time, step) {
             Ok(Success::Ok) => Ok(()),
-            outcome => self.explain(outcome, || format!("step of {step:?} s")),
+            outcome => self.explain_step(outcome, time, step),
         }
+    }
+
+    /// Handles a warning or an error of a step. Whether a discarded step of FMI 2.0 ends the simulation is asked
+    /// for, as few FMUs can tell.
+    #[cold]
+    fn explain_step(&mut self, outcome: fmu_host::Result, time: f64, step: f64) -> Called {
+        let is_discarded =
+            matches!(&outcome, Err(f) if f.cause == Cause::Returned(Status::Discard));
+        let explained = self.explain(outcome, || format!("step of {step:?} s"));
+        explained.map_err(|mut failure| {
+            self.calls.begin(Function::named("fmi2GetBooleanStatus"));
+            if is_discarded && self.instance.is_terminated() == Ok(true) {
+                self.calls.begin(Function::named("fmi2GetRealStatus"));
+                failure.ended = Some(self.instance.last_successful_time().unwrap_or(time));
+                failure.outcome = Cause::Terminated(time).to_string();
+            }
+            failure
+        })
     }
 
     /// Reads its outputs, each once.

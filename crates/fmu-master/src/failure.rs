@@ -21,6 +21,8 @@ pub struct Failure {
     pub outcome: String,
     /// What the FMU logged about it.
     pub message: Option<String>,
+    /// The time (s) that the FMU has reached, if it did not fail but asked to end the simulation.
+    pub ended: Option<f64>,
 }
 
 impl Failure {
@@ -57,6 +59,7 @@ impl Failure {
             time: now.time,
             outcome: outcome.to_owned(),
             message,
+            ended: None,
         })
     }
 
@@ -66,6 +69,14 @@ impl Failure {
         let (what, time) = (&self.what, time.unwrap_or_default());
         let call = format!("{} {}", self.function, self.outcome);
         format!("{} ({}), {what}{time}: {call}", self.component, self.fmu)
+    }
+
+    /// Who has ended the simulation, when and why, if it is no failure.
+    pub fn end(&self) -> Option<String> {
+        let Self { component, fmu, message, .. } = self;
+        let reason = message.iter().map(|message| format!(": {message}"));
+        let reason = reason.collect::<String>();
+        Some(format!("{component} ({fmu}) ended the simulation at t = {:?} s{reason}", self.ended?))
     }
 
     /// Adds the communication point.

@@ -25,9 +25,9 @@ enum Report<'a> {
     Ready(Ready),
     /// A row.
     Row(Cow<'a, Row>),
-    /// It has ended: what the FMUs have logged, the last row, the summary, and the time that the simulation
-    /// took.
-    Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration),
+    /// It has ended: what the FMUs have logged, the last row, the summary, the time that the simulation took,
+    /// and which FMU has ended it before the stop time.
+    Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration, Option<String>),
     /// It has failed, or cannot begin: what the FMUs have logged, why, and whether its rows are of use.
     Failed(Vec<Message>, String, bool),
 }
@@ -85,8 +85,9 @@ pub fn work(
     });
     let elapsed = begin.elapsed();
     service.reply(&match finished {
-        Ok(Finished { messages, last }) => {
-            Report::Done(messages, Cow::Owned(last), gathering.summarize(), elapsed)
+        Ok(Finished { messages, last, ended }) => {
+            let ended = ended.and_then(|ended| ended.end());
+            Report::Done(messages, Cow::Owned(last), gathering.summarize(), elapsed, ended)
         }
         Err(error) => {
             let keeps_rows = error.is::<Failure>();
@@ -134,6 +135,8 @@ pub struct Summary {
     pub summarized: Summarized,
     /// The time that the simulation took, without loading and initializing the FMUs.
     pub duration: Duration,
+    /// Which FMU has ended the simulation before the stop time, when and why.
+    pub ended: Option<String>,
     /// The number of rows in the file, if one was written.
     pub rows: Option<u64>,
     /// How the process ended when it unloaded the binaries, unless it exited.
@@ -206,7 +209,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 ready = Some(new);
                 worker.send(&());
             }
-            Report::Done(messages, last, summarized, duration) => {
+            Report::Done(messages, last, summarized, duration, ended) => {
                 let rows = rows.map(Rows::finish).transpose()?;
                 let last = last.into_owned();
                 let crash = match worker.end(FAREWELL)? {
@@ -220,6 +223,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                     last,
                     summarized,
                     duration,
+                    ended,
                     rows,
                     crash,
                 })));

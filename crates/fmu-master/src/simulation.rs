@@ -83,6 +83,8 @@ pub struct Finished {
     pub messages: Vec<Message>,
     /// The last row.
     pub last: Row,
+    /// Who has ended the simulation before the stop time, if an FMU has.
+    pub ended: Option<Failure>,
 }
 
 impl Plan {
@@ -185,16 +187,48 @@ impl Simulation<'_> {
     }
 
     /// Steps from the start to the stop time, or until `observe`, which receives the row of each
-    /// communication point, returns false.
+    /// communication point, returns false, or until an FMU ends the simulation.
     ///
     /// # Errors
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
-    pub fn run(mut self, observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        self.steps(observe).map_err(|failure| *failure)?;
-        Ok(Finished { messages: self.messages.take(), last: std::mem::take(&mut self.row) })
+    pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
+        let steps = self.steps(&mut observe);
+        let ended = match steps {
+            Ok(()) => None,
+            Err(failure) if failure.ended.is_some() => {
+                self.end_early(&failure, observe).map_err(|failure| *failure)?;
+                Some(*failure)
+            }
+            Err(failure) => return Err(anyhow::Error::new(*failure)),
+        };
+        let (messages, last) = (self.messages.take(), std::mem::take(&mut self.row));
+        Ok(Finished { messages, last, ended })
     }
 
-    fn steps(&mut self, mut observe: impl FnMut(&Row) -> bool) -> Called {
+    /// Ends a run after a step in which an FMU has ended the simulation. The row of the communication point is
+    /// complete if no sampled component had yet to step. A single FMU has one more row, at the time that it has
+    /// reached.
+    fn end_early(&mut self, end: &Failure, mut observe: impl FnMut(&Row) -> bool) -> Called {
+        let wiring = &self.plan.wiring;
+        let mut all = self.plan.components.iter().skip_while(|c| c.name != end.component);
+        if all.all(|component| !component.sampled) {
+            self.row.store.record(&wiring.after, &self.outputs);
+            observe(&self.row);
+        }
+        if let ([component], Some(reached)) = (&mut *self.components, end.ended)
+            && reached > self.row.time
+            && component.read(&mut self.outputs).is_ok()
+        {
+            self.row.time = reached;
+            self.row.store.record(&wiring.before, &self.outputs);
+            self.row.store.record(&wiring.after, &self.outputs);
+            observe(&self.row);
+        }
+        self.call_all("terminate", "end", Instance::terminate)
+    }
+
+    #[inline(always)]
+    fn steps(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);

@@ -279,7 +279,11 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     for alarm in &finished.summarized.alarms {
         writeln!(out, "alarming: {alarm}")?;
     }
-    let simulated = ready.end - ready.experiment.start;
+    if let Some(ended) = &finished.ended {
+        writeln!(out, "{ended}")?;
+    }
+    let end = if finished.ended.is_some() { time } else { ready.end };
+    let simulated = end - ready.experiment.start;
     let seconds = finished.duration.as_secs_f64();
     let (milliseconds, speed) = (seconds * 1e3, speed(simulated / seconds));
     // Rounded, as the difference of two times may end with many nines.

@@ -304,11 +304,13 @@ impl Study {
                 u: row.number(u),
             })
         });
-        let mut failure = None;
-        if let Err(error) = ended {
-            let failed: Failure = error.downcast()?;
-            metrics.diverge(failed.time.unwrap_or(self.plan.experiment.start));
-            failure = Some(failed);
+        // A run that an FMU has ended cannot be compared with others either.
+        let failure = match ended {
+            Ok(finished) => finished.ended,
+            Err(error) => Some(error.downcast::<Failure>()?),
+        };
+        if let Some(failure) = &failure {
+            metrics.diverge(failure.time.unwrap_or(self.plan.experiment.start));
         }
         let event = failure.as_ref().map(Failure::event);
         Ok(Done {
