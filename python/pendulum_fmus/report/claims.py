@@ -51,6 +51,7 @@ class Verdict(Enum):
     HOLDS = ("holds", "✓", "holds")
     PART = ("holds in part", "◐", "partly")
     FAILS = ("does not hold", "✗", "fails")
+    FITTED = ("fitted", "○", "fitted")
 
     def __init__(self, label: str, sign: str, css: str):
         self.label, self.sign, self.css = label, sign, css
@@ -90,6 +91,7 @@ class Finding:
     columns: Sequence[str]
     rows: Sequence[Row]
     remark: str = ""
+    fitted: bool = False  # whether a number was chosen so that the statement holds
 
     @property
     def decisive(self) -> list[Row]:
@@ -99,7 +101,8 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """The verdict that follows from the rows."""
-        return judge([row.holds for row in self.decisive])
+        found = judge([row.holds for row in self.decisive])
+        return Verdict.FITTED if self.fitted and found is Verdict.HOLDS else found
 
     @property
     def long(self) -> bool:

@@ -160,6 +160,24 @@ def rule(table: "Table", key: str, *settings: str) -> list[Row]:
     return [Row(f"{name}, {s}", pair, pair[1] < pair[0]) for s, pair in pairs]
 
 
+def bands(table: "Table") -> list[Row]:
+    """Return the bands [%] in which the settling times of a step round to those of the text."""
+    found = []
+    for kind, printed in (("PID-RBF", 3.8), (table.ipid, 2.5)):
+        trace = table.data(kind)
+        # The largest error from each sample on: the loop settles there in bands of at least that
+        later = 100 * np.maximum.accumulate(np.abs(trace.e[::-1]))[::-1]
+        rounds = np.flatnonzero(np.abs(trace.t - printed) < 0.05 - 1e-9)
+        found.append((later[rounds[-1]], later[rounds[0] - 1]))
+    low, high = max(a for a, _ in found), min(b for _, b in found)
+    shown = [f"{number(a, 3)} to {number(b, 3)}" for a, b in found]
+    both = f"{number(low, 3)} to {number(high, 3)}" if low < high else "none"
+    return [
+        Row("bands that give the printed time [%]", ["", *shown]),
+        Row("bands that give both [%]", ["", both, both], low < high),
+    ]
+
+
 # --- the network --------------------------------------------------------------------------------
 
 
@@ -236,13 +254,12 @@ def smooth(table: "Table") -> list[Row]:
     traces = [*table.traces, pid]
     table.columns.append("PID")
     total, own = ([variation(getattr(t, name)) for t in traces] for name in ("u", "u_p"))
-    rough = [roughness(trace) for trace in traces]
     less = all(a < b for a, b in zip(total[:-1], own[:-1], strict=True))
-    name = "largest change of u per sample from 0.1 s after a jump [N]"
+    rough = [roughness(trace) for trace in traces]
     return [
         Row("total variation of u [N]", total, max(total) <= total[-1]),
         Row("total variation of u_p [N]", own, less),
-        Row(name, rough, max(rough[:-1]) < GENTLE),
+        Row(MEASURES["roughness"].title(), rough, max(rough[:-1]) < GENTLE),
     ]
 
 

@@ -357,7 +357,7 @@ MEASURES = {
     # force
     "variation": Measure("total variation of u", "N", lambda t: variation(t.u)),
     "energy": Measure("∫u² dt", "N² s", lambda t: integral(t.u**2, t.ts)),
-    "roughness": Measure("largest change of u per sample", "N", roughness),
+    "roughness": Measure("largest change of u per sample from 0.1 s after a jump", "N", roughness),
     "share": Measure("RMS(u_p)/RMS(u)", "1",
                      lambda t: rms(after(t, 19).u_p) / rms(after(t, 19).u), learns=True),
     "feedback": Measure("RMS of u_p from 19 s on", "N", lambda t: rms(after(t, 19).u_p),
@@ -401,7 +401,6 @@ MEASURES = {
     "cart": LoopMeasure("cart’s distance after 20 s, step", "m",
                         lambda data, kind: abs(float(data(kind).x[-1]))),
     "growth": LoopMeasure(GROWTH, "1/s", of_law(stability.growth)),
-    "growth_0": LoopMeasure(f"{GROWTH}, as in Table 1", "1/s", of_law(stability.growth)),
     "growth_1": LoopMeasure(f"{GROWTH}, one sample more", "1/s",
                             of_law(partial(stability.growth, samples=1))),
     "delay_margin": LoopMeasure("delay borne from measurement to force", "samples",

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import table1
 from . import beyond, figure, findings
 from .claims import COLUMNS, Finding, Judged, Part, Row, number, numbered
 from .figure import Figure
@@ -24,7 +23,7 @@ SPREAD = 1.1
 
 COMPARISONS = {"<": operator.lt, "below": operator.lt, ">": operator.gt, "=": operator.eq}
 
-VERBS = {"beat", "settle", "round", "spread", "fall", *COMPARISONS}
+VERBS = {"beat", "settle", "spread", "fall", *COMPARISONS}
 
 
 @cache
@@ -74,8 +73,6 @@ def holds(measure: Measure, verb: str, values: Sequence[float], bound: Sequence)
             return [bool(np.all(np.diff(values) < 0))]
         case "settle":
             return [not math.isnan(value) for value in values]
-        case "round":
-            return [table1.agrees(value, bound[-1]) for value in values]
         case "beat":
             better = operator.gt if measure.more else operator.lt
             return [all(better(finite(v), finite(other)) for other in bound) for v in values]
@@ -116,7 +113,8 @@ class Table:
         rows = []
         for measure in map(MEASURES.__getitem__, words.split()):  # each column has to hold
             values = [measure.of(trace) for trace in self.traces]
-            rows.append(Row(measure.title(), values, all(holds(measure, verb, values, bound))))
+            judged = all(holds(measure, verb, values, bound)) if verb else None
+            rows.append(Row(measure.title(), values, judged))
         return rows
 
     def _of(
@@ -215,7 +213,8 @@ def _judged(
         if "finding" in statement:
             name, *arguments = statement["finding"].replace(":", "").split()
             rows += getattr(findings, name)(table, *arguments)
-        found.append(Finding(table.columns, rows, statement.get("remark", "").format_map(known)))
+        remark, fitted = statement.get("remark", ""), statement.get("fitted", False)
+        found.append(Finding(table.columns, rows, remark.format_map(known), fitted))
     criterion = statement.get("criterion") or _criterion(statement)
     return Judged(statement["says"], criterion, found[0], found[1].verdict)
 
