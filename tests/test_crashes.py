@@ -1,9 +1,11 @@
 """FMUs that crash, exit, hang or fill the memory: what is reported, what is kept, what is left."""
 
 import re
+import resource
 import shutil
 import signal
 import subprocess
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from sweeps import table, wait_until
 LIMIT = 3
 """Time limit of calls that hang [s], which no other call takes on a busy machine."""
 
-FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END".split(" ")
+FAULTS = " CRASH ABORT EXIT EXIT_AT_ONCE HANG FILL WRITE PRINT FAIL TELL END FORK".split(" ")
 """The faults of tests/c/faulty.c, by number."""
 
 
@@ -98,6 +100,21 @@ def test_an_fmu_that_ends_the_simulation_leaves_a_complete_table(folder):
     assert list(times) == [*(k * 0.001 for k in range(501)), 0.5 + 0.001]
 
 
+def test_a_process_that_an_fmu_has_forked_writes_nothing(folder):
+    """The worker that was started goes on."""
+    warning = "warning: an FMU has forked the process, and returned in both; the second process"
+    for command in ("simulate", "sweep"):
+        if command == "simulate":
+            result = simulated(folder, "FORK")
+            times = read_csv(folder / "out.csv")["time"]
+            assert list(times) == [k * 0.001 for k in range(1001)]
+        else:
+            sweep_file(folder, 5, "FORK", 0.005)
+            result = run("sweep", "sweep.toml", "--out=runs.csv", "--threads=1", cwd=folder)
+            assert [row["failure"] for row in table(folder / "runs.csv")] == 5 * [""]
+        assert (result.returncode, result.stderr) == (0, f"{warning} was ended\n")
+
+
 @pytest.mark.parametrize("fault", ["CRASH", "EXIT"])
 def test_a_crash_before_the_first_row_leaves_no_file(folder, fault):
     result = simulated(folder, fault, -1)
@@ -140,10 +157,25 @@ def test_an_interrupted_simulation_keeps_its_rows(folder, number):
 
 
 def test_a_killed_supervisor_takes_its_worker_along(folder):
-    with subprocess.Popen([PROGRAM, *HANG], cwd=folder) as process:
-        wait_until(lambda: list((folder / "temporary").rglob("*.so")), process)
+    """All rows but those of the last second are in the file."""
+    part = folder / "out.csv.part"
+    with subprocess.Popen([PROGRAM, *HANG, "--csv=out.csv"], cwd=folder) as process:
+        wait_until(lambda: lines(part) == 501, process)
         process.kill()
     wait_until(lambda: not list((folder / "temporary").iterdir()))
+    assert read_csv(part)["time"][-1] == 0.499
+
+
+def test_the_next_command_removes_what_a_killed_one_has_left(folder):
+    with subprocess.Popen([PROGRAM, *HANG], cwd=folder) as process:
+        wait_until(lambda: list((folder / "temporary").rglob("*.so")), process)
+        (session,) = (folder / "temporary").iterdir()
+        left = session.with_name("cargo-fmu-left")
+        shutil.copytree(session, left)
+        assert run("simulate", "system.toml", "--stop=0.01", cwd=folder).returncode == 0
+        assert not left.exists()
+        assert list(session.rglob("*.so"))
+        process.terminate()
 
 
 # --- sweeps ---------------------------------------------------------------------------------------
@@ -257,6 +289,41 @@ def test_the_first_failed_write_ends_a_run(folder):
     result = run("simulate", "system.toml", "--csv=/dev/full", cwd=folder)
     assert result.returncode == 1
     assert result.stderr.startswith("error: cannot write /dev/full: ")
+
+
+def limited(folder: Path, size: int, *options: str) -> subprocess.CompletedProcess[str]:
+    """Simulate where no file can be larger, as on a full disk."""
+    return subprocess.run(
+        [PROGRAM, "simulate", "system.toml", *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+        restore_signals=False,  # writing fails instead of ending the process
+    )
+
+
+@pytest.mark.parametrize("file", ["out.csv", "out.parquet"])
+def test_a_full_disk_leaves_the_rows_that_were_written(folder, file):
+    size = 1_000_000
+    result = limited(folder, size, f"--csv={file}", "--step=0.00001")
+    assert result.returncode == 1
+    kept = read_csv(folder / f"{file}.part")["time"]
+    last = f"; the rows up to t = {kept[-1]} s are in {file}.part\n"
+    assert result.stderr == f"error: cannot write {file}: File too large (os error 27){last}"
+    assert size - 100 < (folder / f"{file}.part").stat().st_size <= size
+    assert not (folder / file).exists()
+
+
+@pytest.mark.parametrize("size", [100_000, 400_000])
+def test_a_full_folder_for_temporary_files_is_named(folder, size):
+    with zipfile.ZipFile(folder / "Faulty.fmu", "a") as archive:
+        archive.writestr("resources/data", bytes(1_000_000))
+    result = limited(folder, size)
+    assert result.returncode == 1
+    assert f" to the folder {folder / 'temporary' / 'cargo-fmu-'}" in result.stderr
+    assert "File too large (os error 27)\n" in result.stderr
 
 
 def test_two_runs_do_not_write_the_same_file(folder):

@@ -4,12 +4,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "stubs.h"
 
 enum { Y, R, E, U, AT, REALS };
-enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END };
+enum { NOTHING, CRASH, ABORT, EXIT, EXIT_AT_ONCE, HANG, FILL, WRITE, PRINT, FAIL, TELL, END, FORK };
 
 typedef struct {
     const Callbacks *callbacks;
@@ -43,6 +44,9 @@ static int fault(Instance *c) {
         break;
     case FAIL:
         return ERROR;
+    case FORK: /* returns in both processes, in the first one when the second has ended */
+        for (int second = fork(), ended = 0; second > 0 && ended != second;) ended = waitpid(second, NULL, 0);
+        break;
     case END:
         c->callbacks->logger(c->callbacks->environment, "", OK, "faulty", "it has %s", "arrived");
         return DISCARD;

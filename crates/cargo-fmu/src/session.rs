@@ -1,6 +1,7 @@
 //! What a command has to clean up when it ends or is interrupted: its temporary folder and its
 //! unfinished files.
 
+use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use std::process::{self, Command, ExitCode};
@@ -17,6 +18,8 @@ use tempfile::TempDir;
 /// A command in progress. All temporary folders are in one, which is removed with this value.
 pub struct Session {
     folder: TempDir,
+    /// Locked while this process lives.
+    _lock: File,
     signal: Arc<AtomicUsize>,
 }
 
@@ -29,18 +32,23 @@ impl Session {
     /// # Errors
     /// The folder for temporary files cannot be written.
     pub fn start() -> Result<Self> {
-        let folder = tempfile::Builder::new().prefix("cargo-fmu-").tempdir();
-        let folder = folder.with_context(|| {
-            let folder = std::env::temp_dir();
-            format!("cannot write to the folder {}", folder.display())
-        })?;
+        let parent = std::env::temp_dir();
+        remove_abandoned(&parent);
+        let create = || {
+            let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(&parent)?;
+            let lock = lock(folder.path())?;
+            io::Result::Ok((folder, lock))
+        };
+        let created = create();
+        let (folder, lock) =
+            created.with_context(|| format!("cannot write to the folder {}", parent.display()))?;
         // Another session of this process has set the folder before.
         let _ = tempfile::env::override_temp_dir(folder.path());
         let signal = Arc::new(AtomicUsize::new(0));
         for number in [SIGINT, SIGTERM] {
             signal_hook::flag::register_usize(number, Arc::clone(&signal), number as usize)?;
         }
-        Ok(Self { folder, signal })
+        Ok(Self { folder, _lock: lock, signal })
     }
 
     /// The folder for temporary files.
@@ -88,6 +96,32 @@ impl Session {
         let mut command = Command::new(std::env::current_exe()?);
         command.args(std::env::args_os().skip(1));
         Ok(command)
+    }
+}
+
+/// The start of the names of the folders, and the name of the file in them that is locked.
+const PREFIX: &str = "cargo-fmu-";
+const LOCK: &str = "lock";
+
+/// Creates the locked file of a session; it has its name only once it is locked.
+fn lock(folder: &Path) -> io::Result<File> {
+    let unlocked = folder.join(".lock");
+    let file = File::create(&unlocked)?;
+    // File systems without locks keep what a killed process leaves.
+    let _ = file.lock();
+    fs::rename(unlocked, folder.join(LOCK))?;
+    Ok(file)
+}
+
+/// Removes the folders of sessions that were killed.
+fn remove_abandoned(parent: &Path) {
+    let entries = fs::read_dir(parent).into_iter().flatten().flatten();
+    for entry in entries.filter(|e| e.file_name().to_string_lossy().starts_with(PREFIX)) {
+        let lock = File::open(entry.path().join(LOCK));
+        if lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
+            // It may be of another user.
+            let _ = fs::remove_dir_all(entry.path());
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Seek, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -119,14 +119,28 @@ impl Replacement {
     /// target is a device.
     ///
     /// # Errors
-    /// The disk is full.
+    /// The disk is full; the file is kept all the same.
     pub fn keep(self) -> Result<Option<PathBuf>> {
         let Target::Temporary(file, _listed) = self.target else {
             return Ok(None);
         };
-        file.as_file().sync_all()?;
-        file.keep()?;
+        let (file, _) = file.keep()?;
+        file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))?;
         Ok(part(&self.path))
+    }
+
+    /// Drops everything after this number of bytes; nothing for a device.
+    ///
+    /// # Errors
+    /// The file system cannot do it.
+    pub fn truncate(&mut self, length: u64) -> io::Result<()> {
+        match &mut self.target {
+            Target::Temporary(file, _) => {
+                file.as_file().set_len(length)?;
+                file.seek(SeekFrom::Start(length)).map(drop)
+            }
+            Target::Device(_) => Ok(()),
+        }
     }
 }
 

@@ -24,4 +24,4 @@ pub use library::{Kind, Library, LoadError};
 pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
 pub use resources::{resource_path, uri};
-pub use shared_memory::SharedMemory;
+pub use shared_memory::{Origin, SharedMemory};

@@ -1,5 +1,7 @@
-//! Memory that several processes share.
+//! Memory that several processes share, and memory that a forked process does not have.
 
+#[cfg(target_os = "linux")]
+use std::ffi::{c_int, c_void};
 use std::fmt::Debug;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -8,7 +10,7 @@ use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-use memmap2::MmapOptions;
+use memmap2::{MmapMut, MmapOptions};
 
 /// A file mapped to memory. What one process writes is visible to the others, and survives it. Clones
 /// share the memory.
@@ -68,6 +70,50 @@ impl SharedMemory {
         // is a valid word.
         unsafe { self.words.as_ref() }
     }
+}
+
+/// Tells the process that made it from one that was forked from it, without a call of the system if it offers
+/// memory that is zero in a forked process.
+#[derive(Debug)]
+pub struct Origin {
+    page: Option<MmapMut>,
+    process: u32,
+}
+
+impl Origin {
+    /// The origin of this process.
+    ///
+    /// # Errors
+    /// There is no memory left.
+    pub fn of_this_process() -> io::Result<Self> {
+        let mut page = MmapMut::map_anon(1)?;
+        page[0] = 1;
+        Ok(Self { page: is_wiped_by_fork(&page).then_some(page), process: std::process::id() })
+    }
+
+    /// Whether this process is the one that made it.
+    #[inline]
+    pub fn is_this_process(&self) -> bool {
+        match &self.page {
+            Some(page) => page[0] == 1,
+            None => std::process::id() == self.process,
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn is_wiped_by_fork(page: &MmapMut) -> bool {
+    const MADV_WIPEONFORK: c_int = 18;
+    unsafe extern "C" {
+        fn madvise(address: *mut c_void, length: usize, advice: c_int) -> c_int;
+    }
+    // SAFETY: the memory is a private anonymous map of its own, and stays as it is in this process.
+    unsafe { madvise(page.as_ptr().cast_mut().cast(), page.len(), MADV_WIPEONFORK) == 0 }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_wiped_by_fork(_: &MmapMut) -> bool {
+    false
 }
 
 #[cfg(test)]

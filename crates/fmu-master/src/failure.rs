@@ -122,15 +122,14 @@ impl Crash {
     }
 }
 
-/// Reports a call that has not returned for long, once.
-pub(crate) fn report_slow(
-    worker: &mut Worker,
-    components: &[(String, String)],
-    report: &dyn Fn(&str),
-) {
+/// Warns, once each, of a call that has not returned for long, and of a second process.
+pub(crate) fn warn_of(worker: &mut Worker, components: &[(String, String)], warn: &dyn Fn(&str)) {
     if worker.is_newly_slow() {
         let outcome = format!("has not returned for {} s", fmu_worker::SLOW.as_secs());
         let slow = Failure::recorded(worker.record(), components, &outcome);
-        slow.iter().for_each(|slow| report(&slow.event()));
+        slow.iter().for_each(|slow| warn(&format!("still waiting: {}", slow.event())));
+    }
+    if worker.record().take_forked() {
+        warn("an FMU has forked the process, and returned in both; the second process was ended");
     }
 }

@@ -81,7 +81,9 @@ impl Fmu {
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
-        archive.unpack("", folder.path())?;
+        archive.unpack("", folder.path()).with_context(|| {
+            format!("it cannot be unpacked to the folder {}", folder.path().display())
+        })?;
         let count = model.variables().map(|(_, v)| v.count());
         let count = count.fold(0_usize, usize::saturating_add);
         ensure!(

@@ -6,13 +6,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use fmu_description::{Type, Value};
 use fmu_file::replace::{Replacement, part};
 use fmu_worker::{Ended, Event, Service, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::failure::{Crash, report_slow};
+use crate::failure::{Crash, warn_of};
 use crate::simulation::Finished;
 use crate::summary::{Gathering, Summarized};
 use crate::table::{self, Cell, Column, Format};
@@ -104,8 +104,8 @@ pub struct Watch<'a> {
     pub keeps_rows: bool,
     /// Whether to stop, asked again and again.
     pub is_cancelled: &'a dyn Fn() -> bool,
-    /// Receives a description of each call that does not return for long.
-    pub slow: &'a dyn Fn(&str),
+    /// Receives warnings: of each call that does not return for long, and of a process that an FMU has forked.
+    pub warn: &'a dyn Fn(&str),
     /// Receives the time (s) that a run has reached.
     pub progress: &'a dyn Fn(&Ready, f64),
 }
@@ -182,14 +182,13 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             }
             None => {
                 if let Some(ready) = &ready {
-                    report_slow(&mut worker, &ready.components, watch.slow);
+                    warn_of(&mut worker, &ready.components, watch.warn);
                     let time = worker.record().time();
                     time.iter().for_each(|time| (watch.progress)(ready, *time));
                 }
-                if let Some(rows) = &mut rows
-                    && rows.flushed.elapsed() >= FLUSH_PERIOD
-                {
-                    rows.flush()?;
+                let is_due = |rows: &&mut Rows| rows.flushed.elapsed() >= FLUSH_PERIOD;
+                if let Some(Err(error)) = rows.as_mut().filter(is_due).map(Rows::flush) {
+                    return Ok(unwritten(&error, kept, rows));
                 }
                 worker.pause();
                 continue;
@@ -201,7 +200,11 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             ensure!(fits, "the worker process has sent a damaged row");
         }
         match report {
-            Report::Row(row) => rows.as_mut().map_or(Ok(()), |rows| rows.push(&row))?,
+            Report::Row(row) => {
+                if let Some(Err(error)) = rows.as_mut().map(|rows| rows.push(&row)) {
+                    return Ok(unwritten(&error, kept, rows));
+                }
+            }
             _ if cancelled.is_some() => {}
             Report::Ready(new) => {
                 let create = |file| Rows::create(file, &new.columns);
@@ -210,13 +213,18 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 worker.send(&());
             }
             Report::Done(messages, last, summarized, duration, ended) => {
-                let rows = rows.map(Rows::finish).transpose()?;
+                let count = match rows.as_mut().map(Rows::complete).transpose() {
+                    Ok(count) => count,
+                    Err(error) => return Ok(unwritten(&error, kept, rows)),
+                };
+                rows.map(Rows::place).transpose()?;
+                let ready = ready.context("the run has not begun")?;
+                warn_of(&mut worker, &ready.components, watch.warn);
                 let last = last.into_owned();
                 let crash = match worker.end(FAREWELL)? {
                     Ended::Exited(status) if status.code().is_some() => None,
                     ended => Some(ended),
                 };
-                let ready = ready.context("the run has not begun")?;
                 return Ok(Outcome::Finished(Box::new(Summary {
                     ready,
                     messages,
@@ -224,7 +232,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                     summarized,
                     duration,
                     ended,
-                    rows,
+                    rows: count,
                     crash,
                 })));
             }
@@ -238,13 +246,21 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
     }
 }
 
+/// The end of a run whose rows cannot be written.
+fn unwritten(error: &Error, file: Option<&Path>, rows: Option<Rows>) -> Outcome {
+    Outcome::Failed(Vec::new(), format!("{error:#}{}", keep(file, rows)))
+}
+
 /// Keeps the rows of a run that did not reach its end, if there are any, in the file with the suffix `.part`
 /// unless it is a device. Returns where they are, to follow a sentence.
 fn keep(file: Option<&Path>, rows: Option<Rows>) -> String {
-    let kept = rows.filter(|rows| rows.count > 0).and_then(|mut rows| {
-        rows.flush().ok()?;
-        let part = rows.part.keep().ok()?;
-        Some((part.unwrap_or(rows.path), rows.last))
+    let kept = rows.and_then(|mut rows| {
+        // As many as the disk has room for.
+        let _ = rows.flush();
+        let last = rows.last?;
+        let place = part(&rows.path).unwrap_or(rows.path);
+        let _ = rows.part.keep();
+        Some((place, last))
     });
     match (file, kept) {
         (None, _) => String::new(),
@@ -262,11 +278,12 @@ struct Rows {
     part: Replacement,
     /// The time and the recorded variables.
     columns: Vec<Column>,
-    /// The text that is not yet in the file.
+    /// The text that is not yet in the file, and where each of its rows ends, with its time (s).
     text: String,
+    ends: Vec<(usize, f64)>,
+    /// The number of rows in the file, and the time of the last one (s).
     count: u64,
-    /// The time of the last row (s).
-    last: f64,
+    last: Option<f64>,
     flushed: Instant,
 }
 
@@ -283,9 +300,10 @@ impl Rows {
             path: path.to_owned(),
             part: Replacement::part(path)?,
             text: table::header(&columns),
+            ends: Vec::new(),
             columns,
             count: 0,
-            last: f64::NAN,
+            last: None,
             flushed: Instant::now(),
         };
         rows.flush()?;
@@ -296,43 +314,67 @@ impl Rows {
         let values = [Value::Float64(row.time)].into_iter();
         let values = values.chain(row.values(&self.columns[1..]));
         table::push_line(&mut self.text, values.map(Some));
-        self.count += 1;
-        self.last = row.time;
+        self.ends.push((self.text.len(), row.time));
         match self.text.len() >= BUFFER {
             true => self.flush(),
             false => Ok(()),
         }
     }
 
+    /// Writes what was collected. If the disk is full, the file ends with a whole row.
     fn flush(&mut self) -> Result<()> {
-        let written = self.part.write_all(self.text.as_bytes());
-        written.with_context(|| format!("cannot write {}", self.path.display()))?;
-        self.text.clear();
+        let (text, ends) = (std::mem::take(&mut self.text), std::mem::take(&mut self.ends));
+        let before = self.part.length().unwrap_or(0);
+        let result = self.part.write_all(text.as_bytes());
+        let mut whole = ends.len();
+        if result.is_err() {
+            let written = self.part.length().unwrap_or(before) - before;
+            whole = ends.partition_point(|(end, _)| *end as u64 <= written);
+            let end = ends[..whole].last().map_or(0, |(end, _)| *end as u64);
+            // A row that is not whole does no harm to those before it.
+            let _ = self.part.truncate(before + end);
+        }
+        self.count += whole as u64;
+        self.last = ends[..whole].last().map(|(_, time)| *time).or(self.last);
         self.flushed = Instant::now();
-        Ok(())
+        result.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Moves the file into place and returns the number of rows.
-    fn finish(mut self) -> Result<u64> {
+    /// The file that is written if the table is not CSV, from the file of the rows.
+    fn source(&self) -> Option<PathBuf> {
+        part(&self.path).filter(|_| Format::of(&self.path) == Some(Format::Parquet))
+    }
+
+    /// Writes what is left, and returns the number of rows.
+    fn complete(&mut self) -> Result<u64> {
         self.flush()?;
-        let Self { path, columns, .. } = &self;
-        match part(path).filter(|_| Format::of(path) == Some(Format::Parquet)) {
-            None => self.part.finish()?,
-            Some(part) => {
-                let text = fs::read_to_string(&part)
-                    .with_context(|| format!("cannot read {}", part.display()))?;
-                let (_, mut rest) = text.split_at(table::header(columns).len());
-                let rows = std::iter::from_fn(|| {
-                    let row: Result<(Vec<Cell>, &str)> = match rest {
-                        "" => return None,
-                        _ => table::parse(columns, rest),
-                    };
-                    rest = row.as_ref().map_or("", |(_, rest)| rest);
-                    Some(row.map(|(cells, _)| cells))
-                });
-                table::write(path, Format::Parquet, columns, rows)?;
-            }
+        let columns = &self.columns;
+        if let Some(source) = self.source() {
+            let text = fs::read_to_string(&source);
+            let text = text.with_context(|| format!("cannot read {}", source.display()))?;
+            let (_, mut rest) = text.split_at(table::header(columns).len());
+            let rows = std::iter::from_fn(|| {
+                let row: Result<(Vec<Cell>, &str)> = match rest {
+                    "" => return None,
+                    _ => table::parse(columns, rest),
+                };
+                rest = row.as_ref().map_or("", |(_, rest)| rest);
+                Some(row.map(|(cells, _)| cells))
+            });
+            table::write(&self.path, Format::Parquet, columns, rows)?;
         }
         Ok(self.count)
+    }
+
+    /// Moves the file into place, unless the table is already there in another format.
+    fn place(self) -> Result<()> {
+        if self.source().is_some() {
+            return Ok(());
+        }
+        let cannot = || format!("cannot write {}", self.path.display());
+        match self.part.keep()? {
+            Some(part) => fs::rename(&part, part.with_extension("")).with_context(cannot),
+            None => Ok(()),
+        }
     }
 }

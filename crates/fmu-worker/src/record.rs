@@ -41,8 +41,10 @@ const TIME: usize = 1;
 const STEP: usize = 2;
 /// The word `CALL` when the newest message was logged.
 const LOGGED_IN: usize = 3;
+/// Whether a process that was forked has gone on with the work.
+const FORKED: usize = 4;
 /// The newest message and the stage: the length in bytes, then the bytes. Longer texts are cut.
-const MESSAGE: usize = 4;
+const MESSAGE: usize = 5;
 const STAGE: usize = MESSAGE + 1 + MAX_TEXT / 8;
 const MAX_TEXT: usize = 1024;
 /// Number of words.
@@ -111,6 +113,17 @@ impl Record {
     pub fn log(&self, text: &str) {
         self.write(MESSAGE, text);
         self.word(LOGGED_IN).store(self.call(), Relaxed);
+    }
+
+    /// Records that a second process has gone on with the work.
+    pub(crate) fn forked(&self) {
+        self.word(FORKED).store(1, Relaxed);
+    }
+
+    /// Whether a second process has gone on with the work, after a function has forked this one and returned in
+    /// both; true once. The second process ends when it is about to reply.
+    pub fn take_forked(&self) -> bool {
+        self.word(FORKED).swap(0, Relaxed) == 1
     }
 
     /// A number that differs for every call.

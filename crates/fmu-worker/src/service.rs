@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
+use fmu_host::Origin;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -17,6 +18,7 @@ use crate::worker::{FOLDER, RECORD, REPLIES, SUPERVISOR, TASKS, decode};
 #[derive(Debug)]
 pub struct Service {
     record: Record,
+    origin: Origin,
     tasks: Receiver,
     replies: Sender,
     /// The bytes of the last reply, so that a reply allocates nothing if it is not longer.
@@ -41,6 +43,7 @@ impl Service {
         end_with_supervisor(&folder);
         Ok(Some(Self {
             record: Record::open(&folder.join(RECORD))?,
+            origin: Origin::of_this_process()?,
             tasks: Receiver::new(channel::open(&folder.join(TASKS), WORDS)?),
             replies: Sender::new(channel::open(&folder.join(REPLIES), WORDS)?),
             buffer: Vec::new(),
@@ -69,6 +72,9 @@ impl Service {
     /// # Panics
     /// The reply cannot be serialized.
     pub fn reply<T: Serialize>(&mut self, reply: &T) {
+        if !self.origin.is_this_process() {
+            self.end_second_process();
+        }
         self.buffer.clear();
         let buffer = std::mem::take(&mut self.buffer);
         self.buffer = postcard::to_extend(reply, buffer).expect("a reply has a known length");
@@ -76,6 +82,20 @@ impl Service {
             thread::sleep(PERIOD);
             true
         });
+    }
+}
+
+impl Service {
+    /// Ends this process, which a foreign function has forked, without running anything else.
+    #[cold]
+    fn end_second_process(&self) -> ! {
+        self.record.forked();
+        #[cfg(unix)]
+        {
+            use rustix::process::{Signal, getpid, kill_process};
+            let _ = kill_process(getpid(), Signal::KILL);
+        }
+        std::process::abort()
     }
 }
 

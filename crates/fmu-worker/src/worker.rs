@@ -133,10 +133,16 @@ impl Worker {
     pub fn start(command: &mut Command, session: &Path, limits: Limits) -> io::Result<Self> {
         static STARTED: AtomicUsize = AtomicUsize::new(0);
         let folder = session.join(format!("worker-{}", STARTED.fetch_add(1, Relaxed)));
-        fs::create_dir(&folder)?;
-        let record = Record::create(&folder.join(RECORD))?;
-        let [tasks, replies] =
-            [TASKS, REPLIES].map(|file| SharedMemory::create(&folder.join(file), WORDS));
+        let create = || {
+            fs::create_dir(&folder)?;
+            let record = Record::create(&folder.join(RECORD))?;
+            let tasks = SharedMemory::create(&folder.join(TASKS), WORDS)?;
+            Ok((record, tasks, SharedMemory::create(&folder.join(REPLIES), WORDS)?))
+        };
+        let (record, tasks, replies) = create().map_err(|error: io::Error| {
+            let text = format!("cannot write to the folder {}: {error}", session.display());
+            io::Error::new(error.kind(), text)
+        })?;
         for variable in [FOLDER, "TMPDIR", "TMP", "TEMP"] {
             command.env(variable, &folder);
         }
@@ -152,8 +158,8 @@ impl Worker {
             folder,
             call: record.call(),
             record,
-            tasks: Sender::new(tasks?),
-            replies: Receiver::new(replies?),
+            tasks: Sender::new(tasks),
+            replies: Receiver::new(replies),
             limits,
             ended: None,
             sent: now,

@@ -106,7 +106,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     let watch = Watch {
         keeps_rows: args.csv.is_some(),
         is_cancelled: &|| session.signal().is_some(),
-        slow: &worker::report_slow,
+        warn: &worker::warn,
         progress: &|ready, time| progress.show(ready.experiment, time),
     };
     let unsaved = session.folder().join("rows.csv");

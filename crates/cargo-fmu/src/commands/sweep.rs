@@ -80,7 +80,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
             Ok(command)
         },
         is_cancelled: &|| session.signal().is_some(),
-        slow: &worker::report_slow,
+        warn: &worker::warn,
     };
     workers.limits = args.limited.limits(workers.count())?;
     let is_complete = if let Some(runs) = &args.rows {

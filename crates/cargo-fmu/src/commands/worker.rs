@@ -51,7 +51,7 @@ impl Limited {
     }
 }
 
-/// Says which call has not returned for long.
-pub fn report_slow(call: &str) {
-    anstream::eprintln!("{WARNING}warning:{WARNING:#} still waiting: {call}");
+/// Prints a warning.
+pub fn warn(text: &str) {
+    anstream::eprintln!("{WARNING}warning:{WARNING:#} {text}");
 }

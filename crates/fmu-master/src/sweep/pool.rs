@@ -13,7 +13,7 @@ use fmu_worker::{Ended, Event, Limits, Worker};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::failure::{Crash, report_slow};
+use crate::failure::{Crash, warn_of};
 
 /// How a sweep starts its worker processes.
 pub struct Workers<'a> {
@@ -27,8 +27,8 @@ pub struct Workers<'a> {
     pub command: &'a dyn Fn() -> io::Result<Command>,
     /// Whether to stop, asked again and again.
     pub is_cancelled: &'a dyn Fn() -> bool,
-    /// Receives a description of each call that does not return for long.
-    pub slow: &'a dyn Fn(&str),
+    /// Receives warnings: of each call that does not return for long, and of a process that an FMU has forked.
+    pub warn: &'a dyn Fn(&str),
 }
 
 impl Workers<'_> {
@@ -135,7 +135,7 @@ impl<'a, T: Copy + Serialize> Pool<'a, T> {
                     busy.worker.send(&task);
                     busy.tasks.push_back(task);
                 }
-                report_slow(&mut busy.worker, &self.names, self.setup.slow);
+                warn_of(&mut busy.worker, &self.names, self.setup.warn);
             }
             if waiting.is_empty() && self.busy.iter().all(|busy| busy.tasks.is_empty()) {
                 match tasks.next() {
