@@ -7,6 +7,7 @@ use std::ffi::{CStr, CString, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
+use dormand_prince::solver::{self, Workspace};
 use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
@@ -19,7 +20,6 @@ use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
 use crate::model::{Kind, ModelError, Start};
 use crate::resources::Folder;
-use crate::solver::{self, Workspace};
 
 /// The outcome of a call, numbered like the statuses of FMI, so that converting it is free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -798,6 +798,8 @@ fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
 struct Equations<'a>(&'a mut (dyn AnyModel + 'static));
 
 impl solver::System for Equations<'_> {
+    type Error = ModelError;
+
     fn nominal(&self, state: usize) -> f64 {
         self.0.facts().states[state].nominal
     }

@@ -70,7 +70,6 @@ mod lifecycle;
 mod log;
 mod model;
 mod resources;
-mod solver;
 mod stepping;
 mod values;
 

@@ -1,9 +1,10 @@
 //! What an author implements.
 
-use std::fmt::Display;
+use std::fmt::{Arguments, Display};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
+use dormand_prince::solver::Failure;
 use fmu_description::Variables;
 
 use crate::layout::set_start_values;
@@ -297,6 +298,20 @@ impl ModelError {
 
     pub(crate) fn kind(&self) -> Kind {
         self.kind
+    }
+}
+
+impl Failure for ModelError {
+    fn discard(reason: Arguments<'_>) -> Self {
+        Self::discard(reason)
+    }
+
+    fn is_discarded(&self) -> bool {
+        self.kind == Kind::Discarded
+    }
+
+    fn with_prefix(self, prefix: Arguments<'_>) -> Self {
+        self.with_prefix(prefix)
     }
 }
 

@@ -1,12 +1,12 @@
 //! Steps that the host sees into: with event mode, early return or intermediate updates (FMI 3.0.2, section
 //! 4.2).
 
+use dormand_prince::solver::{MAX_EVENTS, too_many_events};
 use fmi_abi::state::State;
 
 use crate::component::{Component, IntermediateUpdate, Outcome};
 use crate::lifecycle::Mode;
 use crate::model::ModelError;
-use crate::solver::{MAX_EVENTS, too_many_events};
 
 /// What a step returns besides its outcome.
 #[derive(Debug, Clone, Copy)]
