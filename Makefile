@@ -108,7 +108,7 @@ judge: fmus $(VENV)/.judge
 	$(WITH_CLANG) cargo test --locked --package fmi-judge
 
 ## importers: install other importers with uv and cargo, run the FMUs in them, write docs/importers.md
-importers: ssp $(VENV)/.test $(VENV)/.judge
+importers: fmus $(VENV)/.test $(VENV)/.judge
 	$(WITH_CLANG) cargo install --quiet --root target/tools fmi-sim@$(FMI_SIM)
 	$(UV_SETTINGS) PYTHONPATH=tests $(RUN) tests/matrix/run.py
 

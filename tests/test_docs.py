@@ -105,7 +105,7 @@ def test_the_importers_are_those_that_were_run() -> None:
     """Whoever changes a version in `tests/matrix` runs `make importers`."""
     importers = (ROOT / "tests" / "matrix" / "run.py").read_text(encoding="utf-8")
     pinned = re.findall(r'"[\w-]+==([\w.]+)', importers)
-    assert len(pinned) == 12
+    assert pinned
     assert all(f"| {version} |" in PAGES["docs/importers.md"] for version in pinned)
 
 

@@ -6,8 +6,10 @@ communication points. Each function imports what `run.py` installs for it, retur
 may assume the cases that `run.py` lists for it.
 """
 
+import csv
 import json
 import re
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable
@@ -21,7 +23,7 @@ STOP = STEPS * STEP
 FORCE = 1.0
 """Force on the pendulum alone [N]."""
 
-EXCHANGE, LOOP = KIND == "model exchange", CASE != "plant"
+EXCHANGE, EVENTS, LOOP = KIND == "model exchange", "event" in KIND, CASE != "plant"
 MODELS = {"source": "Source", "controller": "Pid" if CASE == "pid" else "IpidRbf"}
 FMUS = {
     name: Path(FOLDER) / f"{model}{ENDING}.fmu"
@@ -33,6 +35,36 @@ CONNECTIONS = [
     ("plant", "theta", "controller", "y"),
     ("controller", "u", "plant", "u"),
 ] * LOOP
+
+
+def by_fmpy() -> Iterable[float]:
+    """Use FMPy; CVode integrates with a tolerance of 1e-12."""
+    import fmpy
+
+    return fmpy.simulate_fmu(
+        FMUS["plant"],
+        fmi_type="ModelExchange" if EXCHANGE else "CoSimulation",
+        stop_time=STOP,
+        output_interval=STEP,
+        relative_tolerance=1e-12 if EXCHANGE else None,
+        start_values={"u": FORCE},
+        output=["theta"],
+        use_event_mode=EVENTS,
+        early_return_allowed=EVENTS,
+    )["theta"]
+
+
+def fmi_sim() -> Iterable[float]:
+    """Use the program `fmi-sim`."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["target/tools/bin/fmi-sim", "--model", FMUS["plant"], "-o", f"{folder}/out.csv"]
+        command += [KIND.replace(" ", "-"), "--init-values", f"u={FORCE}"]
+        command += ["--output-interval", str(STEP), "-f", str(STOP)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            sys.exit(done.stderr)
+        with open(f"{folder}/out.csv") as lines:
+            return [row["theta"] for row in csv.DictReader(lines)]
 
 
 def libcosim() -> Iterable[float]:
@@ -258,56 +290,37 @@ def fmugym() -> Iterable[float]:
 
 
 def fmuloader() -> Iterable[float]:
-    """Step the loop here, in parallel, since the bindings have no master.
-
-    In model exchange, all models handle an event at each sample, and the classical Runge-Kutta
-    method integrates the plant in between.
-    """
+    """Step the loop here, in parallel, since the bindings have no master."""
     fmus = {name: Loaded(path) for name, path in FMUS.items()}
     for k in range(STEPS + 1):
         yield fmus["plant"].get("theta")
         values = [fmus[source].get(output) for source, output, _, _ in CONNECTIONS]
         for (_, _, target, input_), value in zip(CONNECTIONS, values, strict=True):
             fmus[target].set(input_, value)
-        for name, fmu in fmus.items():
-            if fmu.exchanged:
-                if name == "plant" and LOOP:  # after the sample
-                    fmu.set("u", fmus["controller"].get("u"))
-                fmu.update()
-                fmu.fmi.enter_continuous_time_mode()
         for fmu in fmus.values():
-            fmu.proceed(k * STEP)
+            fmu.fmi.do_step(k * STEP, STEP)
 
 
 class Loaded:
     """An FMU that fmuloader has initialized, and the value references of its variables by name."""
 
     def __init__(self, path: Path):
+        from fmuloader import fmi2, fmi3
+
         xml = ZipFile(path).read("modelDescription.xml").decode()
         (token,) = re.findall(r'(?:guid|instantiationToken)="([^"]*)"', xml)
         variables = re.findall(r'<\w+ name="([^"]*)" valueReference="(\d+)"', xml)
         self.references = {name: int(reference) for name, reference in variables}
-        self.exchanged = EXCHANGE and "<ModelExchange" in xml  # the source is not
-        self.states = len(re.findall(r' derivative="', xml))
         (model,) = set(re.findall(r'modelIdentifier="([^"]*)"', xml))
         if ENDING:
-            from fmuloader.fmi3 import Fmi3Slave
-
-            self.fmi = fmi = Fmi3Slave(path, model_identifier=model)
-            kind = "model_exchange" if self.exchanged else "co_simulation"
-            getattr(fmi, f"instantiate_{kind}")(model, instantiation_token=token)
+            self.fmi = fmi = fmi3.Fmi3Slave(path, model_identifier=model)
+            fmi.instantiate_co_simulation(model, instantiation_token=token)
             self.getter, self.setter = fmi.get_float64, fmi.set_float64
-            self.update = fmi.update_discrete_states
-            self.rates = fmi.get_continuous_state_derivatives
         else:
-            from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
-
-            self.fmi = fmi = Fmi2Slave(path, model_identifier=model)
-            kind = Fmi2Type.MODEL_EXCHANGE if self.exchanged else Fmi2Type.CO_SIMULATION
-            fmi.instantiate(model, kind, guid=token)
+            self.fmi = fmi = fmi2.Fmi2Slave(path, model_identifier=model)
+            fmi.instantiate(model, fmi2.Fmi2Type.CO_SIMULATION, guid=token)
             fmi.setup_experiment()
             self.getter, self.setter = fmi.get_real, fmi.set_real
-            self.update, self.rates = fmi.new_discrete_states, fmi.get_derivatives
         if not LOOP:
             self.set("u", FORCE)
         fmi.enter_initialization_mode()
@@ -320,31 +333,6 @@ class Loaded:
     def set(self, name: str, value: float) -> None:
         """Set a variable."""
         self.setter([self.references[name]], [value])
-
-    def proceed(self, time: float) -> None:
-        """Step, or integrate, from a time to the next communication point."""
-        if not self.exchanged:
-            self.fmi.do_step(time, STEP)
-            return
-        start = self.fmi.get_continuous_states(self.states) if self.states else []
-        slopes = [[0.0] * self.states]
-        for late in (0, STEP / 2, STEP / 2, STEP):
-            slopes.append(self.evaluate(time, late, start, slopes[-1]))
-        _, first, second, third, last = slopes
-        middle = [(b + c) / 2 for b, c in zip(second, third, strict=True)]
-        mean = [(a + 4 * m + d) / 6 for a, m, d in zip(first, middle, last, strict=True)]
-        self.evaluate(time, STEP, start, mean)
-        self.fmi.completed_integrator_step()
-        self.fmi.enter_event_mode()
-
-    def evaluate(self, time: float, late: float, start: list[float], slope: list[float]) -> list:
-        """Return the derivatives on a line from the states at the start."""
-        self.fmi.set_time(time + late)
-        if not self.states:
-            return []
-        states = [x + late * dx for x, dx in zip(start, slope, strict=True)]
-        self.fmi.set_continuous_states(states)
-        return self.rates(self.states)
 
 
 FILE.write_text(json.dumps([float(angle) for angle in globals()[IMPORTER]()][: STEPS + 1]))
