@@ -424,21 +424,11 @@ arguments! {
     <T> *mut T, pointer => Self::memory(pointer, 1);
 }
 
-/// What an argument is, in the rows of `fmi-abi`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
-    Length(&'static str),
-    /// With the name of its length; NULL is refused, or left to the operation.
-    Array(&'static str, bool),
-    /// NULL is refused.
-    Result,
-    Other,
-}
-
 /// A function of an instance, from the rows of `fmi-abi`.
 pub struct Function {
     pub operation: &'static str,
-    arguments: &'static [Place],
+    /// For each argument that is not a length, why it is refused if it is NULL, or nothing.
+    pub refusals: &'static [Option<&'static str>],
     call: fn(Fmu, &[Argument]) -> c_int,
 }
 
@@ -449,36 +439,54 @@ macro_rules! functions {
     ) => {
         &[$($(Function {
             operation: stringify!($operation),
-            arguments: &[$(kind!($arg $kind)),*],
+            refusals: &[$(refusal!($kind)),*],
             call: |f, arguments| {
-                #[allow(unused, reason = "not all functions have arguments")]
                 let mut arguments = arguments.iter();
+                $(bind!(arguments $arg $kind);)*
+                assert!(arguments.next().is_none(), stringify!($name));
                 // SAFETY: the instance lives or is NULL, and pointers are NULL or have memory of the lengths.
-                unsafe { $name(f.c, $(argument!(arguments.next().unwrap(), $kind)),*).0 }
+                unsafe { $name(f.c, $(argument!($arg $kind)),*).0 }
             },
         },)*)*]
     };
 }
 
+/// Why NULL is refused. Lengths are no arguments of their own, and the operation itself treats `in?` and `out?`.
 #[rustfmt::skip]
-macro_rules! kind {
-    ($name:ident [len]) => { Place::Length(stringify!($name)) };
-    ($name:ident [in? $type:ty; $n:ident]) => { Place::Array(stringify!($n), false) };
-    ($name:ident [out? $type:ty; $n:ident]) => { Place::Array(stringify!($n), false) };
-    ($name:ident [in $type:ty; $n:ident]) => { Place::Array(stringify!($n), true) };
-    ($name:ident [out $type:ty; $n:ident]) => { Place::Array(stringify!($n), true) };
-    ($name:ident [out? $type:ty]) => { Place::Other };
-    ($name:ident [out $type:ty]) => { Place::Result };
-    ($name:ident $type:ty) => { Place::Other };
+macro_rules! refusal {
+    ([len]) => { None };
+    ([$_:tt ? $($rest:tt)*]) => { Some("") };
+    ([$_:tt $type:ty; $n:ident]) => { Some("an array is NULL though its length is not 0") };
+    ([$_:tt $type:ty]) => { Some("a pointer to a result is NULL") };
+    ($type:ty) => { Some("") };
+}
+
+/// Takes the next argument, and the length of an array.
+#[rustfmt::skip]
+macro_rules! bind {
+    ($from:ident $arg:ident [len]) => {};
+    ($from:ident $arg:ident [$io:tt ? $type:ty; $n:ident]) => { bind!($from $arg [$io $type; $n]) };
+    ($from:ident $arg:ident [$_:tt ? $type:ty]) => { let $arg = $from.next().unwrap(); };
+    ($from:ident $arg:ident [$_:tt $type:ty; $n:ident]) => {
+        let $arg = $from.next().unwrap();
+        #[allow(unused, reason = "several arrays have one length")]
+        let $n = $arg.length;
+    };
+    ($from:ident $arg:ident $kind:tt) => { let $arg = $from.next().unwrap(); };
 }
 
 #[rustfmt::skip]
 macro_rules! argument {
-    ($argument:expr, [len]) => { $argument.length };
-    ($argument:expr, [$($_0:tt)*]) => { $argument.memory.cast() };
-    ($argument:expr, fmi2FMUstate) => { $argument.memory };
-    ($argument:expr, fmi3FMUState) => { $argument.memory };
-    ($argument:expr, $type:ty) => { $argument.number as $type };
+    ($arg:ident [len]) => { $arg };
+    ($arg:ident [$_:tt ? $($rest:tt)*]) => { $arg.memory.cast() };
+    ($arg:ident [$_:tt $type:ty; $n:ident]) => {{
+        assert_eq!($arg.length, $n, stringify!($arg));
+        $arg.memory.cast()
+    }};
+    ($arg:ident [$($_:tt)*]) => { $arg.memory.cast() };
+    ($arg:ident fmi2FMUstate) => { $arg.memory };
+    ($arg:ident fmi3FMUState) => { $arg.memory };
+    ($arg:ident $type:ty) => { $arg.number as $type };
 }
 
 /// The functions of a version that have an instance.
@@ -490,51 +498,15 @@ pub fn functions(version: Version) -> &'static [Function] {
 }
 
 impl Function {
-    /// Calls it with these arguments, and the lengths of the arrays among them.
-    fn call(&self, f: Fmu, given: impl IntoIterator<Item = Argument>) -> Status {
-        let (mut given, mut all) = (given.into_iter(), [Argument::number(0); 10]);
-        for (argument, kind) in all.iter_mut().zip(self.arguments) {
-            if !matches!(kind, Place::Length(_)) {
-                *argument = given.next().expect(self.operation);
-            }
-        }
-        assert!(given.next().is_none(), "{}", self.operation);
-        for (k, kind) in self.arguments.iter().enumerate() {
-            if let Place::Length(name) = kind {
-                let arrays = all.iter().zip(self.arguments);
-                let mut lengths =
-                    arrays.filter(|(_, kind)| matches!(kind, Place::Array(n, _) if n == name));
-                let length = lengths.next().unwrap().0.length;
-                assert!(lengths.all(|(array, _)| array.length == length), "{}", self.operation);
-                all[k].length = length;
-            }
-        }
-        Status((self.call)(f, &all))
-    }
-
     /// Calls it with zero, and with arrays of `n` zeros; the argument `null` is NULL.
     pub fn call_with_zeros(&self, f: Fmu, n: usize, null: Option<usize>) -> Status {
         // Enough for two numbers, or `fmi2EventInfo`.
-        let mut memory = [[0_u64; 4]; 10];
-        let arguments = self.arguments.iter().zip(&mut memory).enumerate();
-        let arguments = arguments.filter(|(_, (kind, _))| !matches!(kind, Place::Length(_)));
-        let arguments = arguments.map(|(k, (kind, memory))| match kind {
-            _ if null == Some(k) => Argument::memory(null_mut::<c_void>(), n),
-            Place::Other if self.operation.ends_with("set_fmu_state") => Argument::number(0),
-            _ => Argument::memory(memory, n),
-        });
-        self.call(f, arguments)
-    }
-
-    /// Why it refuses that an argument is NULL.
-    pub fn refusals(&self) -> impl Iterator<Item = (usize, &'static str)> {
-        let reason = |kind: &Place| match kind {
-            Place::Array(_, true) => Some("an array is NULL though its length is not 0"),
-            Place::Result => Some("a pointer to a result is NULL"),
-            _ => None,
-        };
-        let arguments = self.arguments.iter().enumerate();
-        arguments.filter_map(move |(k, kind)| Some((k, reason(kind)?)))
+        let mut memory = [[0_u64; 4]; 8];
+        let mut given = memory.each_mut().map(|memory| Argument::memory(memory, n));
+        if let Some(null) = null {
+            given[null].memory = null_mut();
+        }
+        Status((self.call)(f, &given[..self.refusals.iter().flatten().count()]))
     }
 }
 
@@ -595,23 +567,21 @@ methods! {
     boolean_status(kind: c_int, value: *mut i32) = get_boolean_status;
 }
 
-/// Defines access to numbers of all types.
+/// Defines the access to numbers, in the type that a version has for them.
 macro_rules! numbers {
-    ($($name:ident $type:ident)*) => {
+    ($($version:pat, $name:ident: $type:ident;)*) => {
         impl Fmu {
-            fn set_numbers(self, of: Type, references: &[u32], values: &[f64]) -> Status {
-                match (of, self.kind.0) {
-                    $((Type::$name, _) => self.set_as(of, references, values, |value| value as $type),)*
-                    (_, Fmi2) => self.set_as(of, references, values, |value| value as c_int),
-                    (_, Fmi3) => self.set_as(of, references, values, |value| value as u8),
-                }
-            }
-
-            fn get_numbers(self, of: Type, references: &[u32], n: usize) -> (Status, Vec<f64>) {
-                match (of, self.kind.0) {
-                    $((Type::$name, _) => self.get_as(of, references, vec![77 as $type; n], |value| value as f64),)*
-                    (_, Fmi2) => self.get_as(of, references, vec![77 as c_int; n], f64::from),
-                    (_, Fmi3) => self.get_as(of, references, vec![77_u8; n], f64::from),
+            /// Gets or sets numbers, as the verb says.
+            fn access(self, verb: &str, of: Type, references: &[u32], values: &mut [f64]) -> Status {
+                let operation = format!("{verb}_{}", of.as_str().to_lowercase());
+                match (self.kind.0, of) {
+                    $(($version, Type::$name) => {
+                        let mut own: Vec<_> = values.iter().map(|value| *value as $type).collect();
+                        let status = self.call(&operation, [references.into(), (&mut *own).into()]);
+                        values.iter_mut().zip(own).for_each(|(value, own)| *value = own as f64);
+                        status
+                    })*
+                    _ => unreachable!(),
                 }
             }
         }
@@ -619,33 +589,26 @@ macro_rules! numbers {
 }
 
 numbers! {
-    Float32 f32 Float64 f64 Int8 i8 UInt8 u8 Int16 i16 UInt16 u16 Int32 i32 UInt32 u32 Int64 i64 UInt64 u64
+    _, Float32: f32;
+    _, Float64: f64;
+    _, Int8: i8;
+    _, UInt8: u8;
+    _, Int16: i16;
+    _, UInt16: u16;
+    _, Int32: i32;
+    _, UInt32: u32;
+    _, Int64: i64;
+    _, UInt64: u64;
+    Fmi2, Boolean: c_int;
+    Fmi3, Boolean: u8;
 }
 
 impl Fmu {
     /// Calls the function of an operation.
     pub fn call<const N: usize>(self, operation: &str, arguments: [Argument; N]) -> Status {
         let mut all = functions(self.kind.0).iter();
-        let function = all.find(|function| function.operation == operation);
-        function.expect(operation).call(self, arguments)
-    }
-
-    fn set_as<T>(self, of: Type, references: &[u32], values: &[f64], to: fn(f64) -> T) -> Status {
-        let values: Vec<T> = values.iter().map(|value| to(*value)).collect();
-        let operation = format!("set_{}", of.as_str().to_lowercase());
-        self.call(&operation, [references.into(), (&*values).into()])
-    }
-
-    fn get_as<T>(
-        self,
-        of: Type,
-        references: &[u32],
-        mut values: Vec<T>,
-        from: fn(T) -> f64,
-    ) -> (Status, Vec<f64>) {
-        let operation = format!("get_{}", of.as_str().to_lowercase());
-        let status = self.call(&operation, [references.into(), (&mut *values).into()]);
-        (status, values.into_iter().map(from).collect())
+        let function = all.find(|function| function.operation == operation).expect(operation);
+        Status((function.call)(self, &arguments))
     }
 
     /// Whether the version accesses a type as another.
@@ -672,7 +635,7 @@ impl Fmu {
                 let sizes: Vec<_> = values.iter().map(|&value| value as usize).collect();
                 self.set_binaries(references, &sizes, &vec![[0; 256].as_ptr(); values.len()])
             }
-            other => self.set_numbers(other, references, values),
+            other => self.access("set", other, references, &mut values.to_vec()),
         }
     }
 
@@ -691,7 +654,10 @@ impl Fmu {
                 let status = self.get_binaries(references, &mut sizes, &mut vec![null(); n]);
                 (status, sizes.into_iter().map(|size| size as f64).collect())
             }
-            other => self.get_numbers(other, references, n),
+            other => {
+                let mut values = vec![77.0; n];
+                (self.access("get", other, references, &mut values), values)
+            }
         }
     }
 
