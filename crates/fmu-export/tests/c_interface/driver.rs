@@ -515,7 +515,7 @@ macro_rules! methods {
     ($($method:ident($($argument:ident: $type:ty),*) = $operation:ident;)*) => {
         impl Fmu {
             $(pub fn $method(self, $($argument: $type),*) -> Status {
-                self.call(stringify!($operation), [$($argument.into()),*])
+                self.call(stringify!($operation), &[$($argument.into()),*])
             })*
         }
     };
@@ -577,7 +577,7 @@ macro_rules! numbers {
                 match (self.kind.0, of) {
                     $(($version, Type::$name) => {
                         let mut own: Vec<_> = values.iter().map(|value| *value as $type).collect();
-                        let status = self.call(&operation, [references.into(), (&mut *own).into()]);
+                        let status = self.call(&operation, &[references.into(), (&mut *own).into()]);
                         values.iter_mut().zip(own).for_each(|(value, own)| *value = own as f64);
                         status
                     })*
@@ -605,10 +605,10 @@ numbers! {
 
 impl Fmu {
     /// Calls the function of an operation.
-    pub fn call<const N: usize>(self, operation: &str, arguments: [Argument; N]) -> Status {
+    pub fn call(self, operation: &str, arguments: &[Argument]) -> Status {
         let mut all = functions(self.kind.0).iter();
         let function = all.find(|function| function.operation == operation).expect(operation);
-        Status((function.call)(self, &arguments))
+        Status((function.call)(self, arguments))
     }
 
     /// Whether the version accesses a type as another.
@@ -690,11 +690,6 @@ impl Fmu {
         self.directional(&[unknown], &[known], &[seed], &mut [0.0])
     }
 
-    /// As [`slope`](Self::slope), in the adjoint direction.
-    pub fn adjoint_slope(self, unknown: u32, known: u32, seed: f64) -> Status {
-        self.adjoint(&[unknown], &[known], &[seed], &mut [0.0])
-    }
-
     /// Reads two numbers by one of the functions of model exchange.
     #[track_caller]
     pub fn two(self, read: fn(Self, &mut [f64]) -> Status) -> [f64; 2] {
@@ -734,11 +729,11 @@ impl Fmu {
         let [stop, tolerance] = [stop, tolerance].map(|value| value.unwrap_or(f64::NAN).into());
         let experiment = [tolerated, tolerance, start.into(), ends, stop];
         match self.kind.0 {
-            Fmi2 => match self.call("setup_experiment", experiment) {
-                OK => self.call("enter_initialization_mode", []),
+            Fmi2 => match self.call("setup_experiment", &experiment) {
+                OK => self.call("enter_initialization_mode", &[]),
                 failed => failed,
             },
-            Fmi3 => self.call("enter_initialization_mode", experiment),
+            Fmi3 => self.call("enter_initialization_mode", &experiment),
         }
     }
 
@@ -766,17 +761,12 @@ impl Fmu {
     /// Takes a step; in FMI 2.0, a failed step ends where it started.
     pub fn step_to(self, time: f64, step: f64) -> (Status, Results) {
         let ([mut event, mut terminate, mut early], mut last) = ([7_u8; 3], f64::NAN);
-        let begin: [Argument; 3] = [time.into(), step.into(), true.into()];
+        let [a, b, c] = [&mut event, &mut terminate, &mut early].map(Argument::from);
+        let all = [time.into(), step.into(), true.into(), a, b, c, (&mut last).into()];
+        let status = self.call("do_step", if self.kind.0 == Fmi2 { &all[..3] } else { &all });
         if self.kind.0 == Fmi2 {
-            let status = self.call("do_step", begin);
-            let end = if status == OK { time + step } else { time };
-            return (status, results(false, false, end));
+            return (status, results(false, false, if status == OK { time + step } else { time }));
         }
-        let [time, step, flag] = begin;
-        let ends = [(&mut event).into(), (&mut terminate).into(), (&mut early).into()];
-        let [of_event, of_end, of_early] = ends;
-        let all = [time, step, flag, of_event, of_end, of_early, (&mut last).into()];
-        let status = self.call("do_step", all);
         assert!(event <= 1 && early <= 1 && terminate == 0);
         (status, results(event == 1, early == 1, last))
     }
@@ -793,47 +783,25 @@ impl Fmu {
         results
     }
 
-    pub fn completed_step(self, flags: &mut [i32; 2]) -> Status {
-        let (mut small, operation) = ([7_u8; 2], "completed_integrator_step");
-        let ([event, end], [small_event, small_end]) = (&mut *flags, &mut small);
-        if self.kind.0 == Fmi2 {
-            return self.call(operation, [true.into(), event.into(), end.into()]);
-        }
-        let arguments = [true.into(), small_event.into(), small_end.into()];
-        let status = self.call(operation, arguments);
-        *flags = small.map(i32::from);
-        status
-    }
-
     /// Handles an event. After a failure, nothing is written.
-    pub fn try_update(self, result: &mut Discrete) -> Status {
-        let (mut flags, mut next, operation) = ([7_u8; 5], f64::NAN, "update_discrete_states");
+    pub fn try_update(self) -> (Status, Discrete) {
+        let (mut info, operation) = (Info([7; 5], f64::NAN), "update_discrete_states");
+        let [a, b, c, d, e] = info.0.each_mut().map(Argument::from);
         let status = match self.kind.0 {
-            Fmi2 => {
-                let mut info = Info([7; 5], next);
-                let status = self.call(operation, [(&mut info).into()]);
-                (flags, next) = (info.0.map(|flag| flag as u8), info.1);
-                status
-            }
-            Fmi3 => {
-                let [a, b, c, d, e] = flags.each_mut().map(Argument::from);
-                self.call(operation, [a, b, c, d, e, (&mut next).into()])
-            }
+            Fmi2 => self.call(operation, &[(&mut info).into()]),
+            Fmi3 => self.call(operation, &[a, b, c, d, e, (&mut info.1).into()]),
         };
-        if status == OK {
-            assert_eq!(flags[..3], [0; 3]);
-            assert!(flags[3] <= 1 && flags[4] <= 1);
-            *result = (flags[3] == 1, (flags[4] == 1).then_some(next));
-        } else {
-            assert_eq!(flags, [7; 5], "nothing is returned");
-        }
-        status
+        // In FMI 3.0, flags are bytes.
+        let flags = info.0.map(|flag| flag.to_ne_bytes()[0]);
+        assert!(status == OK || flags == [7; 5], "nothing is returned");
+        assert!(status != OK || flags[..3] == [0; 3] && flags[3] <= 1 && flags[4] <= 1);
+        (status, (flags[3] == 1, (flags[4] == 1).then_some(info.1)))
     }
 
     #[track_caller]
     pub fn update(self) -> Discrete {
-        let mut result = (false, None);
-        assert_eq!(self.try_update(&mut result), OK);
+        let (status, result) = self.try_update();
+        assert_eq!(status, OK);
         result
     }
 

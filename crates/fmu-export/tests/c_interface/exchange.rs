@@ -36,8 +36,11 @@ fn the_equations_hold_at_any_time_state_and_input() {
         it.refuses("is a local variable", |f| f.set(Ball::H_DOT, 0.0));
         let words = "restitution is not a continuous input";
         it.refuses(words, |f| f.set(Ball::RESTITUTION, 0.5));
-        let mut flags = [7; 2];
-        assert_eq!((it.completed_step(&mut flags), flags), (OK, [0; 2]));
+        let mut flags = [7_i32; 2];
+        let [event, end] = flags.each_mut().map(Argument::from);
+        ok([it.call("completed_integrator_step", &[true.into(), event, end])]);
+        // In FMI 3.0, flags are bytes.
+        assert_eq!(flags.map(|flag| flag.to_ne_bytes()[0]), [0; 2]);
         // A model without states has none.
         let s = Instance::running(kind, SAMPLED);
         ok([s.get_states(&mut []), s.get_derivatives(&mut [])]);
@@ -162,16 +165,37 @@ fn what_openmodelica_does_after_the_initialization_is_accepted() {
 
 // --- derivatives --------------------------------------------------------------------------------
 
+/// The outputs, states, derivatives and indicator of [`Ball`].
+const UNKNOWNS: [u32; 6] =
+    [Ball::H, Ball::V, Ball::H_DOT, Ball::V_DOT, Ball::CONTACT, Ball::ENERGY];
+
+/// The derivatives of all unknowns with respect to a known, which the transposed matrix has, too.
+#[track_caller]
+fn column(f: Fmu, known: u32) -> [f64; 6] {
+    let mut column = [f64::NAN; 6];
+    ok([f.directional(&UNKNOWNS, &[known], &[1.0], &mut column)]);
+    for (unknown, expected) in UNKNOWNS.into_iter().zip(column).filter(|_| f.kind.0 == Fmi3) {
+        let mut found = [f64::NAN; 2];
+        ok([f.adjoint(&[Ball::V, unknown], &[known, known], &[0.0, 1.0], &mut found)]);
+        assert_eq!(found, [expected; 2]);
+    }
+    column
+}
+
+/// A ball with drag and drive, after its initialization.
+fn dragged(kind: Kind) -> Instance {
+    let it = Instance::of(kind, BALL);
+    ok([it.set(Ball::DRAG, 0.25)]);
+    it.run(0.0)
+}
+
 #[test]
 fn directional_derivatives_are_those_of_the_equations() {
     for kind in EXCHANGED {
-        let it = Instance::of(kind, BALL);
-        assert_eq!(it.set(Ball::DRAG, 0.25), OK);
-        let it = it.run(0.0);
-        let unknowns: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
+        let it = dragged(kind);
         let at = |[h, v, drive]: [f64; 3]| {
             ok([it.set_states(&[h, v]), it.set(Ball::DRIVE, drive)]);
-            it.get(unknowns)
+            it.get(UNKNOWNS)
         };
         let point = [2.0, -3.0, 1.5];
         for (k, known) in [Ball::H, Ball::V, Ball::DRIVE].into_iter().enumerate() {
@@ -181,78 +205,38 @@ fn directional_derivatives_are_those_of_the_equations() {
                 end[k] += change;
                 at(end)
             });
-            ok([it.set_states(&point[..2]), it.set(Ball::DRIVE, point[2])]);
+            at(point);
             let expected: [f64; 6] = std::array::from_fn(|i| (ends[0][i] - ends[1][i]) / 0.25);
-            let mut found = [f64::NAN; 6];
-            let status = it.directional(&unknowns, &[known], &[1.0], &mut found);
-            assert_eq!((status, found), (OK, expected), "{known}");
+            assert_eq!(column(*it, known), expected, "{known}");
         }
         let (knowns, mut sum) = ([Ball::H, Ball::V, Ball::DRIVE], [f64::NAN]);
-        let status = it.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum);
-        assert_eq!((status, sum), (OK, [2.0 * Ball::G - 3.0 + 1.0]));
-        let none = "drive is not an output, a state, a derivative or an event indicator";
-        for (unknown, known, words) in [
-            (Ball::DRIVE, Ball::H, none),
-            (Ball::H_DOT, Ball::H_DOT, "der(h) is not an input or a"),
-            (Ball::H_DOT, Ball::ENERGY, "is not an input or a state"),
-            (Ball::EVENTS, Ball::H, "events is of type"),
-        ] {
-            it.refuses(words, |f| f.slope(unknown, known, 1.0));
-        }
+        ok([it.directional(&[Ball::ENERGY], &knowns, &[2.0, 1.0, 8.0], &mut sum)]);
+        assert_eq!(sum, [2.0 * Ball::G - 3.0 + 1.0]);
     }
 }
 
 #[test]
 fn directional_derivatives_of_co_simulation_are_those_at_the_communication_point() {
     for kind in PLAIN {
-        let it = Instance::of(kind, BALL);
-        assert_eq!(it.set(Ball::DRAG, 0.25), OK);
-        let it = it.run(0.0);
+        let it = dragged(kind);
         it.steps(0.0, 0.125);
-        assert_eq!(it.set(Ball::DRIVE, 2.0), OK);
+        ok([it.set(Ball::DRIVE, 2.0)]);
         let before = it.snapshot();
         let v = -Ball::G / 8.0;
-        let unknowns: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
-        let expected = [
-            (Ball::H, [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G]),
-            (Ball::V, [0.0, 1.0, 1.0, 0.5 * v, 0.0, v]),
-            (Ball::DRIVE, [0.0, 0.0, 0.0, 1.0, 0.0, 0.125]),
-        ];
-        let check = |f: Fmu| {
-            for (known, expected) in expected {
-                let mut found = [f64::NAN; 6];
-                let status = f.directional(&unknowns, &[known], &[1.0], &mut found);
-                assert_eq!((status, found), (OK, expected), "{known}");
-            }
+        let check = || {
+            assert_eq!(column(*it, Ball::H), [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G]);
+            assert_eq!(column(*it, Ball::V), [0.0, 1.0, 1.0, 0.5 * v, 0.0, v]);
+            assert_eq!(column(*it, Ball::DRIVE), [0.0, 0.0, 0.0, 1.0, 0.0, 0.125]);
         };
-        check(*it);
+        check();
         assert_eq!(it.snapshot(), before, "reading changes nothing");
         // An omitted known counts as zero.
         let mut none = [f64::NAN];
         ok([it.directional(&[Ball::ENERGY], &[], &[], &mut none)]);
+        ok([it.directional(&[], &[Ball::H], &[1.0], &mut [])]);
         assert_eq!(none, [0.0]);
-        assert_eq!(it.directional(&[], &[Ball::H], &[1.0], &mut []), OK);
-        let mut result = [7.0; 2];
-        for (unknown, known, seed, words) in [
-            (Ball::DRIVE, Ball::H, 1.0, "drive is not an output"),
-            (Ball::RESTITUTION, Ball::H, 1.0, "restitution is not an"),
-            (u32::MAX, Ball::H, 1.0, "is unknown"),
-            (Ball::H, Ball::ENERGY, 1.0, "energy is not an input"),
-            (Ball::H, Ball::H0, 1.0, "h0 is not an input"),
-            (Ball::H, u32::MAX, 1.0, "is unknown"),
-            (Ball::H, Ball::DRIVE, f64::NAN, "the direction contains NaN"),
-            (Ball::H, Ball::DRIVE, f64::INFINITY, "inf"),
-        ] {
-            let (of, by, seed) = ([Ball::V, unknown], [Ball::DRIVE, known], [1.0, seed]);
-            it.refuses(words, |f| f.directional(&of, &by, &seed, &mut result));
-        }
-        assert_eq!(result, [7.0; 2]);
-        assert_eq!(it.terminate(), OK);
-        check(*it);
-        for without in [LISTS, EVERY, SAMPLED] {
-            let it = Instance::running(kind, without);
-            it.refuses("the model has no derivatives", |f| f.slope(0, 0, 1.0));
-        }
+        ok([it.terminate()]);
+        check();
     }
 }
 
@@ -260,71 +244,57 @@ fn directional_derivatives_of_co_simulation_are_those_at_the_communication_point
 fn initial_values_have_derivatives_with_respect_to_start_values() {
     for kind in PLAIN.into_iter().chain(EXCHANGED) {
         let it = Instance::of(kind, BALL);
-        ok([it.set(Ball::H0, 3.0), it.set(Ball::DRIVE, 0.7)]);
-        assert_eq!(it.enter(0.0, None, None), OK);
-        let unknowns: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
-        it.get(unknowns); // computes them
+        ok([it.set(Ball::H0, 3.0), it.set(Ball::DRIVE, 0.7), it.enter(0.0, None, None)]);
+        it.get(UNKNOWNS); // computes them
         let before = it.snapshot();
-        for (known, expected) in [
-            (Ball::H0, [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G]),
-            (Ball::DRIVE, [0.0, 0.0, 0.0, 1.0, 0.0, 0.125]),
-            (Ball::RESTITUTION, [0.0; 6]),
-        ] {
-            let mut found = [f64::NAN; 6];
-            let status = it.directional(&unknowns, &[known], &[2.0], &mut found);
-            assert_eq!(status, OK);
-            for (found, expected) in found.into_iter().zip(expected) {
-                assert!((found - 2.0 * expected).abs() < 1e-9, "{known}: {found}");
-            }
-        }
+        near(column(*it, Ball::H0), [1.0, 0.0, 0.0, 0.0, 1.0, Ball::G], 1e-9);
+        near(column(*it, Ball::DRIVE), [0.0, 0.0, 0.0, 1.0, 0.0, 0.125], 1e-9);
+        near(column(*it, Ball::RESTITUTION), [0.0; 6], 1e-9);
         assert_eq!(it.snapshot(), before);
     }
 }
 
 #[test]
-fn adjoint_and_directional_derivatives_are_those_of_one_matrix() {
-    let exchange = Instance::of(EXCHANGED[1], BALL);
-    assert_eq!(exchange.set(Ball::DRAG, 0.5), OK);
-    let exchange = exchange.run(0.0);
-    assert_eq!(exchange.set_states(&[1.0, -3.0]), OK);
-    let stepped = Instance::running(PLAIN[1], BALL);
-    stepped.steps(0.0, 0.25);
-    let all: [u32; 6] = std::array::from_fn(|k| Ball::H + k as u32);
-    for (it, unknowns, knowns) in [
-        (exchange, &all[..], &[Ball::V, Ball::DRIVE, Ball::H][..]),
-        (stepped, &[Ball::ENERGY, Ball::H], &[Ball::DRIVE]),
-    ] {
-        let unit = |n, k| (0..n).map(|i| f64::from(i == k)).collect::<Vec<f64>>();
-        let (n, m) = (unknowns.len(), knowns.len());
-        let mut sum = 0.0;
-        for (row, column) in (0..n).flat_map(|row| (0..m).map(move |column| (row, column))) {
-            let (mut forward, mut back) = (vec![f64::NAN; n], vec![f64::NAN; m]);
-            let seed = unit(m, column);
-            assert_eq!(it.directional(unknowns, knowns, &seed, &mut forward), OK);
-            assert_eq!(it.adjoint(unknowns, knowns, &unit(n, row), &mut back), OK);
-            assert_eq!(forward[row], back[column]);
-            sum += forward[row].abs();
-        }
-        assert!(sum > 0.0);
-        for (unknown, known, words) in [
-            (Ball::DRIVE, Ball::DRIVE, "drive is not an output"),
-            (Ball::ENERGY, Ball::ENERGY, "energy is not an input"),
-            (Ball::TIME, Ball::DRIVE, "is unknown"),
-            (Ball::ENERGY, Ball::TIME, "is unknown"),
+fn invalid_directions_and_what_has_no_derivatives_are_refused() {
+    let none = "drive is not an output, a state, a derivative or an event indicator";
+    for kind in PLAIN.into_iter().chain(EXCHANGED) {
+        let it = moving(kind);
+        let mut result = [7.0; 2];
+        for (unknown, known, seed, words) in [
+            (Ball::DRIVE, Ball::H, 1.0, none),
+            (Ball::RESTITUTION, Ball::H, 1.0, "restitution is not an"),
+            (u32::MAX, Ball::H, 1.0, "is unknown"),
+            (Ball::EVENTS, Ball::H, 1.0, "events is of type"),
+            (Ball::H, Ball::ENERGY, 1.0, "energy is not an input or a state"),
+            (Ball::H, Ball::H_DOT, 1.0, "der(h) is not an input or a"),
+            (Ball::H, Ball::H0, 1.0, "h0 is not an input"),
+            (Ball::H, u32::MAX, 1.0, "is unknown"),
+            (Ball::TIME, Ball::H, 1.0, "is unknown"),
+            (Ball::H, Ball::TIME, 1.0, "is unknown"),
+            (Ball::H, Ball::DRIVE, f64::NAN, "the direction contains NaN"),
+            (Ball::H, Ball::DRIVE, f64::INFINITY, "inf"),
         ] {
-            it.refuses(words, |f| f.slope(unknown, known, 1.0));
-            it.refuses(words, |f| f.adjoint_slope(unknown, known, 1.0));
+            let (of, by, seed) = ([Ball::V, unknown], [Ball::DRIVE, known], [1.0, seed]);
+            it.refuses(words, |f| f.directional(&of, &by, &seed, &mut result));
+            if kind.0 == Fmi3 {
+                it.refuses(words, |f| f.adjoint(&of, &by, &seed, &mut result));
+            }
         }
-        let (energy, drive) = ([Ball::ENERGY], [Ball::DRIVE]);
-        let words = "the direction contains NaN";
-        let seed = f64::NAN;
-        it.refuses(words, |f| f.adjoint(&energy, &drive, &[seed], &mut [0.0]));
-        for n in [0, 2] {
+        assert_eq!(result, [7.0; 2]);
+        for n in [0, 2].into_iter().filter(|_| kind.0 == Fmi3) {
+            let (of, by, seed) = ([Ball::ENERGY], [Ball::DRIVE], &mut [1.0; 2][..n]);
             let words = format!("there are {n} values; expected 1");
-            let seed = &mut [1.0; 2][..n];
-            it.refuses(&words, |f| f.directional(&energy, &drive, seed, &mut [0.0]));
-            it.refuses(&words, |f| f.adjoint(&energy, &drive, &[1.0], seed));
+            it.refuses(&words, |f| f.directional(&of, &by, seed, &mut [0.0]));
+            it.refuses(&words, |f| f.directional(&of, &by, &[1.0], seed));
+            it.refuses(&words, |f| f.adjoint(&of, &by, &[1.0], seed));
+            it.refuses(&words, |f| f.adjoint(&of, &by, seed, &mut [0.0]));
         }
+    }
+    for (kind, model) in pairs(&PLAIN, &[LISTS, EVERY, SAMPLED]) {
+        let it = Instance::running(kind, model);
+        it.refuses("the model has no derivatives", |f| {
+            f.directional(&[0], &[0], &[1.0], &mut [0.0])
+        });
     }
 }
 

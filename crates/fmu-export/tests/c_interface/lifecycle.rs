@@ -177,7 +177,7 @@ fn unknown_categories_are_refused_and_change_nothing() {
         let it = Instance::of(kind, BALL);
         it.refuses("NULL", |f| f.switch(true, &[ALL.as_ptr(), null()]));
         let names = Argument::memory(null::<*const c_char>(), 1);
-        it.refuses("NULL", |f| f.call("set_debug_logging", [true.into(), names]));
+        it.refuses("NULL", |f| f.call("set_debug_logging", &[true.into(), names]));
     }
 }
 

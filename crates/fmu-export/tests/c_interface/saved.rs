@@ -159,12 +159,12 @@ fn buffers_and_pointers_are_checked() {
         it.refuses(words, |f| f.deserialize(&bytes, null_mut()));
         let words = "the buffer is NULL";
         let (nothing, state_of) = (Argument::memory(null::<u8>(), size), Argument::from(state));
-        it.refuses(words, |f| f.call("serialize_fmu_state", [state_of, nothing]));
+        it.refuses(words, |f| f.call("serialize_fmu_state", &[state_of, nothing]));
         let words = "the bytes are NULL";
         let to = Argument::from(&mut none);
-        it.refuses(words, |f| f.call("deserialize_fmu_state", [nothing, to]));
+        it.refuses(words, |f| f.call("deserialize_fmu_state", &[nothing, to]));
         let nothing = Argument::memory(null::<u8>(), 0);
-        it.refuses("damaged", |f| f.call("deserialize_fmu_state", [nothing, to]));
+        it.refuses("damaged", |f| f.call("deserialize_fmu_state", &[nothing, to]));
         assert_eq!((none.is_null(), it.free_state(null_mut())), (true, OK));
         let mut memory = [0u128; 64];
         for offset in [0, 1] {
@@ -260,7 +260,7 @@ fn uses(f: Fmu, model: usize) {
     if trouble == [BUG] || fault == [BUG] {
         return;
     }
-    let event = |f: Fmu| f.try_update(&mut (false, None));
+    let event = |f: Fmu| f.try_update().0;
     let derivatives = |f: Fmu| f.get_derivatives(&mut [0.0; 2]);
     let calls: &[&dyn Fn(Fmu) -> Status] = match f.kind.1 {
         Stepped => &[],

@@ -367,7 +367,7 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
         ('S', &PLAIN, |f| f.slope(Ball::V_DOT, Ball::DRIVE, 1.0)),
         ('S', &PLAIN, |f| f.slopes(&[(Ball::H, 1)])),
         ('S', &[EVENTS], |f| f.step(0.25, 0.5)),
-        ('E', &KINDS[2..], |f| f.try_update(&mut (false, None))),
+        ('E', &KINDS[2..], |f| f.try_update().0),
         ('E', &KINDS[2..], |f| f.get_i32(&[Ball::EVENTS], &mut [0])),
         ('C', &EXCHANGED, |f| f.get_derivatives(&mut [0.0; 2])),
         ('C', &EXCHANGED, |f| f.get_indicators(&mut [0.0])),

@@ -141,7 +141,7 @@ fn the_status_of_fmi_2_has_the_last_successful_time() {
     for kind in [PLAIN[1], EVENTS] {
         let (it, none) = (Instance::running(kind, BALL), null_mut::<u8>().into());
         let arguments = [0.0.into(), 0.25.into(), true.into(), none, none, none, none];
-        assert_eq!(it.call("do_step", arguments), OK);
+        assert_eq!(it.call("do_step", &arguments), OK);
         assert_eq!(it.get([Ball::TIME]), [0.25]);
     }
 }
