@@ -290,7 +290,7 @@ fn invalid_directions_and_what_has_no_derivatives_are_refused() {
             it.refuses(&words, |f| f.adjoint(&of, &by, seed, &mut [0.0]));
         }
     }
-    for (kind, model) in pairs(&PLAIN, &[LISTS, EVERY, SAMPLED]) {
+    for (kind, model) in pairs(&PLAIN, &[EVERY, SAMPLED]) {
         let it = Instance::running(kind, model);
         it.refuses("the model has no derivatives", |f| {
             f.directional(&[0], &[0], &[1.0], &mut [0.0])

@@ -281,9 +281,12 @@ const FAST: Interface = interface::<Every, N>(Some(
     "Every=Fast;3:19:461393781824107315210:20:1382605085602742272024:1:425:1:128:1:231:4:slow",
 ));
 /// n = 1
-const SMALL: Interface = interface::<Lists, { Lists::COUNT as usize }>(Some("Lists=Small;0:1:1"));
-static VARIANTS: &[Entry] =
-    &[Entry::of::<Every, N>(FAST, &[]), Entry::of::<Lists, { Lists::COUNT as usize }>(SMALL, &[])];
+const SMALL: Interface =
+    interface::<Sampled, { Sampled::COUNT as usize }>(Some("Sampled=Small;11:1:1"));
+static VARIANTS: &[Entry] = &[
+    Entry::of::<Every, N>(FAST, &[]),
+    Entry::of::<Sampled, { Sampled::COUNT as usize }>(SMALL, &[]),
+];
 
 #[test]
 fn a_variant_is_another_model_that_starts_with_its_own_values() {
@@ -316,17 +319,18 @@ fn a_variant_is_another_model_that_starts_with_its_own_values() {
 
 #[test]
 fn elements_that_are_in_use_can_be_addressed() {
-    for (models, entry, n) in [(MODELS, LISTS, 2), (VARIANTS, 1, 1)] {
+    for (models, entry, n) in [(MODELS, SAMPLED, 2), (VARIANTS, 1, 1)] {
         for phase in 0..2 {
             let token = Some(CString::new(models[entry].guid()).unwrap());
-            let it = Arguments::of(PLAIN[0], LISTS).make(|a| (a.models, a.token) = (models, token));
+            let it =
+                Arguments::of(PLAIN[0], SAMPLED).make(|a| (a.models, a.token) = (models, token));
             ok([it.enter(0.0, None, None)]);
             assert!(phase == 0 || it.exit_initialization_mode() == OK);
             for k in 0..3 {
-                let (element, value) = (Lists::GAINS + k, f64::from(1 << k));
+                let (element, value) = (Sampled::GAINS + k, f64::from(1 << k));
                 if k < n {
                     ok([it.set(element, value)]);
-                    assert_eq!(it.get([Lists::GAINS, element]), [1.0, value]);
+                    assert_eq!(it.get([Sampled::GAINS, element]), [1.0, value]);
                 } else {
                     it.refuses("is unknown", |f| f.set(element, 0.5));
                     it.refuses("is unknown", |f| f.get_f64(&[element], &mut [0.0]));

@@ -6,14 +6,13 @@ use std::f64::consts::TAU;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper, Lists);
+fmu_export::export!(Every, Sampled, Ball, Hopper);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
 pub const SAMPLED: usize = 1;
 pub const BALL: usize = 2;
 pub const HOPPER: usize = 3;
-pub const LISTS: usize = 4;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -275,7 +274,8 @@ pub fn number(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }
 
-/// Acts at its sample instants, fails in a chosen one, and reads a resource
+/// Acts at its sample instants, fails in a chosen one, reads a resource, and has arrays whose sizes are set in
+/// configuration mode
 #[derive(Model)]
 #[model(sample_time = self.ts, stop_time = 5, step_size = 0.01)]
 #[rustfmt::skip]
@@ -289,10 +289,20 @@ pub struct Sampled {
     /** inverse of u */ #[output] y: f64,
     /** file in the resources, if any */ #[parameter] file: String,
     /** sum of its numbers */ #[output] sum: f64,
+    /** number of gains */ #[structural_parameter(start = 2, min = 1, max = 3, tunable)] n: u64,
+    /** number of names */ #[structural_parameter(start = 1, max = 2)] m: u64,
+    /** gains */ #[input(size = "n", start = [1, 2, 4])] gains: [f64; 3],
+    /** names */ #[parameter(size = "m", start = ["a", "b"])] names: [String; 2],
+    /** sum of the gains */ #[output] gain: f64,
+    /** how often the sizes changed */ #[output] changes: i32,
 }
 
 impl Sampled {
-    references! { TS, FAILS_AT, FAILURE, TIMES * 3, SAMPLES, U, Y, FILE, SUM }
+    references! {
+        TS, FAILS_AT, FAILURE, TIMES * 3, SAMPLES, U, Y, FILE, SUM, N, M, GAINS * 3, NAMES * 2, GAIN, CHANGES
+    }
+    /// A number of gains with which the model cannot continue.
+    pub const BAD: u64 = 1;
 }
 
 impl Simulate for Sampled {
@@ -302,6 +312,7 @@ impl Simulate for Sampled {
                 self.sum += line.parse::<f64>()?;
             }
         }
+        self.gain = self.gains[..self.n as usize].iter().sum();
         Ok(())
     }
 
@@ -313,6 +324,15 @@ impl Simulate for Sampled {
         self.count += 1;
         self.times = [self.times[1], self.times[2], time];
         self.y = 1.0 / self.u;
+        self.gain = self.gains[..self.n as usize].iter().sum();
+        Ok(())
+    }
+
+    fn reconfigure(&mut self) -> Result<(), ModelError> {
+        if self.n == Self::BAD {
+            return Err(ModelError::refuse("one gain is not enough"));
+        }
+        self.changes += 1;
         Ok(())
     }
 }
@@ -487,44 +507,5 @@ impl Continuous for Hopper {
 
     fn next_event(&self, _time: f64) -> Option<f64> {
         Some(self.changed + self.period)
-    }
-}
-
-/// Arrays whose sizes are set in configuration mode
-#[derive(Model)]
-#[model(sample_time = 0.5)]
-#[rustfmt::skip]
-pub struct Lists {
-    /** number of gains */ #[structural_parameter(start = 2, min = 1, max = 3, tunable)] n: u64,
-    /** number of names */ #[structural_parameter(start = 1, max = 2)] m: u64,
-    /** gains */ #[input(size = "n", start = [1, 2, 4])] gains: [f64; 3],
-    /** names */ #[parameter(size = "m", start = ["a", "b"])] names: [String; 2],
-    /** sum of the gains */ #[output] sum: f64,
-    /** how often the sizes changed */ #[output] changes: i32,
-}
-
-impl Lists {
-    references! { N, M, GAINS * 3, NAMES * 2, SUM, CHANGES }
-    /// A number of gains with which the model cannot continue.
-    pub const BAD: u64 = 1;
-}
-
-impl Simulate for Lists {
-    fn initialize(&mut self, _start: &Start) -> Result<(), ModelError> {
-        self.sum = self.gains[..self.n as usize].iter().sum();
-        Ok(())
-    }
-
-    fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
-        self.sum = self.gains[..self.n as usize].iter().sum();
-        Ok(())
-    }
-
-    fn reconfigure(&mut self) -> Result<(), ModelError> {
-        if self.n == Self::BAD {
-            return Err(ModelError::refuse("one gain is not enough"));
-        }
-        self.changes += 1;
-        Ok(())
     }
 }

@@ -197,7 +197,7 @@ fn check_null(it: &Instance, function: &Function, n: usize) {
 /// A ball in a state, or a list in a state of configuration. After a step, the time is 0.25.
 fn bring(kind: Kind, state: char) -> Instance {
     let is_configured = "GRV".contains(state);
-    let it = Instance::of(kind, if is_configured { LISTS } else { BALL });
+    let it = Instance::of(kind, if is_configured { SAMPLED } else { BALL });
     let run = || {
         it.start(0.0, Some(10.0));
         match kind.1 {
@@ -346,7 +346,7 @@ fn a_null_instance_is_an_error_and_can_be_freed() {
 fn a_reset_equals_a_fresh_instance() {
     for (kind, state) in all().filter(|(_, state)| *state != '!') {
         let it = bring(kind, state);
-        let model = if "GRV".contains(state) { LISTS } else { BALL };
+        let model = if "GRV".contains(state) { SAMPLED } else { BALL };
         it.set(Ball::DRIVE, 1.0);
         assert_eq!(it.reset(), OK);
         let fresh = Instance::of(kind, model).snapshot();

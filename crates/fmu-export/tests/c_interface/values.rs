@@ -428,9 +428,9 @@ fn time_is_a_variable_of_fmi_3_that_the_host_never_sets() {
 #[test]
 fn sizes_of_arrays_are_set_in_configuration_mode() {
     for kind in [(Fmi3, Stepped), EVENTS, (Fmi3, Exchanged)] {
-        let it = Instance::of(kind, LISTS);
-        let sizes = |n: u64, m: u64| move |f: Fmu| f.set_u64(&[Lists::N, Lists::M], &[n, m]);
-        let gains = |n| it.get_all(Type::Float64, &[Lists::GAINS], n).1;
+        let it = Instance::of(kind, SAMPLED);
+        let sizes = |n: u64, m: u64| move |f: Fmu| f.set_u64(&[Sampled::N, Sampled::M], &[n, m]);
+        let gains = |n| it.get_all(Type::Float64, &[Sampled::GAINS], n).1;
         it.refuses("n is a structural parameter", sizes(3, 2));
         assert_eq!(it.enter_configuration_mode(), OK);
         let words = "n = 4 is refused; expected a whole number from 1 to 3";
@@ -438,29 +438,29 @@ fn sizes_of_arrays_are_set_in_configuration_mode() {
         assert_eq!(sizes(3, 2)(*it), OK);
         let saved = it.snapshot();
         assert_eq!(it.exit_configuration_mode(), OK);
-        let names = it.texts(&[Lists::NAMES], 2);
+        let names = it.texts(&[Sampled::NAMES], 2);
         assert_eq!(names, [c"a".to_owned(), c"b".to_owned()]);
         it.start(0.0, None);
         assert_eq!(gains(3), [1.0, 2.0, 4.0]);
-        assert_eq!(it.get([Lists::SUM]), [7.0]);
+        assert_eq!(it.get([Sampled::GAIN]), [7.0]);
         let words = "there are 2 values; expected 3";
-        it.refuses(words, |f| f.set_f64(&[Lists::GAINS], &[1.0; 2]));
+        it.refuses(words, |f| f.set_f64(&[Sampled::GAINS], &[1.0; 2]));
 
         // While the simulation runs, those that are tunable.
         assert_eq!(it.enter_configuration_mode(), OK);
         it.refuses("m is a fixed structural parameter", sizes(2, 1));
-        assert_eq!(it.set_u64(&[Lists::N], &[Lists::BAD]), OK);
+        assert_eq!(it.set_u64(&[Sampled::N], &[Sampled::BAD]), OK);
         it.refuses("one gain is not enough", Fmu::exit_configuration_mode);
-        assert_eq!(it.set_u64(&[Lists::N], &[2]), OK);
+        assert_eq!(it.set_u64(&[Sampled::N], &[2]), OK);
         assert_eq!(it.exit_configuration_mode(), OK);
         let words = "there are 3 values; expected 2";
-        it.refuses(words, |f| f.get_f64(&[Lists::GAINS], &mut [0.0; 3]));
-        assert_eq!(it.read(Type::Int32, [Lists::CHANGES]), [1.0]);
+        it.refuses(words, |f| f.get_f64(&[Sampled::GAINS], &mut [0.0; 3]));
+        assert_eq!(it.read(Type::Int32, [Sampled::CHANGES]), [1.0]);
         match kind.1 {
             Stepped => assert_eq!(it.steps(0.0, 0.5).time, 0.5),
             _ => assert_eq!(it.update(), (false, Some(0.5))),
         }
-        assert_eq!(it.get([Lists::SUM]), [3.0]);
+        assert_eq!(it.get([Sampled::GAIN]), [3.0]);
 
         // An FMU state includes the sizes, and the mode.
         it.resume(&saved);
@@ -477,7 +477,7 @@ fn a_simulation_cycle_does_not_allocate() {
         (three, BALL, &[Ball::DRIVE, Ball::FAULT], 2, Ball::H),
         (two, SAMPLED, &[Sampled::U], 1, Sampled::Y),
         (three, SAMPLED, &[Sampled::U], 1, Sampled::Y),
-        (three, LISTS, &[Lists::GAINS], 2, Lists::SUM),
+        (three, SAMPLED, &[Sampled::GAINS], 2, Sampled::GAIN),
     ] {
         let (it, mut last) = (Instance::running(kind, model), [0.0]);
         let allocations = allocation_counter::measure(|| {
