@@ -24,48 +24,43 @@ fn wrong_arguments_are_reported() {
             (Fmi3, Exchanged) => "fmi3InstantiateModelExchange: ",
             (Fmi3, _) => "fmi3InstantiateCoSimulation: ",
         };
-        let good = || Arguments::of(kind, BALL);
-        let name = |name: Option<&'static CStr>| Arguments { name, ..good() };
-        let token = |token: Option<&CStr>| {
-            let token = token.map(CStr::to_owned);
-            Arguments { token, ..good() }
+        let (name, guid) = (Some(c"instance"), token(BALL));
+        let (guid, every) = (Some(&*guid), token(EVERY));
+        let unsuitable = match kind.1 {
+            Stepped => (None, guid, "the instance name is missing"),
+            Events => (name, Some(&*every), "but Every has no event mode: hasEventMode is false"),
+            Exchanged => {
+                (name, Some(&*every), "Every is for co-simulation, not for model exchange")
+            }
         };
-        let of_every = Arguments::of(kind, EVERY);
-        let events = "eventModeUsed is true, but Every has no event mode: hasEventMode is false";
-        let exchange = "Every is for co-simulation, not for model exchange";
-        for (arguments, reason) in [
-            (name(None), "the instance name is missing"),
-            (name(Some(c"")), "the instance name is missing"),
-            (name(Some(c"pend\xff")), "the instance name is not UTF-8"),
-            (token(None), "the GUID is missing"),
-            (token(Some(c"")), "is that of another FMU"),
-            (token(Some(c"{another}")), "this binary has: Every {"),
-            (token(Some(c"\xff\xfe")), "is that of another FMU"),
-            (token(Some(HOSTILE)), HOSTILE.to_str().unwrap()),
-            match kind.1 {
-                Stepped => (name(None), ""),
-                Events => (of_every, events),
-                Exchanged => (of_every, exchange),
-            },
+        for (name, token, reason) in [
+            (Some(c""), guid, "the instance name is missing"),
+            (Some(c"pend\xff"), guid, "the instance name is not UTF-8"),
+            (name, None, "the GUID is missing"),
+            (name, Some(c""), "is that of another FMU"),
+            (name, Some(c"{another}"), "this binary has: Every {"),
+            (name, Some(c"\xff\xfe"), "is that of another FMU"),
+            (name, Some(HOSTILE), HOSTILE.to_str().unwrap()),
+            unsuitable,
         ] {
-            let it = Instance::with(&arguments);
-            assert!(it.c.is_null(), "{reason}");
+            let [it, silent] = [true, false].map(|has_logger| {
+                Arguments::of(kind, BALL).make(|a| {
+                    (a.name, a.token, a.has_logger) = (name, token.map(CStr::to_owned), has_logger)
+                })
+            });
+            assert!(it.c.is_null() && silent.c.is_null(), "{reason}");
             let messages = it.messages();
             assert_eq!(messages.len(), 1, "{reason}");
             assert_eq!(messages[0].kind(), ("logStatusError", ERROR));
             assert!(messages[0].text.starts_with(function), "{messages:?}");
             it.says(reason);
-            let silent = arguments.make(|a| a.has_logger = false);
-            assert!(silent.c.is_null());
         }
         // A resource location may be anything; without logger, all works.
         let long = CString::new(vec![b'x'; 100_000]).unwrap();
         for resources in [None, Some(c""), Some(c"not a URI \xff%s%n"), Some(&*long)] {
-            let it = good().make(|a| {
-                (a.resources, a.debug, a.has_logger) = (resources, true, false);
-            });
-            let it = it.run(0.0);
-            assert_eq!(it.set(Ball::COUNT, 0.0), ERROR);
+            let it = Arguments::of(kind, BALL)
+                .make(|a| (a.resources, a.debug, a.has_logger) = (resources, true, false));
+            assert_eq!(it.run(0.0).set(Ball::COUNT, 0.0), ERROR);
         }
     }
     let (token, name, none) = (token(BALL), c"name".as_ptr(), null());
@@ -109,7 +104,7 @@ fn debugged(kind: Kind, name: &CStr) -> Instance {
 }
 
 /// Causes an event, a warning, an error, a discarded step and a panic; returns the logged categories.
-fn provoke(f: &Instance) -> BTreeSet<String> {
+fn provoke(f: &Instance) -> BTreeSet<CString> {
     f.forget_messages();
     f.start(0.0, None);
     f.step(0.2, 0.2);
@@ -118,48 +113,40 @@ fn provoke(f: &Instance) -> BTreeSet<String> {
         f.resume(&now).set(Ball::FAULT, trouble);
         f.step(0.4, 0.1);
     }
-    let messages = f.messages().into_iter();
-    messages.map(|message| message.category).collect()
-}
-
-fn set(categories: &[&CStr]) -> BTreeSet<String> {
-    let names = categories.iter().map(|name| name.to_str().unwrap());
-    names.map(str::to_owned).collect()
+    f.messages().into_iter().map(|message| CString::new(message.category).unwrap()).collect()
 }
 
 #[test]
 fn categories_are_switched_by_name() {
-    const TROUBLES: [&CStr; 4] = [ERRORS, WARNINGS, DISCARDS, FATALS];
-    const EVERY: [&CStr; 5] = [ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
-    for kind in PLAIN {
-        assert_eq!(provoke(&Instance::of(kind, BALL)), set(&TROUBLES));
-        assert_eq!(provoke(&debugged(kind, c"x")), set(&EVERY));
-        type Switch<'a> = (bool, &'a [&'a CStr]);
-        let cases: [(&[Switch], &[&CStr]); 16] = [
-            (&[(false, &[])], &[]),
-            (&[(true, &[])], &EVERY),
-            (&[(false, &[]), (true, &[])], &EVERY),
-            (&[(true, &[EVENT])], &[EVENT]),
-            (&[(true, &[ERRORS])], &[ERRORS]),
-            (&[(true, &[WARNINGS])], &[WARNINGS]),
-            (&[(true, &[DISCARDS])], &[DISCARDS]),
-            (&[(true, &[FATALS])], &[FATALS]),
-            (&[(true, &[ALL])], &EVERY),
-            (&[(true, &[ERRORS, EVENT, ERRORS])], &[ERRORS, EVENT]),
-            (&[(true, &[ERRORS]), (true, &[EVENT])], &[EVENT]),
-            (&[(false, &[EVENT])], &TROUBLES),
-            (&[(true, &[]), (false, &[EVENT])], &TROUBLES),
-            (&[(true, &[]), (false, &[ERRORS, WARNINGS])], &EVERY[2..]),
-            (&[(true, &[]), (false, &[ALL])], &[]),
-            (&[(true, &[]), (false, &[]), (false, &[EVENT])], &[]),
-        ];
-        for (switches, expected) in cases {
-            let it = Instance::of(kind, BALL);
-            for (on, names) in switches {
-                assert_eq!(it.switch_log(*on, names), OK);
-            }
-            assert_eq!(provoke(&it), set(expected), "{switches:?}");
+    const EVERY: &[&CStr] = &[ERRORS, WARNINGS, DISCARDS, FATALS, EVENT];
+    const TROUBLES: &[&CStr] = EVERY.split_at(4).0;
+    type Switch<'a> = (bool, &'a [&'a CStr]);
+    const CASES: &[(&[Switch], &[&CStr])] = &[
+        (&[], TROUBLES),
+        (&[(false, &[])], &[]),
+        (&[(true, &[])], EVERY),
+        (&[(false, &[]), (true, &[])], EVERY),
+        (&[(true, &[EVENT])], &[EVENT]),
+        (&[(true, &[ERRORS])], &[ERRORS]),
+        (&[(true, &[WARNINGS])], &[WARNINGS]),
+        (&[(true, &[DISCARDS])], &[DISCARDS]),
+        (&[(true, &[FATALS])], &[FATALS]),
+        (&[(true, &[ALL])], EVERY),
+        (&[(true, &[ERRORS, EVENT, ERRORS])], &[ERRORS, EVENT]),
+        (&[(true, &[ERRORS]), (true, &[EVENT])], &[EVENT]),
+        (&[(false, &[EVENT])], TROUBLES),
+        (&[(true, &[]), (false, &[EVENT])], TROUBLES),
+        (&[(true, &[]), (false, &[ERRORS, WARNINGS])], &[DISCARDS, FATALS, EVENT]),
+        (&[(true, &[]), (false, &[ALL])], &[]),
+        (&[(true, &[]), (false, &[]), (false, &[EVENT])], &[]),
+    ];
+    for (kind, (switches, expected)) in pairs(&PLAIN, CASES) {
+        let it = Instance::of(kind, BALL);
+        for (on, names) in switches {
+            ok([it.switch_log(*on, names)]);
         }
+        let expected = expected.iter().map(|&name| name.to_owned()).collect();
+        assert_eq!(provoke(&it), expected, "{switches:?}");
     }
 }
 
@@ -342,35 +329,32 @@ fn elements_that_are_in_use_can_be_addressed() {
 
 // --- several instances --------------------------------------------------------------------------
 
-/// A whole simulation, with FMU states in between.
-fn run(kind: Kind, seed: u32) -> Vec<Vec<u8>> {
-    let it = Instance::running(kind, EVERY);
-    let step = |k| {
-        assert_eq!(it.set(U, f64::from((seed + 1) * k % 17)), OK);
-        it.steps(0.01 * f64::from(k), 0.01);
-        let now = it.snapshot();
-        if k % 50 == seed {
-            it.resume(&now);
-        }
-        now
-    };
-    (0..200).map(step).collect()
-}
-
 #[test]
 fn instances_in_threads_give_the_same_results_as_alone() {
-    for kind in PLAIN {
-        let alone: Vec<_> = (0..4).map(|seed| run(kind, seed)).collect();
-        assert_ne!(alone[1], alone[2], "the inputs matter");
-        let gate = Barrier::new(4);
-        let work = |seed| {
-            gate.wait();
-            run(kind, seed)
+    /// A whole simulation, with FMU states in between.
+    fn run(kind: Kind, seed: u32) -> Vec<Vec<u8>> {
+        let it = Instance::running(kind, EVERY);
+        let step = |k| {
+            ok([it.set(U, f64::from((seed + 1) * k % 17))]);
+            it.steps(0.01 * f64::from(k), 0.01);
+            let now = it.snapshot();
+            if k % 50 == seed {
+                it.resume(&now);
+            }
+            now
         };
-        let together: Vec<_> = std::thread::scope(|scope| {
-            let work = &work;
-            let threads: Vec<_> = (0..4).map(|seed| scope.spawn(move || work(seed))).collect();
-            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        (0..200).map(step).collect()
+    }
+    for kind in PLAIN {
+        let alone = [0, 1, 2, 3].map(|seed| run(kind, seed));
+        assert_ne!(alone[1], alone[2], "the inputs matter");
+        let gate = &Barrier::new(4);
+        let together = std::thread::scope(|scope| {
+            let work = |seed| {
+                gate.wait();
+                run(kind, seed)
+            };
+            [0, 1, 2, 3].map(|seed| scope.spawn(move || work(seed))).map(|t| t.join().unwrap())
         });
         assert_eq!(together, alone);
     }
