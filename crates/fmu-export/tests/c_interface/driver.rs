@@ -537,9 +537,6 @@ methods! {
     get_f32(references: &[u32], values: &mut [f32]) = get_float32;
     get_i32(references: &[u32], values: &mut [i32]) = get_int32;
     set_i32(references: &[u32], values: &[i32]) = set_int32;
-    get_i64(references: &[u32], values: &mut [i64]) = get_int64;
-    set_i64(references: &[u32], values: &[i64]) = set_int64;
-    get_u64(references: &[u32], values: &mut [u64]) = get_uint64;
     set_u64(references: &[u32], values: &[u64]) = set_uint64;
     get_strings(references: &[u32], values: &mut [*const c_char]) = get_string;
     set_strings(references: &[u32], values: &[*const c_char]) = set_string;
@@ -745,12 +742,16 @@ impl Fmu {
     }
 
     /// Ends event mode.
-    #[track_caller]
-    pub fn go_on(self) {
-        ok([match self.kind.1 {
+    pub fn try_go_on(self) -> Status {
+        match self.kind.1 {
             Exchanged => self.enter_continuous_time_mode(),
             _ => self.enter_step_mode(),
-        }]);
+        }
+    }
+
+    #[track_caller]
+    pub fn go_on(self) {
+        ok([self.try_go_on()]);
     }
 
     pub fn switch_log(self, on: bool, categories: &[&CStr]) -> Status {

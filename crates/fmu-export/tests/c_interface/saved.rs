@@ -245,33 +245,28 @@ fn damaged_bytes_are_refused() {
 
 /// Makes the usual calls; each may be refused, but none may panic unless the model is set to.
 fn uses(f: Fmu, model: usize) {
-    let (mut time, mut trouble, mut fault) = ([0.0], [0.0], [0.0]);
-    let mut statuses = vec![match (f.kind.0, model) {
-        (Fmi3, EVERY) => f.get_f64(&[COUNT], &mut time),
-        (Fmi3, SAMPLED) => f.get_f64(&[Sampled::COUNT], &mut time),
-        (Fmi3, _) => f.get_f64(&[Ball::TIME], &mut time),
-        (Fmi2, _) if f.kind.1 == Stepped => f.real_status(fmi2LastSuccessfulTime, &mut time[0]),
-        (Fmi2, _) => OK,
+    let mut time = [0.0];
+    let mut statuses = vec![match f.kind {
+        (Fmi3, _) => f.get_f64(&[[COUNT, Sampled::COUNT, Ball::TIME][model]], &mut time),
+        (Fmi2, Stepped) => f.real_status(fmi2LastSuccessfulTime, &mut time[0]),
+        _ => OK,
     }];
-    let reference = [TROUBLE, Sampled::FAILURE, Ball::TROUBLE][model];
-    f.get_f64(&[reference], &mut trouble);
-    let other = [TROUBLE, Sampled::FAILURE, Ball::FAULT][model];
-    f.get_f64(&[other], &mut fault);
-    if trouble == [BUG] || fault == [BUG] {
-        return;
+    for reference in [[TROUBLE; 2], [Sampled::FAILURE; 2], [Ball::TROUBLE, Ball::FAULT]][model] {
+        let mut trouble = [0.0];
+        f.get_f64(&[reference], &mut trouble);
+        if trouble == [BUG] {
+            return;
+        }
     }
-    let event = |f: Fmu| f.try_update().0;
-    let derivatives = |f: Fmu| f.get_derivatives(&mut [0.0; 2]);
-    let calls: &[&dyn Fn(Fmu) -> Status] = match f.kind.1 {
-        Stepped => &[],
-        Events => &[&event, &Fmu::enter_step_mode],
-        Exchanged => &[&event, &Fmu::enter_continuous_time_mode, &derivatives],
-    };
     statuses.push(f.exit_initialization_mode());
     statuses.push(f.get_f64(&[Y.min(Ball::V_DOT)], &mut [0.0]));
-    statuses.extend(calls.iter().map(|call| call(f)));
-    statuses.extend([f.step(time[0], 0.1), f.step(time[0] + 0.1, 1e9)]);
-    statuses.push(f.terminate());
+    if f.kind.1 != Stepped {
+        statuses.extend([f.try_update().0, f.try_go_on()]);
+    }
+    if f.kind.1 == Exchanged {
+        statuses.push(f.get_derivatives(&mut [0.0; 2]));
+    }
+    statuses.extend([f.step(time[0], 0.1), f.step(time[0] + 0.1, 1e9), f.terminate()]);
     assert!(!statuses.contains(&FATAL), "{statuses:?}");
     assert_eq!(f.reset(), OK);
 }
