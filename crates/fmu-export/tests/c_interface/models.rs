@@ -312,7 +312,7 @@ impl Simulate for Sampled {
                 self.sum += line.parse::<f64>()?;
             }
         }
-        self.gain = self.gains[..self.n as usize].iter().sum();
+        self.gain = self.gains.iter().take(self.n as usize).sum();
         Ok(())
     }
 
@@ -324,7 +324,7 @@ impl Simulate for Sampled {
         self.count += 1;
         self.times = [self.times[1], self.times[2], time];
         self.y = 1.0 / self.u;
-        self.gain = self.gains[..self.n as usize].iter().sum();
+        self.gain = self.gains.iter().take(self.n as usize).sum();
         Ok(())
     }
 
