@@ -52,7 +52,7 @@ CS, ME = {"fmi_type": "CoSimulation"}, {"fmi_type": "ModelExchange"}
         ("", CS),
         ("", ME),
         ("_fmi3", CS),
-        ("_fmi3", CS | {"use_event_mode": True}),
+        ("_fmi3", CS | {"use_event_mode": True, "early_return_allowed": True}),
         ("_fmi3", ME),
     ],
     ids=["FMI 2.0 CS", "FMI 2.0 ME", "FMI 3.0 CS", "FMI 3.0 CS with events", "FMI 3.0 ME"],

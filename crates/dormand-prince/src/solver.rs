@@ -77,8 +77,32 @@ pub struct Step {
     pub tolerance: f64,
     /// Maximum size of an internal step (s), if there are event indicators.
     pub longest: f64,
-    /// The time until which time events are handled; `None` if the caller handles them.
-    pub handled: Option<f64>,
+    /// Who handles the events.
+    pub events: Events,
+    /// Whether an event was handled just before: indicators may be zero.
+    pub follows_event: bool,
+}
+
+/// Who handles the events in a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Events {
+    /// The solver; time events are handled until this time.
+    Here(f64),
+    /// The caller: the step ends just after the first state event.
+    EndStep,
+    /// The caller, after the step.
+    Wait,
+}
+
+/// How far a step came.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Advanced {
+    /// The time that was integrated (s).
+    pub reached: f64,
+    /// The time until which time events are handled.
+    pub handled: f64,
+    /// Whether there is a state event for the caller.
+    pub has_event: bool,
 }
 
 /// The memory for a step.
@@ -110,8 +134,7 @@ impl Workspace {
     }
 }
 
-/// Integrates over a communication step and handles the events in it. Returns the time until which time
-/// events are handled.
+/// Integrates over a communication step, or to an event that ends it.
 ///
 /// Afterwards, the system is evaluated at the end of the step; if it fails, at any point.
 ///
@@ -121,17 +144,24 @@ pub fn advance<E: Failure>(
     system: &mut dyn System<Error = E>,
     workspace: &mut Workspace,
     step: &Step,
-) -> Result<f64, E> {
-    let mut run = Run { system, w: workspace, step, reached: 0.0, size: 0.0, steps: 0, events: 0 };
+) -> Result<Advanced, E> {
+    let mut run = Run::new(system, workspace, step);
     run.start()?;
-    let mut handled = step.handled;
+    if step.follows_event && !run.w.signs.is_empty() {
+        run.size = RESTART * (1e-12 * step.longest).max(run.resolution());
+    }
+    let mut handled = match step.events {
+        Events::Here(handled) => Some(handled),
+        _ => None,
+    };
     while let Some((end, event)) = run.next_event(handled) {
         run.integrate(end)?;
         run.event(event)?;
         handled = Some(event);
     }
     run.integrate(step.size)?;
-    Ok(handled.unwrap_or(step.time))
+    let handled = handled.unwrap_or(step.time);
+    Ok(Advanced { reached: run.reached, handled, has_event: run.has_event })
 }
 
 /// A step that is being taken. Times are relative to its start, unless they are called absolute.
@@ -144,6 +174,8 @@ struct Run<'a, E> {
     size: f64,
     steps: u32,
     events: u32,
+    /// Whether there is a state event for the caller.
+    has_event: bool,
 }
 
 /// The outcome of an internal step.
@@ -154,7 +186,11 @@ enum Trial<E> {
     Discarded(E),
 }
 
-impl<E: Failure> Run<'_, E> {
+impl<'a, E: Failure> Run<'a, E> {
+    fn new(system: &'a mut dyn System<Error = E>, w: &'a mut Workspace, step: &'a Step) -> Self {
+        Self { system, w, step, reached: 0.0, size: 0.0, steps: 0, events: 0, has_event: false }
+    }
+
     /// The absolute time.
     fn now(&self) -> f64 {
         self.step.time + self.reached
@@ -202,9 +238,10 @@ impl<E: Failure> Run<'_, E> {
         }
     }
 
-    /// Integrates to `end`.
+    /// Integrates to `end`, or to an event that ends the step.
     fn integrate(&mut self, end: f64) -> Result<(), E> {
-        while self.reached < end {
+        let ends_early = self.step.events == Events::EndStep;
+        while self.reached < end && !(ends_early && self.has_event) {
             self.take_internal_step(end)?;
         }
         Ok(())
@@ -233,7 +270,9 @@ impl<E: Failure> Run<'_, E> {
             if let Trial::Error(error) = trial
                 && error <= 1.0
             {
-                if !self.has_crossed() {
+                let has_crossed = self.has_crossed();
+                self.has_event |= has_crossed && self.step.events == Events::Wait;
+                if !has_crossed || self.step.events == Events::Wait {
                     self.size = h * factor(error);
                     self.accept(to);
                     return match self.system.completed(self.now())? {
@@ -297,6 +336,10 @@ impl<E: Failure> Run<'_, E> {
         }
         self.reached = if after == 1.0 { to } else { self.reached + after * h };
         self.system.completed(self.now())?;
+        if self.step.events == Events::EndStep {
+            self.has_event = true;
+            return Ok(None);
+        }
         self.event(self.now())?;
         self.size = RESTART * resolution;
         Ok(None)
@@ -538,8 +581,14 @@ mod tests {
         system(|_, [x, v]| [*v, -x], [1.0, 0.5])
     }
 
-    const STEP: Step =
-        Step { time: 0.0, size: 0.0, tolerance: 1e-6, longest: 0.1, handled: Some(0.0) };
+    const STEP: Step = Step {
+        time: 0.0,
+        size: 0.0,
+        tolerance: 1e-6,
+        longest: 0.1,
+        events: Events::Here(0.0),
+        follows_event: false,
+    };
 
     /// Takes steps of this size until `end`. Returns the states at the end.
     fn run<const N: usize>(
@@ -552,7 +601,7 @@ mod tests {
         let mut workspace = Workspace::new(N, indicators);
         let mut step = Step { size, tolerance, ..STEP };
         while step.time < end - 1e-9 {
-            step.handled = Some(advance(system, &mut workspace, &step)?);
+            step.events = Events::Here(advance(system, &mut workspace, &step)?.handled);
             step.time += size; // with rounding errors that add up
         }
         Ok(system.states)
@@ -589,15 +638,9 @@ mod tests {
     #[test]
     fn the_dense_output_is_of_fourth_order() {
         let error = |h: f64| {
-            let mut run = Run {
-                system: &mut oscillator(),
-                w: &mut Workspace::new(2, 0),
-                step: &Step { size: h, tolerance: 1.0, ..STEP },
-                reached: 0.0,
-                size: h,
-                steps: 0,
-                events: 0,
-            };
+            let (mut oscillator, mut w) = (oscillator(), Workspace::new(2, 0));
+            let step = Step { size: h, tolerance: 1.0, ..STEP };
+            let mut run = Run { size: h, ..Run::new(&mut oscillator, &mut w, &step) };
             run.start().unwrap();
             run.try_step(h, h).ok().unwrap();
             let [start, within, end] = [0.0, 0.3, 1.0].map(|fraction| {

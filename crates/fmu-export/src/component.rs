@@ -7,7 +7,7 @@ use std::ffi::{CStr, CString, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-use dormand_prince::solver::{self, Workspace};
+use dormand_prince::solver::{self, Advanced, Events, MAX_EVENTS, Workspace};
 use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
@@ -147,7 +147,7 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: [u8; 4] = 6u32.to_le_bytes();
+const VERSION: [u8; 4] = 7u32.to_le_bytes();
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
 
@@ -169,7 +169,9 @@ impl<M: AnyModel> Component<M> {
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| facts.is_continuous);
         let settings = Settings { intermediate_update, ..settings };
-        let workspace = match facts.is_integrated {
+        // In event mode, a step of the model's own may not handle the events.
+        let is_eventful = facts.is_continuous && settings.mode == Mode::CoSimulationWithEvents;
+        let workspace = match facts.is_integrated || is_eventful {
             true => Workspace::new(facts.states.len(), facts.event_indicators.len()),
             false => Workspace::default(),
         };
@@ -471,51 +473,62 @@ impl Component {
         }
     }
 
-    /// Handles the event in event mode.
+    /// Handles what is due in event mode: samples, time events, and what has happened now.
     pub(crate) fn handle_events(&mut self) -> Result<Update, ModelError> {
-        let time = self.event_time();
-        let states_changed = self.handle_event(time)?;
+        let Lifecycle { mode, time, .. } = self.shared.lifecycle;
+        let (facts, before) = (self.model.facts(), self.model.states());
         self.shared.lifecycle.stale = true;
-        Ok(Update { states_changed, next_event: self.next_event(time) })
+        if facts.is_sampled {
+            self.take_due_samples(time)?;
+        } else if mode == Mode::ModelExchange {
+            self.model.behavior_mut().on_event(time)?;
+            self.shared.lifecycle.integration.handled = time;
+        } else {
+            self.handle_past_events(time)?;
+        }
+        Ok(Update { states_changed: self.model.states() != before, next_event: self.next_event() })
     }
 
-    /// The time of the event to handle: the current time, or the time of a time event which the end of a step
-    /// has reached but for rounding errors.
-    fn event_time(&self) -> f64 {
-        let (facts, now) = (self.model.facts(), self.shared.lifecycle.time);
-        let tolerance = 1e-6 * facts.step + 8.0 * f64::EPSILON * now.abs();
-        match self.shared.lifecycle.mode {
-            Mode::CoSimulationWithEvents if !facts.is_sampled => {
-                self.next_event(now).filter(|event| *event <= now + tolerance).unwrap_or(now)
+    fn take_due_samples(&mut self, time: f64) -> Result<(), ModelError> {
+        let clock = &mut self.shared.lifecycle.clock;
+        let before = *clock;
+        let due = clock.due_until(time)?;
+        take_samples(&mut self.model, clock, due, before)?;
+        self.model.check_outputs()
+    }
+
+    /// Handles the time events until now, which a step without early return may have passed, and what has
+    /// happened now. The end of a step reaches a time event but for rounding errors.
+    fn handle_past_events(&mut self, now: f64) -> Result<(), ModelError> {
+        let tolerance = 1e-6 * self.model.facts().step + 8.0 * f64::EPSILON * now.abs();
+        let (mut is_handled, mut events) = (false, 0);
+        while let Some(event) = self.next_event().filter(|event| *event <= now + tolerance) {
+            events += 1;
+            if events > MAX_EVENTS {
+                let reason = format_args!("more than {MAX_EVENTS} events are due");
+                return Err(ModelError::new(reason));
             }
-            _ => now,
+            self.model.behavior_mut().on_event(event)?;
+            self.shared.lifecycle.integration.handled = event;
+            is_handled = event >= now - tolerance;
         }
+        if !is_handled {
+            self.model.behavior_mut().on_event(now)?;
+        }
+        let handled = &mut self.shared.lifecycle.integration.handled;
+        *handled = handled.max(now);
+        Ok(())
     }
 
-    /// Handles an event: takes the samples that are due. Returns whether states changed.
-    pub(crate) fn handle_event(&mut self, time: f64) -> Result<bool, ModelError> {
-        let (model, shared) = (&mut self.model, &mut self.shared);
-        if model.facts().is_sampled {
-            let clock = &mut shared.lifecycle.clock;
-            let before = *clock;
-            let due = clock.due_until(time)?;
-            take_samples(model, clock, due, before)?;
-            model.check_outputs()?;
-            return Ok(false);
-        }
-        let before = model.states();
-        model.behavior_mut().on_event(time)?;
-        Ok(model.states() != before)
-    }
-
-    /// The time of the next event after `time`, if it is known.
-    pub(crate) fn next_event(&self, time: f64) -> Option<f64> {
+    /// The time of the next event that is not handled, if it is known.
+    pub(crate) fn next_event(&self) -> Option<f64> {
+        let lifecycle = &self.shared.lifecycle;
         if self.model.facts().is_sampled {
-            let clock = &self.shared.lifecycle.clock;
-            return Some(clock.next_instant(self.model.sample_time()));
+            return Some(lifecycle.clock.next_instant(self.model.sample_time()));
         }
-        let event = self.model.behavior().on_next_event(time);
-        event.filter(|event| *event > time && event.is_finite())
+        let handled = lifecycle.integration.handled;
+        let event = self.model.behavior().on_next_event(handled);
+        event.filter(|event| *event > handled && event.is_finite())
     }
 
     /// Checks a step. Returns the outcome of the call if no step is to be taken.
@@ -530,30 +543,26 @@ impl Component {
         (outcome != Outcome::Ok || step == 0.0).then_some(outcome)
     }
 
-    /// Takes a step, or the samples in it. Of a model that is integrated, time events in the step are handled
-    /// if `handles_events`.
-    pub(crate) fn take_step(
-        &mut self,
-        time: f64,
-        step: f64,
-        handles_events: bool,
-    ) -> Result<(), ModelError> {
-        let facts = self.model.facts();
-        if facts.is_integrated {
-            return self.integrate(time, step, handles_events);
-        }
-        let clock = &mut self.shared.lifecycle.clock;
-        take_step(&mut self.model, facts.is_sampled, clock, (time, step))
+    /// Takes a step, or the samples in it, by the function of the model.
+    pub(crate) fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        let (is_sampled, clock) = (self.model.facts().is_sampled, &mut self.shared.lifecycle.clock);
+        take_step(&mut self.model, is_sampled, clock, (time, step))
+    }
+
+    /// Integrates the equations over a step and handles the events in it.
+    pub(crate) fn integrate(&mut self, time: f64, size: f64) -> Result<(), ModelError> {
+        let events = Events::Here(self.shared.lifecycle.integration.handled);
+        self.integrate_to(time, size, events).map(drop)
     }
 
     /// Integrates the equations over a step, which changes nothing if it fails.
     #[inline(never)]
-    pub(crate) fn integrate(
+    pub(crate) fn integrate_to(
         &mut self,
         time: f64,
         size: f64,
-        handles_events: bool,
-    ) -> Result<(), ModelError> {
+        events: Events,
+    ) -> Result<Advanced, ModelError> {
         let (model, shared) = (&mut self.model, &mut self.shared);
         let Integration { tolerance, handled } = shared.lifecycle.integration;
         let before = shared.before.get_or_insert_with(|| model.copy());
@@ -563,14 +572,18 @@ impl Component {
             size,
             tolerance,
             longest: model.facts().step.max(1e-3 * size),
-            handled: handles_events.then_some(handled),
+            events,
+            follows_event: !matches!(events, Events::Here(_)) && handled == shared.lifecycle.time,
         };
         let advanced = solver::advance(&mut Equations(model), &mut shared.workspace, &step);
-        match advanced {
-            Ok(handled) => shared.lifecycle.integration.handled = handled,
-            Err(_) => _ = model.assign(before.as_ref()),
+        match (&advanced, events) {
+            (Ok(advanced), Events::Here(_)) => {
+                shared.lifecycle.integration.handled = advanced.handled;
+            }
+            (Ok(_), _) => {}
+            (Err(_), _) => _ = model.assign(before.as_ref()),
         }
-        advanced.map(drop)
+        advanced
     }
 
     /// The complete state of the instance.
@@ -733,14 +746,12 @@ impl Component {
         };
         model.renew();
         model.behavior_mut().on_initialize(&start)?;
-        let mut integration = Integration::NONE;
-        if facts.is_integrated && !start.is_model_exchange {
-            integration = Integration {
-                tolerance: tolerance(lifecycle.tolerance, facts.tolerance)?,
-                handled: start.time,
-            };
+        let mut integration = Integration { handled: start.time, ..Integration::NONE };
+        let is_eventful = facts.is_continuous && lifecycle.mode == Mode::CoSimulationWithEvents;
+        if (facts.is_integrated || is_eventful) && !start.is_model_exchange {
+            integration.tolerance = tolerance(lifecycle.tolerance, facts.tolerance)?;
             // Without event mode, the instance handles the event at the start itself.
-            if lifecycle.mode == Mode::CoSimulation {
+            if !is_eventful {
                 model.behavior_mut().on_event(start.time)?;
             }
         }
@@ -790,6 +801,8 @@ fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
         Some(tolerance) => Err(ModelError::new(format_args!(
             "the tolerance is {tolerance:?}; expected a positive number"
         ))),
+        // A model with a step of its own may have none.
+        None if of_model == 0.0 => Ok(1e-6),
         None => Ok(of_model),
     }
 }

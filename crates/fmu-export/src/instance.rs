@@ -208,11 +208,11 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         }
     }
 
-    /// As [`Component::take_step`].
+    /// Integrates a step or takes it by the function of the model.
     #[inline(always)]
     fn simulate(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if M::IS_INTEGRATED {
-            return (self as &mut Component).integrate(time, step, true);
+            return (self as &mut Component).integrate(time, step);
         }
         let clock = &mut self.shared.lifecycle.clock;
         take_step(&mut self.model, M::IS_SAMPLED, clock, (time, step))

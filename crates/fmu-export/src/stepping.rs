@@ -1,7 +1,7 @@
 //! Steps that the host sees into: with event mode, early return or intermediate updates (FMI 3.0.2, section
 //! 4.2).
 
-use dormand_prince::solver::{MAX_EVENTS, too_many_events};
+use dormand_prince::solver::{Advanced, Events};
 use fmi_abi::state::State;
 
 use crate::component::{Component, IntermediateUpdate, Outcome};
@@ -46,8 +46,8 @@ pub(crate) struct Stepping {
     count: f64,
     /// The next internal point, from 1.
     k: u32,
-    /// Events that were handled.
-    events: u32,
+    /// Whether an event is to be handled in event mode.
+    has_event: bool,
 }
 
 impl Stepping {
@@ -91,7 +91,7 @@ impl Stepping {
             tolerance: 1e-6 * step + 8.0 * f64::EPSILON * time.abs(),
             count,
             k: 1,
-            events: 0,
+            has_event: false,
         })
     }
 
@@ -115,40 +115,14 @@ impl Stepping {
         let settings = &c.shared.settings;
         let may_return = settings.early_return_allowed;
         let calls_back = settings.intermediate_update.is_some();
-        let has_events = c.shared.lifecycle.mode == Mode::CoSimulationWithEvents;
         loop {
             let internal = self.start + self.size * (f64::from(self.k) / self.count);
             let is_internal = internal < self.end - self.tolerance;
-            let mut to = if is_internal { internal } else { self.end };
-            let mut event = None;
-            let outcome = c.call(call, |c| {
-                event = c.next_event(self.now).filter(|_| has_events);
-                Ok(())
-            });
-            passed(outcome)?;
-            let event = event.filter(|event| *event <= to + self.tolerance);
-            if let Some(event) = event {
-                // A step that ends at an event ends exactly where the host wants it.
-                let is_end = event >= self.end - self.tolerance;
-                to = if is_end { self.end } else { event.max(self.now) };
-            }
-            passed(c.call(call, |c| c.take_part(self.now, to - self.now, has_events)))?;
-            self.now = to;
+            let to = if is_internal { internal } else { self.end };
+            passed(c.call(call, |c| self.take_part(c, to)))?;
             let is_end = self.now >= self.end - self.tolerance;
-            if event.is_some() {
-                // Without early return, events within the step are handled here.
-                if is_end || may_return {
-                    return Ok(self.finish(true));
-                }
-                self.events += 1;
-                let is_chattering = self.events > MAX_EVENTS;
-                passed(c.call(call, |c| match c.model.facts().is_sampled {
-                    false if is_chattering => Err(too_many_events()),
-                    _ => c.handle_event(self.now).map(drop),
-                }))?;
-                if internal > self.now + self.tolerance {
-                    continue;
-                }
+            if self.has_event && (is_end || may_return) {
+                return Ok(self.finish());
             }
             self.k += 1;
             if calls_back {
@@ -160,9 +134,48 @@ impl Stepping {
                 }));
             }
             if is_end || self.end <= self.now + self.tolerance {
-                return Ok(self.finish(false));
+                return Ok(self.finish());
             }
         }
+    }
+
+    /// Advances to a time, or to the first event if the step may end there. In event mode, events are the
+    /// host's: nothing discrete changes in a step. Without early return, they wait for its end.
+    fn take_part(&mut self, c: &mut Component, mut to: f64) -> Result<(), ModelError> {
+        let has_events = c.shared.lifecycle.mode == Mode::CoSimulationWithEvents;
+        let may_return = c.shared.settings.early_return_allowed;
+        let event = if has_events { c.next_event() } else { None };
+        let event = event.filter(|event| *event <= to + self.tolerance);
+        // A step that ends at an event ends exactly where the host wants it.
+        let is_within = event.is_some_and(|event| event < self.end - self.tolerance);
+        if let Some(event) = event.filter(|_| is_within && may_return) {
+            to = event.max(self.now);
+        }
+        self.has_event |= event.is_some();
+        let (time, step, facts) = (self.now, to - self.now, c.model.facts());
+        let mut reached = to;
+        if step > 0.0 && !(has_events && facts.is_sampled) {
+            // A step of the model's own would handle its events.
+            let would_handle = !facts.event_indicators.is_empty() || is_within && !may_return;
+            let taken = match (has_events, facts.is_integrated) {
+                (false, true) => c.integrate(time, step),
+                (true, is_integrated) if is_integrated || would_handle => {
+                    let events = if may_return { Events::EndStep } else { Events::Wait };
+                    c.integrate_to(time, step, events).map(|advanced| {
+                        let Advanced { reached: size, has_event, .. } = advanced;
+                        self.has_event |= has_event;
+                        if size < step {
+                            reached = time + size;
+                        }
+                    })
+                }
+                _ => c.take_step(time, step),
+            };
+            taken.map_err(|error| error.in_step(time, step))?;
+        }
+        self.now = reached;
+        c.shared.lifecycle.time = reached;
+        Ok(())
     }
 
     /// Continues after an intermediate update, in which the host may have requested an early return.
@@ -182,14 +195,14 @@ impl Stepping {
             self.end = requested.clamp(self.now, self.end);
         }
         match !update.set_requested || self.end <= self.now + self.tolerance {
-            true => self.finish(false),
+            true => self.finish(),
             false => self.advance(c),
         }
     }
 
-    fn finish(&self, event_handling_needed: bool) -> Next {
+    fn finish(&self) -> Next {
         let results = Results {
-            event_handling_needed,
+            event_handling_needed: self.has_event,
             early_return: self.now < self.start + self.size - self.tolerance,
             last_successful_time: self.now,
         };
@@ -205,17 +218,6 @@ fn passed(outcome: Outcome) -> Result<(), Outcome> {
 }
 
 impl Component {
-    /// Takes a part of a step. With events, samples are not taken here, and time events not handled.
-    fn take_part(&mut self, time: f64, step: f64, has_events: bool) -> Result<(), ModelError> {
-        let holds = has_events && self.model.facts().is_sampled;
-        if step > 0.0 && !holds {
-            let taken = self.take_step(time, step, !has_events);
-            taken.map_err(|error| error.in_step(time, step))?;
-        }
-        self.shared.lifecycle.time = time + step;
-        Ok(())
-    }
-
     /// The outcome of a step of which a part was not taken, though others were: what the model refuses
     /// is discarded, as the instance is no longer where the step began.
     fn fail_part(&mut self, outcome: Outcome) -> Outcome {

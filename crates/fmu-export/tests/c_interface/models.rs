@@ -6,13 +6,14 @@ use std::f64::consts::TAU;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper);
+fmu_export::export!(Every, Sampled, Ball, Hopper, Valve);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
 pub const SAMPLED: usize = 1;
 pub const BALL: usize = 2;
 pub const HOPPER: usize = 3;
+pub const VALVE: usize = 4;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -349,7 +350,7 @@ pub struct Ball {
     /** velocity */ #[output(state)] v: f64,
     #[derivative(of = h, derivative_by(v = 1.0))] h_dot: f64,
     #[derivative(of = v, derivative_by(drive = 1.0, v = -2.0 * self.drag * self.v.abs()))] v_dot: f64,
-    /** height of its lowest point */ #[event_indicator(derivative_by(h = 1.0))] contact: f64,
+    /** height of its lowest point */ #[output(derivative_by(h = 1.0))] contact: f64,
     /** energy */ #[output(derivative_by(h = Ball::G, v = self.v, drive = 0.125))] energy: f64,
     /** height at the start */ #[parameter(start = 1)] h0: f64,
     /// part of the velocity that a bounce keeps
@@ -379,6 +380,7 @@ impl Ball {
         let acceleration = self.drive - Self::G;
         self.h += (self.v + acceleration * step / 2.0) * step;
         self.v += acceleration * step;
+        self.contact = self.h;
         self.energy = self.energy();
         Ok(())
     }
@@ -507,5 +509,39 @@ impl Continuous for Hopper {
 
     fn next_event(&self, _time: f64) -> Option<f64> {
         Some(self.changed + self.period)
+    }
+}
+
+/// Fills a tank until it is full; its own step handles this event
+#[derive(Model)]
+#[model(continuous, step = Self::step, step_size = 0.1)]
+#[rustfmt::skip]
+pub struct Valve {
+    /** level */ #[output(state)] level: f64,
+    #[derivative(of = level)] rate: f64,
+    /** what is missing */ #[event_indicator] missing: f64,
+    /** whether it is closed */ #[output] closed: bool,
+}
+
+impl Valve {
+    references! { LEVEL, RATE, MISSING, CLOSED }
+
+    fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+        self.level = (self.level + step).min(1.0);
+        self.closed = self.level == 1.0;
+        Ok(())
+    }
+}
+
+impl Continuous for Valve {
+    fn evaluate(&mut self, _time: f64) -> Result<(), ModelError> {
+        self.rate = if self.closed { 0.0 } else { 1.0 };
+        self.missing = 1.0 - self.level;
+        Ok(())
+    }
+
+    fn event(&mut self, _time: f64) -> Result<(), ModelError> {
+        self.closed |= self.level >= 1.0;
+        Ok(())
     }
 }

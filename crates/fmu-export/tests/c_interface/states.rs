@@ -73,7 +73,7 @@ const TABLE: &[(&str, &str, &str, usize)] = &[
     ("set_continuous_states", "mEC", "mC", 2),
     ("get_continuous_states get_continuous_state_derivatives", "mNECTX", "mNECTX", 2),
     ("get_nominals_of_continuous_states", "mINECTX", "mNECTX", 2),
-    ("get_event_indicators", "mNECTX", "mNECTX", 1),
+    ("get_event_indicators", "mNECTX", "mNECTX", 0),
     ("get_number_of_event_indicators get_number_of_continuous_states", "-", "mINESCFTXGRV", 0),
     ("enter_step_mode", "-", "cE", 0),
     ("set_input_derivatives", "cINS", "-", 0),
@@ -342,7 +342,7 @@ fn a_panic_is_caught_and_affects_its_instance_only() {
         ('E', &KINDS[2..], |f| f.try_update().0),
         ('E', &KINDS[2..], |f| f.get_i32(&[Ball::EVENTS], &mut [0])),
         ('C', &EXCHANGED, |f| f.get_derivatives(&mut [0.0; 2])),
-        ('C', &EXCHANGED, |f| f.get_indicators(&mut [0.0])),
+        ('C', &EXCHANGED, |f| f.get_indicators(&mut [])),
         ('C', &EXCHANGED, |f| f.get_states(&mut [0.0; 2])),
         ('C', &EXCHANGED, |f| f.slope(Ball::ENERGY, Ball::H, 1.0)),
     ];

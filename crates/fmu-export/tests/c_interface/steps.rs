@@ -337,23 +337,22 @@ fn a_step_returns_early_exactly_at_each_sample() {
 }
 
 #[test]
-fn without_early_return_samples_are_taken_within_the_step() {
+fn without_early_return_samples_wait_for_the_end_of_the_step() {
     for (size, n) in [(0.75, 4), (2.25, 2), (0.125, 30), (0.3, 11), (0.5, 6)] {
-        let [plain, events] = [Stepped, Events].map(|mode| eventful(mode, SAMPLED, false, 0.5));
+        let events = eventful(Events, SAMPLED, false, 0.5);
+        let mut before = samples(&events);
+        assert_eq!(before.0, 1.0, "the sample at the start");
         for k in 0..n {
-            let time = f64::from(k) * size;
-            let end = plain.steps(time, size).time;
-            // A sample at the end of the step is left to event mode; in plain co-simulation, it belongs to
-            // the next step.
-            let is_sample = (end * 2.0 - (end * 2.0).round()).abs() < 1e-9;
-            assert_eq!(events.steps(time, size), results(is_sample, false, end));
-            assert_eq!(samples(&events), samples(&plain), "{size} {k}");
-            if is_sample {
-                handle(&events);
-                plain.steps(end, 1e-3);
-                events.steps(end, 1e-3);
-                assert_eq!(samples(&events), samples(&plain));
-                break;
+            let (time, end) = (f64::from(k) * size, f64::from(k) * size + size);
+            // The samples at 0, 0.5, ... up to the end, but for rounding errors.
+            let due = (end * 2.0 + 1e-9).floor() + 1.0;
+            let is_due = due > before.0;
+            assert_eq!(events.steps(time, size), results(is_due, false, end));
+            assert_eq!(samples(&events), before, "nothing changes in a step");
+            if is_due {
+                assert_eq!(handle(&events), Some(due * 0.5));
+                before = samples(&events);
+                assert_eq!((before.0, before.1[2]), (due, (due - 1.0) * 0.5));
             }
         }
     }
@@ -366,17 +365,18 @@ fn without_early_return_samples_are_taken_within_the_step() {
     assert_eq!(it.steps(0.5, 1.0), results(true, true, 1.0));
     let late = eventful(Events, SAMPLED, false, 0.5);
     assert_eq!(late.steps(0.0, 0.5), results(true, false, 0.5));
-    assert_eq!(late.steps(0.5, 0.25), results(false, false, 0.75));
-    assert_eq!(samples(&late).0, 2.0, "within the step");
+    assert_eq!(late.steps(0.5, 0.25), results(true, false, 0.75));
+    assert_eq!(samples(&late).0, 1.0, "not yet");
     // A saved state continues there; early return is no part of it.
     late.resume(&bytes);
     handle(&late);
-    assert_eq!(late.steps(0.5, 0.75), results(false, false, 1.25));
+    assert_eq!(late.steps(0.5, 0.75), results(true, false, 1.25));
     // Steps end though the rounding of time exceeds the sample time.
     let late = Instance::of(EVENTS, SAMPLED);
     ok([late.set(Sampled::TS, 0.001)]);
     let late = late.run(1e9);
-    assert_eq!(late.steps(1e9, 0.125).time, 1e9 + 0.125);
+    assert_eq!(late.steps(1e9, 0.125), results(true, false, 1e9 + 0.125));
+    handle(&late);
     assert!((120.0..=127.0).contains(&samples(&late).0));
 }
 
@@ -406,9 +406,11 @@ fn the_events_of_a_continuous_model_are_those_that_it_announces() {
     assert_eq!(energy, Ball::G * h + v * v / 2.0 + 1.0);
 
     let within = eventful(Events, BALL, false, 0.0);
-    assert_eq!(within.steps(0.0, 1.0), results(false, false, 1.0));
-    let [events] = within.read(Type::Int32, [Ball::EVENTS]);
-    assert_eq!(events, 2.0, "at the start and in the step");
+    assert_eq!(within.steps(0.0, 1.0), results(true, false, 1.0));
+    near(within.get([Ball::H, Ball::V]), [1.0 - Ball::G / 2.0, -Ball::G], 1e-12);
+    assert_eq!(within.read(Type::Int32, [Ball::EVENTS]), [1.0], "at the start only");
+    handle(&within);
+    assert_eq!(within.read(Type::Int32, [Ball::EVENTS]), [3.0], "the kick, and the end");
     let plain = eventful(Stepped, BALL, false, 0.0);
     plain.steps(0.0, 1.0);
     assert_eq!(plain.get([Ball::V]), [-Ball::G], "over the time event");
@@ -416,25 +418,28 @@ fn the_events_of_a_continuous_model_are_those_that_it_announces() {
 
 #[test]
 fn a_failure_after_a_part_of_a_step_reports_how_far_it_came() {
-    // The kick at 0.5 s divides the step; steps after 0.15 s fail.
-    for (fault, status) in [(REFUSE, DISCARDED), (DISCARD, DISCARDED), (BREAK, ERROR)] {
-        let it = eventful(Events, BALL, false, 0.0);
+    // Internal points divide the step; parts after 0.15 s fail.
+    let cases = [(REFUSE, DISCARDED), (DISCARD, DISCARDED), (BREAK, ERROR)];
+    for (kind, (fault, status)) in pairs(&[PLAIN[1], EVENTS], &cases) {
+        let it = updating(kind, true, &[]);
         ok([it.set(Ball::FAULT, fault)]);
         let before = it.snapshot();
-        let end = results(false, false, Ball::KICK);
-        assert_eq!(it.step_to(0.0, 1.0), (status, end));
-        assert_eq!(it.get([Ball::TIME]), [Ball::KICK]);
-        assert_eq!(it.step(Ball::KICK, 0.25), ERROR);
+        let end = results(false, false, 0.2);
+        assert_eq!(it.step_to(0.0, 0.4), (status, end));
+        assert_eq!(it.get([Ball::TIME]), [0.2]);
+        assert_eq!(it.step(0.2, 0.1), ERROR);
         ok([it.resume(&before).set(Ball::FAULT, 0.0)]);
-        it.steps(0.0, 1.0);
+        it.steps(0.0, 0.4);
     }
+    // Samples that fail in event mode.
     let it = eventful(Events, SAMPLED, false, 0.5);
     let before = it.snapshot();
     it.fails(DISCARDED, "more than the maximum", |f| f.step(0.0, 0.5e12));
     fail(it.resume(&before), 3, DISCARD);
-    let (status, found) = it.step_to(0.0, 2.0);
-    assert_eq!((status, found.time), (DISCARDED, 1.0));
-    assert_eq!(samples(&it).0, 2.0, "the sample at 1 s is discarded");
+    it.steps(0.0, 2.0);
+    ok([it.enter_event_mode()]);
+    assert_eq!(it.try_update().0, ERROR);
+    assert_eq!(samples(&it).0, 2.0, "the one at 0.5 s was taken");
 }
 
 // --- integration --------------------------------------------------------------------------------
@@ -500,7 +505,6 @@ fn both_versions_and_all_modes_integrate_alike() {
     for (kind, early_return, intermediate) in [
         (PLAIN[1], false, None),
         (PLAIN[1], true, Some(&[Hopper::H][..])),
-        (EVENTS, false, None),
         (EVENTS, true, None),
         (EVENTS, true, Some(&[Hopper::H])),
     ] {
@@ -508,20 +512,56 @@ fn both_versions_and_all_modes_integrate_alike() {
         let it =
             arguments.make(|a| (a.early_return, a.intermediate) = (early_return, intermediate));
         let it = it.run(0.0);
-        let (mut announced, mut time) = (0, 0.0f64);
+        let (mut announced, mut time) = (0.0, 0.0f64);
+        let discrete = |f: &Instance| f.read(Type::Int32, [Hopper::BOUNCES, Hopper::CHANGES]);
         while time < 2.9 - 1e-9 {
             let size = ((time + 1e-9) / 0.1).floor() * 0.1 + 0.1 - time;
+            let before = discrete(&it);
             let results = it.steps(time, size);
             time = results.time;
             if results.event {
-                announced += 1;
-                near([handle(&it).unwrap()], [time + 0.3], 1e-9);
+                assert_eq!(discrete(&it), before, "nothing discrete changes in a step");
+                let next = handle(&it).unwrap();
+                near([next], [it.get([Hopper::CHANGED])[0] + 0.3], 1e-9);
+                announced += discrete(&it).iter().sum::<f64>() - before.iter().sum::<f64>();
             }
         }
-        // Time events are announced in event mode, and handled once.
-        assert_eq!(announced, if kind == EVENTS { 9 } else { 0 });
+        // All events are announced in event mode, and handled once.
+        let [.., bounces, _, changes, _] = values(&it);
+        assert_eq!(announced, if kind == EVENTS { bounces + changes } else { 0.0 });
         near(values(&it), expected, 1e-7);
     }
+}
+
+#[test]
+fn in_event_mode_state_events_end_the_step_or_wait_for_its_end() {
+    let first = contacts()[0];
+    for model in [HOPPER, VALVE] {
+        let (at, discrete) = match model {
+            HOPPER => (first, (Type::Int32, Hopper::BOUNCES)),
+            _ => (1.0, (Type::Boolean, Valve::CLOSED)),
+        };
+        for early_return in [true, false] {
+            let it = Arguments::of(EVENTS, model).make(|a| a.early_return = early_return);
+            assert!(model == VALVE || it.set(Hopper::PERIOD, 1e3) == OK);
+            let it = it.run(0.0);
+            assert_eq!(it.steps(0.0, 0.4), results(false, false, 0.4));
+            let end = it.steps(0.4, 0.8);
+            assert_eq!((end.event, end.early), (true, early_return));
+            near([end.time], [if early_return { at } else { 1.2 }], 1e-9);
+            assert_eq!(it.read(discrete.0, [discrete.1]), [0.0], "not in the step");
+            let (reference, level) = match model {
+                HOPPER => (Hopper::H, 1.0 - Hopper::G / 2.0 * end.time * end.time),
+                _ => (Valve::LEVEL, end.time),
+            };
+            near(it.get([reference]), [level], 1e-9);
+            handle(&it);
+            assert_eq!(it.read(discrete.0, [discrete.1]), [1.0]);
+        }
+    }
+    let plain = Instance::running(PLAIN[1], VALVE);
+    plain.steps(0.0, 1.2);
+    assert_eq!(plain.read(Type::Boolean, [Valve::CLOSED]), [1.0], "by its own step");
 }
 
 #[test]
@@ -644,14 +684,12 @@ fn the_host_is_called_at_equal_parts_of_the_step() {
         assert_eq!(it.host.updates.take(), expected);
         it.steps(0.25, 0.1);
         assert_eq!(it.update_times(), [0.25 + 0.1]);
-        // An internal point at an event, which is handled without early return.
+        // Without early return, an event changes nothing.
         let it = updating(kind, false, &[]);
         it.steps(0.0, 0.25);
         it.update_times();
         it.steps(0.25, 0.5);
-        let times = it.update_times();
-        assert_eq!((times.len(), times[4]), (5, 0.75));
-        assert!(times.is_sorted());
+        near(it.update_times()[..4].try_into().unwrap(), [0.35, 0.45, 0.55, 0.65], 1e-9);
     }
     let (intermediate, arguments) = (Some(&[][..]), Arguments::of(PLAIN[1], SAMPLED));
     let sampled = arguments.make(|a| a.intermediate = intermediate).run(0.0);
