@@ -222,6 +222,38 @@ def syssimx() -> Iterable[float]:
     return system.run(t0=0.0, tf=STOP, dt=STEP)["plant"][1]["theta"]
 
 
+def jaxonomy() -> Iterable[float]:
+    """Use jaxonomy, a block diagram; its names of ports are identifiers, unlike `rbf.w[1]`."""
+    import jaxonomy
+    from jaxonomy.library import Constant, ModelicaFMU
+
+    diagram = jaxonomy.DiagramBuilder()
+    blocks = {}
+    for name, path in FMUS.items():
+        used = {
+            "input_names": [i for _, _, b, i in CONNECTIONS if b == name] if LOOP else ["u"],
+            "output_names": [o for a, o, _, _ in CONNECTIONS if a == name] if LOOP else ["theta"],
+        }
+        fmu = ModelicaFMU(str(path), STEP, name=name, first_step_at_zero=True, **used)
+        blocks[name] = diagram.add(fmu)
+
+    def port(ports: list, name: str) -> object:
+        return next(port for port in ports if port.name == name)
+
+    for source, output, target, input_ in CONNECTIONS:
+        ends = blocks[source].output_ports, blocks[target].input_ports
+        diagram.connect(port(ends[0], output), port(ends[1], input_))
+    plant = blocks["plant"]
+    if not LOOP:
+        force = diagram.add(Constant(FORCE))
+        diagram.connect(force.output_ports[0], port(plant.input_ports, "u"))
+    angle = {"theta": port(plant.output_ports, "theta")}
+    built = diagram.build()
+    times = (0.0, STOP)
+    done = jaxonomy.simulate(built, built.create_context(), times, recorded_signals=angle)
+    return done.outputs["theta"]
+
+
 def casadi() -> Iterable[float]:
     """Use CVODES."""
     from casadi import MX, DaeBuilder, integrator

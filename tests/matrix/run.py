@@ -51,6 +51,7 @@ IMPORTERS = {
     ),
     "SysSimX": ("syssimx", "syssimx==0.4.3 fmpy==0.3.32", {CS: "loop"}),
     "fmuloader": ("fmuloader", "fmuloader==0.1.2rc0", {CS: "plant loop"}),
+    "jaxonomy": ("jaxonomy", "jaxonomy==3.4.1 fmpy==0.3.32", {CS: "plant loop pid"}),
     "CasADi": ("casadi", "casadi==3.8.2", {ME: "plant"}),
     "GEMSEO": ("gemseo", "gemseo-fmu==3.1.1", {CS: "plant", ME: "plant"}),
     "estim8": ("estim8", "estim8==0.1.6 fmpy==0.3.32", {CS: "plant", ME: "plant"}),
@@ -105,6 +106,24 @@ def failure(done: subprocess.CompletedProcess[str]) -> str:
     return f"fails: `{last[:120].replace('|', '/').replace('`', '')}`"
 
 
+def held_back(controller: str) -> np.ndarray:
+    """Return the angles [rad] of the loop in which inputs are the outputs of one step before."""
+    angles = []
+    with Loop(controller, previous_sample_terms=False).system(FMUS) as system:
+        for component in system.components.values():
+            component.initialize(0.0)
+        ends = [[system.locate(name) for name in pair] for pair in system.connections]
+        outputs = [component.get(name) for (component, name), _ in ends]
+        for k in range(STEPS["loop"] + 1):
+            angles.append(system.components["plant"].get("theta"))
+            given, outputs = outputs, [component.get(name) for (component, name), _ in ends]
+            for (_, (component, name)), value in zip(ends, given, strict=True):
+                component.set(name, value)
+            for component in system.components.values():
+                component.step(k * TS, TS)
+    return np.array(angles)
+
+
 @cache
 def expected(case: str) -> dict[str, np.ndarray]:
     """Return what the angles [rad] may be, at the communication points."""
@@ -114,7 +133,7 @@ def expected(case: str) -> dict[str, np.ndarray]:
             with Loop(controller, previous_sample_terms=False).system(FMUS) as system:
                 columns = simulate(system, 0.0, TS, STEPS[case] + 1, order=order)
             found[f"FMPy, {order}"] = columns["plant.theta"]
-        return found
+        return found | {"FMPy, parallel with inputs of one step before": held_back(controller)}
     (A, B), euler = reference.linear_model(), [np.zeros(4)]
     for _ in range(STEPS[case]):
         euler.append(euler[-1] + TS * (A @ euler[-1] + B))
