@@ -9,6 +9,7 @@
 
 #[cfg(feature = "parquet")]
 mod parquet;
+mod read;
 
 use std::fmt::Write as _;
 use std::io::{BufWriter, Write};
@@ -18,6 +19,8 @@ use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Type, Value};
 use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
+
+pub use read::{Series, read, times};
 
 /// A column of a table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -211,7 +214,42 @@ pub fn write(
 mod tests {
     use super::*;
 
-    /// `tests/test_native_fmus.py` compares values of all types in both formats.
+    #[cfg(feature = "parquet")]
+    #[test]
+    fn parquet_reads_back_with_types_and_missing_values() {
+        let values = [
+            Value::Float64(0.1 + 0.2),
+            Value::Float32(0.1),
+            Value::Int8(-1),
+            Value::UInt8(u8::MAX),
+            Value::Int16(-2),
+            Value::UInt16(u16::MAX),
+            Value::Int32(i32::MIN),
+            Value::UInt32(u32::MAX),
+            Value::Int64(i64::MIN),
+            Value::UInt64(u64::MAX),
+            Value::Boolean(true),
+            Value::String("π".into()),
+            Value::Binary(vec![0, 255]),
+        ];
+        let names = Vec::from_iter(values.iter().map(|value| format!("a.{:?}", value.of_type())));
+        let columns = names.iter().zip(&values);
+        let columns = columns.map(|(name, v)| Column::new(name, "m/s", v.of_type()).optional());
+        let columns = Vec::from_iter(columns);
+        let rows = [values.clone().map(Some).to_vec(), vec![None; values.len()]];
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.parquet");
+        write(&file, Format::Parquet, &columns, rows.into_iter().map(Ok)).unwrap();
+        let expected = names.into_iter().zip(values).map(|(name, value)| {
+            let (unit, cells) = ("m/s".into(), vec![Some(value), None]);
+            Series { name, unit, cells }
+        });
+        assert_eq!(read(&file).unwrap(), Vec::from_iter(expected));
+        std::fs::write(&file, "PAR1").unwrap();
+        read(&file).unwrap_err();
+    }
+
+    /// `tests/test_native.py` compares values of all types in both formats.
     #[test]
     fn every_value_reads_back_and_an_empty_string_is_not_missing() {
         let text = |text: &str| Value::String(text.into());

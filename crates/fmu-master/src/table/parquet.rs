@@ -1,8 +1,10 @@
-//! Writes rows as Parquet columns.
+//! Writes rows as Parquet columns, and reads them.
 
+use std::fs::File;
+use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use fmu_description::{Type as Kind, Value};
 use fmu_file::replace::Replacement;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
@@ -11,10 +13,12 @@ use parquet::data_type::{
 };
 use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::record::Field;
 use parquet::schema::types::{Type, TypePtr};
 
-use super::{Cell, Column};
+use super::{Cell, Column, Series};
 
 /// Number of rows that are buffered and written column by column.
 const ROWS_PER_GROUP: usize = 1 << 16;
@@ -120,4 +124,33 @@ fn typed<T: DataType>(
     let present = column.optional.then_some(present.as_slice());
     writer.typed::<T>().write_batch(&values, present, None)?;
     writer.close()
+}
+
+/// Reads a file with columns of plain values.
+pub(super) fn read(file: &Path) -> Result<Vec<Series>> {
+    let reader = SerializedFileReader::new(File::open(file)?)?;
+    let fields = reader.metadata().file_metadata().schema().get_fields();
+    let mut table = Vec::from_iter(fields.iter().map(|field| Series::titled(field.name())));
+    for row in reader.get_row_iter(None)? {
+        for (series, (_, field)) in table.iter_mut().zip(row?.get_column_iter()) {
+            series.cells.push(match field {
+                Field::Null => None,
+                Field::Bool(value) => Some(Value::Boolean(*value)),
+                Field::Byte(value) => Some(Value::Int8(*value)),
+                Field::UByte(value) => Some(Value::UInt8(*value)),
+                Field::Short(value) => Some(Value::Int16(*value)),
+                Field::UShort(value) => Some(Value::UInt16(*value)),
+                Field::Int(value) => Some(Value::Int32(*value)),
+                Field::UInt(value) => Some(Value::UInt32(*value)),
+                Field::Long(value) => Some(Value::Int64(*value)),
+                Field::ULong(value) => Some(Value::UInt64(*value)),
+                Field::Float(value) => Some(Value::Float32(*value)),
+                Field::Double(value) => Some(Value::Float64(*value)),
+                Field::Str(value) => Some(Value::String(value.clone())),
+                Field::Bytes(value) => Some(Value::Binary(value.data().to_vec())),
+                _ => bail!("{} is no column of numbers, Booleans or texts", series.name),
+            });
+        }
+    }
+    Ok(table)
 }

@@ -1,0 +1,103 @@
+//! Reads tables: those of this program, and those of others with a line of names.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::Value;
+
+use super::{Cell, Format, fields};
+
+/// A column of a table that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// Its name, such as `component.variable`.
+    pub name: String,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+    /// Its values. Those of CSV are Int64, Float64, Boolean or String, whichever the text looks like.
+    pub cells: Vec<Cell>,
+}
+
+impl Series {
+    /// A column without rows; its title is a name, or a name and a unit, `controller.u [N]`.
+    pub(super) fn titled(title: &str) -> Self {
+        let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
+        let (name, unit) = parts.unwrap_or((title, ""));
+        Self { name: name.into(), unit: unit.into(), cells: Vec::new() }
+    }
+
+    /// The value of a row as a number, true as 1; `None` if it is missing or a text.
+    pub fn number(&self, row: usize) -> Option<f64> {
+        match self.cells.get(row)?.as_ref()? {
+            Value::Boolean(value) => Some(f64::from(*value)),
+            value => value.as_real().or_else(|| value.as_whole().map(|number| number as f64)),
+        }
+    }
+}
+
+/// Reads a table, as Parquet if the name of the file ends in `.parquet`, else as CSV.
+///
+/// # Errors
+/// The file cannot be read, or is no table; the error does not name the file.
+pub fn read(file: &Path) -> Result<Vec<Series>> {
+    match Format::of(file) {
+        #[cfg(feature = "parquet")]
+        Some(Format::Parquet) => super::parquet::read(file),
+        #[cfg(not(feature = "parquet"))]
+        Some(Format::Parquet) => bail!("this program does not read Parquet"),
+        _ => csv(&fs::read_to_string(file)?),
+    }
+}
+
+fn csv(text: &str) -> Result<Vec<Series>> {
+    // Other programs begin with a mark, and end lines with two characters.
+    let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+    let (titles, mut rest) = fields(&text).context("line 1, expected names in CSV")?;
+    let titles = titles.into_iter().map(Option::unwrap_or_default);
+    let mut table = Vec::from_iter(titles.map(|title| Series::titled(&title)));
+    let mut line = 1;
+    while !rest.is_empty() {
+        line += 1;
+        let row;
+        (row, rest) =
+            fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
+        let (found, expected) = (row.len(), table.len());
+        ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
+        for (series, field) in table.iter_mut().zip(row) {
+            series.cells.push(field.map(value));
+        }
+    }
+    Ok(table)
+}
+
+/// The value that a field looks like.
+fn value(field: String) -> Value {
+    match (field.as_str(), field.parse(), field.trim().parse()) {
+        ("true", ..) => Value::Boolean(true),
+        ("false", ..) => Value::Boolean(false),
+        (_, Ok(number), _) => Value::Int64(number),
+        (_, _, Ok(number)) => Value::Float64(number),
+        _ => Value::String(field),
+    }
+}
+
+/// The times of a table, its first column.
+///
+/// # Errors
+/// There is none, or one is not a finite number or is before another.
+pub fn times(table: &[Series]) -> Result<Vec<f64>> {
+    let Some(series) = table.first().filter(|series| series.name == "time") else {
+        bail!("the first column is not time");
+    };
+    let mut times = Vec::with_capacity(series.cells.len());
+    for row in 0..series.cells.len() {
+        let time = series.number(row).filter(|time| time.is_finite());
+        let time = time.with_context(|| format!("the time of row {} is no number", row + 1))?;
+        let before = times.last().copied().unwrap_or(time);
+        ensure!(time >= before, "time {time:?} comes after {before:?}, expected rows in order");
+        times.push(time);
+    }
+    ensure!(!times.is_empty(), "there is no row");
+    Ok(times)
+}
