@@ -1,12 +1,15 @@
-"""The pages with traces of runs, in a real browser."""
+"""The pages with traces of runs and with sweeps, in a real browser."""
 
+import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
+import sweeps
 from native import LOOPS, read_csv, run
 
 SYSTEM = LOOPS / "pid.toml"
@@ -26,11 +29,11 @@ def drawn(tmp_path_factory) -> tuple[Path, list[dict[str, np.ndarray]]]:
     return page, [read_csv(file) for file in files]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
-def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
-    browser: Browser, drawn, width, scheme
-):
-    file, runs = drawn
+SCREENS = pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
+
+
+def opened(browser: Browser, file: Path, width: int, scheme: str) -> Page:
+    """Open a page, which must say nothing, ask for nothing, and fit the screen."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     page, said, asked = context.new_page(), [], []
     page.on("console", lambda message: said.append(message.text))
@@ -40,6 +43,15 @@ def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
     page.wait_for_selector("body[data-drawn]", state="attached")
     assert (said, asked) == ([], [file.as_uri()])
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    return page
+
+
+@SCREENS
+def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
+    browser: Browser, drawn, width, scheme
+):
+    file, runs = drawn
+    page = opened(browser, file, width, scheme)
 
     for shown, rows in zip(json.loads(page.inner_text("#runs")), runs, strict=True):
         names = [column["name"] for column in shown["columns"]]
@@ -64,15 +76,63 @@ def test_the_page_draws_all_runs_and_shows_the_values_at_the_cursor(
     assert float(values["plant.theta (this run)"]) == pytest.approx(
         runs[0]["plant.theta"][row[0]], rel=1e-6
     )
-    context.close()
+    page.context.close()
+
+
+GRID = """
+stop = 0.5
+metrics = { limit = 1.0 }
+parameter = [
+    { variable = "controller.pid.kp", values = [100, 200, 400] },
+    { variable = "controller.pid.kd", from = 1, to = 100, count = 3, scale = "log" },
+    { variable = "source.signal", values = ["sine", "square"] },
+]
+"""
+
+
+@SCREENS
+@pytest.mark.parametrize("parameters", [1, 2, 3])
+def test_the_page_of_a_sweep_shows_the_best_run_and_the_one_at_the_cursor(
+    browser: Browser, fmus, tmp_path, parameters, width, scheme
+):
+    lines = GRID.splitlines()
+    text = "\n".join([*lines[: 4 + parameters], "]"])
+    page_file, out = tmp_path / "page.html", tmp_path / "rows.csv"
+    result = sweeps.local(sweeps.written(tmp_path, text), out, "--plot", page_file)
+    assert (result.returncode, result.stderr) == (0, "")
+    with out.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    page = opened(browser, page_file, width, scheme)
+    shown = page.locator("#shown")
+    best = re.search(r"smallest iae, .*: run (\d+)", result.stdout)[1]
+    assert shown.inner_text().startswith(f"run {best}, the best: ")
+    failed = [row["index"] for row in rows if row["diverged"] == "true"]
+    listed = page.locator("#failed td:first-child").all_inner_texts()
+    assert listed == failed[:10]
+    assert failed or parameters == 1
+
+    page.locator("#plot").hover(position={"x": width // 3, "y": 90})
+    row = rows[int(shown.get_attribute("data-run"))]
+    values = dict(re.findall(r"([\w.]+) = ([\w.+-]*\w)", shown.inner_text()))
+    names = list(row)[1 : 1 + parameters]
+    assert {"iae", *names} <= set(values)
+    for name, value in values.items():
+        if name == "source.signal":
+            assert value == row[name]
+        else:
+            assert float(value) == pytest.approx(float(row[name]), rel=1e-5)
+    page.select_option("select", "largest_u")
+    assert page.locator("#best th").all_inner_texts()[:2] == ["run", "largest_u"]
+    page.context.close()
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path):
-    for options, message in [
-        (("--csv", "a.parquet"), "a.parquet cannot be drawn on p.html; expected --csv with a name"),
-        (("--stop=0.1", "--over", "none.csv"), "none.csv cannot be plotted"),
+    for over, message in [
+        ("none.csv", "none.csv cannot be plotted: No such file or directory"),
+        (SYSTEM, "pid.toml cannot be plotted: line 6 has 2 fields, expected 1"),
     ]:
-        result = run("simulate", SYSTEM, "--plot", "p.html", *options, cwd=tmp_path)
+        options = ("--stop=0.1", "--plot", "p.html", "--over", over)
+        result = run("simulate", SYSTEM, *options, cwd=tmp_path)
         assert result.returncode == 1
         assert message in result.stderr
         assert not list(tmp_path.iterdir())

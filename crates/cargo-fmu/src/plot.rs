@@ -1,100 +1,163 @@
-//! A page with the traces of runs, which needs nothing beside it.
+//! Pages with the traces of runs or the metrics of a sweep, which need nothing beside them.
 
-use std::fs;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
+use clap::Args;
+use fmu_description::Value as Cell;
 use fmu_file::replace::Replacement;
-use fmu_master::table;
+use fmu_master::table::{self, Series};
 use serde_json::{Value, json};
 
-const PAGE: &str = include_str!("plot/page.html");
+const RUNS: &str = include_str!("plot/page.html");
+const SWEEP: &str = include_str!("plot/sweep.html");
 
-/// Writes a page with the rows of CSV files, over each other; each file has the name of its run.
-///
-/// # Errors
-/// A file is not a table with a column of times, or the page cannot be written.
-pub fn write(page: &Path, title: &str, runs: &[(String, &Path)]) -> Result<()> {
-    let runs = runs.iter().map(|(name, file)| {
-        let cannot = || format!("{} cannot be plotted", file.display());
-        let text = fs::read_to_string(file).with_context(cannot)?;
-        run(name, &text).with_context(cannot)
-    });
-    let runs = Value::Array(runs.collect::<Result<_>>()?);
-    // No text of a table ends the element that holds it.
-    let runs = runs.to_string().replace('<', "\\u003c");
-    let escaped = title.replace('&', "&amp;").replace('<', "&lt;");
-    let mut text = PAGE.to_owned();
-    for (place, content) in [
-        ("{{title}}", escaped.as_str()),
-        ("{{licence}}", include_str!("plot/LICENSE")),
-        ("{{uplot.css}}", include_str!("plot/uPlot.min.css")),
-        ("{{uplot.js}}", include_str!("plot/uPlot.iife.min.js")),
-        ("{{runs}}", &runs),
-    ] {
-        text = text.replace(place, content);
-    }
-    let mut output = Replacement::of(page)?;
-    let written = output.write_all(text.as_bytes());
-    written.with_context(|| format!("cannot write {}", page.display()))?;
-    output.finish()
+/// More runs of a sweep make a page slow.
+const MOST_RUNS: usize = 20_000;
+
+/// The page to draw.
+#[derive(Debug, Args)]
+pub struct Page {
+    /// Draw the results on a page for the browser
+    #[arg(long = "plot", value_name = "FILE.html")]
+    pub file: Option<PathBuf>,
+    /// Show the page
+    #[arg(long, requires = "file")]
+    open: bool,
 }
 
-/// The rows of a table by column. Columns without numbers are left out.
-fn run(name: &str, text: &str) -> Result<Value> {
-    let (titles, mut rest) = table::fields(text).context("line 1, expected names in CSV")?;
-    let mut columns = vec![Vec::new(); titles.len()];
-    let mut line = 1;
-    while !rest.is_empty() {
-        line += 1;
-        let fields;
-        (fields, rest) =
-            table::fields(rest).with_context(|| format!("line {line}, expected fields of CSV"))?;
-        let (found, expected) = (fields.len(), columns.len());
-        ensure!(found == expected, "line {line} has {found} fields, expected {expected}");
-        for (column, field) in columns.iter_mut().zip(&fields) {
-            column.push(number(field.as_deref()));
+impl Page {
+    /// Draws files with the rows of runs over each other; each file has the name of its run.
+    ///
+    /// # Errors
+    /// A file is not a table with a column of times, or the page cannot be written or shown.
+    pub fn draw_runs(
+        &self,
+        title: &str,
+        runs: &[(String, &Path)],
+        out: &mut impl Write,
+    ) -> Result<()> {
+        let Some(page) = &self.file else {
+            return Ok(());
+        };
+        let runs = runs.iter().map(|(name, file)| {
+            let run = table::read(file).and_then(|table| run(name, &table));
+            run.with_context(|| format!("{} cannot be plotted", file.display()))
+        });
+        self.finish(page, RUNS, title, &Value::Array(runs.collect::<Result<_>>()?), out)
+    }
+
+    /// Draws the table of a sweep.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the page cannot be written or shown.
+    pub fn draw_sweep(&self, title: &str, file: &Path, out: &mut impl Write) -> Result<()> {
+        let Some(page) = &self.file else {
+            return Ok(());
+        };
+        let table = table::read(file);
+        let table = table.with_context(|| format!("{} cannot be plotted", file.display()))?;
+        self.finish(page, SWEEP, title, &sweep(&table), out)
+    }
+
+    /// Writes and shows a page with its data.
+    fn finish(
+        &self,
+        page: &Path,
+        template: &str,
+        title: &str,
+        runs: &Value,
+        out: &mut impl Write,
+    ) -> Result<()> {
+        // No text of a table ends the element that holds it.
+        let runs = runs.to_string().replace('<', "\\u003c");
+        let escaped = title.replace('&', "&amp;").replace('<', "&lt;");
+        let mut text = template.to_owned();
+        for (place, content) in [
+            ("{{title}}", escaped.as_str()),
+            ("{{page.css}}", include_str!("plot/page.css")),
+            ("{{licence}}", include_str!("plot/LICENSE")),
+            ("{{uplot.css}}", include_str!("plot/uPlot.min.css")),
+            ("{{uplot.js}}", include_str!("plot/uPlot.iife.min.js")),
+            ("{{runs}}", &runs),
+        ] {
+            text = text.replace(place, content);
+        }
+        let mut output = Replacement::of(page)?;
+        let written = output.write_all(text.as_bytes());
+        written.with_context(|| format!("cannot write {}", page.display()))?;
+        output.finish()?;
+        writeln!(out, "wrote {}", page.display())?;
+        match self.open {
+            true => open(page),
+            false => Ok(()),
         }
     }
-    let mut named = titles.iter().map(|title| {
-        let title = title.as_deref().unwrap_or_default();
-        let parts = title.strip_suffix(']').and_then(|title| title.rsplit_once(" ["));
-        parts.unwrap_or((title, ""))
-    });
-    let mut columns = columns.into_iter();
-    let (Some(("time", _)), Some(time)) = (named.next(), columns.next()) else {
-        bail!("line 1 has no column time, expected it first");
-    };
-    let columns = named.zip(columns).filter(|(_, values)| values.iter().any(|v| !v.is_null()));
-    let columns = columns.map(|((name, unit), mut values)| {
+}
+
+/// The rows of a run by column. Columns without numbers are left out.
+fn run(name: &str, table: &[Series]) -> Result<Value> {
+    let time = Vec::from_iter(table::times(table)?.into_iter().map(number));
+    let columns = table.iter().skip(1).filter_map(|series| {
+        let values = (0..time.len()).map(|row| series.number(row).map_or(Value::Null, number));
+        let mut values = Vec::from_iter(values);
+        if values.iter().all(Value::is_null) {
+            return None;
+        }
         if values.windows(2).all(|pair| pair[0] == pair[1]) {
             values.truncate(1);
         }
-        json!({"name": name, "unit": unit, "values": values})
+        Some(json!({"name": series.name, "unit": series.unit, "values": values}))
     });
-    Ok(json!({"name": name, "time": time, "columns": Vec::from_iter(columns)}))
+    let columns = Vec::from_iter(columns);
+    Ok(json!({"name": name, "time": time, "columns": columns}))
 }
 
-/// A field as a number, null if it is none. Values have the digits of `f32`, more than a screen shows.
-fn number(field: Option<&str>) -> Value {
-    match field {
-        Some("true") => json!(1),
-        Some("false") => json!(0),
-        field => {
-            let number: Option<f64> = field.and_then(|field| field.parse().ok());
-            let short = number.and_then(|number| (number as f32).to_string().parse::<f64>().ok());
-            json!(short.filter(|number| number.is_finite()))
-        }
-    }
+/// The rows of a sweep by column, of many runs those in equal distances and the best one.
+fn sweep(table: &[Series]) -> Value {
+    let named = |name: &str| table.iter().position(|series| series.name == name);
+    let runs = table.first().map_or(0, |series| series.cells.len());
+    let iae = |run| {
+        let diverged = named("diverged").and_then(|column| table[column].number(run));
+        let iae = named("iae").and_then(|column| table[column].number(run));
+        iae.filter(|iae| diverged == Some(0.0) && iae.is_finite())
+    };
+    let best = (0..runs).filter_map(|run| Some((iae(run)?, run)));
+    let best = best.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, run)| run);
+    let distance = runs.div_ceil(MOST_RUNS).max(1);
+    let drawn = (0..runs).filter(|run| run.is_multiple_of(distance) || Some(*run) == best);
+    let drawn = Vec::from_iter(drawn);
+    let value = |cell: &Option<Cell>| match cell {
+        None => Value::Null,
+        Some(Cell::Boolean(value)) => json!(value),
+        Some(Cell::String(text)) => json!(text),
+        Some(value) => match (value.as_whole(), value.as_real()) {
+            (Some(whole), _) => json!(whole as i64),
+            (_, real) => real.map_or(Value::Null, number),
+        },
+    };
+    let columns = table.iter().map(|series| {
+        let values = Vec::from_iter(drawn.iter().map(|run| value(&series.cells[*run])));
+        json!({"name": series.name, "values": values})
+    });
+    // Between the index of the run and its metrics.
+    let parameters = named("iae").map_or(0, |first| first - 1);
+    json!({"runs": runs, "parameters": parameters, "columns": Vec::from_iter(columns)})
+}
+
+/// A number with the digits of `f32`, more than a screen shows; null if it is not finite.
+fn number(number: f64) -> Value {
+    let short = (number as f32).to_string().parse::<f64>().ok();
+    json!(short.filter(|number| number.is_finite()))
 }
 
 /// Shows a page in the browser, which goes on without this process.
 ///
 /// # Errors
 /// The system has no program that opens pages.
-pub fn open(page: &Path) -> Result<()> {
+fn open(page: &Path) -> Result<()> {
     let program = match std::env::consts::OS {
         "macos" => "open",
         "windows" => "explorer",

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::{Context, Error, Result, bail, ensure};
+use anyhow::{Context, Error, Result, bail};
 use clap::{Args, ValueEnum};
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
@@ -17,7 +17,7 @@ use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::worker::{self, Limited};
-use crate::plot;
+use crate::plot::Page;
 use crate::session::{self, Session};
 use crate::style::WARNING;
 use crate::table;
@@ -59,15 +59,11 @@ pub struct SimulateArgs {
     /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw the recorded variables on a page for the browser
-    #[arg(long, value_name = "FILE.html")]
-    plot: Option<PathBuf>,
-    /// On the page, draw the CSV file of another run, too; may be repeated
-    #[arg(long, value_name = "FILE.csv", requires = "plot")]
+    #[command(flatten)]
+    page: Page,
+    /// On the page, draw the file of another run, too; may be repeated
+    #[arg(long, value_name = "FILE.csv", requires = "file")]
     over: Vec<PathBuf>,
-    /// Show the page
-    #[arg(long, requires = "plot")]
-    open: bool,
     #[command(flatten)]
     limited: Limited,
 }
@@ -95,7 +91,7 @@ fn assignment(text: &str) -> Result<(String, Written)> {
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     if let Some(mut service) = Service::of_this_process()? {
-        let records = args.csv.is_some() || args.plot.is_some();
+        let records = args.csv.is_some() || args.page.file.is_some();
         run::work(&mut service, records, || plan(args))?;
         return Ok(ExitCode::SUCCESS);
     }
@@ -110,19 +106,10 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
         progress: &|ready, time| progress.show(ready.experiment, time),
     };
     let unsaved = session.folder().join("rows.csv");
-    let rows = match (&args.csv, &args.plot) {
+    let rows = match (&args.csv, &args.page.file) {
         (None, Some(_)) => Some(unsaved.as_path()),
         (csv, _) => csv.as_deref(),
     };
-    if let (Some(rows), Some(page)) = (rows, &args.plot) {
-        let is_csv = rows.extension().is_some_and(|extension| extension == "csv");
-        ensure!(
-            is_csv,
-            "{} cannot be drawn on {}; expected --csv with a name that ends in .csv",
-            rows.display(),
-            page.display()
-        );
-    }
     let outcome = run::supervise(worker, rows, &watch)?;
     progress.bar.finish_and_clear();
     match outcome {
@@ -132,9 +119,10 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
             if let (Some(rows), Some(path)) = (finished.rows, &args.csv) {
                 writeln!(out, "wrote {}: {rows} rows", path.display())?;
             }
-            if let (Some(page), Some(rows)) = (&args.plot, rows) {
-                draw(args, page, rows)?;
-                writeln!(out, "wrote {}", page.display())?;
+            if let Some(rows) = rows {
+                let mut runs = vec![("this run".to_owned(), rows)];
+                runs.extend(args.over.iter().map(|file| (stem(file), file.as_path())));
+                args.page.draw_runs(&stem(&args.system), &runs, out)?;
             }
             if let Some(ended) = finished.crash {
                 anstream::eprintln!(
@@ -154,16 +142,9 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
 }
 
-/// Draws the rows of this run and of others on a page.
-fn draw(args: &SimulateArgs, page: &Path, rows: &Path) -> Result<()> {
-    let name = |file: &Path| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let mut runs = vec![("this run".to_owned(), rows)];
-    runs.extend(args.over.iter().map(|file| (name(file), file.as_path())));
-    plot::write(page, &name(&args.system), &runs)?;
-    match args.open {
-        true => plot::open(page),
-        false => Ok(()),
-    }
+/// The name of a file without its folder and extension.
+pub fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Reads the system file, applies the options and loads the FMUs.

@@ -12,7 +12,9 @@ use fmu_master::sweep::{Outline, Study, Workers};
 use fmu_worker::{Limits, Service};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::simulate::stem;
 use super::worker::{self, Limited};
+use crate::plot::Page;
 use crate::session::{self, Session};
 
 /// The sweep to run, and the destination of its rows.
@@ -24,6 +26,8 @@ pub struct SweepArgs {
     /// Output file, .csv or .parquet [default: the name of the sweep file with .csv]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    page: Page,
     /// Number of worker processes [default: one per core]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -35,14 +39,14 @@ pub struct SweepArgs {
     fmus: Option<PathBuf>,
     /// Print the rows of these runs (from 0, END excluded); used by the workers of a distributed
     /// sweep
-    #[arg(long, value_name = "FIRST..END", conflicts_with = "out", value_parser = runs)]
+    #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["out", "file"], value_parser = runs)]
     rows: Option<Range<u64>>,
     /// Print the plan as JSON; used by the coordinator of a distributed sweep
-    #[arg(long, conflicts_with_all = ["out", "rows"])]
+    #[arg(long, conflicts_with_all = ["out", "file", "rows"])]
     plan: bool,
     /// Print the plan and the runs that are missing as JSON, and read their rows from standard input; used by
     /// the coordinator of a distributed sweep
-    #[arg(long, hide = true, conflicts_with_all = ["rows", "plan"])]
+    #[arg(long, hide = true, conflicts_with_all = ["file", "rows", "plan"])]
     collect: bool,
     #[command(flatten)]
     limited: Limited,
@@ -101,6 +105,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         };
         if let Some(runs) = runs {
             writeln!(out, "wrote {}: {runs} rows", file.display())?;
+            args.page.draw_sweep(&stem(&args.sweep), &file, out)?;
         }
         runs.is_some()
     };
