@@ -30,8 +30,13 @@ pub fn states(kind: Kind) -> &'static str {
     }
 }
 
-pub fn name(state: char) -> &'static str {
+fn name(state: char) -> &'static str {
     named().find(|(letter, _)| *letter == state).unwrap().1
+}
+
+/// The first letter of a name.
+pub fn letter(state: &str) -> char {
+    named().find(|(_, name)| *name == state).unwrap().0
 }
 
 /// A call with valid arguments.
@@ -135,7 +140,7 @@ pub fn lacks(only: char, mode: Mode) -> Option<&'static str> {
 }
 
 /// Calls a function with valid arguments: with an FMU state of the instance, or with NULL if there is none.
-fn call(f: Fmu, function: &Function, n: usize) -> Status {
+pub fn call(f: Fmu, function: &Function, n: usize) -> Status {
     let has_state = function.operation.contains("fmu_state");
     let mut state = if has_state { f.save() } else { null_mut() };
     let status = match function.operation {

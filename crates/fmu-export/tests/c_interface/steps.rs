@@ -66,11 +66,13 @@ fn invalid_steps_are_refused_and_change_nothing() {
                 status
             });
         }
+        ok([it.set(Ball::FAULT, REFUSE)]);
         let before = it.snapshot();
         for step in [0.0, -0.0] {
             assert_eq!(it.steps(0.25, step), results(false, false, 0.25));
             assert_eq!(it.snapshot(), before, "nothing to do");
         }
+        ok([it.set(Ball::FAULT, 0.0)]);
         // Up to rounding.
         assert_eq!(it.steps(0.25 + 1e-10, 1.75 + 1e-10).time, 2.0 + 2e-10);
         it.steps(2.0, 0.0);
@@ -167,24 +169,20 @@ fn outputs_that_are_not_finite_are_errors_that_name_them() {
 
 #[test]
 fn a_failed_initialization_can_be_repeated_and_starts_from_fresh_fields() {
-    for (kind, trouble) in pairs(&KINDS, &[DIVERGE, BREAK, DISCARD]) {
-        let (model, reference, output, diverged) = match kind.1 {
-            Stepped => (EVERY, TROUBLE, Y, "at t = 0.0 s: parts[2] became inf"),
-            _ => (BALL, Ball::TROUBLE, Ball::ENERGY, "der(v) became NaN"),
-        };
-        let words = match trouble {
-            DIVERGE => diverged,
-            BREAK => "broken by the model",
-            _ => "discarded by the model",
-        };
-        let it = Instance::of(kind, model);
-        ok([it.set(reference, trouble), it.enter(0.0, None, None)]);
+    let troubles = [
+        (DIVERGE, "at t = 0.0 s: der(v) became NaN"),
+        (BREAK, "broken by the model"),
+        (DISCARD, "discarded by the model"),
+    ];
+    for (kind, (trouble, words)) in pairs(&KINDS, &troubles) {
+        let it = Instance::of(kind, BALL);
+        ok([it.set(Ball::TROUBLE, trouble), it.enter(0.0, None, None)]);
         it.refuses(words, Fmu::exit_initialization_mode);
-        it.refuses(words, |f| f.get_f64(&[output], &mut [0.0]));
+        it.refuses(words, |f| f.get_f64(&[Ball::ENERGY], &mut [0.0]));
         if kind.1 == Exchanged {
             it.refuses(words, |f| f.get_derivatives(&mut [0.0; 2]));
         }
-        ok([it.set(reference, 0.0), it.exit_initialization_mode()]);
+        ok([it.set(Ball::TROUBLE, 0.0), it.exit_initialization_mode()]);
     }
     for kind in PLAIN {
         let it = Instance::of(kind, EVERY);
@@ -384,6 +382,7 @@ fn without_early_return_samples_wait_for_the_end_of_the_step() {
 fn the_events_of_a_continuous_model_are_those_that_it_announces() {
     let it = eventful(Events, BALL, true, 0.0);
     assert_eq!(it.steps(0.0, 0.25), results(false, false, 0.25));
+    assert_eq!(handle(&it), Some(Ball::KICK), "not due");
     assert_eq!(it.steps(0.25, 1.0), results(true, true, Ball::KICK));
     let [v] = it.get([Ball::V]);
     ok([it.enter_event_mode()]);
@@ -414,6 +413,7 @@ fn the_events_of_a_continuous_model_are_those_that_it_announces() {
     let plain = eventful(Stepped, BALL, false, 0.0);
     plain.steps(0.0, 1.0);
     assert_eq!(plain.get([Ball::V]), [-Ball::G], "over the time event");
+    assert_eq!(plain.read(Type::Int32, [Ball::EVENTS]), [0.0]);
 }
 
 #[test]
