@@ -93,6 +93,12 @@ def sensor(fmus: Path, export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def equations(fmus: Path, export: Callable[..., Path]) -> Path:
+    """Export the examples of models with equations for both versions; return their folder."""
+    return export(SENSOR.parent, "--package", "equations", "--fmi", "2.0,3.0")
+
+
+@pytest.fixture(scope="session")
 def program(fmus: Path) -> Path:
     """Return the program with the native master, after exporting the FMUs that its examples use."""
     return PROGRAM

@@ -65,12 +65,6 @@ def simulated(request, equations: Path):
     )
 
 
-@pytest.fixture(scope="module")
-def equations(fmus: Path, export) -> Path:
-    """Export the examples of models with equations for both versions; return their folder."""
-    return export(ROOT / "target" / "examples", "--package", "equations", "--fmi", "2.0,3.0")
-
-
 def height(times: np.ndarray, g: float = 9.81, e: float = 0.7) -> np.ndarray:
     """Return the height [m] of a ball that falls 1 m, and rests if it rises slower than 0.1 m/s."""
     heights, start, v = 1 - g * times**2 / 2, sqrt(2 / g), e * sqrt(2 * g)

@@ -571,8 +571,6 @@ CLAIMS = [
     ("Pid_fmi3", X86 + "Pid.so",
      ('AdjointDerivatives="false"', 'AdjointDerivatives="1"',
       "providesAdjointDerivatives is true")),
-    ("Source_fmi3", X86 + "Source.so",
-     ('hasEventMode="false"', 'hasEventMode="true"', "hasEventMode is true, but")),
 ]  # fmt: skip
 
 

@@ -5,6 +5,7 @@ use pendulum_control::signal;
 
 /// Set-point of the angle, and a pulse that disturbs its measurement
 #[derive(Model)]
+#[model(continuous, step = Self::step)]
 pub struct Source {
     /// Set-point of the angle
     #[output(
@@ -32,6 +33,9 @@ pub struct Source {
     frequency: f64,
     #[nested]
     disturbance: Pulse,
+    /// The time of the last event (s), after which square wave and pulse hold until the next. Without events, in
+    /// co-simulation, they jump at any time.
+    event: Option<f64>,
 }
 
 /// Form of the set-point
@@ -59,26 +63,37 @@ struct Pulse {
 }
 
 impl Source {
-    fn update(&mut self, time: f64) {
-        let form = match self.signal {
-            Signal::Step => 1.0,
-            Signal::Sine => signal::sine(self.frequency, time),
-            Signal::Square => signal::square(self.frequency, time),
-        };
-        let pulse = &self.disturbance;
-        self.r = self.amplitude * form;
-        self.d = pulse.amplitude * signal::pulse(pulse.start, pulse.duration, time);
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        self.evaluate(time + step)
     }
 }
 
-impl Simulate for Source {
-    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
-        self.update(start.time);
+impl Continuous for Source {
+    fn evaluate(&mut self, time: f64) -> Result<(), ModelError> {
+        let form = match (self.signal, self.event) {
+            (Signal::Step, _) => 1.0,
+            (Signal::Sine, _) => signal::sine(self.frequency, time),
+            (Signal::Square, None) => signal::square(self.frequency, time),
+            (Signal::Square, Some(event)) => signal::square_after(self.frequency, event),
+        };
+        let Pulse { amplitude, start, duration } = self.disturbance;
+        self.r = self.amplitude * form;
+        self.d = amplitude * signal::pulse(start, duration, self.event.unwrap_or(time));
         Ok(())
     }
 
-    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        self.update(time + step);
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.event = Some(time);
         Ok(())
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        let Pulse { start, duration, .. } = self.disturbance;
+        let jump = match self.signal {
+            Signal::Square => signal::next_jump(self.frequency, time),
+            _ => f64::INFINITY,
+        };
+        let jumps = [start, start + duration, jump].into_iter();
+        Some(jumps.filter(|jump| *jump > time).fold(f64::INFINITY, f64::min))
     }
 }

@@ -145,12 +145,15 @@ pub(crate) const VERSION: u32 = 7;
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
 /// The GUID of a model: the 128-bit FNV-1a hash of its name and its variables (names, order,
-/// causality, variability, types, starts, bounds, units), formatted as a version 8 UUID. It is the
-/// same in every build and changes with the interface.
+/// causality, variability, types, starts, bounds, units, part in equations), formatted as a version 8 UUID. It
+/// is the same in every build and changes with the interface.
 pub const fn guid(interface: &Interface) -> [u8; GUID_LENGTH] {
-    let mut hash = Hash::new()
-        .text(interface.name)
-        .bytes(&[interface.is_sampled as u8, interface.is_continuous as u8]);
+    let mut has_equations = false;
+    each_variable!(_i, scalar in interface.scalars => {
+        has_equations |= !matches!(scalar.variable.dynamics, Dynamics::Algebraic);
+    });
+    let mut hash =
+        Hash::new().text(interface.name).bytes(&[interface.is_sampled as u8, has_equations as u8]);
     each_variable!(_i, scalar in interface.scalars => { hash = identify(scalar, hash); });
     let mut overrides = interface.overrides;
     while let Some((start, rest)) = overrides.next() {

@@ -27,6 +27,28 @@ pub fn square(frequency: f64, time: f64) -> f64 {
     libm::copysign(sign, sign * time)
 }
 
+/// The half period of the square wave that begins at `time` (s) or goes on there: even ones are positive.
+fn half_period(frequency: f64, time: f64) -> f64 {
+    libm::floor(2.0 * frequency * (time + tolerance(time)))
+}
+
+/// As [`square`], but at a jump the value after it.
+pub fn square_after(frequency: f64, time: f64) -> f64 {
+    match half_period(frequency, time) % 2.0 {
+        _ if frequency == 0.0 => 0.0,
+        0.0 => 1.0,
+        _ => -1.0,
+    }
+}
+
+/// The time of the first jump of the square wave after `time` (s); infinite for the frequency 0.
+pub fn next_jump(frequency: f64, time: f64) -> f64 {
+    match frequency {
+        0.0 => f64::INFINITY,
+        _ => (half_period(frequency, time) + 1.0) / (2.0 * frequency),
+    }
+}
+
 /// 1 for `start <= time < start + duration` (s), else 0.
 pub fn pulse(start: f64, duration: f64, time: f64) -> f64 {
     let since = time - start + tolerance(time);
@@ -60,6 +82,23 @@ mod tests {
             assert_eq!(square(0.1, jump + 0.001), -before);
             assert_eq!(square(0.1, -jump), -before);
         }
+    }
+
+    #[test]
+    fn the_wave_has_the_value_after_each_jump_until_the_next() {
+        for (f, start) in [(0.1, 0.0), (3.0, -7.25), (1e6, 1e3)] {
+            let mut time = start;
+            for _ in 0..1000 {
+                let next = next_jump(f, time);
+                let length = next - time;
+                assert!(length > 0.0 && length <= 0.5 / f + 1e-9, "{time} {next}");
+                let expected = square(f, 0.5 * (time + next));
+                assert_eq!(square_after(f, time), expected, "{time}");
+                assert_eq!(square_after(f, next), -expected, "{next}");
+                time = next;
+            }
+        }
+        assert_eq!((square_after(0.0, 1.0), next_jump(0.0, 1.0)), (0.0, f64::INFINITY));
     }
 
     #[test]
