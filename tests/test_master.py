@@ -2,6 +2,10 @@
 
 import csv
 import math
+import re
+import shutil
+import subprocess
+import sys
 import tempfile
 import textwrap
 from pathlib import Path
@@ -37,6 +41,21 @@ def test_help_gives_examples(script):
     _, shown, _ = script("--help")
     assert "examples:" in shown
     assert "-w0" in shown
+
+
+def test_an_installed_package_takes_the_fmus_of_the_current_folder(fmus, tmp_path):
+    shutil.copytree(Path(run.__file__).parent, tmp_path / "pendulum_fmus")
+
+    def call(module: str, *options: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", f"pendulum_fmus.{module}", *options]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    message = "run `cargo fmu export` first, or name the folder of the FMUs"
+    assert message in call("run").stderr
+    assert re.match(r"python -m pendulum_fmus\.table1: .*/PidRbf\.fmu does", call("table1").stderr)
+    (tmp_path / "target").mkdir()
+    (tmp_path / "target" / "fmu").symlink_to(fmus)
+    assert "final e" in call("run", "--stop", "0.1").stdout
 
 
 def test_csv_contains_every_sample_to_the_last_bit(script, fmus, tmp_path):

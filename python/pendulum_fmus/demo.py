@@ -30,12 +30,8 @@ def run(options: argparse.Namespace) -> bool:
 
 def main() -> int:
     """Run the program; return its exit status."""
-    parser = loop.parser(
-        "Reproduce Table 1 of the paper from the FMUs; write table1.txt and closed-loop.png.",
-        out=True,
-        prog="python -m pendulum_fmus.demo",
-    )
-    return loop.finish("demo", run, parser.parse_args())
+    about = "Reproduce Table 1 of the paper from the FMUs; write table1.txt and closed-loop.png."
+    return loop.finish(loop.parser("demo", about, out=True), run)
 
 
 if __name__ == "__main__":

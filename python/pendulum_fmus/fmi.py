@@ -279,7 +279,8 @@ def _read_description(path: Path) -> ModelDescription:
     """Read the model description of an FMU file."""
     if not path.is_file():
         option = " --fmi 3.0" * path.stem.endswith("_fmi3")
-        raise MasterError(f"{path} does not exist; run `cargo fmu export{option}` first")
+        remedy = f"run `cargo fmu export{option}` first, or name the folder of the FMUs"
+        raise MasterError(f"{path} does not exist; {remedy}")
     try:
         return fmpy.read_model_description(path)
     except Exception as error:  # FMPy raises bare exceptions for invalid descriptions

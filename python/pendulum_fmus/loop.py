@@ -5,7 +5,7 @@ import math
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing.pool import Pool
@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .master import Component, MasterError, System, simulate
-from .project import FMUS, REPORT, ROOT
+from .project import FMUS, REPORT
 
 TS = 0.001
 """Sample time of the paper's controllers [s]."""
@@ -204,26 +204,35 @@ def run_all(
 # --- programs -----------------------------------------------------------------------------------
 
 
-def parser(description: str, *, out: bool = False, **settings: Any) -> argparse.ArgumentParser:
+def parser(
+    module: str, description: str, *, out: bool = False, **settings: Any
+) -> argparse.ArgumentParser:
     """Return a parser with the options shared by all programs; `out` adds the output folder."""
     parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter, **settings
+        f"python -m pendulum_fmus.{module}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **settings,
     )
     folders = {"--fmus": (FMUS, "folder of the FMUs"), "--out": (REPORT, "output folder")}
     for option, (folder, what) in folders.items():
         if out or option != "--out":
-            shown = f"{what} (default: {folder.relative_to(ROOT)} of this project)"
+            shown = f"{what} (default: %(default)s)"
             parser.add_argument(option, type=Path, default=folder, metavar="DIR", help=shown)
     return parser
 
 
-def finish(name: str, run: Callable[[argparse.Namespace], bool], options: Any) -> int:
+def finish(
+    parser: argparse.ArgumentParser,
+    run: Callable[[argparse.Namespace], bool],
+    arguments: Sequence[str] | None = None,
+) -> int:
     """Run a program; return its exit status: 0 if it returns true, and 1 after an error."""
     try:
-        return 0 if run(options) else 1
-    except (MasterError, OSError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        return 0 if run(parser.parse_args(arguments)) else 1
+    except (MasterError, ModuleNotFoundError, OSError) as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
     except KeyboardInterrupt:
-        print(f"{name}: interrupted", file=sys.stderr)
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
         return 130
     return 1

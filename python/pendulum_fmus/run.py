@@ -14,21 +14,19 @@ from . import loop
 from .loop import PREVIOUS_SAMPLE_TERMS, SETTLING_BAND, TS, Loop, settling_time
 from .master import ORDERS, MasterError, simulate, steps_until
 
-PROG = "python -m pendulum_fmus.run"
-
 EXAMPLES = """\
 examples:
-  {prog}
+  %(prog)s
       step response of the IPID-RBF controller with its own u as target
-  {prog} --controller Pid --signal square --disturbance 1 --csv pid.csv
+  %(prog)s --controller Pid --signal square --disturbance 1 --csv pid.csv
       row 6 of the paper's Table 1, with every sample
-  {prog} --controller IpidRbf --target supervisor --signal sine
+  %(prog)s --controller IpidRbf --target supervisor --signal sine
       row 3: IPID-RBF with a PID-RBF loop as supervisor
-  {prog} --order parallel --step 0.00025 --plant-model nonlinear
+  %(prog)s --order parallel --step 0.00025 --plant-model nonlinear
       parallel order as in most tools, four steps per sample, nonlinear pendulum
-  {prog} --fmi3 plant --controller PidRbf
+  %(prog)s --fmi3 plant --controller PidRbf
       the plant is an FMU of FMI 3.0, the others are of FMI 2.0
-  {prog} --set controller.rbf.eta=0.5 --set plant.M=2
+  %(prog)s --set controller.rbf.eta=0.5 --set plant.M=2
       other parameters; `cargo fmu info FILE` lists the parameters of an FMU
 
 A negative number in scientific notation needs an equals sign: --disturbance=-1e-3
@@ -38,9 +36,9 @@ A negative number in scientific notation needs an equals sign: --disturbance=-1e
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = loop.parser(
+        "run",
         "Run one closed loop of the paper from its FMUs, coupled with FMPy.",
-        epilog=EXAMPLES.format(prog=PROG),
-        prog=PROG,
+        epilog=EXAMPLES,
     )
     add = parser.add_argument
     # fmt: off
@@ -154,7 +152,7 @@ def summary(results: Mapping[str, np.ndarray], signal: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the script; return its exit status."""
-    return loop.finish(PROG, run, parser().parse_args(arguments))
+    return loop.finish(parser(), run, arguments)
 
 
 if __name__ == "__main__":

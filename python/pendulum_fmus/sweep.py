@@ -138,7 +138,7 @@ def main() -> int:
     add("--scheduler", metavar="tcp://HOST:PORT",
         help="scheduler whose workers execute the runs (default: workers on this machine)")
     add("--program", type=Path, default=PROGRAM, metavar="FILE",
-        help="the program (default: target/debug/cargo-fmu of this project)")
+        help="the program (default: %(default)s)")
     # fmt: on
     options = parser.parse_args()
     if not options.program.is_file():

@@ -226,8 +226,8 @@ def run(fmus: Path) -> tuple[Results, bool]:
 
 def main() -> int:
     """Run the program; return its exit status."""
-    options = loop.parser("Reproduce Table 1 of the paper from the FMUs.").parse_args()
-    return loop.finish("table1", lambda options: run(options.fmus)[1], options)
+    parser = loop.parser("table1", "Reproduce Table 1 of the paper from the FMUs.")
+    return loop.finish(parser, lambda options: run(options.fmus)[1])
 
 
 if __name__ == "__main__":

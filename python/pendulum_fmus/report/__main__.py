@@ -51,14 +51,14 @@ def say(text: str) -> None:
 def main() -> int:
     """Run the program; return its exit status."""
     parser = loop.parser(
+        "report",
         "Reproduce the paper from the FMUs: print Table 1; write index.html, every figure as SVG"
         " and PDF, table1.txt and closed-loop.png.",
         out=True,
-        prog="python -m pendulum_fmus.report",
     )
     shown = "folder of numbers.md and verdicts.md (default: the output folder)"
     parser.add_argument("--docs", type=Path, metavar="DIR", help=shown)
-    return loop.finish("report", run, parser.parse_args())
+    return loop.finish(parser, run)
 
 
 if __name__ == "__main__":
