@@ -34,7 +34,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 .PHONY: help demo paper plot check test lint msrv report bench program fmus native ssp judge importers portable cross \
-	merged system valgrind elsewhere conformance package wheel semver fuzz lock clean
+	merged wasm system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -49,7 +49,7 @@ demo:
 
 # The FMUs of FMI 2.0, by a program that is built much faster than the command line.
 paper:
-	@cargo build --quiet --locked $(RUST) --example export
+	@cargo build --quiet --locked $(RUST) --no-default-features --example export
 	@target/debug/examples/export
 
 plot: $(VENV)/.plot
@@ -62,7 +62,7 @@ check:
 	cargo test --locked --quiet $(RUST)
 
 ## test: run `make check`, `make lint` and all Python tests
-test: check lint fmus
+test: check lint fmus wasm
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
 ## lint: check documentation and licences of the crates, the Python code and the workflows
@@ -126,6 +126,13 @@ cross: program $(VENV)/.portable
 	$(WITH_ZIG) $(FMU) export --fmi 2.0,3.0 --target x86_64-unknown-linux-gnu.2.17 \
 		--target x86_64-pc-windows-gnu --target universal2-apple-darwin --out target/cross
 	$(WITH_ZIG) $(FMU) export --fmi 2.0,3.0 --target aarch64-unknown-linux-gnu.2.17 --out target/cross/aarch64
+
+## wasm: export FMUs with WebAssembly components to target/wasm
+wasm: program
+	test -d "$$(rustc --print target-libdir --target wasm32-unknown-unknown)" \
+		|| test -d /usr/$(RUST_SOURCES) || rustup target add wasm32-unknown-unknown \
+		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
+	$(FMU) export --fmi 3.0 --target wasm --out target/wasm
 
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
 merged: program

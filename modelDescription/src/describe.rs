@@ -137,7 +137,7 @@ impl Description {
     }
 
     /// Whether a host can solve the model by model exchange: by its equations, or at its sample instants.
-    pub(crate) fn is_for_model_exchange(&self) -> bool {
+    pub fn is_for_model_exchange(&self) -> bool {
         self.is_continuous || self.is_sampled
     }
 

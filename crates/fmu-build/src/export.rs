@@ -11,6 +11,8 @@ use cargo_metadata::Metadata;
 use fmu_description::hash::checksum;
 use fmu_description::{Description, FmiVersion, read_interfaces};
 use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
+#[cfg(not(feature = "wasm"))]
+use fmu_file::platform::TARGET_WASM;
 use fmu_file::platform::{Platform, Prebuilt};
 use fmu_file::replace;
 
@@ -144,6 +146,16 @@ enum Source<'a> {
     File(&'a Path),
 }
 
+/// The folder of the draft of a layered standard that says what WebAssembly FMUs are.
+const EXTRA_WASM: &str = "extra/org.modelica.fmi-ls-wasm";
+const MANIFEST: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<fmi-ls:fmiLayeredStandardManifest
+  xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest"
+  fmi-ls:fmi-ls-name="org.modelica.fmi-ls-wasm"
+  fmi-ls:fmi-ls-version="0.1.0"
+  fmi-ls:fmi-ls-description="FMI Layered Standard for WebAssembly"/>
+"#;
+
 /// Keeps the compiler from joining neighbouring values in vectors. A step touches each value once, and a
 /// vector cannot be loaded before the stores of its parts have left the processor's store buffer.
 const NO_SLP: &str = "-Cno-vectorize-slp";
@@ -219,6 +231,10 @@ impl<'a> Builder<'a> {
                     _ => macho(&parts).context("cannot join the parts of a universal binary")?,
                 };
                 let models = read_interfaces(&bytes).with_context(unusable)?;
+                let bytes = match target.platforms[0].is_wasm() {
+                    true => component(&bytes, &models).with_context(unusable)?,
+                    false => bytes,
+                };
                 ensure!(
                     !models.is_empty(),
                     "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
@@ -251,8 +267,6 @@ impl<'a> Builder<'a> {
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments())
             .args(self.profile.iter().flat_map(|setting| ["--config", setting]))
-            // Whatever the profile says: an abort would end the host.
-            .rustflags(["-Cpanic=unwind".to_owned()])
             .without_local_paths(self.metadata, recipe.sources().as_deref());
         if let Some(feature) = library.feature(self.version)? {
             build.args(["--features", &feature]);
@@ -343,6 +357,7 @@ impl<'a> Builder<'a> {
             .into_iter()
             .map(|(path, content)| Ok((path, Packed::text(&content)?)))
             .collect::<Result<Vec<_>>>()?;
+        let manifest = Packed::text(MANIFEST.as_bytes())?;
         let mut entries = vec![(MODEL_DESCRIPTION.to_owned(), &xml)];
         let mut platforms = Vec::new();
         for (binary, file) in packed.iter().filter(|(binary, _)| binary.may_have(model)) {
@@ -350,6 +365,9 @@ impl<'a> Builder<'a> {
                 entries.push((platform.binary(model.name()), file));
                 platforms.push(platform.folder);
             }
+        }
+        if packed.iter().any(|(binary, _)| binary.platforms[0].is_wasm()) {
+            entries.push((format!("{EXTRA_WASM}/manifest.xml"), &manifest));
         }
         entries.extend(contents.iter().map(|(path, file)| (path.clone(), file)));
         let name = model.file_name();
@@ -419,6 +437,15 @@ impl<'a> Binary<'a> {
         let _ = replace::write(&cached, file.as_bytes());
         Ok(file)
     }
+}
+
+#[cfg(feature = "wasm")]
+use crate::component::encode as component;
+
+/// Where this program cannot make a component.
+#[cfg(not(feature = "wasm"))]
+fn component(_: &[u8], _: &[Description]) -> Result<Vec<u8>> {
+    bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
 }
 
 /// Checks that a binary has the names of the functions of a version of FMI.

@@ -4,6 +4,8 @@
 #![forbid(unsafe_code)]
 
 mod cargo;
+#[cfg(feature = "wasm")]
+mod component;
 mod contents;
 pub mod dependency;
 mod export;

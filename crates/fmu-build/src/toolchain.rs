@@ -8,7 +8,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use fmu_description::FmiVersion;
-use fmu_file::platform::{Platform, UNIVERSAL};
+use fmu_file::platform::{Platform, TARGET_WASM, UNIVERSAL};
 
 use crate::cargo::Build;
 
@@ -16,6 +16,8 @@ use crate::cargo::Build;
 const ZIGBUILD: &str = "cargo-zigbuild";
 /// The glibc version that portable Linux binaries require, as in CentOS 7.
 const GLIBC: &str = "2.17";
+/// A component has the imports of its interface only, so none of a system.
+const WASM: &str = "wasm32-unknown-unknown";
 /// The first macOS for ARM.
 const MACOS: &str = "11.0";
 
@@ -57,13 +59,15 @@ impl Target {
         })
     }
 
-    /// The target with the given name: a Rust triple, optionally with a glibc version, or [`UNIVERSAL`].
+    /// The target with the given name: a Rust triple, optionally with a glibc version, [`UNIVERSAL`], or
+    /// [`TARGET_WASM`].
     ///
     /// # Errors
     /// A tool or standard library that the target needs is missing.
     pub fn named(name: &str, version: FmiVersion) -> Result<Self> {
         let parts = match name {
             UNIVERSAL => vec!["x86_64-apple-darwin", "aarch64-apple-darwin"],
+            TARGET_WASM => vec![WASM],
             _ => vec![name],
         };
         Ok(Self {
@@ -125,13 +129,15 @@ impl Recipe {
         if is_apple(&self.target) {
             build.env("MACOSX_DEPLOYMENT_TARGET", MACOS);
         }
+        // Whatever the profile says: an abort would end the host, but not that of a component.
+        build.rustflags([format!("-Cpanic={}", self.panic())]);
         if self.has_unwinder_in_library() {
             build.rustflags(["--cfg=fmu_export_no_backtrace".to_owned()]);
         }
         if self.std_from_source {
             // Smaller without the backtrace symbolizer, which is not needed to catch panics.
             build
-                .args(["-Zbuild-std=std,panic_unwind"])
+                .args([format!("-Zbuild-std=std,panic_{}", self.panic())])
                 .args(["-Zbuild-std-features=panic-unwind"])
                 .env("RUSTC_BOOTSTRAP", "1");
             if is_apple(&self.target) {
@@ -140,6 +146,14 @@ impl Recipe {
             }
         }
         build
+    }
+
+    /// What a panic does. WebAssembly has no unwinder.
+    fn panic(&self) -> &'static str {
+        match self.target == WASM {
+            true => "abort",
+            false => "unwind",
+        }
     }
 
     /// Whether the functions that unwind the stack are in a library of the system, and not linked into the

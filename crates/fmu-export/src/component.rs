@@ -290,11 +290,7 @@ impl Component {
     #[inline(never)]
     pub(crate) fn fail_by_panic(&mut self, call: &Call, panic: Box<dyn Any + Send>) -> Outcome {
         self.shared.lifecycle.state = State::Fatal;
-        let text = panic
-            .downcast_ref::<&str>()
-            .copied()
-            .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
-            .unwrap_or("no message");
+        let text = log::text_of_panic(&*panic);
         let (name, place) = (call.name, log::take_place_of_panic());
         self.shared.settings.log.send(
             Category::Fatal,

@@ -21,6 +21,8 @@ pub struct Entry {
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
     create: fn(Settings, (&'static Guid, Overrides)) -> Pointer,
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) needs: crate::edge::wasm::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
     _embedded: &'static [u8],
 }
@@ -69,6 +71,8 @@ impl Entry {
             guid: guid(&interface),
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: instance::create::<M, N>,
+            #[cfg(target_arch = "wasm32")]
+            needs: crate::edge::wasm::Needs::of::<M>(),
             _embedded: embedded,
         }
     }

@@ -128,13 +128,21 @@ macro_rules! export {
             $crate::Entry::of::<$model, COUNT>(INTERFACE, &EMBEDDED)
         }),+];
 
+        #[cfg(target_arch = "wasm32")]
+        #[unsafe(no_mangle)]
+        fn fmu_export_models() -> &'static [$crate::Entry] {
+            MODELS
+        }
+
         // Its name is the message of the compiler for a second `export!`.
+        #[cfg(not(target_arch = "wasm32"))]
         mod export_takes_all_models_at_once {
             use super::MODELS;
 
             $crate::functions_of_fmi2!($crate::instantiate! fmi2);
             $crate::functions_of_fmi3!($crate::instantiate! fmi3);
         }
+        #[cfg(not(target_arch = "wasm32"))]
         pub use export_takes_all_models_at_once::*;
     };
 }

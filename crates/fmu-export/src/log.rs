@@ -1,6 +1,7 @@
 //! The log of an instance: categories (FMI 2.0.5, section 2.2.4), which of them are enabled, and where the
 //! last panic happened.
 
+use std::any::Any;
 use std::cell::RefCell;
 use std::ffi::{CStr, c_int};
 use std::panic::Location;
@@ -110,7 +111,14 @@ thread_local! {
 /// copy of `std`, so the host's hook is unaffected.
 pub(crate) fn silence_panics() {
     static ONCE: Once = Once::new();
-    ONCE.call_once(|| std::panic::set_hook(Box::new(|panic| remember(panic.location()))));
+    ONCE.call_once(|| {
+        std::panic::set_hook(Box::new(|panic| {
+            remember(panic.location());
+            // A component cannot catch the panic.
+            #[cfg(target_arch = "wasm32")]
+            crate::edge::wasm::report_panic(panic);
+        }));
+    });
 }
 
 fn remember(place: Option<&Location<'_>>) {
@@ -121,6 +129,12 @@ fn remember(place: Option<&Location<'_>>) {
             *last = place;
         }
     });
+}
+
+/// The message of a panic.
+pub(crate) fn text_of_panic(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
 }
 
 /// The place of the last panic and a colon, as `src/lib.rs:12:5: `; empty if it is not known.

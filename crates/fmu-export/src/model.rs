@@ -1,6 +1,7 @@
 //! What an author implements.
 
 use std::fmt::{Arguments, Display};
+#[cfg(not(target_arch = "wasm32"))]
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
@@ -192,32 +193,47 @@ impl Start {
     /// # Errors
     /// The host did not say where the resources are, or the path leaves them.
     pub fn resource(&self, file: impl AsRef<Path>) -> Result<PathBuf, ModelError> {
-        let mut parts = file.as_ref().components();
-        let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-        if !stays || file.as_ref().as_os_str().is_empty() {
-            return Err(ModelError::new(format_args!(
-                "{:?} is not a resource; expected the name of a file in the FMU's resources",
-                file.as_ref()
-            )));
-        }
+        let file = name_of_resource(file.as_ref())?;
         match &self.resources {
             Ok(folder) => Ok(folder.join(file)),
             Err(error) => Err(ModelError::new(format_args!(
                 "the resource {} cannot be found: {error}",
-                file.as_ref().display()
+                file.display()
             ))),
         }
     }
 
-    /// Reads a text file in the FMU's `resources`.
+    /// Reads a text file in the FMU's `resources`, also in a WebAssembly component, where they are no folder.
     ///
     /// # Errors
     /// It cannot be read, or is not UTF-8.
     pub fn read_resource(&self, file: impl AsRef<Path>) -> Result<String, ModelError> {
-        let path = self.resource(file)?;
-        fs::read_to_string(&path).map_err(|error| {
+        #[cfg(not(target_arch = "wasm32"))]
+        let (path, text) = {
+            let path = self.resource(file)?;
+            let text = fs::read_to_string(&path);
+            (path, text)
+        };
+        #[cfg(target_arch = "wasm32")]
+        let (path, text) = {
+            let path = name_of_resource(file.as_ref())?;
+            (path, crate::edge::wasm::read_resource(path))
+        };
+        text.map_err(|error| {
             ModelError::new(format_args!("cannot read the resource {}: {error}", path.display()))
         })
+    }
+}
+
+/// Checks that a file is in the folder of the resources.
+fn name_of_resource(file: &Path) -> Result<&Path, ModelError> {
+    let mut parts = file.components();
+    let stays = parts.all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    match stays && !file.as_os_str().is_empty() {
+        true => Ok(file),
+        false => Err(ModelError::new(format_args!(
+            "{file:?} is not a resource; expected the name of a file in the FMU's resources"
+        ))),
     }
 }
 

@@ -25,10 +25,12 @@ type Format = (&'static str, &'static [&'static [u8]]);
 const ELF_64: Format = ("so", &[b"\x7fELF\x02"]);
 const ELF_32: Format = ("so", &[b"\x7fELF\x01"]);
 const PE: Format = ("dll", &[b"MZ"]);
+/// A component: layer 1 of the format, in version 13.
+const WASM: Format = ("wasm", &[b"\0asm\x0d\0\x01\0"]);
 const MACH_O: Format = ("dylib", &[b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe"]);
 
 /// The folders of FMI 2.0 and of FMI 3.0; empty if a version has none for the platform.
-const FOLDERS: [([&str; 2], Format); 9] = [
+const FOLDERS: [([&str; 2], Format); 10] = [
     (["linux64", "x86_64-linux"], ELF_64),
     (["linux32", "x86-linux"], ELF_32),
     (["win64", "x86_64-windows"], PE),
@@ -38,10 +40,14 @@ const FOLDERS: [([&str; 2], Format); 9] = [
     (["aarch64-windows", "aarch64-windows"], PE),
     (["aarch64-darwin", "aarch64-darwin"], MACH_O),
     (["", "aarch32-linux"], ELF_32),
+    (["", "wasm32-wasip2"], WASM),
 ];
 
 /// The target name of universal binaries for macOS: x86-64 and ARM in one file.
 pub const UNIVERSAL: &str = "universal2-apple-darwin";
+
+/// The target name of WebAssembly components.
+pub const TARGET_WASM: &str = "wasm";
 
 impl Platform {
     /// The platform of a folder.
@@ -66,6 +72,10 @@ impl Platform {
     /// In FMI 2.0, ARM has two: since 2.0.4 the standard uses the names of FMI 3.0 for it, but importers
     /// such as FMPy look in the folder for the system's other 64-bit binaries.
     pub fn of_target(triple: &str, version: FmiVersion) -> Result<Vec<Self>> {
+        if triple == TARGET_WASM {
+            let none = "WebAssembly components are for FMI 3.0; write --fmi 3.0";
+            return Ok(vec![Self::named("wasm32-wasip2", version).context(none)?]);
+        }
         let processor = triple.split('-').next().unwrap_or_default();
         let (processor, bits) = match processor {
             "x86" | "i586" | "i686" => ("x86", "32"),
@@ -114,6 +124,11 @@ impl Platform {
     /// Path of a model's binary in an FMU.
     pub fn binary(&self, identifier: &str) -> String {
         format!("binaries/{}/{identifier}.{}", self.folder, self.extension)
+    }
+
+    /// Whether its binaries are WebAssembly components.
+    pub fn is_wasm(&self) -> bool {
+        self.extension == WASM.0
     }
 
     /// Number of bytes that [`Platform::check`] and [`is_for_this_processor`] need.
@@ -214,6 +229,10 @@ mod tests {
             }
         }
         assert!(Platform::of_target("thumbv7em-none-eabihf", FmiVersion::Fmi3).is_err());
+        let component = Platform::of_target(TARGET_WASM, FmiVersion::Fmi3).unwrap();
+        assert_eq!(component[0].binary("Pid"), "binaries/wasm32-wasip2/Pid.wasm");
+        let error = Platform::of_target(TARGET_WASM, FmiVersion::Fmi2).unwrap_err();
+        assert_eq!(error.to_string(), "WebAssembly components are for FMI 3.0; write --fmi 3.0");
     }
 
     #[test]

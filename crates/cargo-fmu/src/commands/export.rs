@@ -32,7 +32,8 @@ pub struct ExportArgs {
     #[arg(long)]
     portable: bool,
     /// Rust target to build for; may be repeated [default: this machine]. universal2-apple-darwin
-    /// builds for both macOS architectures, x86_64-unknown-linux-gnu.2.28 for Linux with glibc 2.28
+    /// builds for both macOS architectures, x86_64-unknown-linux-gnu.2.28 for Linux with glibc 2.28, wasm
+    /// (with --fmi 3.0) a WebAssembly component
     #[arg(long = "target", value_name = "TRIPLE")]
     targets: Vec<String>,
     /// Add a shared library built elsewhere, for linux64, win64, ...

@@ -40,13 +40,13 @@ fn unsupported(_name: &str) -> &'static str {
 }
 
 /// `fmi2GetTypesPlatform`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub extern "C" fn fmi2GetTypesPlatform() -> fmi2String {
     c"default".as_ptr()
 }
 
 /// `fmi2GetVersion`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub extern "C" fn fmi2GetVersion() -> fmi2String {
     c"2.0".as_ptr()
 }
@@ -105,7 +105,7 @@ fn sink(functions: Option<&fmi2CallbackFunctions>, name: Option<&CStr>) -> Optio
 }
 
 /// `fmi2FreeInstance`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi2FreeInstance(instance: fmi2Component) {
     // SAFETY: the host's promise: NULL or an instance, which is not used again.
     unsafe { free(instance) }

@@ -33,7 +33,7 @@ use crate::resources::Folder;
 use crate::stepping::{Next, Results, Stepping};
 use crate::values::Given;
 
-static EDGE: Edge = Edge {
+pub(super) static EDGE: Edge = Edge {
     version: Version::Fmi3,
     get_float64: calls::fmi3GetFloat64,
     set_float64: calls::fmi3SetFloat64,
@@ -47,7 +47,7 @@ const SCHEDULED: &str =
     "the FMU is not for scheduled execution; expected model exchange or co-simulation";
 
 /// Why a function of the model is not supported.
-fn unsupported(name: &str) -> &'static str {
+pub(super) fn unsupported(name: &str) -> &'static str {
     match name {
         "fmi3ActivateModelPartition" => SCHEDULED,
         "fmi3EvaluateDiscreteStates" => "providesEvaluateDiscreteStates is false",
@@ -59,7 +59,7 @@ fn unsupported(name: &str) -> &'static str {
 }
 
 /// `fmi3GetVersion`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub extern "C" fn fmi3GetVersion() -> fmi3String {
     c"3.0".as_ptr()
 }
@@ -179,7 +179,7 @@ fn sink(
 }
 
 /// `fmi3FreeInstance`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi3FreeInstance(instance: fmi3Instance) {
     // SAFETY: the host's promise: NULL or an instance, which is not used again.
     unsafe { free(instance) }
@@ -191,7 +191,7 @@ hot! { fmi3Instance fmi3Status
 }
 
 /// `fmi3DoStep`
-#[unsafe(no_mangle)]
+#[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
 pub unsafe extern "C" fn fmi3DoStep(
     instance: fmi3Instance,
     time: f64,

@@ -6,8 +6,7 @@
 //! has the name of the row's operation. Most of these methods belong to the component itself; the edges add
 //! those whose arguments are of C, in this file and in [`state`] if both versions have them.
 //!
-//! Another edge, such as WebAssembly components, docks here: it creates instances with
-//! [`Entry::create`](crate::entry::Entry::create), and calls [`Component::call`] with a function and a method.
+//! [`wasm`] is the interface of WebAssembly components. It is there if the target is, in place of the names in C.
 
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -43,7 +42,7 @@ macro_rules! entry {
     // Declared as unsupported by the model description. Importers bind them anyway.
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident NOWHERE) => {
         #[doc = concat!("`", stringify!($name), "`, which returns an error and logs the reason")]
-        #[unsafe(no_mangle)]
+        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
         pub unsafe extern "C" fn $name(instance: $i, $(_: c_type!($kind)),*) -> $s {
             // SAFETY: the host's promise: NULL or an instance.
             let component = unsafe { component(instance) };
@@ -53,7 +52,7 @@ macro_rules! entry {
     };
     ($i:ident $s:ident $name:ident($($arg:ident: $kind:tt),*) $operation:ident $($states:ident)|+) => {
         #[doc = concat!("`", stringify!($name), "`")]
-        #[unsafe(no_mangle)]
+        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
         #[allow(unused_variables, reason = "the slices have the lengths")]
         pub unsafe extern "C" fn $name(instance: $i, $($arg: c_type!($kind)),*) -> $s {
             let call = &calls::$name;
@@ -81,7 +80,7 @@ macro_rules! hot {
         $name:ident($($arg:ident: $type:ty),*) = $fast:ident $(, but not of $ignored:ident: $other:ty)?;
     )*) => { $(
         #[doc = concat!("`", stringify!($name), "`")]
-        #[unsafe(no_mangle)]
+        #[cfg_attr(not(target_arch = "wasm32"), unsafe(no_mangle))]
         pub unsafe extern "C" fn $name(
             instance: $instance $(, $arg: $type)* $(, $ignored: $other)?
         ) -> $status {
@@ -143,7 +142,11 @@ macro_rules! apply {
 pub mod fmi2;
 #[cfg(any(feature = "fmi3", not(feature = "fmi2")))]
 pub mod fmi3;
+#[cfg(target_arch = "wasm32")]
+mod scratch;
 mod state;
+#[cfg(target_arch = "wasm32")]
+pub(crate) mod wasm;
 
 /// The string behind a pointer; `None` for NULL.
 ///

@@ -1,0 +1,742 @@
+//! The interface of WebAssembly components: the draft FMI-LS-WASM of the layered standard, whose functions
+//! are listed in `component.wit` of the crate `fmu-build`.
+//!
+//! By the canonical ABI of the component model, a list is a pointer and a length, as in C. So most functions
+//! have the arguments of the C function that performs the same operation, and call it. Those that return more
+//! than a status return a pointer to an [`Answer`]. The functions have the names of their operations;
+//! `fmu-build` exports them under their names in the interfaces of the component.
+//!
+//! A component cannot catch a panic. It ends with a trap, after a message to the host.
+#![allow(
+    missing_docs,
+    non_upper_case_globals,
+    clippy::missing_safety_doc,
+    clippy::too_many_arguments,
+    reason = "as in the C interface"
+)]
+
+use std::cell::Cell;
+use std::ffi::{CStr, CString, c_char};
+use std::mem::MaybeUninit;
+use std::panic::PanicHookInfo;
+use std::path::Path;
+use std::ptr::null_mut;
+use std::rc::Rc;
+
+use fmi_abi::{Call, fmi2, fmi3_functions};
+
+use super::c_text;
+use super::fmi3::*;
+use super::scratch::{self, allocate, put};
+use crate::bound::Numbers;
+use crate::component::{Component, IntermediateUpdate, Pointer, Settings};
+use crate::entry::Entry;
+use crate::instance::component;
+use crate::lifecycle::Mode;
+use crate::log::{Category, Log, Sink};
+use crate::model::{Model, ModelError};
+
+#[link(wasm_import_module = "fmi:fmi3/callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "log-message"]
+    fn log_message(
+        instance: *const u8,
+        instance_length: usize,
+        status: i32,
+        category: *const u8,
+        category_length: usize,
+        message: *const u8,
+        message_length: usize,
+    );
+}
+
+#[link(wasm_import_module = "fmi:fmi3/intermediate-update-callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "intermediate-update"]
+    fn intermediate_update(
+        time: f64,
+        set_requested: bool,
+        get_allowed: bool,
+        step_finished: bool,
+        can_return_early: bool,
+        requested: *mut EarlyReturn,
+    );
+}
+
+#[link(wasm_import_module = "fmi:fmi3/resource-dir-callbacks@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "read-file"]
+    fn read_file(path: *const u8, length: usize, content: *mut MaybeUninit<Answer<Text, Text>>);
+}
+
+#[link(wasm_import_module = "[export]fmi:fmi3/co-simulation@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "[resource-new]co-simulation-instance"]
+    safe fn new_co_simulation(instance: Pointer) -> u32;
+}
+
+#[link(wasm_import_module = "[export]fmi:fmi3/model-exchange@3.0.0")]
+unsafe extern "C" {
+    #[link_name = "[resource-new]model-exchange-instance"]
+    safe fn new_model_exchange(instance: Pointer) -> u32;
+}
+
+unsafe extern "Rust" {
+    /// The models of the library, as [`export!`](crate::export) defines it.
+    safe fn fmu_export_models() -> &'static [Entry];
+}
+
+/// What a model needs of the host. A component imports what one of its models needs, since the linker drops the
+/// others.
+pub(crate) struct Needs {
+    new_model_exchange: Option<extern "C" fn(Pointer) -> u32>,
+    intermediate_update: Option<fn(IntermediateUpdate) -> Option<f64>>,
+}
+
+impl Needs {
+    pub(crate) const fn of<M: Model>() -> Self {
+        extern "C" fn new(instance: Pointer) -> u32 {
+            new_model_exchange(instance)
+        }
+        Self {
+            new_model_exchange: match M::IS_SAMPLED || M::IS_CONTINUOUS {
+                true => Some(new),
+                false => None,
+            },
+            intermediate_update: match M::IS_CONTINUOUS {
+                true => Some(call_back),
+                false => None,
+            },
+        }
+    }
+}
+
+/// The result of a function that returns more than a status.
+#[repr(C, u8)]
+pub enum Answer<T, E = u8> {
+    Ok(T),
+    Err(E),
+}
+
+/// A list of arguments or results, or a text.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct List<T> {
+    first: *const T,
+    length: usize,
+}
+
+type Text = List<u8>;
+type Values<T> = *const Answer<List<T>>;
+
+fn list<T>(values: &[T]) -> List<T> {
+    List { first: values.as_ptr(), length: values.len() }
+}
+
+/// The elements of a list of the host.
+///
+/// # Safety
+/// The host's promise: the list is valid during the call.
+unsafe fn slice<'a, T>(first: *const T, length: usize) -> &'a [T] {
+    // SAFETY: the caller's promise; a list without elements may have any pointer.
+    unsafe { crate::instance::slice(first, length).unwrap_or_default() }
+}
+
+/// A text of the host, as it is passed to C.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn text(first: *const u8, length: usize) -> CString {
+    // SAFETY: the caller's promise.
+    c_text(&String::from_utf8_lossy(unsafe { slice(first, length) }))
+}
+
+thread_local! {
+    /// The instance of the current call, whose log has the message of a panic.
+    static CURRENT: Cell<Pointer> = const { Cell::new(null_mut()) };
+}
+
+/// Does the work of a call.
+fn call<T>(instance: Pointer, work: impl FnOnce() -> T) -> T {
+    CURRENT.set(instance);
+    let result = work();
+    scratch::end();
+    result
+}
+
+/// The answer of a function of C, which has a result if its status is good.
+fn answer<T>(status: fmi3Status, result: T) -> *const Answer<T> {
+    put(match status {
+        fmi3OK => Answer::Ok(result),
+        status => Answer::Err(status.0 as u8),
+    })
+}
+
+/// Gets numbers by a function of C, which writes `n` of them.
+unsafe fn values<T>(
+    instance: Pointer,
+    n: usize,
+    get: impl FnOnce(*mut T, usize) -> fmi3Status,
+) -> Values<T> {
+    call(instance, || {
+        let first = allocate(n);
+        answer(get(first, n), List { first: first.cast_const(), length: n })
+    })
+}
+
+/// The number of elements of variables; an unknown one is left to the function that is called.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn count(instance: Pointer, references: *const u32, n: usize) -> usize {
+    // SAFETY: the caller's promise.
+    let (c, references) = unsafe { (component(instance), slice(references, n)) };
+    c.map_or(0, |c| references.iter().map(|&r| c.model.elements(r).unwrap_or(1)).sum())
+}
+
+/// Defines the functions whose arguments are those of C, from the rows of `fmi-abi`.
+macro_rules! methods {
+    (
+        Free { $($_0:tt)* }
+        $($_1:ident { $($name:ident $arguments:tt => $operation:ident in $($states:ident)|+;)* })*
+    ) => {
+        $($(method!($name $arguments $operation $($states)|+);)*)*
+    };
+}
+
+macro_rules! method {
+    // Below, as they have texts, bytes, or other arguments than in C.
+    ($name:ident $arguments:tt $operation:ident NOWHERE) => {};
+    ($name:ident(state: fmi3FMUState) $($rest:tt)*) => {};
+    (fmi3GetString $($rest:tt)*) => {};
+    (fmi3SetString $($rest:tt)*) => {};
+
+    ($name:ident(
+        references: [in u32; n], n: [len], values: [out $type:ty; n_values], n_values: [len]
+    ) $operation:ident $($states:tt)*) => {
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(
+            instance: Pointer, references: *const u32, n: usize
+        ) -> Values<$type> {
+            // SAFETY: the host's promises.
+            unsafe {
+                let n_values = count(instance, references, n);
+                values(instance, n_values, |first, n_values| {
+                    $name(instance, references, n, first, n_values)
+                })
+            }
+        }
+    };
+    ($name:ident(
+        references: [in u32; n], n: [len], values: [in $type:ty; n_values], n_values: [len]
+    ) $operation:ident $($states:tt)*) => {
+        method!(@ $name $operation(
+            references: *const u32, n: usize, values: *const $type, n_values: usize
+        ));
+    };
+    ($name:ident(states: [in f64; n], n: [len]) $operation:ident $($states:tt)*) => {
+        method!(@ $name $operation(states: *const f64, n: usize));
+    };
+    (fmi3GetEventIndicators $arguments:tt $operation:ident $($states:tt)*) => {
+        method!(@ fmi3GetEventIndicators $operation EventIndicators);
+    };
+    ($name:ident(values: [out f64; n], n: [len]) $operation:ident $($states:tt)*) => {
+        method!(@ $name $operation States);
+    };
+    (@ $name:ident $operation:ident $which:ident) => {
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(instance: Pointer) -> Values<f64> {
+            // SAFETY: the host's promises.
+            unsafe {
+                let n = component(instance).map_or(0, |c| c.model.length(Numbers::$which));
+                values(instance, n, |first, n| $name(instance, first, n))
+            }
+        }
+    };
+    ($name:ident(n: [out usize]) $operation:ident $($states:tt)*) => {
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(instance: Pointer) -> *const Answer<u64> {
+            call(instance, || {
+                let mut n = 0;
+                // SAFETY: the host's promises.
+                let status = unsafe { $name(instance, &mut n) };
+                answer(status, n as u64)
+            })
+        }
+    };
+    ($name:ident($($arg:ident: $type:ident),*) $operation:ident $($states:tt)*) => {
+        method!(@ $name $operation($($arg: $type),*));
+    };
+    (@ $name:ident $operation:ident($($arg:ident: $type:ty),*)) => {
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(instance: Pointer $(, $arg: $type)*) -> fmi3Status {
+            // SAFETY: the host's promises.
+            call(instance, || unsafe { $name(instance $(, $arg)*) })
+        }
+    };
+    ($($by_hand:tt)*) => {};
+}
+
+fmi3_functions!(methods!);
+
+/// Defines functions of abilities that the FMUs do not have.
+macro_rules! unsupported {
+    ($($name:ident: $operation:ident($($type:ty),*) -> $result:ty;)*) => { $(
+        #[unsafe(no_mangle)]
+        extern "C" fn $operation(instance: Pointer $(, _: $type)*) -> $result {
+            call(instance, || {
+                // SAFETY: the host's promise: an instance that is not used otherwise.
+                let c = unsafe { component(instance) };
+                if let Some(c) = c {
+                    c.refuse(&calls::$name, unsupported(calls::$name.name));
+                }
+                <$result>::failed()
+            })
+        }
+    )* };
+}
+
+trait Failed {
+    fn failed() -> Self;
+}
+
+impl Failed for fmi3Status {
+    fn failed() -> Self {
+        fmi3Error
+    }
+}
+
+impl<T> Failed for *const Answer<T> {
+    fn failed() -> Self {
+        put(Answer::Err(fmi3Error.0 as u8))
+    }
+}
+
+unsupported! {
+    fmi3GetClock: get_clock(*const u32, usize) -> Values<u8>;
+    fmi3SetClock: set_clock(*const u32, usize, *const u8, usize) -> fmi3Status;
+    fmi3GetNumberOfVariableDependencies: get_number_of_variable_dependencies(u32) -> *const Answer<u64>;
+    fmi3GetVariableDependencies: get_variable_dependencies(u32) -> Values<u8>;
+    fmi3GetIntervalDecimal: get_interval_decimal(*const u32, usize) -> Values<u8>;
+    fmi3GetIntervalFraction: get_interval_fraction(*const u32, usize) -> Values<u8>;
+    fmi3GetShiftDecimal: get_shift_decimal(*const u32, usize) -> Values<f64>;
+    fmi3GetShiftFraction: get_shift_fraction(*const u32, usize) -> Values<u8>;
+    fmi3SetIntervalDecimal: set_interval_decimal(*const u32, usize, *const f64, usize) -> fmi3Status;
+    fmi3SetIntervalFraction: set_interval_fraction(*const u32, usize, *const u64, usize) -> fmi3Status;
+    fmi3SetShiftDecimal: set_shift_decimal(*const u32, usize, *const f64, usize) -> fmi3Status;
+    fmi3SetShiftFraction: set_shift_fraction(*const u32, usize, *const u64, usize) -> fmi3Status;
+    fmi3EvaluateDiscreteStates: evaluate_discrete_states() -> fmi3Status;
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn get_version() -> *const Text {
+    call(null_mut(), || put(list(b"3.0")))
+}
+
+/// An instance that the host gets, or none.
+#[repr(C, u8)]
+pub enum Handle {
+    None,
+    Some(u32),
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn instantiate_co_simulation(
+    name: *const u8,
+    name_length: usize,
+    token: *const u8,
+    token_length: usize,
+    _visible: bool,
+    logging_on: bool,
+    event_mode_used: bool,
+    early_return_allowed: bool,
+    intermediate_variables: *const u32,
+    n: usize,
+) -> *const Handle {
+    // SAFETY: the host's promises.
+    let (name, token, intermediate_variables) = unsafe {
+        let variables = slice(intermediate_variables, n).to_vec();
+        (text(name, name_length), text(token, token_length), variables)
+    };
+    let mode = match event_mode_used {
+        true => Mode::CoSimulationWithEvents,
+        false => Mode::CoSimulation,
+    };
+    let call_back = fmu_export_models().iter().find_map(|model| model.needs.intermediate_update);
+    let settings = Settings {
+        early_return_allowed,
+        // The host cannot call the component meanwhile, so this serves an early return only.
+        intermediate_update: call_back
+            .filter(|_| early_return_allowed)
+            .map(|f| Rc::new(f) as Rc<_>),
+        intermediate_variables,
+        ..settings(&name, logging_on)
+    };
+    instantiate("fmi3InstantiateCoSimulation", (&name, &token), mode, settings, |i| {
+        new_co_simulation(i)
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn instantiate_model_exchange(
+    name: *const u8,
+    name_length: usize,
+    token: *const u8,
+    token_length: usize,
+    _visible: bool,
+    logging_on: bool,
+) -> *const Handle {
+    // SAFETY: the host's promises.
+    let (name, token) = unsafe { (text(name, name_length), text(token, token_length)) };
+    let settings = settings(&name, logging_on);
+    let new = fmu_export_models().iter().find_map(|model| model.needs.new_model_exchange);
+    instantiate(
+        "fmi3InstantiateModelExchange",
+        (&name, &token),
+        Mode::ModelExchange,
+        settings,
+        |i| new.map_or(0, |new| new(i)),
+    )
+}
+
+fn settings(name: &CStr, logging_on: bool) -> Settings {
+    let log = Log::new(Some(sink(name)), logging_on);
+    let folder =
+        "a component has no folder of resources; expected a text read with `read_resource`";
+    Settings::new(&EDGE, log, Err(folder.into()))
+}
+
+/// Forwards messages to the host.
+fn sink(name: &CStr) -> Sink {
+    let name = name.to_owned();
+    Box::new(move |category, message| {
+        // `#` introduces a value reference (FMI 3.0.2, section 2.3.1).
+        let (name, message) = (name.to_bytes(), message.replace('#', "##"));
+        let (status, category) = (category.status(), category.name().to_bytes());
+        // SAFETY: the host provides this function with these arguments; the texts are UTF-8 and outlive the call.
+        unsafe {
+            let (name, n) = (name.as_ptr(), name.len());
+            let (category, of_category) = (category.as_ptr(), category.len());
+            log_message(name, n, status, category, of_category, message.as_ptr(), message.len());
+        }
+    })
+}
+
+fn instantiate(
+    function: &str,
+    (name, token): (&CStr, &CStr),
+    mode: Mode,
+    settings: Settings,
+    new: impl FnOnce(Pointer) -> u32,
+) -> *const Handle {
+    call(null_mut(), || {
+        let models = fmu_export_models();
+        let made =
+            super::instantiate(function, models, (Some(name), Some(token)), Ok(mode), settings);
+        put(match made.is_null() {
+            true => Handle::None,
+            false => Handle::Some(new(made)),
+        })
+    })
+}
+
+/// Frees an instance that the host drops.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn free_instance(instance: Pointer) {
+    // SAFETY: the host's promise: an instance that is not used again.
+    call(null_mut(), || unsafe { fmi3FreeInstance(instance) });
+}
+
+/// What a host answers in an intermediate update.
+#[repr(C)]
+struct EarlyReturn {
+    is_requested: bool,
+    time: f64,
+}
+
+/// Calls the host in an intermediate update. Returns the time of an early return that it requests.
+fn call_back(update: IntermediateUpdate) -> Option<f64> {
+    let mut answer = EarlyReturn { is_requested: false, time: update.time };
+    let IntermediateUpdate { time, set_requested, can_return_early } = update;
+    // SAFETY: the host provides this function with these arguments; the pointer is valid during the call.
+    unsafe { intermediate_update(time, set_requested, true, true, can_return_early, &mut answer) };
+    answer.is_requested.then_some(answer.time)
+}
+
+/// Reads a resource by the host, which has the files.
+pub(crate) fn read_resource(path: &Path) -> Result<String, String> {
+    let path = path.to_str().ok_or("its name is not UTF-8")?;
+    let mut content = MaybeUninit::uninit();
+    // SAFETY: the host provides this function with these arguments, and writes the answer, whose list is valid
+    // until the end of the call.
+    unsafe {
+        read_file(path.as_ptr(), path.len(), &mut content);
+        let bytes = |text: &Text| slice(text.first, text.length).to_vec();
+        match content.assume_init_ref() {
+            Answer::Ok(text) => String::from_utf8(bytes(text)).map_err(|error| error.to_string()),
+            Answer::Err(text) => Err(String::from_utf8_lossy(&bytes(text)).into_owned()),
+        }
+    }
+}
+
+/// Tells the host of a panic, after which the component ends.
+pub(crate) fn report_panic(panic: &PanicHookInfo<'_>) {
+    // SAFETY: the call that panicked does not continue, so the instance is not used otherwise.
+    if let Some(c) = unsafe { component(CURRENT.get()) } {
+        let place = panic.location().map_or_else(String::new, |place| format!("{place}: "));
+        let text = crate::log::text_of_panic(panic.payload());
+        let message = format_args!("{place}the model panicked, and the component ends: {text}");
+        c.shared.settings.log.send(Category::Fatal, message);
+    }
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn set_debug_logging(
+    instance: Pointer,
+    on: bool,
+    categories: *const Text,
+    n: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises.
+    call(instance, || unsafe {
+        let names = texts(categories, n);
+        let pointers: Vec<_> = names.iter().map(|name| name.as_ptr()).collect();
+        fmi3SetDebugLogging(instance, on.into(), n, pointers.as_ptr())
+    })
+}
+
+/// The texts of a list of the host, as they are passed to C.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn texts(first: *const Text, n: usize) -> Vec<CString> {
+    // SAFETY: the caller's promise.
+    unsafe { slice(first, n).iter().map(|list| text(list.first, list.length)).collect() }
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_string(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+) -> Values<Text> {
+    // SAFETY: the host's promises; the texts live until the next call.
+    unsafe {
+        let n_values = count(instance, references, n);
+        values(instance, n_values, |first: *mut Text, n_values| {
+            let pointers = allocate::<*const c_char>(n_values);
+            let status = fmi3GetString(instance, references, n, pointers, n_values);
+            for i in 0..if status == fmi3OK { n_values } else { 0 } {
+                let text = CStr::from_ptr(pointers.add(i).read());
+                first.add(i).write(list(text.to_bytes()));
+            }
+            status
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn set_string(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *const Text,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises.
+    call(instance, || unsafe {
+        let texts = texts(values, n_values);
+        let pointers: Vec<_> = texts.iter().map(|text| text.as_ptr()).collect();
+        fmi3SetString(instance, references, n, pointers.as_ptr(), n_values)
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_binary(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+) -> Values<Text> {
+    // SAFETY: the host's promises; the bytes live until the next call.
+    unsafe {
+        let n_values = count(instance, references, n);
+        values(instance, n_values, |first: *mut Text, n_values| {
+            let (sizes, pointers) = (allocate::<usize>(n_values), allocate(n_values));
+            let status = fmi3GetBinary(instance, references, n, sizes, pointers, n_values);
+            for i in 0..if status == fmi3OK { n_values } else { 0 } {
+                let (first_byte, length) = (pointers.add(i).read(), sizes.add(i).read());
+                first.add(i).write(List { first: first_byte, length });
+            }
+            status
+        })
+    }
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn set_binary(
+    instance: Pointer,
+    references: *const u32,
+    n: usize,
+    values: *const Text,
+    n_values: usize,
+) -> fmi3Status {
+    // SAFETY: the host's promises.
+    call(instance, || unsafe {
+        let lists = slice(values, n_values).iter();
+        let (sizes, pointers): (Vec<_>, Vec<_>) =
+            lists.map(|list| (list.length, list.first)).unzip();
+        fmi3SetBinary(instance, references, n, sizes.as_ptr(), pointers.as_ptr(), n_values)
+    })
+}
+
+/// Does what has other arguments in C, by a method of the component.
+///
+/// # Safety
+/// The host's promise: an instance that is not used otherwise.
+unsafe fn perform(
+    instance: Pointer,
+    operation: &Call,
+    work: impl FnOnce(&mut Component) -> Result<(), ModelError>,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let c = unsafe { component(instance) };
+    c.map_or(fmi3Error, |c| fmi3Status(c.call(operation, work) as i32))
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_fmu_state(instance: Pointer) -> Values<u8> {
+    // SAFETY: the host's promises; the memory is for as many bytes.
+    call(instance, || unsafe {
+        let mut state = list(&[]);
+        let status = perform(instance, &calls::fmi3GetFMUState, |c| {
+            let bytes = c.serialize(&c.snapshot())?;
+            let first = allocate::<u8>(bytes.len());
+            first.copy_from(bytes.as_ptr(), bytes.len());
+            state = List { first, length: bytes.len() };
+            Ok(())
+        });
+        answer(status, state)
+    })
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn set_fmu_state(instance: Pointer, bytes: *const u8, n: usize) -> fmi3Status {
+    // SAFETY: the host's promises.
+    call(instance, || unsafe {
+        perform(instance, &calls::fmi3SetFMUState, |c| {
+            let state = c.deserialize(slice(bytes, n))?;
+            c.restore(&state)
+        })
+    })
+}
+
+/// Defines the functions for derivatives, of which there are as many as elements of `$of`.
+macro_rules! derivatives {
+    ($($name:ident: $operation:ident($($arg:ident $n:ident),*) of $of:ident $n_of:ident;)*) => { $(
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(
+            instance: Pointer, $($arg: *const u32, $n: usize,)* seed: *const f64, n_seed: usize
+        ) -> Values<f64> {
+            // SAFETY: the host's promises.
+            unsafe {
+                let n = count(instance, $of, $n_of);
+                values(instance, n, |first, n| {
+                    $name(instance, $($arg, $n,)* seed, n_seed, first, n)
+                })
+            }
+        }
+    )* };
+}
+
+derivatives! {
+    fmi3GetDirectionalDerivative: get_directional_derivative(unknowns n, knowns m) of unknowns n;
+    fmi3GetAdjointDerivative: get_adjoint_derivative(unknowns n, knowns m) of knowns m;
+}
+
+/// Value references and orders, from a list of pairs.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn orders(pairs: *const [u32; 2], n: usize) -> (Vec<u32>, Vec<i32>) {
+    // SAFETY: the caller's promise.
+    unsafe { slice(pairs, n).iter().map(|&[reference, order]| (reference, order as i32)).unzip() }
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn get_output_derivatives(
+    instance: Pointer,
+    pairs: *const [u32; 2],
+    n: usize,
+) -> Values<f64> {
+    // SAFETY: the host's promises.
+    unsafe {
+        let (references, orders) = orders(pairs, n);
+        let n_values = count(instance, references.as_ptr(), n);
+        let (references, orders) = (references.as_ptr(), orders.as_ptr());
+        values(instance, n_values, |first, n_values| {
+            fmi3GetOutputDerivatives(instance, references, n, orders, first, n_values)
+        })
+    }
+}
+
+/// FMI 3.0 has no such function in C; it is that of FMI 2.0.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn set_input_derivatives(
+    instance: Pointer,
+    pairs: *const [u32; 2],
+    n: usize,
+    values: *const f64,
+    n_values: usize,
+) -> fmi3Status {
+    let operation =
+        Call { name: "set-input-derivatives", ..fmi2::calls::fmi2SetRealInputDerivatives };
+    // SAFETY: the host's promises.
+    call(instance, || unsafe {
+        let ((references, orders), values) = (orders(pairs, n), slice(values, n_values));
+        perform(instance, &operation, |c| match n == n_values {
+            true => c.set_input_derivatives(&references, &orders, values),
+            false => Err(ModelError::refuse("there are not as many values as requests")),
+        })
+    })
+}
+
+/// Defines the functions that return a record, by the pointers to its fields that the C function takes.
+macro_rules! records {
+    ($(
+        $name:ident: $operation:ident($($arg:ident: $type:ty),*) -> $record:ident {
+            $($field:ident: $of:ty),*
+        } by $($pointer:ident),*;
+    )*) => { $(
+        #[repr(C)]
+        #[derive(Default)]
+        pub struct $record {
+            $($field: $of),*
+        }
+
+        #[unsafe(no_mangle)]
+        unsafe extern "C" fn $operation(
+            instance: Pointer $(, $arg: $type)*
+        ) -> *const Answer<$record> {
+            call(instance, || {
+                let mut record = $record::default();
+                // SAFETY: the host's promises.
+                let status = unsafe { $name(instance $(, $arg)* $(, &mut record.$pointer)*) };
+                answer(status, record)
+            })
+        }
+    )* };
+}
+
+records! {
+    fmi3DoStep: do_step(time: f64, step: f64, no_set_state: fmi3Boolean) -> DoStepResult {
+        last_successful_time: f64, event_handling_needed: fmi3Boolean, terminate: fmi3Boolean,
+        early_return: fmi3Boolean
+    } by event_handling_needed, terminate, early_return, last_successful_time;
+    fmi3CompletedIntegratorStep: completed_integrator_step(no_set_state: fmi3Boolean)
+        -> CompletedStepResult { enter_event_mode: fmi3Boolean, terminate: fmi3Boolean }
+        by enter_event_mode, terminate;
+    fmi3UpdateDiscreteStates: update_discrete_states() -> DiscreteStatesInfo {
+        needs_update: fmi3Boolean, terminate: fmi3Boolean, nominals_changed: fmi3Boolean,
+        states_changed: fmi3Boolean, next_event_defined: fmi3Boolean, next_event: f64
+    } by needs_update, terminate, nominals_changed, states_changed, next_event_defined, next_event;
+}

@@ -1,0 +1,210 @@
+"""WebAssembly components, run by a host of others: the wheel of wasmtime."""
+
+import shutil
+import zipfile
+from pathlib import Path
+
+import fmpy
+import pytest
+import wasmtime
+import wasmtime.component
+from fmpy import read_model_description
+from lxml import etree
+
+from native import new_package
+from pendulum_fmus.project import ROOT
+
+WASM = ROOT / "target" / "wasm"
+PACKAGE = "fmi:fmi3"
+EXTRA = "extra/org.modelica.fmi-ls-wasm/manifest.xml"
+
+
+class Fmu:
+    """An instance of a component for co-simulation or model exchange."""
+
+    def __init__(self, path: Path, interface: str = "co-simulation"):
+        self.description = read_model_description(path)
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.messages = []
+        self.interface = interface
+        engine = wasmtime.Engine()
+        self.store = wasmtime.Store(engine)
+        component = wasmtime.component.Component(engine, binary(path))
+        linker = wasmtime.component.Linker(engine)
+        with linker.root() as root:
+            with root.add_instance(f"{PACKAGE}/callbacks@3.0.0") as callbacks:
+                callbacks.add_func("log-message", lambda _, *args: self.messages.append(args))
+            with root.add_instance(f"{PACKAGE}/intermediate-update-callbacks@3.0.0") as callbacks:
+                callbacks.add_func("intermediate-update", lambda *_: (False, 0.0))
+        self.component = linker.instantiate(self.store, component)
+        more = [False, False, []] if interface == "co-simulation" else []
+        token = self.description.guid
+        self.instance = self.call(
+            f"[static]{interface}-instance.instantiate-{interface}",
+            "it",
+            token,
+            False,
+            False,
+            *more,
+        )
+
+    def call(self, name: str, *args: object) -> object:
+        """Call a function of the interface."""
+        interface = f"{PACKAGE}/{self.interface}@3.0.0"
+        index = self.component.get_export_index(self.store, interface)
+        function = self.component.get_export_index(self.store, name, index)
+        return self.component.get_func(self.store, function)(self.store, *args)
+
+    def method(self, name: str, *args: object) -> object:
+        """Call a function of the instance."""
+        return self.call(f"[method]{self.interface}-instance.{name}", self.instance, *args)
+
+    def initialize(self) -> "Fmu":
+        """Initialize the instance at 0 s."""
+        assert self.method("enter-initialization-mode", None, 0.0, None) == "ok"
+        assert self.method("exit-initialization-mode") == "ok"
+        return self
+
+    def get(self, name: str, of: str = "float64") -> object:
+        """Get a scalar variable."""
+        [value] = self.method(f"get-{of}", [self.references[name]])
+        return value
+
+    def set(self, name: str, value: object, of: str = "float64") -> str:
+        """Set a scalar variable; return the status."""
+        return self.method(f"set-{of}", [self.references[name]], [value])
+
+
+def binary(path: Path) -> bytes:
+    with zipfile.ZipFile(path) as archive:
+        [name] = [n for n in archive.namelist() if n.startswith("binaries/")]
+        assert name.startswith("binaries/wasm32-wasip2/")
+        return archive.read(name)
+
+
+@pytest.fixture(scope="session")
+def components(export) -> Path:
+    return export(WASM, "--fmi", "3.0", "--target", "wasm")
+
+
+@pytest.fixture(scope="session")
+def panicking(export, once) -> Path:
+    """Export a model with texts and bytes, and with a bug."""
+
+    def make(folder: Path) -> None:
+        package = new_package("panicking", folder)
+        shutil.copy(ROOT / "tests" / "data" / "panicking.rs", package / "src" / "lib.rs")
+
+    package = once("panicking-component", make) / "panicking"
+    manifest = str(package / "Cargo.toml")
+    options = ["--fmi", "3.0", "--target", "wasm", "--manifest-path", manifest]
+    return export(package / "fmu", *options) / "Panicking_fmi3.fmu"
+
+
+def test_an_fmu_has_a_component_and_the_manifest_of_the_draft(components):
+    schema = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3LayeredStandardManifest.xsd"
+    paths = sorted(components.glob("*.fmu"))
+    assert len(paths) == 5
+    for path in paths:
+        with zipfile.ZipFile(path) as archive:
+            manifest = etree.fromstring(archive.read(EXTRA))
+        etree.XMLSchema(file=str(schema)).assertValid(manifest)
+        assert b"wasi:" not in binary(path)
+        has_exchange = read_model_description(path).modelExchange is not None
+        assert (b"model-exchange-instance" in binary(path)) == has_exchange
+
+
+def test_a_loop_has_the_bits_of_the_native_fmus(components, fmus):
+    """1000 steps of 1 ms: the page runs more of them."""
+    controller = Fmu(components / "IpidRbf_fmi3.fmu").initialize()
+    plant = Fmu(components / "Pendulum_fmi3.fmu").initialize()
+    native = [fmpy.extract(fmus / name) for name in ("IpidRbf_fmi3.fmu", "Pendulum_fmi3.fmu")]
+    try:
+        u, v = (fmpy.instantiate_fmu(d, read_model_description(d), "CoSimulation") for d in native)
+        for fmu in (u, v):
+            fmu.enterInitializationMode()
+            fmu.exitInitializationMode()
+        (y, force), (theta, push) = (
+            [fmu.references[name] for name in names]
+            for fmu, names in ((controller, ("y", "u")), (plant, ("theta", "u")))
+        )
+        setpoint = controller.references["r"]
+        u.setFloat64([setpoint], [0.1])
+        controller.method("set-float64", [setpoint], [0.1])
+        for k in range(1000):
+            t, h = k * 1e-3, 1e-3
+            measured = v.getFloat64([theta])
+            assert plant.method("get-float64", [theta]) == measured
+            u.setFloat64([y], measured)
+            controller.method("set-float64", [y], measured)
+            u.doStep(t, h)
+            stepped = controller.method("do-step", t, h, True)
+            assert vars(stepped)["last-successful-time"] == t + h
+            computed = u.getFloat64([force])
+            assert controller.method("get-float64", [force]) == computed
+            v.setFloat64([push], computed)
+            plant.method("set-float64", [push], computed)
+            v.doStep(t, h)
+            plant.method("do-step", t, h, True)
+        assert plant.get("theta") != 0.0
+    finally:
+        for folder in native:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def test_states_arrays_and_errors_pass(components):
+    plant = Fmu(components / "Pendulum_fmi3.fmu").initialize()
+    state = plant.method("get-fmu-state")
+    before = plant.get("theta")
+    plant.set("u", 5.0)
+    plant.method("do-step", 0.0, 0.01, True)
+    assert plant.get("theta") != before
+    assert plant.method("set-fmu-state", state) == "ok"
+    assert plant.get("theta") == before
+    assert plant.method("set-fmu-state", state[:-1]) == "error"
+    assert "damaged" in plant.messages[-1][3]
+    assert plant.method("get-float64", [999]) == "error"
+    name, status, category, text = plant.messages[-1]
+    assert (name, status, category) == ("it", "error", "logStatusError")
+    assert text == "fmi3GetFloat64: value reference 999 is unknown"
+    controller = Fmu(components / "IpidRbf_fmi3.fmu").initialize()
+    arrays = [v for v in controller.description.modelVariables if v.dimensions]
+    assert arrays
+    for variable in arrays:
+        values = controller.method("get-float64", [variable.valueReference])
+        assert isinstance(values, list)
+        assert len(values) > 1
+
+
+def test_model_exchange_has_the_derivatives_of_the_plant(components):
+    plant = Fmu(components / "Pendulum_fmi3.fmu", "model-exchange").initialize()
+    info = plant.method("update-discrete-states")
+    assert not vars(info)["new-discrete-states-needed"]
+    assert plant.method("enter-continuous-time-mode") == "ok"
+    assert plant.method("get-number-of-continuous-states") == 4
+    states = [0.1, 0.2, 0.3, 0.4]
+    assert plant.method("set-continuous-states", states) == "ok"
+    assert plant.method("get-continuous-states") == states
+    rates = plant.method("get-continuous-state-derivatives")
+    names = ["der(theta)", "der(omega)", "der(x)", "der(v)"]
+    assert sorted(rates) == sorted(plant.get(name) for name in names)
+    theta, omega = plant.references["theta"], plant.references["der(omega)"]
+    [slope] = plant.method("get-directional-derivative", [omega], [theta], [1.0])
+    plant.set("theta", 0.1 + 1e-6)
+    quotient = (plant.get("der(omega)") - rates[1]) / 1e-6
+    assert slope == pytest.approx(quotient, rel=1e-4)
+
+
+def test_texts_and_bytes_pass_and_a_panic_ends_the_component_with_a_message(panicking):
+    fmu = Fmu(panicking).initialize()
+    assert fmu.set("text", "θ = 1", "string") == "ok"
+    assert fmu.set("data", b"\0\x01", "binary") == "ok"
+    fmu.method("do-step", 0.0, 0.1, True)
+    assert fmu.get("echo", "string") == "θ = 1"
+    assert bytes(fmu.get("copy", "binary")) == b"\0\x01"
+    fmu.set("u", -1.0)
+    with pytest.raises(wasmtime.WasmtimeError, match="unreachable"):
+        fmu.method("do-step", 0.1, 0.1, True)
+    name, status, category, text = fmu.messages[-1]
+    assert (name, status, category) == ("it", "fatal", "logStatusFatal")
+    assert text.endswith("the model panicked, and the component ends: u is -1.0")
