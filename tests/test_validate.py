@@ -165,6 +165,7 @@ FUNCTIONS = "".join(
 FILE_MUTATIONS = [
     # files, parts of the finding
     ({BUILD_FILE: None}, f"it has no {BUILD_FILE}"),
+    ({BUILD_FILE: None, "binaries/x86_64-windows/Full.dll": b""}, "warning: sources: it has no"),
     ({BUILD_FILE: None, "sources/full.c": None}, "neither binaries nor sources"),
     ({"binaries/linux64/Full.so": ELF}, "x86_64-linux", "warning"),
     ({"binaries/x86-linux/full.so": ELF}, "binaries/x86-linux/Full.so"),
@@ -417,7 +418,7 @@ ARCHIVES = [
     # a further file, a change of the archive, the exit code of `info`, parts of the finding
     ("../evil", None, 1, "error: archive", "path traversal"),
     ("C:/evil", None, 1, "error: archive", "absolute path"),
-    ("./", None, 0, 'the file name is "./", expected none for the FMU itself'),
+    ("./", None, 0, 'warning: archive: the file name is "./", expected none for the FMU itself'),
     ("resources\\a", None, 0, 'expected "resources/a"'),
     ("MODELDESCRIPTION.xml", None, 0, "upper and lower case"),
     ("a\x1b[31m\n\u202eerror: b", None, 1, "archive"),

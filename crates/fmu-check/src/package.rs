@@ -29,6 +29,9 @@ rules! {
         PLAIN_ARCHIVE: Error, "archive-plain",
             Practice("the zip format demands it, and importers such as FMPy refuse some such archives"),
             "Names are unique relative paths with forward slashes, and all entries are files or folders.";
+        DOTTED_NAMES: Warning, "archive-names",
+            Practice("importers that look for modelDescription.xml do not find ./modelDescription.xml"),
+            "Names do not begin with ./.";
         UTF_8: Error, "utf-8", Standard("section 2.2", "section 2.4"),
             "XML files are encoded in UTF-8.";
         INTACT_FILES: Error, "files-intact", Standard("section 2.3", "section 2.5"),
@@ -63,6 +66,9 @@ rules! {
         // The description of the sources.
         BUILD_GIVEN: Error, "build-given", Fmi3("section 2.5.1"),
             "The folder sources has a well-formed buildDescription.xml.";
+        SOURCES_LEFT: Warning, "sources-left",
+            Practice("no importer can build sources without buildDescription.xml, but the binaries run"),
+            "The folder sources of an FMU with binaries has a buildDescription.xml.";
         BUILD_IDENTIFIER: Error, "build-identifier", Fmi3("section 2.4.10"),
             "A build configuration has the modelIdentifier of an interface type.";
         BUILD_PLATFORM: Error, "build-platform", Fmi3("section 2.4.10"),
@@ -116,6 +122,9 @@ pub fn check(archive: &mut Archive, findings: &mut Findings) {
     }
     for oddity in &archive.oddities {
         findings.add(&PLAIN_ARCHIVE, "archive", oddity);
+    }
+    for name in &archive.dotted {
+        findings.add(&DOTTED_NAMES, "archive", name);
     }
     // Files that are too large must not be inflated.
     if archive.faults.is_empty() {
@@ -304,8 +313,10 @@ impl<'a> Files<'a> {
             if self.names.iter().any(is_file)
                 && !self.document(BUILD_FILE, &schema::BUILD, &BUILD_GIVEN, Files::build)
             {
-                find!(self.findings, BUILD_GIVEN at "sources",
-                    "it has no {BUILD_FILE}, expected it beside the sources");
+                let has_binaries = self.names.iter().any(|name| name.starts_with("binaries/"));
+                let rule = if has_binaries { &SOURCES_LEFT } else { &BUILD_GIVEN };
+                let text = format!("it has no {BUILD_FILE}, expected it beside the sources");
+                self.findings.add(rule, "sources", text);
             }
             return self.names.contains(BUILD_FILE);
         }

@@ -185,6 +185,8 @@ rules! {
             "A Dimension has either start or valueReference.";
         DIMENSION_REFERENCE: Error, "dimension-reference", Fmi3("section 2.4.7.2"),
             "valueReference of a Dimension is that of a UInt64, which is a constant or a structural parameter.";
+        ARRAY_SIZE: Error, "array-size", Practice("no computer can store it"),
+            "The number of elements of an array is below 2^64.";
         DIMENSION_POSITIVE: Error, "dimension-positive", Fmi3("section 2.4.7.2"),
             "The initial size of a dimension is not 0.";
         STRUCTURAL_SCALAR: Error, "structural-scalar", Fmi3("section 2.4.7.4"),
@@ -1070,8 +1072,10 @@ impl Check<'_> {
         }
         let mut size = Some(1_u64);
         for dimension in element.children("Dimension") {
-            let length = self.length(dimension);
-            size = size.zip(length).and_then(|(a, b)| a.checked_mul(b));
+            let pair = size.zip(self.length(dimension));
+            size = pair.and_then(|(a, b)| a.checked_mul(b));
+            require!(self, ARRAY_SIZE at variable, pair.is_none() || size.is_some(),
+                "its dimensions have more elements than a computer can address");
         }
         let is_list = matches!(variable.of_type, Type::String | Type::Binary);
         let starts = match is_list {

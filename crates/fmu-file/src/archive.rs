@@ -156,6 +156,8 @@ pub struct Archive {
     pub faults: Vec<String>,
     /// Faults that do no harm, such as names that had to be corrected.
     pub oddities: Vec<String>,
+    /// Names that begin with `./`, which some tools write.
+    pub dotted: Vec<String>,
 }
 
 impl Archive {
@@ -184,6 +186,7 @@ impl Archive {
             size: metadata.len(),
             faults: Vec::new(),
             oddities: Vec::new(),
+            dotted: Vec::new(),
         };
         archive.check_names(written);
         archive.check_entries();
@@ -214,9 +217,11 @@ impl Archive {
                     "" => "none for the FMU itself".to_owned(),
                     clean => quote(clean),
                 };
-                let name = quote(&name);
-                let oddity = format!("the file name is {name}, expected {expected}");
-                self.oddities.push(oddity);
+                let oddity = format!("the file name is {}, expected {expected}", quote(&name));
+                match name.strip_prefix("./") == Some(&clean) {
+                    true => self.dotted.push(oddity),
+                    false => self.oddities.push(oddity),
+                }
             }
             self.names.push(clean);
         }

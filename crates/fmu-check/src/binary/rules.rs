@@ -7,6 +7,8 @@ rules! {
     pub BEHAVIOUR {
         NOT_RUN: Warning, "binary-not-run", Practice("what is not run is not tested"),
             "There is a binary for the machine that runs the validator.";
+        NOT_TESTED: Warning, "not-tested", Practice("what is not tested may be wrong"),
+            "The FMU is fast and small enough for all tests.";
         LOADS: Error, "loads", Standard("section 2.3", "section 2.5"),
             "The binary for this machine loads and exports the functions of its kind.";
         VERSION: Error, "version-functions", Standard("section 2.1.4", "section 2.2.5"),

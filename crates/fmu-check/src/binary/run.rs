@@ -1,6 +1,7 @@
 //! The FMU under test, and runs of it, in the child process.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -42,6 +43,9 @@ macro_rules! check {
     };
 }
 pub(super) use check;
+
+/// The flag of an FMU of which a process has one instance at most.
+pub const ONLY_ONCE: &str = "canBeInstantiatedOnlyOncePerProcess";
 
 /// Ends a test without a finding: `set.ok().context(SKIP)?`.
 pub const SKIP: &str = "the FMU refuses what it may refuse";
@@ -150,6 +154,8 @@ pub struct Subject<'a> {
     pub inputs: Vec<Input<'a>>,
     /// The usual run, once it was made.
     usual: OnceLock<Trajectory>,
+    /// Whether an instance was made.
+    is_used: AtomicBool,
     pub logged: Arc<Mutex<Logged>>,
 }
 
@@ -231,7 +237,8 @@ impl<'a> Subject<'a> {
             report,
             observed: observed(model, &task.ignored),
             inputs: inputs(model),
-            usual: OnceLock::new(),
+            usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
+            is_used: AtomicBool::new(false),
             logged: Arc::default(),
         })
     }
@@ -280,8 +287,10 @@ impl<'a> Subject<'a> {
         })
     }
 
-    /// Creates an instance with this GUID; `None` if the FMU rejects it.
+    /// Creates an instance with this GUID; `None` if the FMU rejects it. The test ends if the process would have
+    /// more instances than the FMU allows.
     pub fn try_instantiate(&self, setup: &Setup<'_>, guid: &str) -> Result<Option<Instance>> {
+        ensure!(!self.is_used.swap(true, Relaxed) || !self.claims(ONLY_ONCE), SKIP);
         let arguments = Instantiation {
             name: setup.name,
             kind: self.kind,

@@ -5,7 +5,7 @@ use anyhow::{Result, bail};
 use fmu_description::value::real;
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value};
 use fmu_file::text::quote;
-use fmu_host::Instance;
+use fmu_host::{Instance, Success};
 
 use crate::rules::{is_clocked, is_continuous};
 
@@ -124,8 +124,18 @@ impl<'a> Observed<'a> {
         Ok(row)
     }
 
+    /// Sets the variables to the values of a row, those of one type in one call.
+    pub fn write(&self, instance: &mut Instance, row: &Row) -> fmu_host::Result {
+        let mut at = 0;
+        for (of_type, references, n) in &self.parts {
+            instance.set_values(*of_type, references, &row[at..at + n])?;
+            at += n;
+        }
+        Ok(Success::Ok)
+    }
+
     /// The first difference of each element between two runs at the same times. Real numbers may differ by the
-    /// tolerance, relative to their largest value in the run. `when` tells what the actual run does, `like` what
+    /// tolerance, relative to their largest value in the rows, also in those that only one run has. `when` tells what the actual run does, `like` what
     /// the expected run has done.
     pub fn differences(
         &self,
@@ -321,8 +331,17 @@ fn near(variable: &Listed<'_>, start: &Value) -> Vec<Value> {
 
 /// Another value of a scalar than its start value, which must be in the XML.
 pub fn other(variable: &Listed<'_>) -> Option<Value> {
-    let start = variable.start_of(0)?;
-    near(variable, start).into_iter().find(|near| near != start)
+    others(variable).into_iter().next()
+}
+
+/// Other values of a scalar than its start value.
+pub fn others(variable: &Listed<'_>) -> Vec<Value> {
+    let Some(start) = variable.start_of(0) else {
+        return Vec::new();
+    };
+    let mut others = near(variable, start);
+    others.retain(|near| near != start);
+    others
 }
 
 /// A step, a sine and random numbers, between -1 and 1.

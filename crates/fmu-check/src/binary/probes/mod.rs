@@ -14,7 +14,7 @@ use fmu_file::archive::MODEL_DESCRIPTION;
 use fmu_host::Library;
 use fmu_worker::Service;
 
-use super::run::{Report, Run, SKIP, Setup, Subject, claims};
+use super::run::{ONLY_ONCE, Report, Run, SKIP, Setup, Subject, claims};
 use super::values::Trajectory;
 use super::{FMU, Reply, Task, rules};
 use crate::rule::Rule;
@@ -94,7 +94,7 @@ impl Probe {
             ModelExchange => element.name == "ModelExchange",
             Fmi2 => version == FmiVersion::Fmi2,
             Fmi3 => version == FmiVersion::Fmi3,
-            Several => !claims(element, "canBeInstantiatedOnlyOncePerProcess", version),
+            Several => !claims(element, ONLY_ONCE, version),
             Claims(flag) => claims(element, flag, version),
             _ => true,
         })
@@ -104,7 +104,7 @@ impl Probe {
     fn claim(&self) -> Option<String> {
         self.traits.iter().rev().find_map(|about| match about {
             Claims(flag) => Some(format!("{flag} is true, but")),
-            Several => Some("canBeInstantiatedOnlyOncePerProcess is false, but".into()),
+            Several => Some(format!("{ONLY_ONCE} is false, but")),
             _ => None,
         })
     }

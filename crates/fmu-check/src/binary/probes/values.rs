@@ -13,7 +13,7 @@ use crate::binary::Reply;
 use crate::binary::rules;
 use crate::binary::run::{Run, SKIP, Subject, check};
 use crate::binary::values::{
-    MAX_ELEMENTS, Row, element_name, is_near, is_tested, other, references, shown, size,
+    MAX_ELEMENTS, Row, element_name, is_near, is_tested, other, others, references, shown, size,
 };
 use crate::rules::is_continuous;
 
@@ -167,57 +167,75 @@ pub fn aliases(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Sets inputs and parameters before initialization, inputs in initialization mode, and inputs between
-/// steps, and reads them back. Before initialization, FMUs need not let values be read.
+/// Sets parameters before initialization, and inputs in initialization mode and between steps, and reads them. Values
+/// cannot be read before initialization mode.
 pub fn kept(subject: &Subject<'_>) -> Result<()> {
     use Causality::{Input, Parameter};
     let still = subject.still();
-    let run = Run::instantiate(subject, still)?;
-    are_kept(subject, run, Parameter, "before initialization")?;
-    let run = Run::initializing(subject, still)?;
-    let is_refused = !are_kept(subject, run, Input, "in initialization mode")?;
-    if is_refused || subject.kind == Kind::ModelExchange {
-        return Ok(());
+    for together in [false, true] {
+        let instantiated = || Run::instantiate(subject, still);
+        are_kept(subject, instantiated, Parameter, "before initialization", together)?;
+        let initializing = || Run::initializing(subject, still);
+        let when = "in initialization mode";
+        let is_refused = !are_kept(subject, initializing, Input, when, together)?;
+        if is_refused || subject.kind == Kind::ModelExchange {
+            return Ok(());
+        }
+        are_kept(subject, || Run::stepped(subject, still), Input, "between two steps", together)?;
     }
-    let mut run = Run::begin(subject, still)?;
-    run.advance()?;
-    are_kept(subject, run, Input, "between two steps").map(drop)
+    Ok(())
 }
 
-/// Sets variables and reads them; returns whether the FMU has accepted all values.
-fn are_kept(
-    subject: &Subject<'_>,
-    mut run: Run<'_>,
+/// Sets variables one by one, or those of a type together and to other values, and reads them; returns whether the
+/// FMU has accepted all values.
+fn are_kept<'a>(
+    subject: &'a Subject<'_>,
+    begin: impl FnOnce() -> Result<Run<'a>>,
     causality: Causality,
     when: &str,
+    together: bool,
 ) -> Result<bool> {
-    for variable in subject.variables(causality) {
+    let value = |variable: &Listed<'_>| {
         let is_bounded = variable.min.is_some() || variable.max.is_some();
-        let value = match variable.of_type {
+        let others = others(variable);
+        match variable.of_type {
             // More than 16 bits.
-            Type::Int32 if !is_bounded => Some(Value::Int32(1_234_567)),
-            _ => other(variable),
-        };
-        let Some(value) = value else {
-            continue;
-        };
-        if run.set(variable, std::slice::from_ref(&value)).is_err() {
-            return Ok(false);
+            Type::Int32 if !is_bounded => Some(Value::Int32(1_234_567 + i32::from(together))),
+            _ if together => others.into_iter().next_back(),
+            _ => others.into_iter().next(),
         }
-        let read = match run.value(variable) {
-            Err(_) if causality == Causality::Parameter => return Ok(false),
-            read => read?,
-        };
+    };
+    let variables = subject.group(subject.variables(causality).filter(|v| value(v).is_some()));
+    let values: Row = variables.variables().filter_map(value).collect();
+    let mut run = begin()?;
+    let is_set = match together {
+        true => variables.write(&mut run.instance, &values).is_ok(),
+        false => {
+            let mut pairs = variables.variables().zip(&values);
+            pairs.all(|(variable, value)| run.set(variable, std::slice::from_ref(value)).is_ok())
+        }
+    };
+    // Together, the values may be none that the model can begin with.
+    let begins = causality == Causality::Input || is_set && run.enter_initialization().is_ok();
+    if !is_set || !begins {
+        return Ok(false);
+    }
+    let read = match variables.read(&mut run.instance) {
+        Err(_) if causality == Causality::Parameter => return Ok(false),
+        read => read?,
+    };
+    for ((variable, value), read) in variables.variables().zip(&values).zip(&read) {
         let text = || {
             let name = quote(&variable.name);
-            let [read, value] = [&read, &value].map(shown);
+            let [read, value] = [read, value].map(shown);
+            let how = if together { " with others" } else { "" };
             format!(
-                "{name} is {read} after it was set to {value} {when}, expected the value that was set"
+                "{name} is {read} after it was set to {value}{how} {when}, expected the value that was set"
             )
         };
         // A Real of FMI 2.0 may be a Float32 in the model.
-        let is_rounded = |value: f64| read == Value::Float64((value as f32).into());
-        if is_near(&read, &value, 1e-12 * size(&value)) {
+        let is_rounded = |value: f64| *read == Value::Float64((value as f32).into());
+        if is_near(read, value, 1e-12 * size(value)) {
             continue;
         }
         ensure!(value.as_real().is_some_and(is_rounded), "{}", text());
