@@ -7,6 +7,7 @@
 //! - Parquet: uncompressed, with the same names, and the types of the variables. Columns are required, or
 //!   optional if a value may be missing.
 
+mod compare;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod read;
@@ -20,6 +21,7 @@ use fmu_description::{Type, Value};
 use fmu_file::replace::Replacement;
 use serde::{Deserialize, Serialize};
 
+pub use compare::{Difference, Tolerance, compare};
 pub use read::{Series, read, times};
 
 /// A column of a table.

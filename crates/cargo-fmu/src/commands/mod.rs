@@ -1,5 +1,7 @@
 //! The commands with their options and output.
 
+#[cfg(feature = "run")]
+pub mod compare;
 pub mod completions;
 pub mod export;
 pub mod info;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Subcommand;
 
-use super::{simulate, ssp, sweep, validate};
+use super::{compare, simulate, ssp, sweep, validate};
 use crate::session::Session;
 
 /// A command that runs FMUs.
@@ -29,6 +29,16 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
 Example:
   cargo fmu sweep examples/sweep/gains.toml --out target/gains.csv")]
     Sweep(sweep::SweepArgs),
+    /// Compare the results of two runs
+    #[command(
+        after_help = "Variables are compared at the times of the reference. Exit code: 1 if one differs.
+
+Examples:
+  cargo fmu compare target/first.csv target/second.csv
+  cargo fmu compare target/first.csv target/second.csv --relative 1e-3 \\
+      --hold controller.u --plot target/both.html"
+    )]
+    Compare(compare::CompareArgs),
     /// Export systems of coupled FMUs as SSP 1.0 packages for other tools
     #[command(
         after_help = "A package cannot specify the order of stepping; most tools step all components
@@ -58,6 +68,12 @@ pub fn run(command: Command, out: &mut impl Write) -> Result<ExitCode> {
         }
         Command::Simulate(args) => return simulate::run(&args, out),
         Command::Sweep(args) => return sweep::run(&args, out),
+        Command::Compare(args) => {
+            let _session = Session::end_when_interrupted()?;
+            if !compare::run(&args, out)? {
+                return Ok(ExitCode::FAILURE);
+            }
+        }
         Command::Ssp(args) => {
             let _session = Session::end_when_interrupted()?;
             ssp::run(&args, out)?;

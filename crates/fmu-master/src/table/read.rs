@@ -50,7 +50,7 @@ pub fn read(file: &Path) -> Result<Vec<Series>> {
     }
 }
 
-fn csv(text: &str) -> Result<Vec<Series>> {
+pub(super) fn csv(text: &str) -> Result<Vec<Series>> {
     // Other programs begin with a mark, and end lines with two characters.
     let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
     let (titles, mut rest) = fields(&text).context("line 1, expected names in CSV")?;

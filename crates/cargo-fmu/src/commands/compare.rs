@@ -1,0 +1,90 @@
+//! `cargo fmu compare`: whether two runs have the same results.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use fmu_description::Value;
+use fmu_master::table::{self, Difference, Tolerance};
+
+use crate::plot::Page;
+
+/// The results to compare, and how exactly.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Results to compare with, CSV or Parquet
+    #[arg(value_name = "REFERENCE")]
+    reference: PathBuf,
+    /// Results to check, which have all variables of the reference
+    #[arg(value_name = "RESULTS")]
+    results: PathBuf,
+    /// Absolute tolerance of numbers, in the unit of the variable
+    #[arg(long, value_name = "TOLERANCE", default_value = "1e-12")]
+    absolute: f64,
+    /// Tolerance relative to the largest magnitude of the variable in the reference, which is added
+    #[arg(long, value_name = "TOLERANCE", default_value = "1e-6")]
+    relative: f64,
+    /// Sampled variable, whose numbers are not interpolated; may be repeated. Columns of whole numbers, Booleans
+    /// and strings never are
+    #[arg(long = "hold", value_name = "VARIABLE")]
+    held: Vec<String>,
+    #[command(flatten)]
+    page: Page,
+}
+
+/// Prints the first difference; returns whether there is none.
+///
+/// # Errors
+/// The files cannot be read or compared, or the page cannot be written.
+pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
+    for (option, tolerance) in [("absolute", args.absolute), ("relative", args.relative)] {
+        ensure!(tolerance >= 0.0, "--{option} is {tolerance}, expected a tolerance of at least 0");
+    }
+    let read = |file: &Path| {
+        let table = table::read(file).and_then(|table| table::times(&table).map(|_| table));
+        table.with_context(|| format!("{} cannot be compared", file.display()))
+    };
+    let files = [&args.reference, &args.results];
+    let [reference, results] = [read(files[0])?, read(files[1])?];
+    for name in &args.held {
+        let is_known = reference.iter().any(|series| series.name == *name);
+        ensure!(is_known, "--hold {name}: {} has no such variable", files[0].display());
+    }
+    let tolerance = Tolerance { absolute: args.absolute, relative: args.relative };
+    let holds = |name: &str| args.held.iter().any(|held| held == name);
+    let shown = files.map(|file| file.display().to_string());
+    let differences = table::compare([&reference, &results], tolerance, holds);
+    let differences =
+        differences.with_context(|| format!("{} and {} cannot be compared", shown[0], shown[1]))?;
+    let variables = reference.len() - 1;
+    match differences.first() {
+        None => {
+            let rows = reference[0].cells.len();
+            writeln!(out, "the same within the tolerance: {variables} variables, {rows} rows")?;
+        }
+        Some(first) => {
+            writeln!(out, "{}", described(first, &shown))?;
+            let names = Vec::from_iter(differences.iter().map(|difference| &*difference.name));
+            let (differing, names) = (names.len(), names.join(", "));
+            writeln!(out, "{differing} of {variables} variables differ: {names}")?;
+        }
+    }
+    let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));
+    args.page.draw_runs("Comparison", &runs, out)?;
+    Ok(differences.is_empty())
+}
+
+fn described(difference: &Difference, files: &[String; 2]) -> String {
+    let Difference { name, time, values, tolerance } = difference;
+    let value = |file: usize| match &values[file] {
+        None => format!("missing in {}", files[file]),
+        Some(Value::String(text)) => format!("{text:?} in {}", files[file]),
+        Some(value) => format!("{value} in {}", files[file]),
+    };
+    let tolerance = match values {
+        [Some(Value::Boolean(_) | Value::String(_)), _] => String::new(),
+        _ => format!("; tolerance {tolerance:.3e}"),
+    };
+    format!("{name} differs at t = {time} s: {}, {}{tolerance}", value(0), value(1))
+}

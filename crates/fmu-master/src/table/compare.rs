@@ -1,0 +1,163 @@
+//! The first differences between two tables with a column of times.
+
+use anyhow::{Context, Result, ensure};
+use fmu_description::Value;
+
+use super::{Cell, Series, times};
+
+/// How far numbers may be apart: `absolute + relative * LARGEST`, with the largest magnitude of the variable
+/// in the first table.
+#[derive(Debug, Clone, Copy)]
+pub struct Tolerance {
+    /// In the unit of the variable.
+    pub absolute: f64,
+    /// Relative to the largest magnitude.
+    pub relative: f64,
+}
+
+/// The first time at which a variable differs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The name of the variable.
+    pub name: String,
+    /// The time in s.
+    pub time: f64,
+    /// The values in both tables.
+    pub values: [Cell; 2],
+    /// How far numbers may be apart.
+    pub tolerance: f64,
+}
+
+/// Times closer together than this, relative to the largest, are the same.
+const SAME_TIME: f64 = 1e-9;
+
+/// Compares the variables of the first table, at its times, with those of the second; returns the first
+/// difference of each variable, in the order of their times.
+///
+/// Between two rows of the second table, numbers are interpolated. Those of a column of whole numbers in both
+/// tables, or for whose name `holds` is true, keep their value until the next row, as do Booleans and texts.
+///
+/// # Errors
+/// A table has no times, or the second lacks a variable, or has it in another unit, or ends at another time.
+pub fn compare(
+    [a, b]: [&[Series]; 2],
+    tolerance: Tolerance,
+    holds: impl Fn(&str) -> bool,
+) -> Result<Vec<Difference>> {
+    let of_a = times(a).context("the first table")?;
+    let of_b = times(b).context("the second table")?;
+    let ends = |times: &[f64]| (times[0], times[times.len() - 1]);
+    let ((first_a, last_a), (first_b, last_b)) = (ends(&of_a), ends(&of_b));
+    let same = SAME_TIME * last_a.abs().max(first_a.abs()).max(1e-3);
+    ensure!(
+        (first_a - first_b).abs() <= same && (last_a - last_b).abs() <= same,
+        "the first is from {first_a:?} s to {last_a:?} s, the second from {first_b:?} s to {last_b:?} s"
+    );
+    let mut differences = Vec::new();
+    for series in &a[1..] {
+        let name = &series.name;
+        let other = b[1..].iter().find(|other| other.name == *name);
+        let other = other.with_context(|| format!("the second has no variable {name}"))?;
+        ensure!(
+            series.unit == other.unit || series.unit.is_empty() || other.unit.is_empty(),
+            "{name} is in {} in the first, in {} in the second",
+            series.unit,
+            other.unit
+        );
+        let numbers = (0..of_a.len()).filter_map(|row| series.number(row));
+        let largest = numbers.filter(|number| number.is_finite()).map(f64::abs).fold(0.0, f64::max);
+        let tolerance = tolerance.absolute + tolerance.relative * largest;
+        let is_held = holds(name) || (is_whole(series) && is_whole(other));
+        let mut rows = of_a.iter().enumerate();
+        differences.extend(rows.find_map(|(row, &time)| {
+            // Of several rows at one time, the last has the values after an event.
+            if of_a.get(row + 1).is_some_and(|next| next - time <= same) {
+                return None;
+            }
+            let (value, other) = (&series.cells[row], value(other, &of_b, time, same, is_held));
+            let differs = !is_equal(value, &other, tolerance);
+            let values = [value.clone(), other];
+            differs.then(|| Difference { name: name.clone(), time, values, tolerance })
+        }));
+    }
+    differences.sort_by(|a, b| a.time.total_cmp(&b.time));
+    Ok(differences)
+}
+
+/// Whether no value has a fraction.
+fn is_whole(series: &Series) -> bool {
+    !series.cells.iter().flatten().any(|value| value.as_real().is_some())
+}
+
+/// The value of a variable at a time.
+fn value(series: &Series, times: &[f64], time: f64, same: f64, is_held: bool) -> Cell {
+    let after = times.partition_point(|other| *other <= time + same);
+    let before = after.saturating_sub(1);
+    let held = || series.cells[before].clone();
+    if is_held || after == times.len() || times[before] >= time - same {
+        return held();
+    }
+    let (Some(left), Some(right)) = (series.number(before), series.number(after)) else {
+        return held();
+    };
+    let part = (time - times[before]) / (times[after] - times[before]);
+    Some(Value::Float64(left + part * (right - left)))
+}
+
+fn is_equal(a: &Cell, b: &Cell, tolerance: f64) -> bool {
+    let number = |cell: &Cell| {
+        let value = cell.as_ref()?;
+        value.as_real().or_else(|| value.as_whole().map(|number| number as f64))
+    };
+    match (number(a), number(b)) {
+        (Some(a), Some(b)) => a == b || (a - b).abs() <= tolerance || (a.is_nan() && b.is_nan()),
+        _ => a == b,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read::csv;
+    use super::*;
+
+    const EXACT: Tolerance = Tolerance { absolute: 1e-12, relative: 0.0 };
+
+    fn compared(a: &str, b: &str, tolerance: Tolerance, held: &str) -> Result<Vec<Difference>> {
+        let (a, b) = (csv(a)?, csv(b)?);
+        compare([&a, &b], tolerance, |name| name == held)
+    }
+
+    #[test]
+    fn numbers_are_interpolated_unless_they_are_whole_or_held() {
+        let a = "time,x,n\n0,0.5,1\n1,1.0,1\n2,1.5,3\n";
+        let b = "time,x,n\n0,0.5,1\n2,1.5,3\n";
+        assert_eq!(compared(a, b, EXACT, "").unwrap(), []);
+        let differences = compared(a, b, EXACT, "x").unwrap();
+        let values = [1.0, 0.5].map(|x| Some(Value::Float64(x)));
+        let expected = Difference { name: "x".into(), time: 1.0, values, tolerance: 1e-12 };
+        assert_eq!(differences, [expected]);
+    }
+
+    #[test]
+    fn the_tolerance_grows_with_the_largest_value_of_the_first_table() {
+        let a = "time,x\n0,0.5\n1,-10.0\n";
+        let b = "time,x\n0,0.59\n1,-10.0\n";
+        let relative = |relative| Tolerance { absolute: 0.0, relative };
+        assert_eq!(compared(a, b, relative(0.01), "").unwrap(), []);
+        let differences = compared(a, b, relative(0.008), "").unwrap();
+        assert_eq!((differences[0].time, differences[0].tolerance), (0.0, 0.08));
+    }
+
+    #[test]
+    fn rows_after_an_event_count_and_missing_values_differ_from_present_ones() {
+        let a = "time,x,flag,text\n0,0.5,true,\n1,0.7,true,a\n1,0.9,false,a\n";
+        let b = "time,x,flag,text\n0,0.5,true,\n1.0000000000001,0.9,false,a\n";
+        assert_eq!(compared(a, b, EXACT, "").unwrap(), []);
+        for (old, new, name) in
+            [("0.9", "NaN", "x"), ("false", "true", "flag"), ("a\n", "\n", "text")]
+        {
+            let differences = compared(a, &b.replace(old, new), EXACT, "").unwrap();
+            assert_eq!((differences.len(), differences[0].name.as_str()), (1, name));
+        }
+    }
+}
