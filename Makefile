@@ -34,7 +34,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 .PHONY: help demo paper plot check test lint msrv report bench program fmus native ssp judge importers portable cross \
-	merged wasm system valgrind elsewhere conformance package wheel semver fuzz lock clean
+	merged wasm page system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -62,7 +62,7 @@ check:
 	cargo test --locked --quiet $(RUST)
 
 ## test: run `make check`, `make lint` and all Python tests
-test: check lint fmus wasm
+test: check lint fmus page
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
 ## lint: check documentation and licences of the crates, the Python code and the workflows
@@ -133,6 +133,10 @@ wasm: program
 		|| test -d /usr/$(RUST_SOURCES) || rustup target add wasm32-unknown-unknown \
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
 	$(FMU) export --fmi 3.0 --target wasm --out target/wasm
+
+## page: write a page that runs the FMUs in the browser, one file without server: target/page/index.html
+page: wasm
+	$(PYTHON) web/build.py
 
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
 merged: program

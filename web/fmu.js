@@ -1,0 +1,162 @@
+"use strict";
+// FMUs in the browser: reads an archive, and calls the core module of its component by the canonical ABI.
+
+const CS = "fmi:fmi3/co-simulation@3.0.0";
+const STATUS = ["ok", "warning", "discard", "error", "fatal"];
+
+// The files of a zip archive, each as a function that returns its content.
+function filesOf(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  let end = bytes.length - 22;
+  while (end >= 0 && view.getUint32(end, true) !== 0x06054b50) end--;
+  if (end < 0) throw new Error("it is not a zip archive, as an FMU is");
+  const files = new Map();
+  for (let n = view.getUint16(end + 10, true), at = view.getUint32(end + 16, true); n > 0; n--) {
+    const [method, size] = [view.getUint16(at + 10, true), view.getUint32(at + 20, true)];
+    const [name, extra, comment] = [28, 30, 32].map((offset) => view.getUint16(at + offset, true));
+    const local = view.getUint32(at + 42, true);
+    const path = new TextDecoder().decode(bytes.subarray(at + 46, at + 46 + name));
+    files.set(path, async () => {
+      const start = local + 30 + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
+      const packed = bytes.subarray(start, start + size);
+      if (method === 0) return packed;
+      const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate-raw"));
+      return new Uint8Array(await new Response(stream).arrayBuffer());
+    });
+    at += 46 + name + extra + comment;
+  }
+  return files;
+}
+
+// The first core module of a component, which has the functions of the FMU.
+function coreModule(component) {
+  let at = 8;
+  while (at < component.length) {
+    const id = component[at++];
+    let size = 0, byte, shift = 0;
+    do {
+      byte = component[at++];
+      size += (byte & 127) * 2 ** shift;
+      shift += 7;
+    } while (byte & 128);
+    if (id === 1) return component.subarray(at, at + size);
+    at += size;
+  }
+  throw new Error("the component has no module");
+}
+
+// An FMU: its variables by name, and its compiled module.
+async function readFmu(bytes) {
+  const files = filesOf(bytes);
+  const content = files.get("modelDescription.xml");
+  if (!content) throw new Error("it has no modelDescription.xml");
+  const text = new TextDecoder().decode(await content());
+  const xml = new DOMParser().parseFromString(text, "text/xml").documentElement;
+  const id = xml.querySelector("CoSimulation")?.getAttribute("modelIdentifier");
+  const binary = files.get(`binaries/wasm32-wasip2/${id}.wasm`);
+  if (!binary) throw new Error("it has no WebAssembly component for co-simulation; export it with --fmi 3.0 --target wasm");
+  const variables = {};
+  for (const variable of xml.querySelectorAll("ModelVariables > *")) {
+    variables[variable.getAttribute("name")] = {
+      reference: +variable.getAttribute("valueReference"),
+      causality: variable.getAttribute("causality"),
+    };
+  }
+  const module = await WebAssembly.compile(coreModule(await binary()));
+  return { name: xml.getAttribute("modelName"), token: xml.getAttribute("instantiationToken"), variables, module };
+}
+
+// An instance for co-simulation, with the functions of FMI 3.0.
+class Instance {
+  constructor(fmu, setUp = () => {}) {
+    this.fmu = fmu;
+    this.messages = [];
+    const text = (at, n) => new TextDecoder().decode(new Uint8Array(this.core.memory.buffer, at, n));
+    const provided = {
+      "log-message": (a, an, status, c, cn, message, n) => this.messages.push([STATUS[status], text(message, n)]),
+      "[resource-new]co-simulation-instance": (pointer) => pointer,
+      "[resource-new]model-exchange-instance": (pointer) => pointer,
+      "intermediate-update": () => { throw new Error("no early return was allowed"); },
+    };
+    const imports = {};
+    for (const { module, name } of WebAssembly.Module.imports(fmu.module)) {
+      if (!provided[name]) throw new Error(`the component needs ${module} ${name}, which this page does not have`);
+      (imports[module] ??= {})[name] = provided[name];
+    }
+    this.core = new WebAssembly.Instance(fmu.module, imports).exports;
+    const named = (name) => this.core[`${CS}#[method]co-simulation-instance.${name}`];
+    this.methods = Object.fromEntries(
+      ["get-float64", "set-float64", "do-step"].map((name) => [name, named(name)]),
+    );
+    this.named = named;
+    const args = [...this.text("it"), ...this.text(fmu.token), 0, 0, 0, 0, 0, 0];
+    const made = this.core[`${CS}#[static]co-simulation-instance.instantiate-co-simulation`](...args);
+    const view = new DataView(this.core.memory.buffer);
+    if (!view.getUint8(made)) throw new Error(this.failure("instantiate-co-simulation"));
+    this.pointer = view.getUint32(made + 4, true);
+    setUp(this);
+    this.check(named("enter-initialization-mode")(this.pointer, 0, 0, 0, 0, 0), "enter-initialization-mode");
+    this.check(named("exit-initialization-mode")(this.pointer), "exit-initialization-mode");
+  }
+
+  text(value) {
+    const bytes = new TextEncoder().encode(value);
+    const at = this.core.cabi_realloc(0, 0, 1, bytes.length);
+    new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
+    return [at, bytes.length];
+  }
+
+  failure(name) {
+    return `${this.fmu.name}: ${this.messages.at(-1)?.[1] ?? `${name} failed`}`;
+  }
+
+  check(status, name) {
+    if (status > 1) throw new Error(this.failure(name));
+  }
+
+  reference(name) {
+    const variable = this.fmu.variables[name];
+    if (!variable) throw new Error(`${this.fmu.name} has no variable ${name}`);
+    return variable.reference;
+  }
+
+  references(name) {
+    const at = this.core.cabi_realloc(0, 0, 4, 4);
+    new DataView(this.core.memory.buffer).setUint32(at, this.reference(name), true);
+    return at;
+  }
+
+  // All elements of a variable.
+  getAll(name) {
+    const answer = this.methods["get-float64"](this.pointer, this.references(name), 1);
+    const view = new DataView(this.core.memory.buffer);
+    if (view.getUint8(answer)) throw new Error(this.failure("get-float64"));
+    const [at, n] = [view.getUint32(answer + 4, true), view.getUint32(answer + 8, true)];
+    return Array.from({ length: n }, (_, i) => view.getFloat64(at + 8 * i, true));
+  }
+
+  get(name) {
+    return this.getAll(name)[0];
+  }
+
+  set(name, value) {
+    const references = this.references(name);
+    const at = this.core.cabi_realloc(0, 0, 8, 8);
+    new DataView(this.core.memory.buffer).setFloat64(at, value, true);
+    this.check(this.methods["set-float64"](this.pointer, references, 1, at, 1), "set-float64");
+  }
+
+  // Sets a Boolean or an enumeration.
+  setWhole(name, type, value) {
+    const references = this.references(name);
+    const at = this.core.cabi_realloc(0, 0, 8, 8);
+    new DataView(this.core.memory.buffer).setBigInt64(at, BigInt(value), true);
+    this.check(this.named(`set-${type}`)(this.pointer, references, 1, at, 1), `set-${type}`);
+  }
+
+  step(time, size) {
+    const answer = this.methods["do-step"](this.pointer, time, size, 1);
+    const view = new DataView(this.core.memory.buffer);
+    if (view.getUint8(answer)) throw new Error(this.failure("do-step"));
+  }
+}
