@@ -10,7 +10,7 @@ from tqdm import tqdm
 from .. import loop, table1
 from . import page, printed, traps
 from .runs import Data, lasting_loops, paper_loops, simulate_all
-from .statements import beyond_part, paper_parts, texts
+from .statements import beyond_part, headline, paper_parts, texts
 
 
 def run(options: argparse.Namespace) -> bool:
@@ -27,14 +27,16 @@ def run(options: argparse.Namespace) -> bool:
         say("making the mistakes of those who reproduce Table 1 ...")
         mistakes = traps.run(texts()["trap"], options.fmus, pool)
         parts = paper_parts(data)
-        drawing = printed.start([part.figure for part in parts if part.figure], folder, pool)
+        top = headline(data)
+        figures = [top, *(part.figure for part in parts if part.figure)]
+        drawing = printed.start(figures, folder, pool)
         say("sweeping parameters for the sections beyond the paper ...")
         bar = tqdm(texts()["beyond"], unit="section", leave=False, disable=None)
         ours = [beyond_part(data, section) for section in bar]
         drawing += printed.start([part.figure for part in ours], folder, pool)
         say(f"drawing {len(drawing)} figures ...")
         docs = options.docs or options.out
-        file = page.write(options.out, docs, parts, ours, data, mistakes)
+        file = page.write(options.out, docs, top, parts, ours, data, mistakes)
         printed.write_overview(data.results, options.out)
         bar = tqdm(drawing, unit="figure", leave=False, disable=None)
         files = sum(len(job.get()) for job in bar)

@@ -27,9 +27,8 @@ from .measures import (
     settling,
     swept,
     tone,
-    variation,
 )
-from .runs import ALONE, KINDS, SIGNALS, Data, Trace, both_plants, loop_of, sweep
+from .runs import ALONE, KINDS, SIGNALS, Data, Trace, alone, both_plants, loop_of, sweep
 from .stability import DELAYS, ETA, LAWS, NOMINAL, Law, limit, printed_bound, radius
 
 RINGING = 1.0
@@ -60,7 +59,7 @@ def targets(data: Data) -> Section:
     return Section([magnitudes(both) for both in traces.values()], [rows])
 
 
-# --- delay: the limit of the learning rate, the order of stepping ---------------------------------
+# --- delay: the limit of the learning rate --------------------------------------------------------
 
 
 def delayed(law: Law, eta: float = ETA, steps: int = 20000) -> Loop:
@@ -111,23 +110,6 @@ def learning(data: Data) -> Section:
         radii.append(Curve(f"radius/{name}", rates, values, style, f"delay of {name}"))
     error = Curve(f"{cycle.key}/e", cycle.t, cycle.e, "u", "e")
     return Section([radii, [curve(cycle, "u", "u")], [error]], rows, {"bound": bound})
-
-
-def order(data: Data) -> Section:
-    """Compare sequential with parallel masters."""
-    traces = data.simulated([delayed(law) for law in DELAYS.values()])
-    late = [change(trace.part((19.0, 21.0)).u) for trace in traces]
-    apart = largest(traces[1].theta - traces[2].theta)
-    rows = [
-        [Row("max |Δθ| [rad]", [apart], apart < 1e-9)],
-        [
-            Row("change of u per sample from 19 s on [N]", late, max(late[:3]) < RINGING < late[3]),
-            Row("total variation of u [N]", [variation(trace.u) for trace in traces]),
-            Row("integral of |e| [rad s]", [iae(trace) for trace in traces]),
-            Row("settling ±0.3 % [s]", [settling(trace) for trace in traces]),
-        ],
-    ]
-    return Section([[curve(t, "u_n", "u_n"), curve(t, "u", "u")] for t in traces], rows)
 
 
 # --- windup -------------------------------------------------------------------------------------
@@ -291,20 +273,24 @@ def noise(data: Data) -> Section:
 
 # --- the nonlinear pendulum ---------------------------------------------------------------------
 
+STILL = (("source.amplitude", 0.0),)
+"""Overrides for a set-point of 0."""
+
 FALLEN = math.pi
 """|e| above which the pendulum has fallen [rad]."""
 
 
-def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) -> float:
+def largest_held(kind: str, variables: list[str], fmus: Path, **changes: Any) -> float:
     """Return the limit of some variables [rad] for a stabilized pendulum.
 
     Each of five rounds tries six values between the last success and the first failure.
     """
-    settings = settings | dict.fromkeys(both_plants(kind, "dynamics"), "nonlinear")
+    loop = alone(kind, plant_model="nonlinear", **changes)
     low, high = 0.05, math.pi / 2
     for _ in range(5):
         values = np.linspace(low, high, 6)
-        runs = sweep(kind, variables, values, settings, FALLEN, fmus)
+        tried = {"variables": variables, "values": values.tolist()}
+        runs = sweep(loop, [tried], fmus, limit=FALLEN)
         lost = (runs["diverged"] > 0) | ~(np.abs(runs["final_e"]) < 0.05)
         first = int(np.argmax(lost)) if lost.any() else len(values)
         if first in (0, len(values)):
@@ -315,16 +301,16 @@ def largest_held(kind: str, variables: list[str], settings: dict, fmus: Path) ->
 
 def areas(kind: str, model: str, fmus: Path) -> np.ndarray:
     """Return the integrals of |e| of steps of 20° and of 1 rad [rad s], shape (2,)."""
-    settings = dict.fromkeys(both_plants(kind, "dynamics"), model)
-    amplitudes = np.array([SMALL, 1.0])
-    return sweep(kind, ["source.amplitude"], amplitudes, settings, FALLEN, fmus)["iae"]
+    steps = {"variables": ["source.amplitude"], "values": [SMALL, 1.0]}
+    return sweep(alone(kind, plant_model=model), [steps], fmus, limit=FALLEN)["iae"]
 
 
 def nonlinear(data: Data) -> Section:
     """Return the range in which the linear design stabilizes the nonlinear pendulum."""
-    fmus, still = data.fmus, {"source.amplitude": 0.0}
-    step = [largest_held(kind, ["source.amplitude"], {}, fmus) for kind in KINDS]
-    start = [largest_held(kind, both_plants(kind, "theta0"), still, fmus) for kind in KINDS]
+    fmus = data.fmus
+    step = [largest_held(kind, ["source.amplitude"], fmus) for kind in KINDS]
+    starts = {kind: both_plants(kind, "theta0") for kind in KINDS}
+    start = [largest_held(kind, names, fmus, overrides=STILL) for kind, names in starts.items()]
     ratios = [areas(kind, "nonlinear", fmus) / areas(kind, "linear", fmus) for kind in KINDS]
     held = [
         Row("largest step [°]", [math.degrees(one) for one in step], min(step) > SMALL),

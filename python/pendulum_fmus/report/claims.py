@@ -1,13 +1,14 @@
 """Statements and their verdicts: quotation, criterion, measurement.
 
-A verdict is never written down: it follows from the rows of the numbers. A statement holds if it
-holds by every row, holds in part if by some, and does not hold if by none.
+A verdict is never written down: it follows from the rows of the numbers. A claim holds if it
+holds by every row, holds in part if by some, and does not hold if by none; likewise a statement by
+its claims.
 """
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from .figure import Figure
@@ -17,15 +18,6 @@ OWN = "own target"
 
 COLUMNS = ("PID", "PID-RBF", "IPID-RBF", OWN)
 """Headings of the columns of the four controllers."""
-
-SHORT = 6
-"""Rows of a table that may be repeated on the page."""
-
-UNIT = re.compile(r" \[[^\]]*\]")
-"""A unit in the name of a measure."""
-
-LISTED = 3
-"""Measures that are named before the rest is only counted."""
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -45,6 +37,14 @@ def number(value: float, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
+class Shown(float):
+    """A number with a typographic minus; its format can be a number of significant digits."""
+
+    def __format__(self, spec: str) -> str:
+        text = number(float(self), int(spec)) if spec.isdecimal() else super().__format__(spec)
+        return text.replace("-", "−")
+
+
 class Verdict(Enum):
     """Verdict on a statement: label and class on the page, and a sign that needs no colour."""
 
@@ -58,21 +58,26 @@ class Verdict(Enum):
 
 
 def judge(decisive: Sequence[bool]) -> Verdict:
-    """Return the verdict on a statement that is measured in several ways, at least one."""
+    """Return the verdict on a claim that is measured in several ways, at least one."""
     if not decisive:
-        raise ValueError("a statement needs at least one measure")
+        raise ValueError("a claim needs at least one measure")
     if all(decisive):
         return Verdict.HOLDS
     return Verdict.PART if any(decisive) else Verdict.FAILS
 
 
+def together(verdicts: Collection[Verdict]) -> Verdict:
+    """Return the verdict on a sentence of several clauses."""
+    return next(iter(verdicts)) if len(set(verdicts)) == 1 else Verdict.PART
+
+
 @dataclass(frozen=True)
 class Row:
-    """One measure of a statement."""
+    """One measure of a claim."""
 
     name: str  # with its unit
     values: Sequence[float | str]  # one per column
-    holds: bool | None = None  # whether the statement holds by it; None: only information
+    holds: bool | None = None  # whether the claim holds by it; None: only information
 
     def cells(self) -> list[str]:
         """Return the values as text."""
@@ -83,85 +88,75 @@ class Row:
         """Class on the page."""
         return {True: "yes", False: "no", None: ""}[self.holds]
 
+    def told(self, columns: Sequence[str]) -> str:
+        """Return the name and the values with their unit, for a sentence."""
+        name, _, unit = self.name.removesuffix("]").partition(" [")
+        article = "the " if re.match(r"[a-z]{4}|max |lag ", name) else ""
+        unit = "" if unit in ("", "1") else f" {unit}"
+        shown = []
+        for column, value, cell in zip(columns, self.values, self.cells(), strict=True):
+            measured = cell != "never" and (isinstance(value, float) or " to " in cell)
+            if cell and column != OWN:
+                shown.append(f"{column} {cell}{unit if measured else ''}")
+        return f"{article}{name}: {', '.join(shown)}"
+
 
 @dataclass(frozen=True)
-class Finding:
-    """The result of measuring a statement: columns, rows, and what else the reader should know."""
+class Claim:
+    """A sentence of the paper, or one of its clauses, and what was measured."""
 
+    words: str  # of the clause; empty if the sentence is one
+    criterion: str
     columns: Sequence[str]
     rows: Sequence[Row]
-    remark: str = ""
-    fitted: bool = False  # whether a number was chosen so that the statement holds
-
-    @property
-    def decisive(self) -> list[Row]:
-        """The rows that are more than information."""
-        return [row for row in self.rows if row.holds is not None]
+    remark: str = ""  # what else the reader should know
+    fitted: bool = False  # whether a number was chosen so that the claim holds
+    own: "Claim | None" = None  # the same if IPID-RBF learns its own force (29)
 
     @property
     def verdict(self) -> Verdict:
         """The verdict that follows from the rows."""
-        found = judge([row.holds for row in self.decisive])
+        found = judge([row.holds for row in self.rows if row.holds is not None])
         return Verdict.FITTED if self.fitted and found is Verdict.HOLDS else found
 
     @property
-    def long(self) -> bool:
-        """Whether the table is too long to be repeated."""
-        return len(self.rows) > SHORT
-
-    @property
-    def key(self) -> str:
-        """The numbers of the first row that decides: one that fails, if any does."""
-        row = next((row for row in self.decisive if not row.holds), self.decisive[0])
-        pairs = zip(self.columns, row.cells(), strict=True)
-        numbers = ", ".join(f"{column} {cell}" for column, cell in pairs if cell and column != OWN)
-        return f"{row.name}: {numbers}"
-
-    @property
-    def decided_by(self) -> str:
-        """What decides that the statement holds in part only; empty otherwise."""
-        held = [UNIT.sub("", row.name) for row in self.decisive if row.holds]
-        missed = [UNIT.sub("", row.name) for row in self.decisive if not row.holds]
-        if not held or not missed:
-            return ""
-        names, word = (held, "only by") if len(held) < len(missed) else (missed, "not by")
-        rest = f"; and {len(names) - LISTED} more" if len(names) > LISTED else ""
-        return f"{word} {'; '.join(names[:LISTED])}{rest}"
+    def reason(self) -> str:
+        """A sentence with the first row that decides: one that fails, if any does."""
+        held = [row for row in self.rows if row.holds]
+        missed = [row for row in self.rows if row.holds is False]
+        count = len(held) + len(missed)
+        told = (missed or held)[0].told(self.columns)
+        if held and missed:
+            return f"It holds by {len(held)} of {count} measures, but not by {told}."
+        by = {1: "this measure,", 2: "both measures, such as"}.get(
+            count, f"all {count} measures, such as"
+        )
+        return f"It {'fails' if missed else 'holds'} by {by} {told}."
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A statement with its result."""
+class Statement:
+    """A sentence of the paper, or one of ours."""
 
     says: str  # a quotation, or a paraphrase without quotation marks
-    criterion: str
-    finding: Finding  # for the controllers of Table 1
-    own: Verdict  # if IPID-RBF learns its own force (29)
+    claims: Sequence[Claim]
     number: int = 0  # on the page
-    source: int = 0  # number of an earlier statement that has the same numbers, and more
 
     @property
     def verdict(self) -> Verdict:
         """The verdict for the controllers of Table 1."""
-        return self.finding.verdict
+        return together([one.verdict for one in self.claims])
 
+    @property
+    def own(self) -> Verdict:
+        """The verdict if IPID-RBF learns its own force (29)."""
+        return together([(one.own or one).verdict for one in self.claims])
 
-def numbered(statements: Iterable[Judged], earlier: list[Judged]) -> list[Judged]:
-    """Give the statements of a section their numbers on the page, and add them to `earlier`.
-
-    Tables that an earlier statement has are left to it; but a short table is worth repeating
-    beside another figure.
-    """
-    start = len(earlier)
-    for one in statements:
-        known, wanted = earlier[0 if one.finding.long else start :], _numbers(one.finding)
-        sources = (k.number for k in known if not k.source and wanted <= _numbers(k.finding))
-        earlier.append(replace(one, number=len(earlier) + 1, source=next(sources, 0)))
-    return earlier[start:]
-
-
-def _numbers(finding: Finding) -> set[tuple[str, ...]]:
-    return {(*finding.columns, row.name, *row.cells()) for row in finding.rows}
+    @property
+    def reason(self) -> str:
+        """Why, in a sentence for each clause."""
+        told = [f"“{c.words}”: {c.reason}" if c.words else c.reason for c in self.claims]
+        return " ".join(told)
 
 
 @dataclass(frozen=True)
@@ -173,11 +168,10 @@ class Part:
     caption: str  # in the paper, or a remark on what is shown
     notes: Sequence[str]  # on how it was drawn
     figure: Figure | None
-    judged: Sequence[Judged]
-    beside: int  # how many of them stand beside the figure
+    statements: Sequence[Statement]
 
 
 def counts(parts: Sequence[Part]) -> dict[Verdict, int]:
     """Return how many statements got each verdict."""
-    found = [one.verdict for part in parts for one in part.judged]
+    found = [one.verdict for part in parts for one in part.statements]
     return {verdict: found.count(verdict) for verdict in Verdict}

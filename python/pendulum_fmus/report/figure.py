@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..loop import Loop
 from .measures import energy_of
-from .runs import END, FACTORS, GAINS, SHOWN, Data, Trace
+from .runs import ALONE, END, FACTORS, GAINS, KINDS, SHOWN, Data, Trace
 
 ANGLE = "angle θ [rad]"
 ERROR = "error e [rad]"
@@ -206,9 +207,12 @@ def panels(rows: Sequence[Sequence[Mapping[str, Any]]], curves: Iterable[list[Cu
 
     def panel(described: Mapping[str, Any]) -> Panel:
         lims = {lim: tuple(described[lim]) for lim in ("xlim", "ylim") if lim in described}
+        if "frame" in described:
+            lims["frame"] = tuple(map(tuple, described["frame"]))
         logs = {f"log_{axis}": True for axis in described.get("log", "")}
         labels = described["title"], described["y"]
-        return Panel(*labels, next(given), described.get("x", TIME), **lims, **logs)
+        weight = described.get("weight", 1.0)
+        return Panel(*labels, next(given), described.get("x", TIME), **lims, **logs, weight=weight)
 
     return [[panel(described) for described in row] for row in rows]
 
@@ -250,7 +254,7 @@ def forces(traces: Mapping[str, Trace], _case: str, row: Mapping[str, Any]) -> R
     return [above, below]
 
 
-KINDS = {"tracking": tracking, "errors": errors, "forces": forces}
+DRAWN = {"tracking": tracking, "errors": errors, "forces": forces}
 
 
 def zoomed(data: Data, kind: str, signal: str, zooms: Iterable[Mapping[str, Any]]) -> Rows:
@@ -260,8 +264,18 @@ def zoomed(data: Data, kind: str, signal: str, zooms: Iterable[Mapping[str, Any]
         amplitude = row.get("d", 0.0)
         case = f"{signal}, disturbance {amplitude:g} rad" if amplitude else signal
         traces = {shown: data(shown, signal, amplitude) for shown in SHOWN}
-        rows += KINDS[kind](traces, case, row)
+        rows += DRAWN[kind](traces, case, row)
     return rows
+
+
+def headline(data: Data) -> list[list[Curve]]:
+    """Return a step's angles and errors, each twice, and the force with a sample more of delay."""
+    step = {kind: data(kind) for kind in KINDS}
+    errors = [curve(trace, "e", kind) for kind, trace in step.items()]
+    kinds = ("PID-RBF", "PID")
+    late = data.simulated([Loop(ALONE[kind], order="parallel") for kind in kinds])
+    forces = [curve(trace, "u", kind) for kind, trace in zip(kinds, late, strict=True)]
+    return [*(2 * [outputs(step)]), magnitudes(step), errors, *(2 * [forces])]
 
 
 def response(data: Data) -> list[list[Curve]]:

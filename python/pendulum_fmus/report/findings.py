@@ -137,8 +137,9 @@ def damping(table: "Table") -> list[Row]:
     for key in ("overshoot", "settling_2"):
         name, values = measured(table, key)
         less, nominal, more = shown = [values[column] for column in table.columns]
-        falling.append(Row(f"{name}, falling", shown, less > nominal > more))
-        smaller.append(Row(f"{name}, smaller than nominal", shown, min(less, more) < nominal))
+        falling.append(Row(name.replace(" [", ", falling ["), shown, less > nominal > more))
+        name = name.replace(" [", ", less than nominal [")
+        smaller.append(Row(name, shown, min(less, more) < nominal))
     return falling + smaller
 
 
@@ -157,7 +158,7 @@ def rule(table: "Table", key: str, *settings: str) -> list[Row]:
     """Return whether a measure is smaller after each of some changes."""
     name, values = measured(table, key)
     pairs = [(s, [values["nominal"], values[s]]) for s in (s.replace("_", " ") for s in settings)]
-    return [Row(f"{name}, {s}", pair, pair[1] < pair[0]) for s, pair in pairs]
+    return [Row(name.replace(" [", f", {s} ["), pair, pair[1] < pair[0]) for s, pair in pairs]
 
 
 def bands(table: "Table") -> list[Row]:
@@ -271,7 +272,7 @@ def adjustments(table: "Table", until: str, *columns: str) -> list[Row]:
         found = [bursts(part.t, getattr(part, column)) for part in parts]
         shown = [", ".join(map(number, times)) or "none" for times in found]
         holds = all(len(times) == LARGE_ADJUSTMENTS for times in found)
-        rows.append(Row(f"{column} exceeds 50 N at [s]", shown, holds))
+        rows.append(Row(f"times at which {column} exceeds 50 N [s]", shown, holds))
     return rows
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..loop import FREQUENCY, SETTLING_BAND, settling_time
 from . import stability
-from .runs import END, KINDS, Data, Trace, both_plants, sweep
+from .runs import END, KINDS, Data, Trace, alone, both_plants, sweep
 from .stability import LAWS, NOMINAL, Law
 
 SIGNAL_NAMES = {"step": "step", "sine": "sine", "square": "square wave"}
@@ -262,7 +262,8 @@ def swept(variable: str, fmus: Path) -> Swept:
     """Return the metrics of all controllers over SCALES."""
     values, runs = NOMINAL[variable] * SCALES, {}
     for kind in KINDS:
-        found = sweep(kind, both_plants(kind, variable), values, {}, 1000.0, fmus)
+        tried = {"variables": both_plants(kind, variable), "values": values.tolist()}
+        found = sweep(alone(kind), [tried], fmus)
         # A loop that still swings through the band at the end has not settled
         found["settling_time"][found["settling_time"] > END - HOLD] = np.nan
         runs[kind] = found
@@ -292,7 +293,7 @@ class Measure:
     def title(self, signal: str = "", amplitude: float = 0.0) -> str:
         """Return the name and the unit in a case; without a signal they are the same in all."""
         if not signal:
-            return f"{self.name} [{self.unit}]" if self.unit else self.name
+            return f"{self.name} [{self.unit}]"
         if "{" in self.name:
             return f"{self.name.format(amplitude)} [{self.unit}]"
         jump = " after the pulse" if amplitude else ", slowest jump" * (signal == "square")
@@ -329,13 +330,14 @@ MEASURES = {
     "peak": Measure("time of the largest overshoot", "s", peak_time),
     "rising": Measure("rise time", "s", rise_time),
     # settling: the two usual bands, and the band of the paper's 3.8 s
-    "settling_5": Measure("settling ±5 %", "s", partial(settling, band=0.05), jumps=True),
-    "settling_2": Measure("settling ±2 %", "s", partial(settling, band=0.02), jumps=True),
-    "settling_03": Measure("settling ±0.3 %", "s", partial(settling, band=0.003), jumps=True),
+    "settling_5": Measure("settling time to ±5 %", "s", partial(settling, band=0.05), jumps=True),
+    "settling_2": Measure("settling time to ±2 %", "s", partial(settling, band=0.02), jumps=True),
+    "settling_03": Measure("settling time to ±0.3 %", "s", partial(settling, band=0.003),
+                           jumps=True),
     # overshoot
     "overshoot": Measure("overshoot", "%", overshoot),
     "jump": Measure("largest overshoot of a jump", "%", worst(overshoot)),
-    "swing": Measure("beyond the amplitude from 1 s on", "%", swing),
+    "swing": Measure("excess over the amplitude from 1 s on", "%", swing),
     "returning": Measure("swing to the other side of r, d = {:g} rad", "rad", swing_back),
     # accuracy
     "iae": Measure("integral of |e|", "rad s", iae),
@@ -346,9 +348,9 @@ MEASURES = {
     "late_rms": Measure("RMS of e from 19 s on", "rad", lambda t: rms(after(t, 19).e)),
     "rms_10": Measure("RMS of e from 10 s on", "rad", lambda t: rms(after(t, 10).e)),
     "after_start": Measure("max |e| from 1 s on", "rad", lambda t: largest(after(t, 1).e)),
-    "sums": Measure("samples at which V falls", "1",
+    "sums": Measure("share of samples at which V falls", "1",
                     lambda t: float(np.mean(np.diff(energy_of(t)) < 0)), learns=True),
-    "falling": Measure("samples at which |e| falls", "1", lambda t: falling_share(t.e)),
+    "falling": Measure("share of samples at which |e| falls", "1", lambda t: falling_share(t.e)),
     "angle": Measure("largest |θ|", "°", lambda t: math.degrees(largest(t.theta))),
     # disturbance
     "deviation": Measure("largest deviation", "rad", deviation),
@@ -369,7 +371,7 @@ MEASURES = {
     # u_n and u_p beside u
     "unlimited": Measure("max |u − limited sum|", "N",
                          lambda t: largest(t.u - np.clip(t.u_p + t.u_n, -LIMIT, LIMIT))),
-    "clipped": Measure("samples at the limit, of 20000", "",
+    "clipped": Measure("number of samples at the limit, of 20000", "1",
                        lambda t: int(np.sum(t.u != t.u_p + t.u_n))),
     "before": Measure("|u_n| just before the jump at 5 s", "N",
                       lambda t: abs(float(t.part((4.99, 5.0)).u_n[-1]))),
@@ -392,13 +394,13 @@ MEASURES = {
     "changes": Measure("largest change of u per sample from 0 s on", "N", lambda t: change(t.u)),
     "trend": Measure("correlation of u_n and r", "1",
                      lambda t: alike(after(t, 1).u_n, after(t, 1).r)),
-    "against": Measure("samples at which one rises and one falls", "1",
+    "against": Measure("share of samples at which one rises and one falls", "1",
                        lambda t: opposed(np.diff(after(t, 1).u_n), np.diff(after(t, 1).r))),
-    "opposite": Measure("samples with opposite signs of u_n and r", "1",
+    "opposite": Measure("share of samples with opposite signs of u_n and r", "1",
                         lambda t: opposed(after(t, 1).u_n, after(t, 1).r)),
     # not of one trace
-    "lost": LoopMeasure("pendulum lost, step", "s", lost, more=True),
-    "cart": LoopMeasure("cart’s distance after 20 s, step", "m",
+    "lost": LoopMeasure("time until the pendulum is lost, step", "s", lost, more=True),
+    "cart": LoopMeasure("distance of the cart after 20 s, step", "m",
                         lambda data, kind: abs(float(data(kind).x[-1]))),
     "growth": LoopMeasure(GROWTH, "1/s", of_law(stability.growth)),
     "growth_1": LoopMeasure(f"{GROWTH}, one sample more", "1/s",

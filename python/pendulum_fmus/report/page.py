@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from markupsafe import Markup, escape
 from .. import table1
 from ..loop import TS
 from . import stability
-from .claims import Finding, Judged, Part, Verdict, counts, judge, number
+from .certainty import interval
+from .claims import Part, Shown, Verdict, counts, judge
 from .figure import RESOLUTION, STYLES, Curve, Figure, Panel
 from .findings import PRINTED, coefficients, poles
 from .measures import MEASURES
 from .runs import GAINS, SHOWN, TRANSFER_FUNCTION, Data
-from .statements import texts
+from .statements import summary, texts
 from .traps import SAME, Traps
 
 ASSETS = Path(__file__).parent / "assets"
@@ -29,8 +31,8 @@ DOCUMENTS = ("numbers.md", "verdicts.md")
 SCRIPTS = ["data", "ticks", "curves", "readout", "panel", "page", "contents"]
 """The page's scripts, in order."""
 
-MOST = 90
-"""No table needs as much [em]."""
+NEEDED = range(20, 77, 8)
+"""Widths below which tables are stacked, each for tables of a column more [em]."""
 
 UNBROKEN = re.compile(r"[−\d.]+ · 10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|I?PID-RBF")
 """What must not be broken into two lines: numbers with powers of ten, names of controllers."""
@@ -40,9 +42,6 @@ SUBSCRIPT = re.compile(r"\b([a-zA-Z])_([a-z0-9])(?![a-zA-Z0-9_])")
 
 QUANTITY = re.compile(r"(\d) (%|s|ms|Hz|N|rad|kg|m)(?![\w/])")
 """A number and its unit."""
-
-STEP = 3
-"""Tables are distinguished by the width that they need, in steps [em]."""
 
 
 # --- layout -------------------------------------------------------------------------------------
@@ -57,34 +56,6 @@ def typeset(text: str) -> Markup:
     """Return text as HTML in which subscripts are set as such, and UNBROKEN stays on one line."""
     set_ = SUBSCRIPT.sub(r"<var>\1<sub>\2</sub></var>", str(unbroken(text)))
     return Markup(QUANTITY.sub("\\1\u00a0\\2", set_))
-
-
-def folded(one: Judged, ours: bool) -> bool:
-    """Return whether a table is folded: its statement simply holds."""
-    return one.finding.long and one.verdict is Verdict.HOLDS and not ours
-
-
-def _longest_word(texts: Iterable[str]) -> int:
-    """Return the length of the longest part that is never broken, in characters."""
-    words = UNBROKEN.sub(lambda found: found[0].replace(" ", "_"), " ".join(texts)).split()
-    return max(map(len, words))
-
-
-def needed_width(table: Finding) -> int:
-    """Return the width that a table needs if each row is one line, in em rounded up to STEP."""
-    names = max(12, 2 + _longest_word([row.name for row in table.rows]))
-    cells = [row.cells() for row in table.rows]
-    columns = [
-        max(4, _longest_word([heading, *(row[i] for row in cells)]))
-        for i, heading in enumerate(table.columns)
-    ]
-    width = 0.58 * (names + sum(columns)) + 1.3 * (1 + len(columns))
-    return STEP * -int(-width // STEP)
-
-
-def in_threes(figure: Figure) -> bool:
-    """Return whether there are rows of three panels, too many for the width beside text."""
-    return len(figure.rows) > 1 and all(len(row) == 3 for row in figure.rows)
 
 
 # --- figures ------------------------------------------------------------------------------------
@@ -148,15 +119,7 @@ def page_json(figures: Iterable[Figure]) -> dict[str, Any]:
 # --- texts --------------------------------------------------------------------------------------
 
 
-class Shown(float):
-    """A number with a typographic minus; its format can be a number of significant digits."""
-
-    def __format__(self, spec: str) -> str:
-        text = number(float(self), int(spec)) if spec.isdecimal() else super().__format__(spec)
-        return text.replace("-", "−")
-
-
-def settings(traps: Traps) -> dict[str, Any]:
+def settings(traps: Traps, fmus: Path) -> dict[str, Any]:
     """Return the misprints, the settings and the mistakes by name."""
     _, cubic, other, last = map(float, PRINTED)
     # s⁴ + 0.0883 s³ - 27.8285 s³ - 2.3094 s, without the s that cancels
@@ -165,8 +128,14 @@ def settings(traps: Traps) -> dict[str, Any]:
     for key, values in traps.facts().items():
         facts[key] = {case: Shown(value) for case, value in values.items()}
 
-    def filled(rows: Iterable[Mapping[str, str]]) -> list[dict[str, str]]:
-        return [{key: text.format_map(facts) for key, text in row.items()} for row in rows]
+    def filled(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, str]]:
+        found = []
+        for row in rows:
+            varied = [interval(one, fmus) for one in row.get("varied", ())]
+            texts_ = {key: text for key, text in row.items() if isinstance(text, str)}
+            known = facts | {"range": varied}
+            found.append({key: text.format_map(known) for key, text in texts_.items()})
+        return found
 
     return {
         "corrections": filled(texts()["correction"]),
@@ -176,18 +145,47 @@ def settings(traps: Traps) -> dict[str, Any]:
     }
 
 
-def lines(data: Data) -> list[tuple]:
-    """Return each number of Table 1, the computed one, if it has every digit, and the verdict."""
+@dataclass(frozen=True)
+class Line:
+    """A number of Table 1, or of the text beside it."""
+
+    entry: table1.Entry
+    computed: float
+    digits: bool  # whether it rounds to every printed digit
+    verdict: Verdict
+
+    @property
+    def starless(self) -> bool:
+        """Whether it is of Table 1 as printed: no settling time, no fitted weights."""
+        return not self.entry.settling and "*" not in self.entry.label[0]
+
+    @property
+    def shown(self) -> str:
+        """The computed number with a digit more than the printed one, or with five."""
+        text = f"{self.computed:.3f} s" if self.entry.settling else f"{self.computed:.4e}"
+        plain = not self.entry.settling and "e" not in self.entry.printed
+        return (f"{self.computed:.6f}" if plain else text).replace("-", "−")
+
+
+def lines(data: Data) -> list[Line]:
+    """Return each number of Table 1."""
     found = []
     for entry in table1.entries():
         computed = entry.computed(data.results[entry.run])
         digits = table1.agrees(computed, entry.printed)
-        found.append((entry, computed, digits, judge([entry.holds(computed), digits])))
+        verdict = judge([entry.holds(computed), digits])
+        found.append(Line(entry, computed, digits, verdict))
     return found
 
 
 def write(
-    out: Path, docs: Path, parts: Sequence[Part], beyond: Sequence[Part], data: Data, traps: Traps
+    out: Path,
+    docs: Path,
+    top: Figure,
+    parts: Sequence[Part],
+    beyond: Sequence[Part],
+    data: Data,
+    traps: Traps,
 ) -> Path:
     """Write the page to the folder `out` and DOCUMENTS to `docs`; return the path of the page."""
     environment = Environment(
@@ -203,24 +201,24 @@ def write(
         "md": lambda text: text.replace("|", "\\|"),
         "unbroken": unbroken,
         "typeset": typeset,
-        "needed_width": needed_width,
-        "in_threes": in_threes,
     }
-    figures = page_json(part.figure for part in [*parts, *beyond] if part.figure)
+    shown = [part.figure for part in [*beyond, *parts] if part.figure]
+    figures, table = page_json([top, *shown]), lines(data)
     encoded = json.dumps(figures, allow_nan=False, separators=(",", ":"))
     held, difference = data("PID").e[-1], data.loop(TRANSFER_FUNCTION).e[-1]
-    context = settings(traps) | {
+    context = settings(traps, data.fmus) | {
         "parts": parts,
         "beyond": beyond,
         "counts": counts(parts),
-        "lines": lines(data),
+        "lines": table,
+        "summary": summary(data, parts, table),
+        "headline": top,
         "table1": table1,
         "stability": stability,
         "ki": GAINS["ki"],
         # of the page
         "trap_columns": [*SHOWN, *(f"{name}, disturbed" for name in SHOWN)],
-        "folded": folded,
-        "widths": range(STEP, MOST, STEP),
+        "widths": NEEDED,
         "styles": STYLES,
         "asset": lambda name: Markup((ASSETS / name).read_text(encoding="utf-8")),
         "scripts": SCRIPTS,

@@ -193,9 +193,9 @@ def simulate(
     return dict(zip(["time", *names], np.ascontiguousarray(rows.T), strict=True))
 
 
-def alone(kind: str) -> Loop:
+def alone(kind: str, **changes: Any) -> Loop:
     """Return the step response of a controller; PID-RBF is not a supervisor here."""
-    return Loop(ALONE[kind]) if kind in ALONE else loop_of(kind)
+    return Loop(ALONE[kind], **changes) if kind in ALONE else loop_of(kind, **changes)
 
 
 def both_plants(kind: str, variable: str) -> list[str]:
@@ -205,27 +205,30 @@ def both_plants(kind: str, variable: str) -> list[str]:
 
 
 def sweep(
-    kind: str, variables: list[str], values: np.ndarray, settings: dict, limit: float, fmus: Path
+    loop: Loop,
+    parameters: Sequence[Mapping[str, Any]],
+    fmus: Path,
+    *,
+    limit: float = 1000.0,
+    draws: int = 1,
 ) -> dict[str, np.ndarray]:
-    """Run the step response of a controller for each of some values, shape (n,), of `variables`.
+    """Run a loop with parameters as in the file of a sweep, each with its `variables`.
 
-    The variables all get the same value. `settings` are start values for all runs, by full name. A
-    run has diverged if |e| is above the limit [rad]. Returns the metrics by name, each of shape
-    (n,); NaN where a run has no value.
+    A run has diverged if |e| is above the limit [rad]. Returns the metrics by name, each of shape
+    (runs,); NaN where a run has no value.
     """
-    table = (
-        f'system = "system.toml"\nset = {_toml(settings)}\n'
-        f"[[parameter]]\nvariables = {_toml(variables)}\nvalues = {_toml(values.tolist())}\n"
-        '[signals]\nreference = "source.r"\noutput = "plant.theta"\n'
-        'error = "controller.e"\ncontrol = "controller.u"\n'
-        f"[metrics]\nlimit = {limit!r}\n"
-    )
+    signals = {"reference": "source.r", "output": "plant.theta"}
+    signals |= {"error": "controller.e", "control": "controller.u"}
+    lines = ['system = "system.toml"', "seed = 1", f"draws = {draws}"]
+    lines += [f"signals = {_toml(signals)}", f"metrics = {{ limit = {limit!r} }}"]
+    for parameter in parameters:
+        lines += ["[[parameter]]", *(f"{key} = {_toml(part)}" for key, part in parameter.items())]
     with tempfile.TemporaryDirectory(prefix="sweep-") as name:
         folder = Path(name)
-        (folder / "system.toml").write_text(_system(alone(kind), fmus), encoding="utf-8")
-        (folder / "sweep.toml").write_text(table, encoding="utf-8")
+        (folder / "system.toml").write_text(_system(loop, fmus), encoding="utf-8")
+        (folder / "sweep.toml").write_text("\n".join(lines), encoding="utf-8")
         out = folder / "out.csv"
-        _run(f"the sweep of {kind}", "sweep", folder / "sweep.toml", "--out", out)
+        _run(f"the sweep of {loop}", "sweep", folder / "sweep.toml", "--out", out)
         with out.open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     words = {"": math.nan, "false": 0.0, "true": 1.0}

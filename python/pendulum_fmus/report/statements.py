@@ -1,5 +1,6 @@
 """The statements of `statements.toml`: their rows, and the parts of the page that show them."""
 
+import itertools
 import math
 import operator
 import re
@@ -11,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ..loop import TS
 from . import beyond, figure, findings
-from .claims import COLUMNS, Finding, Judged, Part, Row, number, numbered
+from .claims import COLUMNS, Claim, Part, Row, Shown, Statement, Verdict, counts, number
 from .figure import Figure
 from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, finite, largest, tone
 from .runs import KINDS, SIGNALS, Data, Trace
-from .stability import LAWS, RAMP, activation, growth, held_plant, printed_bound
+from .stability import LAWS, RAMP, activation, growth, held_plant, limit, printed_bound
 
 SPREAD = 1.1
 """Ratio of the largest to the smallest value above which responses count as different."""
@@ -24,6 +26,10 @@ SPREAD = 1.1
 COMPARISONS = {"<": operator.lt, "below": operator.lt, ">": operator.gt, "=": operator.eq}
 
 VERBS = {"beat", "settle", "spread", "fall", *COMPARISONS}
+
+
+RANKS = {Verdict.FAILS: 0, Verdict.PART: 1, Verdict.FITTED: 2, Verdict.HOLDS: 2}
+"""An order of the verdicts."""
 
 
 @cache
@@ -83,11 +89,11 @@ class Table:
     """The columns of a finding: controllers, or the traces of loops.
 
     `ipid` is the variant of IPID-RBF that is judged. The `loops` of a statement, as in the file,
-    have both networks as columns. `cases` are the signals of measures that name none.
+    have both networks as columns.
     """
 
-    def __init__(self, data: Data, ipid: str, statement: Mapping[str, Any], cases: Sequence[str]):
-        self.data, self.ipid, self.cases = data, ipid, cases
+    def __init__(self, data: Data, ipid: str, statement: Mapping[str, Any]):
+        self.data, self.ipid = data, ipid
         self.traces: list[Trace] = []
         self.columns = list(statement.get("columns", COLUMNS))
         loops = statement.get("loops", [])
@@ -108,7 +114,7 @@ class Table:
         at = next((i for i, word in enumerate(asked) if word in VERBS), len(asked))
         verb, bound = "".join(asked[at : at + 1]), asked[at + 1 :]
         if not self.traces:
-            pairs = expanded(words, self.cases)
+            pairs = expanded(words, SIGNALS)
             return [row for pair in pairs for row in self._of(*pair, asked[:at], verb, bound)]
         rows = []
         for measure in map(MEASURES.__getitem__, words.split()):  # each column has to hold
@@ -126,17 +132,21 @@ class Table:
         shown = [
             values.get(k, "") for k, c in zip(KINDS, COLUMNS, strict=True) if c in self.columns
         ]
-        name, bound = measure.title(*case_of(case)), [values[k] for k in others] or bound
+        name, unit = measure.title(*case_of(case)).removesuffix("]").rsplit(" [", 1)
+        bound = [values[k] for k in others] or bound
         if verb == "below":
             name += f", below {float(bound[0]):g}".replace("e-0", "e-")
         found = [values[kind] for kind in kinds]
         if not verb or (verb == "beat" and len({*found, *bound}) == 1):
-            return [Row(name, shown)]
+            return [Row(f"{name} [{unit}]", shown)]
         verdicts = dict(zip(kinds, holds(measure, verb, found, bound), strict=True))
         each = verb in ("beat", "below") or "each" in judged
         if not each or len(set(verdicts.values())) == 1:
-            return [Row(name, shown, all(verdicts.values()))]
-        return [Row(f"{name}: {k.removesuffix(' own')}", shown, v) for k, v in verdicts.items()]
+            return [Row(f"{name} [{unit}]", shown, all(verdicts.values()))]
+        return [
+            Row(f"{name}, {kind.removesuffix(' own')} [{unit}]", shown, verdict)
+            for kind, verdict in verdicts.items()
+        ]
 
     def variant(self, kind: str) -> str:
         """Replace IPID-RBF by the variant that is judged."""
@@ -166,13 +176,17 @@ def facts(data: Data) -> dict[str, Any]:
 
 def paper_parts(data: Data) -> list[Part]:
     """Judge the statements of the paper; return its sections and figures."""
-    earlier, known, found = [], facts(data), []
+    known, found, count = facts(data), [], itertools.count(1)
     for part in texts()["part"]:
         kind = texts()["kind"].get(part.get("kind"), {})
-        amplitudes = [zoom.get("d", 0) for zoom in part.get("zooms", [])]
-        cases = [f"{part['signal']}+{a}" for a in amplitudes] if kind.get("statement") else SIGNALS
-        statements = [*part.get("statement", ()), *kind.get("statement", ())]
-        judged = numbered([_judged(data, one, cases, known) for one in statements], earlier)
+        statements = [
+            Statement(
+                one["says"],
+                [_claim(data, clause, known) for clause in one.get("clause", [one])],
+                next(count),
+            )
+            for one in part.get("statement", ())
+        ]
         drawn = _figure(data, part, kind)
         anchor, heading = part.get("anchor"), part.get("heading")
         if "figure" in part:
@@ -181,9 +195,45 @@ def paper_parts(data: Data) -> list[Part]:
         notes = [
             text.format_map(known) for text in (*kind.get("notes", ()), *part.get("notes", ()))
         ]
-        beside = part.get("beside", 1) if drawn else 0
-        found.append(Part(anchor, heading, part.get("caption", ""), notes, drawn, judged, beside))
+        found.append(Part(anchor, heading, part.get("caption", ""), notes, drawn, statements))
     return found
+
+
+def headline(data: Data) -> Figure:
+    """Return the figure of the curves that decide."""
+    given = texts()["headline"]
+    panels = figure.panels(given["panels"], figure.headline(data))
+    return Figure("headline", given["title"], given["alt"], panels)
+
+
+def summary(data: Data, parts: Sequence[Part], table: Sequence[Any]) -> list[tuple]:
+    """Return the sentences of the first screen, each with its head; `table` has Table 1's lines."""
+
+    def of(key: str, case: str = "") -> dict[str, Shown]:
+        return {kind: Shown(value) for kind, value in values_of(data, key, case).items()}
+
+    claims = [claim for part in parts for one in part.statements for claim in one.claims]
+    ranks = [(RANKS[one.verdict], RANKS[one.own.verdict]) for one in claims]
+    sine, printed = of("iae", "sine"), [line for line in table if line.starless]
+    known = {verdict.css: count for verdict, count in counts(parts).items()} | {
+        "held": len(printed),
+        "digits": sum(line.digits for line in printed),
+        "settings": len(texts()["setting"]),
+        "corrections": len(texts()["correction"]),
+        "sentences": sum(counts(parts).values()),
+        "overshoot": of("overshoot", "step"),
+        "sine": {kind: Shown(100 * (1 - value / sine["PID"])) for kind, value in sine.items()},
+        "settling": of("settling_2", "step"),
+        "rise": of("rise", "step"),
+        "delay": {kind: Shown(1000 * TS * value) for kind, value in of("delay_margin").items()},
+        "bound": Shown(printed_bound()),
+        "limit": Shown(limit(LAWS["PID-RBF"])),
+        "lost": of("lost"),
+        "error": of("last", "step"),
+        "better": sum(own > table1 for table1, own in ranks),
+        "worse": sum(own < table1 for table1, own in ranks),
+    }
+    return [(one["head"], one["text"].format_map(known)) for one in texts()["summary"]]
 
 
 def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Figure | None:
@@ -196,32 +246,30 @@ def _figure(data: Data, part: Mapping[str, Any], kind: Mapping[str, str]) -> Fig
         return None
     signal, rows = part["signal"], figure.zoomed(data, part["kind"], part["signal"], part["zooms"])
     disturbed = any("d" in zoom for zoom in part["zooms"])
-    shown = signal if kind.get("statement") else SIGNAL_NAMES[signal]
+    shown = SIGNAL_NAMES[signal]
     pulse = ", the measured angle disturbed from 5 s to 5.5 s" * disturbed
     title = f"{shown.capitalize()}{' with disturbance' * disturbed}: {kind['title']}"
     return Figure(f"figure-{part['figure']}", title, kind["alt"].format(shown + pulse), rows)
 
 
-def _judged(
-    data: Data, statement: Mapping[str, Any], cases: Sequence[str], known: Mapping[str, Any]
-) -> Judged:
-    """Measure a statement for both variants of IPID-RBF."""
-    found = []
-    for ipid in KINDS[2:]:
-        table = Table(data, ipid, statement, cases)
-        rows = [row for text in statement.get("rows", ()) for row in table.rows(text)]
-        if "finding" in statement:
-            name, *arguments = statement["finding"].replace(":", "").split()
+def _claim(data: Data, clause: Mapping[str, Any], known: Mapping[str, Any]) -> Claim:
+    """Measure a clause for both variants of IPID-RBF."""
+    found = None
+    for ipid in reversed(KINDS[2:]):
+        table = Table(data, ipid, clause)
+        rows = [row for text in clause.get("rows", ()) for row in table.rows(text)]
+        if "finding" in clause:
+            name, *arguments = clause["finding"].replace(":", "").split()
             rows += getattr(findings, name)(table, *arguments)
-        remark, fitted = statement.get("remark", ""), statement.get("fitted", False)
-        found.append(Finding(table.columns, rows, remark.format_map(known), fitted))
-    criterion = statement.get("criterion") or _criterion(statement)
-    return Judged(statement["says"], criterion, found[0], found[1].verdict)
+        words, criterion = clause.get("words", ""), clause.get("criterion") or _criterion(clause)
+        remark, fitted = clause.get("remark", "").format_map(known), clause.get("fitted", False)
+        found = Claim(words, criterion, table.columns, rows, remark, fitted, found)
+    return found
 
 
-def _criterion(statement: Mapping[str, Any]) -> str:
+def _criterion(clause: Mapping[str, Any]) -> str:
     """Return the criterion that the first row implies: "beats" or "stays below"."""
-    words, _, rule = statement["rows"][0].partition(":")
+    words, _, rule = clause["rows"][0].partition(":")
     winners, losers = re.split(r" (?:beats?|below) ", rule.strip())
     names, one = winners.replace(" ", " and "), " " not in winners
     if " below " in rule:
@@ -238,11 +286,10 @@ def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
     section = getattr(beyond, part["name"])(data)
     panels = figure.panels(part["panels"], section.curves)
     drawn = Figure(part["name"], part["title"], part["alt"], panels)
-    judged = []
-    for statement, rows in zip(part["statement"], section.rows, strict=True):
-        remark = statement.get("remark", "").format_map(section.facts)
-        found = Finding(statement.get("columns", COLUMNS), rows, remark)
-        judged.append(Judged(statement["says"], statement["criterion"], found, found.verdict))
+    statements = []
+    for one, rows in zip(part["statement"], section.rows, strict=True):
+        remark, columns = one.get("remark", "").format_map(section.facts), one.get("columns")
+        claim = Claim("", one["criterion"], columns or COLUMNS, rows, remark)
+        statements.append(Statement(one["says"], [claim]))
     anchor, notes = f"beyond-{part['name']}", part.get("notes", ())
-    judged, beside = numbered(judged, []), part.get("beside", 1)
-    return Part(anchor, part["heading"], "", notes, drawn, judged, beside)
+    return Part(anchor, part["heading"], "", notes, drawn, statements)

@@ -33,6 +33,15 @@ UNCHANGED = 1e-3
 DIVERGED = 1e3
 """A pendulum with a larger error has long fallen [rad]."""
 
+CYCLE = math.inf
+"""Stands for an error in a limit cycle: the last bit of a coefficient changes its second digit."""
+
+RINGING = 1.0
+"""A force that often changes by more than this per sample at the end is in a limit cycle [N]."""
+
+LATE = 1500
+"""Samples at the end in which a limit cycle is sought: a sine's last maximum is among them."""
+
 VANISHED = 1e-9
 """Errors below this have decayed to rounding residue, and are not compared [rad]."""
 
@@ -128,7 +137,7 @@ def cases(trap: Trap) -> dict[Case, Loop]:
 
 
 def errors(trap: Trap, results: Mapping[Loop, Columns]) -> Errors:
-    """Return the numbers of Table 1 with a mistake [rad]; NaN if the loop diverges."""
+    """Return the numbers of Table 1 with a mistake [rad]; NaN if the loop diverges, or CYCLE."""
     found = {}
     for case, loop in cases(trap).items():
         columns, controller = results[loop], "supervisor" if case[2] == "PID-RBF" else "controller"
@@ -136,6 +145,9 @@ def errors(trap: Trap, results: Mapping[Loop, Columns]) -> Errors:
         if columns:
             e, r = columns[f"{controller}.e"], columns["source.r"]
             found[case] = float(e[trap.get("sample", -1)] - trap.get("jump", 0) * r[-1])
+            # A jump of the set-point is a single large change
+            if np.mean(np.abs(np.diff(columns[f"{controller}.u"])) > RINGING) > 0.05:
+                found[case] = CYCLE
     return found
 
 
@@ -197,7 +209,7 @@ def read_literally(reading: str) -> Errors:
         moved = np.array([one + step * node**power for one, node in zip(w, now, strict=True)])
         before, w = w, moved + ALPHA * (w - before)
         x, y, z = (row[0] * x + row[1] * y + row[2] * z + row[3] * u for row in plant)
-    found = dict(zip(cases, e.tolist(), strict=True))
+    found = dict(zip(cases, np.where(np.isfinite(e), e, np.nan).tolist(), strict=True))
     return {
         (*case, kind): e for case, es in found.items() for kind, e in zip(SHOWN, es, strict=True)
     }
@@ -245,6 +257,8 @@ class Traps:
 
 def shown(value: float) -> str:
     """Return an error as text."""
+    if value == CYCLE:
+        return "limit cycle"
     return number(value) if abs(value) < DIVERGED else "diverges"
 
 
@@ -254,7 +268,7 @@ def run(traps: Sequence[Trap], fmus: Path, pool: Pool) -> Traps:
     literal = {one: pool.apply_async(read_literally, (one,)) for one in readings}
     coupled = [RIGHT, *(trap for trap in traps if "reading" not in trap)]
     loops = {loop for trap in coupled for loop in cases(trap).values()}
-    results = simulate_all(loops, fmus, pool, only=("e", "r"), last=2, may_diverge=True)
+    results = simulate_all(loops, fmus, pool, only=("e", "r", "u"), last=LATE, may_diverge=True)
 
     def wrong(trap: Trap) -> Errors:
         return literal[trap["reading"]].get() if "reading" in trap else errors(trap, results)

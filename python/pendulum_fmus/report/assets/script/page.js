@@ -1,9 +1,19 @@
-// Draws all panels soon after the page has opened, and again when its size or colours change.
+// Draws the panels that are shown, soon after the page has opened or a part has been unfolded, and again when their size
+// or colours change.
 const SLICE = 12; // [ms] of drawing between two chances for the page to react
 const elements = [...document.querySelectorAll(".drawing")];
 
 const sizeOf = (element) => ({ width: element.clientWidth, height: element.clientHeight });
 const pause = () => new Promise((done) => setTimeout(done));
+
+// Draws a panel, or fits it to the size of its element.
+function fit(element) {
+  const size = sizeOf(element), { plot } = element;
+  if (!plot) element.plot = draw(element, panels[elements.indexOf(element)], size);
+  else if (plot.width !== size.width || plot.height !== size.height) plot.setSize(size);
+}
+
+const shownNow = () => elements.filter((element) => element.checkVisibility());
 
 async function inSlices(list, action) {
   let start = performance.now();
@@ -15,45 +25,44 @@ async function inSlices(list, action) {
   }
 }
 
-// Returns the plots whose elements have another size, with that size.
-function outgrown() {
-  const all = elements.map((element) => [element.plot, sizeOf(element)]);
-  return all.filter(([plot, size]) => plot.width !== size.width || plot.height !== size.height);
+async function fitAll() {
+  await inSlices(shownNow(), fit);
+  document.body.dataset.drawn = elements.filter((element) => element.plot).length;
 }
-
-const fit = ([plot, size]) => plot.setSize(size);
 
 function recolour() {
   colours = null;
-  return inSlices(elements, (element) => element.plot.redraw(false));
+  return inSlices(elements.filter((element) => element.plot), ({ plot }) => plot.redraw(false));
 }
 
 function reprint() {
   colours = null;
-  outgrown().forEach(fit);
-  for (const element of elements) element.plot.redraw(false);
+  shownNow().forEach(fit);
+  for (const { plot } of elements) plot?.redraw(false);
 }
 
-// Long tables are folded on a narrow screen, and none on paper.
-const long = [...document.querySelectorAll(".table-of")];
-if (innerWidth < 700) long.forEach((table) => (table.open = false));
-addEventListener("beforeprint", () => long.forEach((table) => (table.open = true)));
+// Nothing is folded on paper.
+addEventListener("beforeprint", () => {
+  for (const part of document.querySelectorAll("main details")) part.open = true;
+  reprint();
+});
+
+// A link into a folded part unfolds it.
+function unfoldTarget() {
+  const target = document.getElementById(location.hash.slice(1));
+  for (let part = target; part; part = part.parentElement?.closest("details")) {
+    if (part.tagName === "DETAILS") part.open = true;
+  }
+  target?.scrollIntoView();
+}
+addEventListener("hashchange", unfoldTarget);
+if (location.hash) unfoldTarget();
 
 let timer;
 const resized = new ResizeObserver(() => {
   clearTimeout(timer);
-  timer = setTimeout(() => inSlices(outgrown(), fit), 100);
+  timer = setTimeout(fitAll, 30);
 });
-
-async function first() {
-  const found = elements.map((element, k) => [element, panels[k], sizeOf(element)]);
-  await inSlices(found, ([element, panel, size]) => {
-    element.plot = draw(element, panel, size);
-  });
-  for (const element of elements) resized.observe(element);
-  dark.addEventListener("change", recolour);
-  printing.addEventListener("change", reprint);
-  document.body.dataset.drawn = document.querySelectorAll("figure .plot").length;
-}
-
-first();
+for (const element of elements) resized.observe(element);
+dark.addEventListener("change", recolour);
+printing.addEventListener("change", reprint);
