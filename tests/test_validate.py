@@ -673,6 +673,35 @@ def test_info_shows_what_fmi_3_adds(tmp_path: Path) -> None:
         assert line.split() in lines, line
 
 
+def test_info_as_json_has_what_fmpy_reads(tmp_path: Path, fmus: Path) -> None:
+    files = [fmus / "Pid.fmu", fmus / "IpidRbf_fmi3.fmu", fmu(tmp_path, 3, {})]
+    *all_shown, full = json.loads(cargo_fmu("info", "--json", *files).stdout)
+    for file, shown in zip(files, all_shown, strict=False):
+        expected = fmpy.read_model_description(str(file), validate=False)
+        assert shown["file"] == str(file)
+        assert shown["modelDescription"]["fmiVersion"] == expected.fmiVersion
+        assert shown["defaultExperiment"]["stopTime"] == float(expected.defaultExperiment.stopTime)
+        for name, interface in shown["interfaces"].items():
+            of_fmpy = getattr(expected, name[0].lower() + name[1:])
+            for key in ("modelIdentifier", "needsExecutionTool", "canSerializeFMUState"):
+                if key in interface and hasattr(of_fmpy, key):
+                    assert interface[key] == getattr(of_fmpy, key), (name, key)
+        for variable, listed in zip(shown["variables"], expected.modelVariables, strict=True):
+            for key in ("name", "causality", "variability", "unit", "valueReference", "type"):
+                assert variable[key] == getattr(listed, key), (variable, key)
+            if isinstance(variable["start"], float):
+                assert variable["start"] == float(listed.start)
+        # One FMU is no array.
+        assert json.loads(cargo_fmu("info", "--json", file).stdout) == shown
+    # FMPy does not read every type.
+    variables = {variable["name"]: variable for variable in full["variables"]}
+    assert variables["v"]["start"] == [1, 2, 3, 4, 5, 6]
+    assert full["interfaces"]["CoSimulation"]["hasEventMode"] is True
+    assert "ScheduledExecution" in full["interfaces"]
+    assert full["enumerations"] == {"Way": {"left": 1, "right": 2}}
+    assert full["terminals"][0]["matchingRule"] == "plug"
+
+
 @pytest.mark.parametrize("text", ["", "<a/>", "<fmiTerminalsAndIcons><Terminals>"])
 def test_info_ignores_broken_terminals(text: str, tmp_path: Path) -> None:
     result = cargo_fmu("info", fmu(tmp_path, 3, {TERMINALS_FILE: text}))

@@ -13,7 +13,6 @@ mod table;
 
 use std::ffi::OsString;
 use std::io::{self, Write};
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -58,11 +57,7 @@ Example:\n  cargo fmu new my-controller"
     Export(export::ExportArgs),
     /// Show the variables, capabilities and platforms of FMUs
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
-    Info {
-        /// The FMUs, from any vendor
-        #[arg(required = true)]
-        files: Vec<PathBuf>,
-    },
+    Info(info::InfoArgs),
     /// Merge FMUs of one model that were built on different machines
     #[command(
         after_help = "The FMUs must be built from the same version of the model, and files that
@@ -116,7 +111,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
             let _session = Session::end_when_interrupted()?;
             export::run(args, out)?;
         }
-        Command::Info { files } => info::run(&files, out)?,
+        Command::Info(args) => info::run(&args, out)?,
         Command::Merge(args) => {
             let _session = Session::end_when_interrupted()?;
             merge::run(&args, out)?;

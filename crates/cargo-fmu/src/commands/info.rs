@@ -1,9 +1,13 @@
 //! `cargo fmu info`: the contents of an FMU.
 
+#[cfg(feature = "run")]
+mod json;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Error, Result};
+use clap::Args;
 use fmu_build::table;
 use fmu_description::xml::{self, Element};
 use fmu_description::{FmiVersion, ModelDescription};
@@ -59,22 +63,45 @@ const COMMON_3: &str = "needsExecutionTool canBeInstantiatedOnlyOncePerProcess \
      canGetAndSetFMUState canSerializeFMUState providesDirectionalDerivatives \
      providesAdjointDerivatives providesPerElementDependencies";
 
+/// The attributes of the members of terminals that name variables.
+const MEMBERS: [&str; 3] = ["variableName", "inStreamVariableName", "outStreamVariableName"];
+
+/// The FMUs to show.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// The FMUs, from any vendor
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Print a JSON object, of several FMUs an array
+    #[cfg(feature = "run")]
+    #[arg(long)]
+    json: bool,
+}
+
 /// Prints the contents of FMUs.
 ///
 /// # Errors
 /// A file is not a valid FMU, or `out` cannot be written.
-pub fn run(files: &[PathBuf], out: &mut impl Write) -> Result<()> {
-    for (index, file) in files.iter().enumerate() {
-        if files.len() > 1 {
+pub fn run(args: &InfoArgs, out: &mut impl Write) -> Result<()> {
+    #[cfg(feature = "run")]
+    if args.json {
+        return json::print(&args.files, out);
+    }
+    for (index, file) in args.files.iter().enumerate() {
+        if args.files.len() > 1 {
             let gap = if index > 0 { "\n" } else { "" };
             writeln!(out, "{gap}{}:", file.display())?;
         }
-        print(file, out)?;
+        inspect(file, |model, archive| print(model, archive, out))?;
     }
     Ok(())
 }
 
-fn print(file: &Path, out: &mut impl Write) -> Result<()> {
+/// Opens an FMU and reads its model description.
+fn inspect<R>(
+    file: &Path,
+    use_it: impl FnOnce(&ModelDescription<'_>, &mut Archive) -> Result<R>,
+) -> Result<R> {
     let (mut archive, text) = open(file).map_err(|error| about(file, &error))?;
     let cannot = |error: Error| {
         let error = error.context(format!("{MODEL_DESCRIPTION} cannot be read"));
@@ -82,13 +109,23 @@ fn print(file: &Path, out: &mut impl Write) -> Result<()> {
     };
     let root = xml::parse(&text).map_err(cannot)?;
     let model = ModelDescription::read(&root).map_err(cannot)?;
-    header(&model, &archive, out)?;
-    match model.version {
-        FmiVersion::Fmi2 => interfaces(&model, COMMON_2, &OF_FMI_2, out)?,
-        FmiVersion::Fmi3 => interfaces(&model, COMMON_3, &OF_FMI_3, out)?,
+    use_it(&model, &mut archive)
+}
+
+/// The flags of all interface types of a version, and the interface types.
+fn of_version(version: FmiVersion) -> (&'static str, &'static [Interface]) {
+    match version {
+        FmiVersion::Fmi2 => (COMMON_2, &OF_FMI_2),
+        FmiVersion::Fmi3 => (COMMON_3, &OF_FMI_3),
     }
-    variables(&model, out)?;
-    enumerations(&model, out)?;
+}
+
+fn print(model: &ModelDescription<'_>, archive: &mut Archive, out: &mut impl Write) -> Result<()> {
+    header(model, archive, out)?;
+    let (common, of_version) = of_version(model.version);
+    interfaces(model, common, of_version, out)?;
+    variables(model, out)?;
+    enumerations(model, out)?;
     let document = archive.head(TERMINALS, MAX_TERMINALS);
     let text = document.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
     let mut lines = Vec::new();
@@ -117,6 +154,18 @@ fn section(title: &str, lines: &[String], out: &mut impl Write) -> Result<()> {
     Ok(())
 }
 
+/// The platforms, the documents and the resources.
+fn contents(archive: &Archive) -> [Vec<&str>; 3] {
+    let documents = [DOCUMENTATION, ICON, ICON_3];
+    let documents = documents.into_iter().filter(|file| archive.names.iter().any(|n| n == file));
+    let resources = archive.names.iter().filter_map(|name| name.strip_prefix("resources/"));
+    [
+        platform::folders(&archive.names).into_iter().collect(),
+        documents.collect(),
+        resources.filter(|name| !name.is_empty()).collect(),
+    ]
+}
+
 fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write) -> Result<()> {
     let times = [("start", "startTime"), ("stop", "stopTime"), ("step", "stepSize")];
     let tolerance = model.experiment("tolerance");
@@ -125,15 +174,7 @@ fn header(model: &ModelDescription<'_>, archive: &Archive, out: &mut impl Write)
         .filter_map(|(name, attribute)| Some(format!("{name} {} s", model.experiment(attribute)?)))
         .chain(tolerance.map(|value| format!("tolerance {value:?}")))
         .collect();
-    let platforms: Vec<&str> = platform::folders(&archive.names).into_iter().collect();
-    let documents: Vec<&str> = [DOCUMENTATION, ICON, ICON_3]
-        .into_iter()
-        .filter(|file| archive.names.iter().any(|name| name == file))
-        .collect();
-    let resources: Vec<&str> = (archive.names.iter())
-        .filter_map(|name| name.strip_prefix("resources/"))
-        .filter(|name| !name.is_empty())
-        .collect();
+    let [platforms, documents, resources] = contents(archive);
     let text = |name| model.root.attribute(name).unwrap_or_default().to_owned();
     let lines = [
         ("model", text("modelName")),
@@ -210,11 +251,10 @@ fn enumerations(model: &ModelDescription<'_>, out: &mut impl Write) -> Result<()
 
 /// Adds a line for each terminal and those in it.
 fn terminals(parent: &Element<'_>, depth: usize, lines: &mut Vec<String>) {
-    const NAMES: [&str; 3] = ["variableName", "inStreamVariableName", "outStreamVariableName"];
     for terminal in parent.children("Terminal") {
         let text = |name: &str| terminal.attribute(name).unwrap_or_default();
         let members: Vec<&str> = (terminal.children.iter())
-            .flat_map(|member| NAMES.into_iter().filter_map(|name| member.attribute(name)))
+            .flat_map(|member| MEMBERS.into_iter().filter_map(|name| member.attribute(name)))
             .collect();
         let (name, rule) = (text("name"), text("matchingRule"));
         let line = format!("{name} ({rule}): {}", members.join(", "));

@@ -1,0 +1,129 @@
+//! The contents of FMUs as JSON, with the names of the standard.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use fmu_description::value::real;
+use fmu_description::xml::{self, Element};
+use fmu_description::{Listed, ModelDescription, Value as Start};
+use fmu_file::archive::{Archive, TERMINALS};
+use serde_json::{Map, Value, json};
+
+use super::{MAX_TERMINALS, MEMBERS, contents, inspect, of_version};
+
+/// Prints an object; of several FMUs, an array of objects.
+///
+/// # Errors
+/// As [`super::run`].
+pub fn print(files: &[PathBuf], out: &mut impl Write) -> Result<()> {
+    let read = |file: &PathBuf| inspect(file, |model, archive| Ok(fmu(file, model, archive)));
+    let mut fmus = files.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let shown = match fmus.len() {
+        1 => fmus.remove(0),
+        _ => Value::Array(fmus),
+    };
+    Ok(writeln!(out, "{shown:#}")?)
+}
+
+fn fmu(file: &Path, model: &ModelDescription<'_>, archive: &mut Archive) -> Value {
+    let (common, interfaces) = of_version(model.version);
+    let interfaces = interfaces.iter().filter_map(|[name, _, flags, numbers]| {
+        let element = model.root.child(name)?;
+        let mut object = attributes(element);
+        for flag in common.split_whitespace().chain(flags.split_whitespace()) {
+            object.insert(flag.into(), element.is_true(flag).into());
+        }
+        for name in numbers.split_whitespace() {
+            if let Some(number) = element.attribute(name).and_then(real) {
+                object.insert(name.into(), json!(number));
+            }
+        }
+        Some(((*name).to_owned(), object.into()))
+    });
+    let experiment = ["startTime", "stopTime", "stepSize", "tolerance"];
+    let experiment = experiment.map(|name| (name.to_owned(), json!(model.experiment(name))));
+    let enumerations = model.enumerations().map(|of_type| {
+        let items = of_type.items.iter().map(|item| (item.name.clone(), item.value.into()));
+        (of_type.name, Value::Object(items.collect()))
+    });
+    let variables = model.variables().map(|(_, variable)| described(variable));
+    let terminals = archive.head(TERMINALS, MAX_TERMINALS);
+    let terminals = terminals.map(|bytes| xml::decode(&bytes).text).unwrap_or_default();
+    let terminals = xml::parse(&terminals).ok();
+    let terminals = terminals.as_ref().and_then(|root| root.child("Terminals")).map(within);
+    let [platforms, documents, resources] = contents(archive);
+    json!({
+        "file": file.to_string_lossy(),
+        "size": archive.size,
+        "platforms": platforms,
+        "documents": documents,
+        "resources": resources,
+        "modelDescription": attributes(model.root),
+        "defaultExperiment": Map::from_iter(experiment),
+        "interfaces": Map::from_iter(interfaces),
+        "variables": Vec::from_iter(variables),
+        "enumerations": Map::from_iter(enumerations),
+        "terminals": terminals.unwrap_or_default(),
+    })
+}
+
+/// The attributes of an element, as written.
+fn attributes(element: &Element<'_>) -> Map<String, Value> {
+    let attributes = element.attributes.iter();
+    attributes.map(|(name, text)| ((*name).to_owned(), json!(text))).collect()
+}
+
+fn described(variable: &Listed<'_>) -> Value {
+    let starts = Vec::from_iter(variable.start.iter().map(value));
+    let start = match starts.as_slice() {
+        [] => Value::Null,
+        [start] if variable.dimensions.is_empty() => start.clone(),
+        _ => Value::Array(starts),
+    };
+    let of_type = variable.declared_type.as_ref().map(|declared| &declared.name);
+    json!({
+        "name": variable.name,
+        "valueReference": variable.reference,
+        "description": variable.description,
+        "causality": variable.causality.as_str(),
+        "variability": variable.variability.as_str(),
+        "initial": variable.initial.map(|initial| initial.as_str()),
+        "type": variable.element.name.replace("ScalarVariable", variable.value.name),
+        "declaredType": of_type,
+        "unit": variable.unit,
+        "start": start,
+        "min": variable.min.as_ref().map(value),
+        "max": variable.max.as_ref().map(value),
+        "nominal": variable.inherited("nominal").and_then(real),
+        "dimensions": variable.dimensions,
+        "aliases": Vec::from_iter(variable.aliases()),
+    })
+}
+
+/// A number that JSON does not have is a text.
+fn value(value: &Start) -> Value {
+    match (value, value.as_whole(), value.as_real()) {
+        (Start::Boolean(value), ..) => json!(value),
+        (_, Some(whole), _) => match u64::try_from(whole) {
+            Ok(whole) => json!(whole),
+            Err(_) => json!(whole as i64),
+        },
+        (_, _, Some(real)) if real.is_finite() => json!(real),
+        _ => json!(value.to_string()),
+    }
+}
+
+/// The terminals in an element.
+fn within(parent: &Element<'_>) -> Value {
+    let terminals = parent.children("Terminal").map(|terminal| {
+        let mut object = attributes(terminal);
+        let is_member =
+            |child: &&Element<'_>| MEMBERS.iter().any(|name| child.attribute(name).is_some());
+        let members = terminal.children.iter().filter(is_member).map(attributes);
+        object.insert("members".into(), json!(Vec::from_iter(members)));
+        object.insert("terminals".into(), within(terminal));
+        Value::Object(object)
+    });
+    Value::Array(Vec::from_iter(terminals))
+}
