@@ -190,7 +190,7 @@ impl Fmu {
                 let last = self.array(first).end - 1;
                 format!("; its elements are {} to {}", names[first], names[last])
             }
-            (_, []) => String::new(),
+            (_, []) => format!("; `cargo fmu info {}` lists its variables", self.file_name()),
             (_, names) => format!("; did you mean {}?", names.join(" or ")),
         };
         bail!("{} has no variable {name}{hint}", self.file_name())

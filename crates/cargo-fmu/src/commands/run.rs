@@ -50,7 +50,8 @@ Examples:
     )]
     Ssp(ssp::SspArgs),
     /// Run one test of a binary in its own process
-    #[command(hide = true)]
+    // Resembles no other command, which would be suggested for a misspelled one.
+    #[command(hide = true, name = "__probe")]
     Probe,
 }
 

@@ -53,7 +53,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
         true => None,
         false => Some(Probes {
             program: std::env::current_exe()?,
-            arguments: vec!["probe".into()],
+            arguments: vec!["__probe".into()],
             time_limit: Duration::from_secs(args.time_limit),
             is_quick: args.quick,
         }),
