@@ -60,11 +60,18 @@ impl FromStr for Dependency {
 }
 
 impl Dependency {
-    /// The command that installs this program where the dependency comes from.
+    /// The command of a workflow that installs this program where the dependency comes from; for a folder, which
+    /// no workflow has, it fails and says what to fill in.
     pub fn install(&self) -> String {
         match self {
             Self::Git(url) => format!("cargo install --locked --git {url} cargo-fmu"),
-            _ => format!("pip install \"cargo-fmu=={VERSION}.*\""),
+            Self::Version(_) => format!("pip install \"cargo-fmu=={VERSION}.*\""),
+            Self::Folder(_) => {
+                "echo '::error::fmu-export comes from a folder that this runner lacks. \
+                Write git = URL instead of path = FOLDER in Cargo.toml, and here \
+                cargo install --locked --git URL cargo-fmu'; exit 1"
+                    .into()
+            }
         }
     }
 
@@ -76,8 +83,9 @@ impl Dependency {
                  folder of its sources or the URL of their git repository.",
             ),
             Self::Folder(_) => Some(
-                "fmu-export comes from a folder of this machine. The workflow in .github needs a source that \
-                 GitHub can read, too: use --fmu-export with the URL of a git repository.",
+                "fmu-export comes from a folder of this machine. The workflow in .github fails until Cargo.toml and the \
+                 workflow name a source that GitHub can read, too: use --fmu-export with the URL of a git \
+                 repository.",
             ),
             Self::Git(_) => None,
         }
@@ -123,6 +131,11 @@ mod tests {
         assert_eq!(shown(checkout.to_str().unwrap()), Some(folder));
         let git: Dependency = "https://a/b.git".parse().unwrap();
         assert_eq!(git.install(), "cargo install --locked --git https://a/b.git cargo-fmu");
+        let folder = Dependency::default().install();
+        assert!(
+            folder.ends_with("--git URL cargo-fmu'; exit 1") && !folder.contains(": "),
+            "{folder}"
+        );
         assert_eq!(quoted(r#"C:\a "b""#), r#""C:\\a \"b\"""#);
     }
 }
