@@ -219,7 +219,10 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
         let kept = findings.groups().iter().flat_map(|group| &group.kept);
         let message = |finding: &Finding| format!("{}: {}", finding.location, finding.text);
         messages = kept.map(message).collect();
-        let _ = info::run(&[file.to_owned()], &mut sink());
+        for json in [false, true] {
+            let args = info::InfoArgs { files: vec![file.to_owned()], json };
+            let _ = info::run(&args, &mut sink());
+        }
     });
     assert!(start.elapsed() < MAX_TIME, "took {:?}", start.elapsed());
     assert!(memory.bytes_max < MAX_MEMORY, "took {} bytes", memory.bytes_max);

@@ -71,11 +71,11 @@ const MEMBERS: [&str; 3] = ["variableName", "inStreamVariableName", "outStreamVa
 pub struct InfoArgs {
     /// The FMUs, from any vendor
     #[arg(required = true)]
-    files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     /// Print a JSON object, of several FMUs an array
     #[cfg(feature = "run")]
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 /// Prints the contents of FMUs.
