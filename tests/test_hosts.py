@@ -244,7 +244,9 @@ def test_a_panic_only_affects_its_instance(machine, program, tmp_path):
     package = new_package("panicking", tmp_path)
     shutil.copy(ROOT / "tests" / "data" / "panicking.rs", package / "src" / "lib.rs")
     option = f"--target {machine.target}" if machine.target else ""
-    shell(f"{PROGRAM} export Panicking --fmi 2.0,3.0 {option} --out {tmp_path}", package)
+    export = f"{PROGRAM} export Panicking {option} --out {tmp_path}"
+    shell(f"{export} 2>&1 | grep 'data (a Binary), copy (a Binary); expected --fmi 3.0'", package)
+    shell(f"{export} --fmi 2.0,3.0 --omit-unsupported", package)
     for file, host, step in (
         ("Panicking", "host2", "fmi2DoStep"),
         ("Panicking_fmi3", "host3", "fmi3DoStep"),

@@ -120,6 +120,18 @@ impl Description {
             .holding(writer.structure()))
     }
 
+    /// The variables that a version of FMI cannot express, so that [`to_xml`](Self::to_xml) leaves them out, and why.
+    /// Structural parameters are not among them: FMI 2.0 has their start values in the number of elements.
+    pub fn inexpressible(&self, version: FmiVersion) -> Vec<(&Variable, &'static str)> {
+        match version {
+            FmiVersion::Fmi2 => {
+                let reason = |v| Some((v, fmi2::lacks(v)?));
+                self.variables.iter().filter_map(reason).collect()
+            }
+            FmiVersion::Fmi3 => Vec::new(),
+        }
+    }
+
     /// The scalar variables: their value references, their variables, and their elements.
     pub fn scalars(&self) -> impl Iterator<Item = (usize, &Variable, usize)> {
         (self.variables.iter())

@@ -7,23 +7,26 @@ use crate::{Causality, Dynamics, Type, Value};
 
 /// The scalar variables that FMI 2.0 can express, of arrays the elements that are in use by default.
 pub(crate) fn variables(model: &Description) -> Vec<Variable> {
-    let variables = model.variables.iter().filter(|v| can_express(v));
+    let is_in = |v: &&Variable| v.causality != Causality::StructuralParameter && lacks(v).is_none();
+    let variables = model.variables.iter().filter(is_in);
     variables
         .flat_map(|v| (0..model.elements(v)).map(move |element| scalar(model, v, element)))
         .collect()
 }
 
-/// Whether a variable is neither a structural parameter nor binary, and its start values and one of the
-/// values that it may have are integers of 32 bits.
-fn can_express(v: &Variable) -> bool {
+/// Why FMI 2.0 cannot express the type of a variable: it is binary, or a start value or all values that it may have are
+/// beyond 32 bits.
+pub(crate) fn lacks(v: &Variable) -> Option<&'static str> {
     let (low, high) = Type::Int32.range();
     let whole = |value: &Option<Value>| value.as_ref().and_then(Value::as_whole);
     let is_allowed =
         whole(&v.min).is_none_or(|min| min <= high) && whole(&v.max).is_none_or(|max| max >= low);
-    v.causality != Causality::StructuralParameter
-        && v.of_type != Type::Binary
-        && is_allowed
-        && (v.start.iter().filter_map(Value::as_whole)).all(|n| (low..=high).contains(&n))
+    let mut starts = v.start.iter().filter_map(Value::as_whole);
+    match v.of_type {
+        Type::Binary => Some("a Binary"),
+        _ if is_allowed && starts.all(|n| (low..=high).contains(&n)) => None,
+        _ => Some("beyond the 32 bits of an Integer"),
+    }
 }
 
 /// An element of a variable. It depends on the elements of arrays of other dimensions, and on the same element of an

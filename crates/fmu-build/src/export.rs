@@ -19,7 +19,7 @@ use fmu_file::replace;
 use crate::cargo::{Progress, profile_settings, remap};
 use crate::contents;
 use crate::library::{Library, Selection};
-use crate::model::{Model, Variant};
+use crate::model::{self, Model, Variant};
 use crate::toolchain::{self, Recipe, Target, macho};
 
 /// What to export, and for which platforms.
@@ -33,6 +33,8 @@ pub struct Options {
     pub variant: Variant,
     /// Versions of FMI, each with its own FMUs; FMI 2.0 if empty.
     pub versions: Vec<FmiVersion>,
+    /// Whether to leave out the variables that a version of FMI cannot express, instead of refusing the model.
+    pub omit_unsupported: bool,
     /// Output folder; by default `fmu` in cargo's target folder.
     pub out: Option<PathBuf>,
     /// Whether to build for any Linux with glibc 2.17 or newer, for this machine's processor.
@@ -169,6 +171,12 @@ impl<'a> Builder<'a> {
             (built, models) = self.build_variant(&models, &built)?;
         }
         for model in &models {
+            let (variant, may_omit) = (&self.options.variant, self.options.omit_unsupported);
+            let omitted = model::omitted(&model.description, self.version, variant, may_omit)?;
+            if let Some(names) = omitted {
+                let said = format!("{} leaves out {names}", model.file_name());
+                (self.progress)(Progress::Said(&said));
+            }
             for binary in built.iter().chain(&self.prebuilt) {
                 binary.check_model(model)?;
             }

@@ -50,6 +50,39 @@ impl<'a> Model<'a> {
     }
 }
 
+/// The variables of a model that a version of FMI cannot express, as a list for messages; `None` if there are none.
+///
+/// # Errors
+/// There are some, and they may not be left out, or a variant sets one of them.
+pub fn omitted(
+    model: &Description,
+    version: FmiVersion,
+    variant: &Variant,
+    may_omit: bool,
+) -> Result<Option<String>> {
+    let variables = model.inexpressible(version);
+    for (v, reason) in &variables {
+        let is_set = |(name, _): &&(String, String)| {
+            (0..v.count()).any(|element| v.element_name(&v.name, element) == *name)
+        };
+        if let Some((name, text)) = variant.settings.iter().find(is_set) {
+            bail!(
+                "--set {name}={text} cannot be used: FMI {} cannot express {name} ({reason}); expected --fmi 3.0",
+                version.as_str()
+            );
+        }
+    }
+    let names: Vec<_> = variables.iter().map(|(v, why)| format!("{} ({why})", v.name)).collect();
+    let names = names.join(", ");
+    ensure!(
+        may_omit || names.is_empty(),
+        "FMI {} cannot express variables of {}: {names}; expected --fmi 3.0, or --omit-unsupported to leave them out",
+        version.as_str(),
+        model.name
+    );
+    Ok((!names.is_empty()).then_some(names))
+}
+
 /// A variant of a model: another name, and other start values.
 #[derive(Debug, Default)]
 pub struct Variant {
@@ -180,6 +213,26 @@ mod tests {
         ] {
             assert_eq!(value_of(name, text), Err(expected.into()), "{name}={text}");
         }
+    }
+
+    #[test]
+    fn what_fmi_2_cannot_express_is_left_out_only_on_demand() {
+        let mut model = model();
+        let seed = model.variables.iter_mut().find(|v| v.name == "seed").unwrap();
+        seed.start = vec![Value::UInt64(1 << 31)];
+        let mut variant = Variant::default();
+        let omitted = |variant: &Variant, version, may_omit| {
+            omitted(&model, version, variant, may_omit).map_err(|error| error.to_string())
+        };
+        const NAMES: &str = "seed (beyond the 32 bits of an Integer), key (a Binary)";
+        assert_eq!(omitted(&variant, FmiVersion::Fmi3, false), Ok(None));
+        assert_eq!(omitted(&variant, FmiVersion::Fmi2, true), Ok(Some(NAMES.into())));
+        let refusal = omitted(&variant, FmiVersion::Fmi2, false).unwrap_err();
+        assert!(refusal.contains(NAMES) && refusal.contains("--omit-unsupported"), "{refusal}");
+        variant.settings = vec![("key".into(), "00".into())];
+        let refusal = omitted(&variant, FmiVersion::Fmi2, true).unwrap_err();
+        assert!(refusal.starts_with("--set key=00 cannot be used: FMI 2.0"), "{refusal}");
+        assert_eq!(omitted(&variant, FmiVersion::Fmi3, true), Ok(None));
     }
 
     #[test]

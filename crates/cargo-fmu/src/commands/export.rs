@@ -25,6 +25,9 @@ pub struct ExportArgs {
     /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
     #[arg(long, value_name = "VERSION", value_delimiter = ',', default_value = "2.0")]
     fmi: Vec<Version>,
+    /// Leave out variables of types that FMI 2.0 lacks, instead of refusing the model
+    #[arg(long)]
+    omit_unsupported: bool,
     /// Output folder for the FMUs [default: fmu in cargo's target folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -115,6 +118,7 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
         models: args.models,
         variant: Variant { name: args.name, settings: args.settings },
         versions: args.fmi.into_iter().map(Into::into).collect(),
+        omit_unsupported: args.omit_unsupported,
         out: args.out,
         portable: args.portable,
         targets: args.targets,
