@@ -8,6 +8,7 @@ use anyhow::{Result, bail, ensure};
 
 use crate::value::{items, real, unsigned, unsigneds, whole};
 use crate::variable::{DeclaredType, Item, Variable};
+use crate::words::{in_modelica, is_of_modelica};
 use crate::xml::{Element, quote};
 use crate::{Causality, FmiVersion, Initial, Type, Value, Variability};
 
@@ -176,6 +177,34 @@ impl<'a> ModelDescription<'a> {
     /// The valid variables with their indices from 1.
     pub fn variables(&self) -> impl Iterator<Item = (usize, &Listed<'a>)> {
         (1..).zip(&self.variables).filter_map(|(index, v)| Some((index, v.as_ref()?)))
+    }
+
+    /// The variables with names that tools for Modelica cannot import as they are, and the reasons: keywords, `time` if
+    /// it is not the independent variable, and names that differ only in characters that become `_`.
+    pub fn unimportable(&self) -> Vec<(&Listed<'a>, String)> {
+        let mut known: HashMap<String, &str> = HashMap::new();
+        let mut found = Vec::new();
+        for (_, variable) in self.variables() {
+            for name in [&*variable.name].into_iter().chain(variable.aliases()) {
+                let is_time = name == "time";
+                if is_of_modelica(name)
+                    && !(is_time && variable.causality == Causality::Independent)
+                {
+                    let what = if is_time { "the time" } else { "a keyword" };
+                    found.push((
+                        variable,
+                        format!("the name {} is {what} in Modelica", quote(name)),
+                    ));
+                }
+                let written = in_modelica(name);
+                let other = *known.entry(written).or_insert(name);
+                if other != name {
+                    let names = format!("{} and {}", quote(other), quote(name));
+                    found.push((variable, format!("the names {names} become equal in Modelica")));
+                }
+            }
+        }
+        found
     }
 
     /// The index from 1 of the variable to which a number of the XML refers: the number itself in FMI 2.0, a

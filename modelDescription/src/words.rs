@@ -24,3 +24,20 @@ pub fn in_unit(unit: &str) -> String {
         false => format!(" [{unit}]"),
     }
 }
+
+/// The keywords of the Modelica language (section 2.3.3 of its specification 3.6), and its variable `time`.
+const MODELICA: &str = "algorithm and annotation block break class connect connector constant constrainedby der \
+    discrete each else elseif elsewhen encapsulated end enumeration equation expandable extends external false final \
+    flow for function if import impure in initial inner input loop model not operator or outer output package \
+    parameter partial protected public pure record redeclare replaceable return stream then time true type when while \
+    within";
+
+/// Whether a tool for Modelica cannot have a variable of this name.
+pub fn is_of_modelica(name: &str) -> bool {
+    MODELICA.split_whitespace().any(|word| word == name)
+}
+
+/// A name as tools for Modelica write it, with `_` for periods, brackets and the like.
+pub fn in_modelica(name: &str) -> String {
+    name.replace(|c: char| !c.is_alphanumeric(), "_")
+}

@@ -177,6 +177,11 @@ impl<'a> Builder<'a> {
                 let said = format!("{} leaves out {names}", model.file_name());
                 (self.progress)(Progress::Said(&said));
             }
+            for reason in &model.warnings {
+                let said =
+                    format!("warning: {}: {reason}, expected another name", model.file_name());
+                (self.progress)(Progress::Said(&said));
+            }
             for binary in built.iter().chain(&self.prebuilt) {
                 binary.check_model(model)?;
             }

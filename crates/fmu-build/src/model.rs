@@ -1,7 +1,9 @@
 //! A model of a library: its description, and the files of its FMU other than the binaries.
 
 use anyhow::{Context, Result, bail, ensure};
-use fmu_description::{Causality, Description, FmiVersion, Value, Variable, interface, words};
+use fmu_description::{
+    Causality, Description, FmiVersion, ModelDescription, Value, Variable, interface, words,
+};
 
 use crate::library::Library;
 
@@ -17,6 +19,8 @@ pub struct Model<'a> {
     pub version: FmiVersion,
     /// The text of its `modelDescription.xml`.
     pub xml: String,
+    /// Why tools for Modelica cannot import some of its names as they are.
+    pub warnings: Vec<String>,
 }
 
 impl<'a> Model<'a> {
@@ -29,11 +33,13 @@ impl<'a> Model<'a> {
         description: Description,
         version: FmiVersion,
     ) -> Result<Self> {
-        let xml = description
-            .to_xml(version, &library.origin)
-            .and_then(|xml| xml.document())
-            .with_context(|| format!("the model {} cannot be described", description.name))?;
-        Ok(Self { library, base: description.name.clone(), description, version, xml })
+        let base = description.name.clone();
+        let undescribed = || format!("the model {base} cannot be described");
+        let root = description.to_xml(version, &library.origin).with_context(undescribed)?;
+        let xml = root.document().with_context(undescribed)?;
+        let found = ModelDescription::new(&root);
+        let warnings = found.unimportable().into_iter().map(|(_, reason)| reason).collect();
+        Ok(Self { library, base, description, version, xml, warnings })
     }
 
     /// Name of the model and of its binary.
@@ -141,7 +147,7 @@ fn has_start(variable: &Variable) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use fmu_description::{ModelDescription, xml};
+    use fmu_description::xml;
 
     use super::*;
 

@@ -98,6 +98,9 @@ rules! {
             "Names follow the grammar of the naming convention structured, if the FMU declares it.";
         FLAT_NAMES: Error, "flat-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
             "Names have no line breaks and tabs.";
+        MODELICA_NAMES: Warning, "modelica-names",
+            Practice("tools for Modelica write _ for characters such as . [ ] and cannot import keywords"),
+            "Names are no keywords of Modelica and not time, and are still different with _ for all other characters.";
         DERIVATIVE_NAMES: Error, "derivative-names", Standard("section 2.2.9", "section 2.4.7.5.1"),
             "Structured names der(...) are those of Reals, in FMI 3.0 Float32 or Float64.";
         // Variables, and those that share a value reference.
@@ -669,6 +672,9 @@ impl Check<'_> {
 
     fn variables(&mut self) {
         let model = self.model;
+        for (variable, reason) in model.unimportable() {
+            find!(self, MODELICA_NAMES at variable, "{reason}, expected another name");
+        }
         for (index, variable) in model.variables() {
             self.combination(variable);
             if variable.of_type != Type::Clock {
