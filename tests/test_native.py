@@ -246,6 +246,55 @@ def test_a_wrong_table_of_inputs_is_refused(table, message, tmp_path):
     assert f"input.csv: {message}" in refusal(tmp_path, "simulate", fmu, "--input", "input.csv")
 
 
+# --- model exchange -------------------------------------------------------------------------------
+
+
+def interfaces(system: Path, **interfaces: str) -> Path:
+    """Let components of a system run by interfaces."""
+    text = system.read_text(encoding="utf-8")
+    changes = {
+        f'name = "{name}"\n': f'name = "{name}"\ninterface = "{interface}"\n'
+        for name, interface in interfaces.items()
+    }
+    system.write_text(replaced(text, changes), encoding="utf-8")
+    return system
+
+
+@pytest.mark.parametrize("version", ["", "_fmi3"])
+def test_the_plant_by_model_exchange_equals_cvode(version, tmp_path):
+    fmu, start = FMUS / f"Pendulum{version}.fmu", {"theta0": 0.1, "dynamics": 3}  # nonlinear
+    sets = (f"--set={name}={value}" for name, value in start.items())
+    options = ("--interface=model-exchange", "--tolerance=1e-10", "--stop=1", *sets)
+    ours = simulate(fmu, tmp_path, *options)
+    cvode = fmpy.simulate_fmu(
+        fmu, fmi_type="ModelExchange", start_values=start, stop_time=1.0, output_interval=1e-3,
+        relative_tolerance=1e-11, record_events=False,
+    )  # fmt: skip
+    for name in ("theta", "omega", "x", "v"):
+        assert ours[name] == pytest.approx(cvode[name], abs=1e-6)
+
+
+@pytest.mark.parametrize("version", ["", "_fmi3"])
+@pytest.mark.parametrize("example", ["pid.toml", "pid-rbf.toml", "ipid-rbf.toml"])
+def test_loops_of_both_kinds_equal_those_of_co_simulation(example, version, tmp_path):
+    """A controller samples the inputs of its time; the linear plant has an exact step."""
+    models = {"pid.toml": "Pid", "pid-rbf.toml": "PidRbf", "ipid-rbf.toml": "IpidRbf"}
+    versions = {models[example]: version, "Pendulum": version}
+    options = ("--tolerance=1e-9", "--set=controller.previous_sample_terms=false")
+
+    def columns(**kinds: str) -> dict[str, np.ndarray]:
+        system = interfaces(loop_of(tmp_path, example, **versions), **kinds)
+        return simulate(system, tmp_path, "--stop", "1", *options)
+
+    exchange = "model-exchange"
+    expected = columns()
+    for name, column in columns(controller=exchange).items():
+        same(column, expected[name])
+    for kinds in ({"plant": exchange}, {"plant": exchange, "controller": exchange}):
+        for name, column in columns(**kinds).items():
+            np.testing.assert_allclose(column, expected[name], rtol=1e-5, atol=1e-6)
+
+
 # --- options and output ---------------------------------------------------------------------------
 
 
@@ -555,7 +604,6 @@ ARRAY = '"u" valueReference="1" causality="input" start="1 2 3"><Dimension start
 MISFITS = [
     # changes, start values, connections, outputs, message
     ({"<CoSimulation ": "<ScheduledExecution "}, {}, [], [], "co-simulation, only scheduled"),
-    ({"<CoSimulation ": "<ModelExchange "}, {}, [], [], "co-simulation, only model exchange"),
     ({'<Boolean name="b"': '<Clock name="b"'}, {}, [], [], CLOCK),
     ({'fmiVersion="3.0"': 'fmiVersion="4.0"'}, {}, [], [], "version 4.0, expected 2.0 or 3.0"),
     ({ARRAY: ARRAY.replace(" 2 3", "").replace("3", "3000000")}, {}, [], [], ELEMENTS),

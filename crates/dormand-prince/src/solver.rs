@@ -36,7 +36,10 @@ pub trait System {
     /// The order of magnitude of a state.
     fn nominal(&self, state: usize) -> f64;
     /// Reads the states.
-    fn states(&mut self, states: &mut [f64]);
+    ///
+    /// # Errors
+    /// They cannot be read.
+    fn states(&mut self, states: &mut [f64]) -> Result<(), Self::Error>;
     /// Sets the states, and computes derivatives, event indicators and outputs. Returns false if one of
     /// them is not finite.
     ///
@@ -198,7 +201,7 @@ impl<'a, E: Failure> Run<'a, E> {
 
     /// Evaluates the equations at the current time and states, which an event may have changed.
     fn start(&mut self) -> Result<(), E> {
-        self.system.states(&mut self.w.states);
+        self.system.states(&mut self.w.states)?;
         let evaluated = self.system.evaluate(self.now(), &self.w.states);
         if !evaluated.map_err(|error| self.stopped(error))? {
             let error = self.system.not_finite();
@@ -527,8 +530,9 @@ mod tests {
             1.0
         }
 
-        fn states(&mut self, states: &mut [f64]) {
+        fn states(&mut self, states: &mut [f64]) -> Result<(), Reason> {
             states.copy_from_slice(&self.states);
+            Ok(())
         }
 
         fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, Reason> {

@@ -813,8 +813,9 @@ impl solver::System for Equations<'_> {
         self.0.facts().states[state].nominal
     }
 
-    fn states(&mut self, states: &mut [f64]) {
+    fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {
         self.0.read(Numbers::States, states);
+        Ok(())
     }
 
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {

@@ -215,6 +215,8 @@ pub struct Update {
 pub struct Completed {
     /// `enterEventMode`
     pub enter_event_mode: bool,
+    /// `terminateSimulation`
+    pub terminate: bool,
     /// Whether the FMU has written its results.
     pub is_written: bool,
 }
@@ -706,6 +708,7 @@ impl Instance {
         };
         Ok(Completed {
             enter_event_mode: flags[0] == Some(true),
+            terminate: flags[1] == Some(true),
             is_written: !flags.contains(&None),
         })
     }

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use fmu_description::Value;
-use fmu_host::{Cause, Instance, Status, Success, operation};
+use fmu_host::{Cause, Instance, Kind, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
+use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
 use crate::plan::Planned;
 use crate::wiring::{Ports, Source, Store, Wired, number};
 use crate::{Failure, Fmu, Messages, Place};
@@ -23,6 +24,9 @@ pub(crate) struct Component<'a> {
     pub(crate) fmu: Arc<Fmu>,
     messages: Messages,
     calls: Calls,
+    /// Present once a component of model exchange is initialized.
+    exchange: Option<Box<Exchange>>,
+    functions: Functions,
     do_step: Option<Function>,
     ports: &'a [Ports],
     /// The values of its inputs of the type Float64, and of each other type; those of elements that are not
@@ -49,6 +53,8 @@ impl<'a> Component<'a> {
             instance: fmu.instantiate(index, name, messages)?,
             messages: messages.clone(),
             calls: messages.record().calls(index),
+            exchange: None,
+            functions: exchange::functions(fmu.version),
             do_step: Function::of(fmu.version, "do_step"),
             reals: reals.iter().map(number).collect(),
             others: inputs.collect(),
@@ -81,11 +87,15 @@ impl<'a> Component<'a> {
             }
             Err(failure) => failure,
         };
-        Err(Box::new(Failure {
+        Err(self.failure(failure, what()))
+    }
+
+    fn failure(&self, failure: fmu_host::Failure, what: String) -> Box<Failure> {
+        Box::new(Failure {
             component: self.name.to_owned(),
             fmu: self.fmu.file_name(),
             function: failure.function,
-            what: what(),
+            what,
             time: None,
             outcome: failure.outcome(),
             message: self.messages.reason(failure.function),
@@ -93,16 +103,68 @@ impl<'a> Component<'a> {
                 Cause::Terminated(time) => Some(time),
                 _ => None,
             },
-        }))
+        })
     }
 
+    /// Takes a step. Whether the system `INTEGRATES` a component of model exchange is known at compile time, so
+    /// that systems of co-simulation do not ask at each step.
     #[inline(always)]
-    pub(crate) fn step(&mut self, time: f64, step: f64) -> Called {
+    pub(crate) fn step<const INTEGRATES: bool>(&mut self, time: f64, step: f64) -> Called {
+        if INTEGRATES && let Some(mut exchange) = self.exchange.take() {
+            let stepped = exchange.step(&mut self.calling(), time, step);
+            self.exchange = Some(exchange);
+            return stepped
+                .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
+        }
         self.calls.begin(self.do_step);
         match self.instance.do_step(time, step) {
             Ok(Success::Ok) => Ok(()),
             outcome => self.explain_step(outcome, time, step),
         }
+    }
+
+    /// Begins the integration after the initialization, if it is a component of model exchange.
+    pub(crate) fn begin(&mut self, tolerance: Option<f64>, start: f64, step: f64) -> Called {
+        if self.fmu.kind == Kind::ModelExchange {
+            let (fmu, ports) = (self.fmu.clone(), self.ports);
+            let begun = Exchange::begin(&mut self.calling(), &fmu, ports, tolerance, (start, step));
+            let begun =
+                begun.map_err(|trouble| self.troubled(trouble, "first event".to_owned()))?;
+            self.exchange = Some(Box::new(begun));
+        }
+        Ok(())
+    }
+
+    fn calling(&mut self) -> Calling<'_> {
+        Calling {
+            instance: &mut self.instance,
+            calls: &mut self.calls,
+            functions: &self.functions,
+            messages: &self.messages,
+            name: self.name,
+        }
+    }
+
+    /// The failure of an integration.
+    #[cold]
+    fn troubled(&mut self, trouble: Trouble, what: String) -> Box<Failure> {
+        let (failure, what) = match trouble {
+            Trouble::Call(failure, place) if place.is_empty() => (failure, what),
+            Trouble::Call(failure, place) => (failure, format!("{what}, {place}")),
+            Trouble::Equations { reason, .. } => {
+                return Box::new(Failure {
+                    component: self.name.to_owned(),
+                    fmu: self.fmu.file_name(),
+                    function: "",
+                    what,
+                    time: None,
+                    outcome: reason,
+                    message: self.messages.reason(""),
+                    ended: None,
+                });
+            }
+        };
+        self.failure(failure, what)
     }
 
     /// Handles a warning or an error of a step. Whether a discarded step of FMI 2.0 ends the simulation is asked

@@ -71,6 +71,26 @@ pub enum Order {
     Parallel,
 }
 
+/// How the master runs an FMU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interface {
+    /// The FMU computes each step.
+    CoSimulation,
+    /// The master integrates the equations of the FMU.
+    ModelExchange,
+}
+
+impl Interface {
+    /// Its name.
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::CoSimulation => "co-simulation",
+            Self::ModelExchange => "model exchange",
+        }
+    }
+}
+
 /// An instance of an FMU.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -79,6 +99,8 @@ pub struct Component {
     pub name: String,
     /// The FMU file, relative to the folder of the system file.
     pub fmu: PathBuf,
+    /// How it is run; by default by co-simulation, if the FMU supports it.
+    pub interface: Option<Interface>,
     /// Whether its outputs after a step belong to the sample taken at the start of the step; by
     /// default, true if all outputs are discrete.
     pub sampled: Option<bool>,
@@ -248,6 +270,7 @@ impl Description {
             components: vec![Component {
                 name: file.file_stem().unwrap_or_default().to_string_lossy().replace('.', "_"),
                 fmu: file.to_owned(),
+                interface: None,
                 sampled: Some(false),
                 tolerance: None,
                 start: BTreeMap::new(),

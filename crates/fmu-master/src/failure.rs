@@ -11,7 +11,7 @@ pub struct Failure {
     pub component: String,
     /// File name of the FMU.
     pub fmu: String,
-    /// The FMI function.
+    /// The FMI function; empty if the master cannot integrate the equations.
     pub function: &'static str,
     /// The purpose of the call: variables and values, or a step.
     pub what: String,
@@ -67,7 +67,10 @@ impl Failure {
     pub fn event(&self) -> String {
         let time = self.time.map(|time| format!(" at t = {time:?} s"));
         let (what, time) = (&self.what, time.unwrap_or_default());
-        let call = format!("{} {}", self.function, self.outcome);
+        let call = match self.function {
+            "" => self.outcome.clone(),
+            function => format!("{function} {}", self.outcome),
+        };
         format!("{} ({}), {what}{time}: {call}", self.component, self.fmu)
     }
 

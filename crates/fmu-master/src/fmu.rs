@@ -11,13 +11,13 @@ use fmu_description::xml::{self, Element};
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variable};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, Library, LoadError};
+use fmu_host::{Instance, Instantiation, Kind, Library, LoadError};
 use fmu_worker::Function;
 use tempfile::TempDir;
 
-use crate::Messages;
+use crate::{Interface, Messages};
 
-/// An FMU for co-simulation.
+/// An FMU for co-simulation or model exchange.
 pub struct Fmu {
     /// The file.
     pub path: PathBuf,
@@ -37,6 +37,12 @@ pub struct Fmu {
     token: String,
     /// The tolerance of its default experiment.
     pub(crate) tolerance: Option<f64>,
+    /// The step size of its default experiment (s).
+    pub(crate) step: Option<f64>,
+    /// How it is run.
+    pub(crate) kind: Kind,
+    /// In FMI 2.0, the number of continuous states and of event indicators.
+    pub(crate) equations: [usize; 2],
     /// The binary, relative to the folder.
     binary: String,
     /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
@@ -56,26 +62,22 @@ pub(crate) struct Scalar {
 }
 
 impl Fmu {
-    /// Reads and unpacks a file.
+    /// Reads and unpacks a file, with these values of structural parameters, which are the sizes of arrays.
     ///
     /// # Errors
-    /// The file is not a valid co-simulation FMU of FMI 2.0 or 3.0 with a binary for this machine.
-    pub fn open(path: &Path) -> Result<Self> {
-        Self::open_sized(path, &Sizes::new())
+    /// The file is not a valid FMU of FMI 2.0 or 3.0 with this interface and a binary for this machine.
+    pub(crate) fn open(path: &Path, wanted: Option<Interface>, sizes: &Sizes) -> Result<Self> {
+        let read = Self::read(path, wanted, sizes);
+        read.with_context(|| format!("{} cannot be used", path.display()))
     }
 
-    /// As [`Fmu::open`], with other values of structural parameters, which are the sizes of arrays.
-    pub(crate) fn open_sized(path: &Path, sizes: &Sizes) -> Result<Self> {
-        Self::read(path, sizes).with_context(|| format!("{} cannot be used", path.display()))
-    }
-
-    fn read(path: &Path, sizes: &Sizes) -> Result<Self> {
+    fn read(path: &Path, wanted: Option<Interface>, sizes: &Sizes) -> Result<Self> {
         let mut archive = Archive::open_sound(path)?;
         let text = archive.model_description()?;
         let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
         resize(&mut root, sizes);
         let model = ModelDescription::read(&root)?;
-        let interface = co_simulation(&model)?;
+        let (kind, interface) = interface(&model, wanted)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
         let binary = binary(&archive, identifier, model.version)?;
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
@@ -84,6 +86,8 @@ impl Fmu {
         archive.unpack("", folder.path()).with_context(|| {
             format!("it cannot be unpacked to the folder {}", folder.path().display())
         })?;
+        let indicators = root.attribute("numberOfEventIndicators");
+        let indicators = indicators.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
         let count = model.variables().map(|(_, v)| v.count());
         let count = count.fold(0_usize, usize::saturating_add);
         ensure!(
@@ -117,6 +121,9 @@ impl Fmu {
             units: units(&root),
             token: model.token().to_owned(),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
+            step: model.experiment("stepSize").filter(|step| *step > 0.0),
+            kind,
+            equations: [model.derivatives.len(), indicators],
             binary,
             library: OnceLock::new(),
             folder,
@@ -239,6 +246,7 @@ impl Fmu {
         let resources = self.folder.path().join("resources");
         let arguments = Instantiation {
             name,
+            kind: self.kind,
             guid: &self.token,
             resources: &library.location(&resources),
             logging_on: true,
@@ -246,9 +254,10 @@ impl Fmu {
         };
         let (instance, log) = (name.to_owned(), messages.clone());
         let sink = move |logged| log.log(&instance, &logged);
-        let function = match self.version {
-            FmiVersion::Fmi2 => "fmi2Instantiate",
-            FmiVersion::Fmi3 => "fmi3InstantiateCoSimulation",
+        let function = match (self.version, self.kind) {
+            (FmiVersion::Fmi2, _) => "fmi2Instantiate",
+            (FmiVersion::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
+            (FmiVersion::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
         };
         calls.begin(Function::named(function));
         library.instantiate(&arguments, sink)?.with_context(|| {
@@ -290,22 +299,37 @@ pub(crate) fn default_experiment(path: &Path) -> Result<[Option<f64>; 3]> {
     read.with_context(|| format!("{} cannot be used", path.display()))
 }
 
-/// The element of co-simulation, if the master can run the FMU.
-fn co_simulation<'a>(model: &ModelDescription<'a>) -> Result<&'a Element<'a>> {
-    let Some(interface) = model.co_simulation() else {
-        let other = match (model.model_exchange(), model.scheduled_execution()) {
-            (Some(_), _) => ", only model exchange",
-            (None, Some(_)) => ", only scheduled execution",
-            (None, None) => "",
+/// How the master runs the FMU, and the element of this interface: as wanted, by default co-simulation if the FMU
+/// supports it.
+fn interface<'a>(
+    model: &ModelDescription<'a>,
+    wanted: Option<Interface>,
+) -> Result<(Kind, &'a Element<'a>)> {
+    let of = |interface| match interface {
+        Interface::CoSimulation => Some((Kind::CoSimulation, model.co_simulation()?)),
+        Interface::ModelExchange => Some((Kind::ModelExchange, model.model_exchange()?)),
+    };
+    let all = [Interface::CoSimulation, Interface::ModelExchange];
+    let tried = match &wanted {
+        Some(wanted) => std::slice::from_ref(wanted),
+        None => &all,
+    };
+    let Some(found) = tried.iter().find_map(|interface| of(*interface)) else {
+        let other = match (all.into_iter().find(|i| of(*i).is_some()), model.scheduled_execution())
+        {
+            (Some(other), _) => format!(", only {}", other.text()),
+            (None, Some(_)) => ", only scheduled execution".to_owned(),
+            (None, None) => String::new(),
         };
-        bail!("it does not support co-simulation{other}");
+        let wanted = wanted.unwrap_or(Interface::CoSimulation).text();
+        bail!("it does not support {wanted}{other}");
     };
     let is_input_clock =
         |v: &&Listed<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
     if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
         bail!("its clock {} must be ticked by the master, which is not supported", clock.name);
     }
-    Ok(interface)
+    Ok(found)
 }
 
 fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<String> {

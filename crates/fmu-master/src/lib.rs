@@ -1,4 +1,5 @@
-//! A native master for co-simulation FMUs of FMI 2.0 and 3.0 from any vendor, also in one system.
+//! A native master for FMUs of FMI 2.0 and 3.0 from any vendor, for co-simulation and model exchange, also in one
+//! system.
 //!
 //! A [`Description`], usually read from a TOML file, lists the FMUs of a system and their connections.
 //! A [`Plan`] loads the FMUs and checks that everything fits. A [`Simulation`] is one run of a plan.
@@ -37,6 +38,7 @@
 
 mod component;
 mod description;
+mod exchange;
 mod failure;
 mod fmu;
 mod input;
@@ -51,7 +53,7 @@ pub mod table;
 mod wiring;
 
 pub use description::{
-    Component, Connection, Description, Experiment, Order, Scale, Written, locate,
+    Component, Connection, Description, Experiment, Interface, Order, Scale, Written, locate,
 };
 pub use failure::Failure;
 pub use fmu::Fmu;

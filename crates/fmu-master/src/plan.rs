@@ -6,12 +6,15 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
+use fmu_host::Kind;
 
 use crate::fmu::{Sizes, similar};
 use crate::input::Input;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
-use crate::{Component, Connection, Description, Experiment, Fmu, Order, Place, Scale, Written};
+use crate::{
+    Component, Connection, Description, Experiment, Fmu, Interface, Order, Place, Scale, Written,
+};
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
 pub struct Plan {
@@ -83,6 +86,17 @@ impl Plan {
         let links = description.connections.iter().map(link);
         let links = links.collect::<Result<Vec<_>>>()?;
         links_fit(&components, &links)?;
+        ensure!(
+            links.is_empty()
+                || description.order == Order::Sequential
+                || !components.iter().any(Planned::integrates),
+            "model exchange in parallel order is not supported, expected sequential order"
+        );
+        for (index, planned) in components.iter_mut().enumerate() {
+            // The events of an FMU that no other one feeds do not wait for the next step.
+            let is_fed = links.iter().any(|link| link.to.component == index);
+            planned.sampled &= is_fed || !planned.is_guess || !planned.integrates();
+        }
         if description.order == Order::Sequential && !description.allow_algebraic_loops {
             no_algebraic_loops(&components, &links)?;
         }
@@ -188,6 +202,8 @@ pub struct Planned {
     /// Its FMU, shared by components with the same file.
     pub fmu: Arc<Fmu>,
     pub(crate) sampled: bool,
+    /// Whether that follows from its outputs, as the description does not tell.
+    pub(crate) is_guess: bool,
     /// The relative tolerance of its solver.
     pub(crate) tolerance: Option<f64>,
     pub(crate) starts: Vec<(usize, Value)>,
@@ -224,13 +240,13 @@ impl Port {
     }
 }
 
-/// The opened FMUs by their files and sizes.
-type Fmus = HashMap<(PathBuf, Sizes), Arc<Fmu>>;
+/// The opened FMUs by their files, interfaces and sizes.
+type Fmus = HashMap<(PathBuf, Option<Interface>, Sizes), Arc<Fmu>>;
 
 impl Planned {
     fn new(component: &Component, tolerance: Option<f64>, fmus: &mut Fmus) -> Result<Self> {
         let mut open = |sizes| {
-            open(&component.fmu, sizes, fmus)
+            open(&component.fmu, component.interface, sizes, fmus)
                 .with_context(|| format!("component {}", component.name))
         };
         let full = |name: &str| format!("{}.{name}", component.name);
@@ -258,10 +274,16 @@ impl Planned {
             name: component.name.clone(),
             prefix: format!("{}.", component.name),
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
+            is_guess: component.sampled.is_none(),
             tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
             starts: starts.collect::<Result<_>>()?,
             fmu,
         })
+    }
+
+    /// Whether the master integrates its equations.
+    pub(crate) fn integrates(&self) -> bool {
+        self.fmu.kind == Kind::ModelExchange
     }
 
     /// The name of a scalar in the system.
@@ -298,12 +320,17 @@ impl Planned {
     }
 }
 
-fn open(path: &Path, sizes: Sizes, fmus: &mut Fmus) -> Result<Arc<Fmu>> {
-    let key = (path.to_owned(), sizes);
+fn open(
+    path: &Path,
+    interface: Option<Interface>,
+    sizes: Sizes,
+    fmus: &mut Fmus,
+) -> Result<Arc<Fmu>> {
+    let key = (path.to_owned(), interface, sizes);
     if let Some(fmu) = fmus.get(&key) {
         return Ok(fmu.clone());
     }
-    let fmu = Arc::new(Fmu::open_sized(path, &key.1)?);
+    let fmu = Arc::new(Fmu::open(path, interface, &key.2)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
 }

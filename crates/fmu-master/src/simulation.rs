@@ -8,6 +8,7 @@ use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
 use crate::component::{Called, Component, propagate};
+use crate::plan::Planned;
 use crate::table::Column;
 use crate::wiring::{Store, number, places};
 use crate::{Failure, Message, Messages, Order, Place, Plan, Start};
@@ -159,7 +160,13 @@ impl Simulation<'_> {
                 Instance::exit_initialization_mode,
             )
         });
-        exited.map_err(|failure| failure.at(start))
+        let begun = exited.and_then(|()| {
+            let mut components = self.components.iter_mut().zip(&plan.components);
+            components.try_for_each(|(component, planned)| {
+                component.begin(planned.tolerance, start, plan.experiment.step)
+            })
+        });
+        begun.map_err(|failure| failure.at(start))
     }
 
     fn call_all(
@@ -192,7 +199,11 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        let steps = self.steps(&mut observe);
+        let integrates = self.plan.components.iter().any(Planned::integrates);
+        let steps = match integrates {
+            false => self.steps::<false>(&mut observe),
+            true => self.steps::<true>(&mut observe),
+        };
         let ended = match steps {
             Ok(()) => None,
             Err(failure) if failure.ended.is_some() => {
@@ -228,7 +239,7 @@ impl Simulation<'_> {
     }
 
     #[inline(always)]
-    fn steps(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
+    fn steps<const INTEGRATES: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -248,7 +259,7 @@ impl Simulation<'_> {
             self.row.time = time;
             self.row.store.record(&wiring.before, &self.outputs);
             if k < last {
-                self.step(time, experiment.step).map_err(failed_at(time))?;
+                self.step::<INTEGRATES>(time, experiment.step).map_err(failed_at(time))?;
                 self.row.store.record(&wiring.after, &self.outputs);
             }
             if !observe(&self.row) {
@@ -267,19 +278,19 @@ impl Simulation<'_> {
 
     /// Steps from one communication point to the next.
     #[inline]
-    fn step(&mut self, time: f64, step: f64) -> Called {
+    fn step<const INTEGRATES: bool>(&mut self, time: f64, step: f64) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
         match self.plan.order {
             Order::Sequential => components.iter_mut().try_for_each(|component| {
                 component.write(outputs)?;
-                component.step(time, step)?;
+                component.step::<INTEGRATES>(time, step)?;
                 component.read(outputs)
             }),
             Order::Parallel => {
                 let mut all = components.iter_mut();
                 all.try_for_each(|component| component.write(outputs))?;
                 components.iter_mut().try_for_each(|component| {
-                    component.step(time, step)?;
+                    component.step::<INTEGRATES>(time, step)?;
                     component.read(outputs)
                 })
             }

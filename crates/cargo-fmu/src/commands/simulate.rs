@@ -44,6 +44,9 @@ pub struct SimulateArgs {
     /// Relative tolerance of all components
     #[arg(long, value_name = "TOLERANCE")]
     tolerance: Option<f64>,
+    /// How to run the FMUs [default: by co-simulation, if they support it]
+    #[arg(long)]
+    interface: Option<Interface>,
     /// Order of stepping
     #[arg(long)]
     order: Option<Order>,
@@ -75,6 +78,15 @@ enum Order {
     Sequential,
     /// All components at once, using the outputs before the step (Jacobi)
     Parallel,
+}
+
+/// How to run an FMU.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Interface {
+    /// The FMU computes each step
+    CoSimulation,
+    /// The equations of the FMU are integrated
+    ModelExchange,
 }
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
@@ -197,6 +209,13 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
         for component in &mut description.components {
             component.tolerance = None;
         }
+    }
+    for component in &mut description.components {
+        component.interface = match args.interface {
+            None => component.interface,
+            Some(Interface::CoSimulation) => Some(fmu_master::Interface::CoSimulation),
+            Some(Interface::ModelExchange) => Some(fmu_master::Interface::ModelExchange),
+        };
     }
     if let Some(order) = args.order {
         description.order = match order {

@@ -1,0 +1,359 @@
+//! Model exchange: the master integrates the equations of a component over each communication step, and
+//! handles its events.
+//!
+//! Inputs keep their values during a step. A component with an input that is not continuous is in its event mode
+//! at each communication point, where such inputs may be set. An event at the end of a step waits for the inputs
+//! of that communication point, if they come from other components.
+
+use std::fmt::Arguments;
+
+use dormand_prince::solver::{self, MAX_EVENTS, Step, System, Workspace, too_many_events};
+use fmu_description::{FmiVersion, Variability};
+use fmu_host::{Cause, Instance, Status, Success};
+use fmu_worker::{Calls, Function};
+
+use crate::wiring::Ports;
+use crate::{Fmu, Messages};
+
+/// The relative tolerance, unless it is known.
+const TOLERANCE: f64 = 1e-6;
+
+/// A component of model exchange between two steps.
+pub(crate) struct Exchange {
+    workspace: Workspace,
+    tolerance: f64,
+    /// The longest internal step of a component with event indicators (s).
+    longest: f64,
+    nominals: Vec<f64>,
+    derivatives: Vec<f64>,
+    indicators: Vec<f64>,
+    /// Whether an input comes from another component, and whether one is not continuous.
+    is_fed: bool,
+    is_discrete: bool,
+    /// The next time event, the time until which events are handled, and the time from which they are left to
+    /// the next step (s).
+    next: Option<f64>,
+    handled: f64,
+    left: f64,
+}
+
+/// The instance of a component of model exchange, whose calls are recorded.
+pub(crate) struct Calling<'a> {
+    pub(crate) instance: &'a mut Instance,
+    pub(crate) calls: &'a mut Calls,
+    pub(crate) functions: &'a Functions,
+    pub(crate) messages: &'a Messages,
+    pub(crate) name: &'a str,
+}
+
+/// What is called.
+#[derive(Clone, Copy)]
+enum Operation {
+    NumberOfStates,
+    NumberOfIndicators,
+    Nominals,
+    SetTime,
+    SetStates,
+    States,
+    Derivatives,
+    Indicators,
+    Completed,
+    EventMode,
+    Update,
+    ContinuousMode,
+}
+
+/// The functions of a version that perform each [`Operation`].
+pub(crate) type Functions = [Option<Function>; OPERATIONS.len()];
+
+const OPERATIONS: [&str; 12] = [
+    "get_number_of_continuous_states",
+    "get_number_of_event_indicators",
+    "get_nominals_of_continuous_states",
+    "set_time",
+    "set_continuous_states",
+    "get_continuous_states",
+    "get_continuous_state_derivatives",
+    "get_event_indicators",
+    "completed_integrator_step",
+    "enter_event_mode",
+    "update_discrete_states",
+    "enter_continuous_time_mode",
+];
+
+/// The functions of a version.
+pub(crate) fn functions(version: FmiVersion) -> Functions {
+    OPERATIONS.map(|operation| Function::of(version, operation))
+}
+
+/// Why an integration has stopped.
+#[derive(Debug)]
+pub(crate) enum Trouble {
+    /// A call has failed; the text tells where.
+    Call(fmu_host::Failure, String),
+    /// The equations cannot be integrated, though shorter steps may succeed if they are discarded.
+    Equations { reason: String, is_discarded: bool },
+}
+
+impl solver::Failure for Trouble {
+    fn discard(reason: Arguments<'_>) -> Self {
+        Self::Equations { reason: reason.to_string(), is_discarded: true }
+    }
+
+    fn is_discarded(&self) -> bool {
+        match self {
+            Self::Call(failure, _) => failure.cause == Cause::Returned(Status::Discard),
+            Self::Equations { is_discarded, .. } => *is_discarded,
+        }
+    }
+
+    fn with_prefix(self, prefix: Arguments<'_>) -> Self {
+        match self {
+            Self::Call(failure, place) => Self::Call(failure, format!("{prefix}{place}")),
+            Self::Equations { reason, is_discarded } => {
+                Self::Equations { reason: format!("{prefix}: {reason}"), is_discarded }
+            }
+        }
+    }
+}
+
+type Result<T = ()> = std::result::Result<T, Trouble>;
+
+impl Calling<'_> {
+    /// Calls the function that performs an operation.
+    fn call<T>(
+        &mut self,
+        operation: Operation,
+        call: impl FnOnce(&mut Instance) -> fmu_host::Result<T>,
+    ) -> Result<T> {
+        self.calls.begin(self.functions[operation as usize]);
+        call(self.instance).map_err(|failure| Trouble::Call(failure, String::new()))
+    }
+
+    /// As [`Calling::call`], of a function that may return a warning.
+    fn warned(
+        &mut self,
+        operation: Operation,
+        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
+    ) -> Result {
+        if let Success::Warning(function) = self.call(operation, call)? {
+            self.messages.warn(self.name, function);
+        }
+        Ok(())
+    }
+
+    /// The FMU has asked to end the simulation.
+    fn terminated(&self, operation: Operation, time: f64) -> Trouble {
+        let function = self.functions[operation as usize].and_then(Function::name);
+        let function = function.unwrap_or_default();
+        let cause = Cause::Terminated(time);
+        Trouble::Call(fmu_host::Failure { function, cause }, String::new())
+    }
+
+    /// Handles an event in event mode, and returns the time of the next time event (s).
+    fn update(&mut self, time: f64) -> Result<Option<f64>> {
+        for _ in 0..MAX_EVENTS {
+            let operation = Operation::Update;
+            let update = self.call(operation, Instance::update_discrete_states)?;
+            if update.terminate {
+                return Err(self.terminated(operation, time));
+            }
+            if !update.again {
+                let operation = Operation::ContinuousMode;
+                self.warned(operation, Instance::enter_continuous_time_mode)?;
+                return Ok(update.next_event);
+            }
+        }
+        Err(too_many_events())
+    }
+}
+
+impl Exchange {
+    /// Begins after the initialization, in event mode.
+    pub(crate) fn begin(
+        calling: &mut Calling<'_>,
+        fmu: &Fmu,
+        ports: &[Ports],
+        tolerance: Option<f64>,
+        (start, step): (f64, f64),
+    ) -> Result<Self> {
+        let [states, indicators] = match fmu.version {
+            FmiVersion::Fmi2 => fmu.equations,
+            FmiVersion::Fmi3 => {
+                let [mut states, mut indicators] = [0; 2];
+                calling.warned(Operation::NumberOfStates, |instance| {
+                    instance.get_number_of_continuous_states(&mut states)
+                })?;
+                calling.warned(Operation::NumberOfIndicators, |instance| {
+                    instance.get_number_of_event_indicators(&mut indicators)
+                })?;
+                [states, indicators]
+            }
+        };
+        let next = calling.update(start)?;
+        let mut nominals = vec![1.0; states];
+        if states > 0 {
+            calling.warned(Operation::Nominals, |instance| {
+                instance.get_nominals_of_continuous_states(&mut nominals)
+            })?;
+        }
+        for nominal in
+            nominals.iter_mut().filter(|nominal| **nominal == 0.0 || !nominal.is_finite())
+        {
+            *nominal = 1.0;
+        }
+        let inputs = || ports.iter().flat_map(|ports| ports.inputs.scalars.iter());
+        let is_discrete =
+            |scalar: &usize| fmu.variable(*scalar).variability != Variability::Continuous;
+        let mut exchange = Self {
+            workspace: Workspace::new(states, indicators),
+            tolerance: tolerance.unwrap_or(TOLERANCE),
+            longest: fmu.step.unwrap_or(step).min(step),
+            nominals,
+            derivatives: vec![0.0; states],
+            indicators: vec![0.0; indicators],
+            is_fed: ports.iter().any(|p| p.sources.iter().any(|s| s.component.is_some())),
+            is_discrete: inputs().any(is_discrete),
+            next,
+            handled: start,
+            left: f64::INFINITY,
+        };
+        Equations { calling, exchange: &mut exchange }.evaluate_here(start)?;
+        if exchange.is_discrete {
+            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        }
+        Ok(exchange)
+    }
+
+    /// Integrates from one communication point to the next.
+    pub(crate) fn step(&mut self, calling: &mut Calling<'_>, time: f64, size: f64) -> Result {
+        let tolerance = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
+        let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + tolerance);
+        self.left = if self.is_fed { time + size - tolerance } else { f64::INFINITY };
+        let (mut workspace, next) = (std::mem::take(&mut self.workspace), self.next);
+        let mut equations = Equations { calling, exchange: self };
+        if equations.exchange.is_discrete {
+            equations.update(next.filter(|_| is_due).map_or(time, |next| next.max(time)))?;
+        } else if let Some(next) = next.filter(|_| is_due) {
+            equations.event(next.max(time))?;
+        } else if equations.exchange.is_fed && equations.has_crossed(time)? {
+            equations.event(time)?;
+        }
+        let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
+        let step = Step { time, size, tolerance, longest, handled: Some(handled.max(time)) };
+        let advanced = solver::advance(&mut equations, &mut workspace, &step);
+        self.workspace = workspace;
+        self.handled = advanced?;
+        if self.is_discrete {
+            calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        }
+        Ok(())
+    }
+}
+
+/// The equations of a component, as the solver sees them.
+struct Equations<'a, 'b> {
+    calling: &'a mut Calling<'b>,
+    exchange: &'a mut Exchange,
+}
+
+impl Equations<'_, '_> {
+    /// Evaluates the equations for the states that the FMU has.
+    fn evaluate_here(&mut self, time: f64) -> Result<bool> {
+        let mut states = vec![0.0; self.exchange.nominals.len()];
+        self.states_of(&mut states)?;
+        self.evaluate(time, &states)
+    }
+
+    fn states_of(&mut self, states: &mut [f64]) -> Result {
+        match states.is_empty() {
+            true => Ok(()),
+            false => (self.calling)
+                .warned(Operation::States, |instance| instance.get_continuous_states(states)),
+        }
+    }
+
+    /// Whether the inputs of a communication point have changed the sign of an event indicator.
+    fn has_crossed(&mut self, time: f64) -> Result<bool> {
+        let before = self.exchange.indicators.clone();
+        if before.is_empty() {
+            return Ok(false);
+        }
+        self.evaluate_here(time)?;
+        let mut pairs = before.iter().zip(&self.exchange.indicators);
+        Ok(pairs.any(|(before, now)| (*before > 0.0) != (*now > 0.0)))
+    }
+
+    /// Handles an event in event mode.
+    fn update(&mut self, time: f64) -> Result {
+        self.exchange.next = self.calling.update(time)?;
+        self.exchange.handled = time;
+        Ok(())
+    }
+}
+
+impl System for Equations<'_, '_> {
+    type Error = Trouble;
+
+    fn nominal(&self, state: usize) -> f64 {
+        self.exchange.nominals[state].abs()
+    }
+
+    fn states(&mut self, states: &mut [f64]) -> Result {
+        self.states_of(states)
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool> {
+        // The time of an event differs by rounding from that of the step in which it is.
+        let time = time.max(self.exchange.handled);
+        let Exchange { derivatives, indicators, .. } = &mut *self.exchange;
+        self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+        if !states.is_empty() {
+            self.calling
+                .warned(Operation::SetStates, |instance| instance.set_continuous_states(states))?;
+            self.calling.warned(Operation::Derivatives, |instance| {
+                instance.get_continuous_state_derivatives(derivatives)
+            })?;
+        }
+        if !indicators.is_empty() {
+            self.calling.warned(Operation::Indicators, |instance| {
+                instance.get_event_indicators(indicators)
+            })?;
+        }
+        Ok(derivatives.iter().chain(&*indicators).all(|value| value.is_finite()))
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        derivatives.copy_from_slice(&self.exchange.derivatives);
+    }
+
+    fn is_positive(&mut self, indicator: usize) -> bool {
+        self.exchange.indicators[indicator] > 0.0
+    }
+
+    fn not_finite(&mut self) -> Trouble {
+        let reason = "a derivative or an event indicator became NaN or infinite".to_owned();
+        Trouble::Equations { reason, is_discarded: false }
+    }
+
+    fn completed(&mut self, time: f64) -> Result<bool> {
+        let operation = Operation::Completed;
+        let completed = self.calling.call(operation, Instance::completed_integrator_step)?;
+        if completed.terminate {
+            return Err(self.calling.terminated(operation, time));
+        }
+        Ok(completed.enter_event_mode)
+    }
+
+    fn event(&mut self, time: f64) -> Result {
+        if time > self.exchange.handled {
+            self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+        }
+        self.calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        self.update(time)
+    }
+
+    fn next_event(&self, _time: f64) -> Option<f64> {
+        self.exchange.next.filter(|next| *next < self.exchange.left)
+    }
+}
