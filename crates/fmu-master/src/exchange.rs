@@ -7,7 +7,7 @@
 
 use std::fmt::Arguments;
 
-use dormand_prince::solver::{self, MAX_EVENTS, Step, System, Workspace, too_many_events};
+use dormand_prince::solver::{self, Events, MAX_EVENTS, Step, System, Workspace, too_many_events};
 use fmu_description::{FmiVersion, Variability};
 use fmu_host::{Cause, Instance, Status, Success};
 use fmu_worker::{Calls, Function};
@@ -240,10 +240,17 @@ impl Exchange {
             equations.event(time)?;
         }
         let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
-        let step = Step { time, size, tolerance, longest, handled: Some(handled.max(time)) };
+        let step = Step {
+            time,
+            size,
+            tolerance,
+            longest,
+            events: Events::Here(handled.max(time)),
+            follows_event: false,
+        };
         let advanced = solver::advance(&mut equations, &mut workspace, &step);
         self.workspace = workspace;
-        self.handled = advanced?;
+        self.handled = advanced?.handled;
         if self.is_discrete {
             calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
         }
