@@ -44,25 +44,35 @@ def test_the_pid_in_c_gives_the_same_bits(own_fmu: Path, fmus: Path, tmp_path: P
 # --- models with equations ------------------------------------------------------------------------
 
 CS, ME = {"fmi_type": "CoSimulation"}, {"fmi_type": "ModelExchange"}
+KINDS = {
+    "FMI 2.0 CS": ("", CS),
+    "FMI 2.0 ME": ("", ME),
+    "FMI 2.0 ME, native master": ("", None),
+    "FMI 3.0 CS": ("_fmi3", CS),
+    "FMI 3.0 CS with events": (
+        "_fmi3",
+        CS | {"use_event_mode": True, "early_return_allowed": True},
+    ),
+    "FMI 3.0 ME": ("_fmi3", ME),
+    "FMI 3.0 ME, native master": ("_fmi3", None),
+}
 
 
-@pytest.fixture(
-    scope="module",
-    params=[
-        ("", CS),
-        ("", ME),
-        ("_fmi3", CS),
-        ("_fmi3", CS | {"use_event_mode": True, "early_return_allowed": True}),
-        ("_fmi3", ME),
-    ],
-    ids=["FMI 2.0 CS", "FMI 2.0 ME", "FMI 3.0 CS", "FMI 3.0 CS with events", "FMI 3.0 ME"],
-)
-def simulated(request, equations: Path):
-    """Return a function that simulates a model with FMPy."""
+@pytest.fixture(scope="module", params=KINDS.values(), ids=KINDS)
+def simulated(request, equations: Path, tmp_path_factory):
+    """Return a function that simulates a model with FMPy, or the native master."""
     ending, options = request.param
-    return lambda model, **more: fmpy.simulate_fmu(
-        equations / f"{model}{ending}.fmu", **options, **more
-    )
+
+    def call(model: str, start_values: dict[str, float] | None = None, **more: float):
+        fmu = equations / f"{model}{ending}.fmu"
+        if options:
+            return fmpy.simulate_fmu(fmu, start_values=start_values or {}, **options, **more)
+        sets = [f"--set={name}={value}" for name, value in (start_values or {}).items()]
+        sets += [f"--tolerance={tolerance}" for tolerance in more.values()]
+        folder = tmp_path_factory.mktemp("native")
+        return simulate(fmu, folder, "--interface=model-exchange", *sets)
+
+    return call
 
 
 def height(times: np.ndarray, g: float = 9.81, e: float = 0.7) -> np.ndarray:

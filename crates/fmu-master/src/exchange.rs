@@ -227,9 +227,9 @@ impl Exchange {
 
     /// Integrates from one communication point to the next.
     pub(crate) fn step(&mut self, calling: &mut Calling<'_>, time: f64, size: f64) -> Result {
-        let tolerance = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
-        let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + tolerance);
-        self.left = if self.is_fed { time + size - tolerance } else { f64::INFINITY };
+        let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
+        let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
+        self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
         let (mut workspace, next) = (std::mem::take(&mut self.workspace), self.next);
         let mut equations = Equations { calling, exchange: self };
         if equations.exchange.is_discrete {
@@ -246,7 +246,7 @@ impl Exchange {
             tolerance,
             longest,
             events: Events::Here(handled.max(time)),
-            follows_event: false,
+            follows_event: handled >= time - rounding,
         };
         let advanced = solver::advance(&mut equations, &mut workspace, &step);
         self.workspace = workspace;
