@@ -338,7 +338,8 @@ def test_the_summary_has_the_extremes_and_what_is_alarming(tmp_path):
 def test_the_summary_shows_the_last_values_with_units(tmp_path):
     result = run("simulate", PID, "--stop=0.5", "--csv", "out.csv", cwd=tmp_path)
     assert result.stderr == "", "no progress bar without a terminal"
-    _, *lines, speed, _ = result.stdout.splitlines()
+    _, *lines, note, speed, _ = result.stdout.splitlines()
+    assert note.startswith("sampled, because all outputs are discrete: controller;")
     with (tmp_path / "out.csv").open(newline="") as file:
         heads, *_, last = csv.reader(file)
     expected = {name: f"{float(value):.9e}" for name, value in zip(heads, last, strict=True)}
@@ -359,6 +360,14 @@ def test_csv_can_be_written_to_a_device_and_a_closed_pipe_is_not_an_error():
     shell = ["bash", "-o", "pipefail", "-c", command]
     result = subprocess.run(shell, capture_output=True, text=True, check=True)
     assert (result.stdout, result.stderr) == (head + "\n", "")
+
+
+def test_what_could_be_recorded_is_named_if_nothing_is(relay):
+    changes = {'causality="output"': 'causality="local"'} | {
+        '"1" causality="local"': '"1" causality="output"'
+    }
+    shown = run("simulate", relay({"a": {}}, (), changes)).stdout
+    assert "--output can record a.label (String), a.time (Real), a.u (Real), a.y (Real)," in shown
 
 
 def test_a_terminal_shows_the_progress():
@@ -591,9 +600,15 @@ def test_initial_values_pass_through_a_chain_of_direct_outputs(relay, tmp_path, 
 )
 def test_a_row_of_a_sampled_fmu_has_the_sample_at_its_time(relay, tmp_path, own, changes):
     """It is available a step later."""
-    columns = simulate(relay({"a": {}}, (), changes, own=own), tmp_path)
+    system = relay({"a": {}}, (), changes, own=own)
+    columns = simulate(system, tmp_path)
     same(columns["time"], TIME)
     same(columns["a.time"], TIME + 0.25)
+    is_told = "sampled, because all outputs are discrete: a;" in run("simulate", system).stdout
+    assert is_told == (not own)
+    same(simulate(system, tmp_path, "--sampled=false")["a.time"], TIME)
+    options = ("--sampled=true", "--step=0.25")
+    same(simulate(tmp_path / "Relay.fmu", tmp_path, *options)["time"], TIME + 0.25)  # its output
 
 
 # --- misfits --------------------------------------------------------------------------------------

@@ -145,7 +145,11 @@ impl<'a> ModelDescription<'a> {
             true => version.to_owned(),
             false => quote(version),
         };
-        Some(format!("it is of FMI version {shown}, expected 2.0 or 3.0"))
+        let needed = match version.starts_with("1.") {
+            true => "; export the model again for one of these versions",
+            false => "",
+        };
+        Some(format!("it is of FMI version {shown}, expected 2.0 or 3.0{needed}"))
     }
 
     /// The GUID, which is the instantiation token in FMI 3.0.

@@ -166,7 +166,7 @@ impl Fmu {
     /// Why the master cannot record a scalar, if so.
     pub(crate) fn unrecordable(&self, scalar: usize) -> Option<&'static str> {
         if self.variable(scalar).of_type == Type::Clock {
-            return Some("variables of this type are not supported");
+            return Some("clocks are not supported");
         }
         let is_clocked = self.clocked.contains(&self.scalars[scalar].variable);
         is_clocked.then_some("clocked variables are not supported")
@@ -318,7 +318,10 @@ fn interface<'a>(
         let other = match (all.into_iter().find(|i| of(*i).is_some()), model.scheduled_execution())
         {
             (Some(other), _) => format!(", only {}", other.text()),
-            (None, Some(_)) => ", only scheduled execution".to_owned(),
+            (None, Some(_)) => {
+                ", only scheduled execution, whose model partitions a host must activate by clocks"
+                    .to_owned()
+            }
             (None, None) => String::new(),
         };
         let wanted = wanted.unwrap_or(Interface::CoSimulation).text();
@@ -327,7 +330,10 @@ fn interface<'a>(
     let is_input_clock =
         |v: &&Listed<'_>| v.of_type == Type::Clock && v.causality == Causality::Input;
     if let Some((_, clock)) = model.variables().find(|(_, v)| is_input_clock(v)) {
-        bail!("its clock {} must be ticked by the master, which is not supported", clock.name);
+        bail!(
+            "its clock {} must be ticked by the master, which is not supported; it needs a host that activates input clocks in event mode",
+            clock.name
+        );
     }
     Ok(found)
 }
@@ -337,12 +343,19 @@ fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<St
         .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
     let binary = platform.binary(identifier);
     // The names in an archive are safe, but the binary must also be in the folder of the platform.
-    ensure!(
-        archive.names.contains(&binary) && !identifier.contains(['/', '\\']),
-        "it has no binary for this machine ({})",
-        platform.folder
-    );
-    Ok(binary)
+    if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
+        return Ok(binary);
+    }
+    let other = archive.names.iter().find(|name| {
+        let file = Path::new(name).file_stem().unwrap_or_default();
+        file.to_str().is_some_and(|file| **name == platform.binary(file))
+    });
+    match other {
+        Some(other) => bail!(
+            "its binary {other} is not named after the model identifier {identifier:?}, expected {binary}"
+        ),
+        None => bail!("it has no binary for this machine ({})", platform.folder),
+    }
 }
 
 fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Arc<[usize]>)> {

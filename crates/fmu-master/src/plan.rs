@@ -30,6 +30,8 @@ pub struct Plan {
     pub(crate) wiring: Wiring,
     /// The smallest and the largest value of each column that the model description allows.
     pub(crate) bounds: Vec<[Option<f64>; 2]>,
+    /// What the master has decided that its user may want otherwise, as sentences.
+    pub(crate) notes: Vec<String>,
 }
 
 /// A start value that fits its variable.
@@ -117,6 +119,7 @@ impl Plan {
             experiment: description.experiment(),
             wiring: Wiring::new(&components, &links, input.as_ref(), &recorded),
             columns: recorded.iter().map(column).collect(),
+            notes: notes(&components, &recorded),
             bounds: recorded.iter().map(bounds).collect(),
             input,
             components,
@@ -392,30 +395,81 @@ fn tolerance(key: &str, tolerance: Option<f64>) -> Result<()> {
 }
 
 fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
-    let unrecordable = |port: &Port| components[port.component].fmu.unrecordable(port.scalar);
     if names.is_empty() {
         // Strings and Binaries only on request.
         let is_recorded = |port: &Port| {
             let variable = port.of(components);
             variable.causality == Causality::Output
                 && !matches!(variable.of_type, Type::String | Type::Binary)
-                && unrecordable(port).is_none()
+                && unrecordable(components, port).is_none()
         };
-        let all = components.iter().enumerate().flat_map(|(component, c)| {
-            (0..c.fmu.scalars.len()).map(move |scalar| Port { component, scalar })
-        });
-        return Ok(all.filter(is_recorded).collect());
+        return Ok(all(components).filter(is_recorded).collect());
     }
     let mut ports = Vec::new();
     for name in names {
         let port = port(components, name)?;
-        if let Some(reason) = unrecordable(&port) {
+        if let Some(reason) = unrecordable(components, &port) {
             bail!("{name} cannot be recorded: {reason}");
         }
         ensure!(!ports.contains(&port), "{name} is recorded twice");
         ports.push(port);
     }
     Ok(ports)
+}
+
+/// The number of variables that a note names.
+const NAMED: usize = 8;
+
+/// Says which components were taken for sampled ones, and what could be recorded if nothing is.
+fn notes(components: &[Planned], recorded: &[Port]) -> Vec<String> {
+    let mut notes = Vec::new();
+    let is_noted = |index: usize| {
+        let Planned { sampled, is_guess, .. } = &components[index];
+        *sampled && *is_guess && recorded.iter().any(|port| port.component == index)
+    };
+    let guessed = (0..components.len()).filter(|index| is_noted(*index));
+    let guessed = Vec::from_iter(guessed.map(|index| components[index].name.as_str()));
+    if !guessed.is_empty() {
+        notes.push(format!(
+            "sampled, because all outputs are discrete: {}; --sampled false records the outputs before each step, not after it",
+            guessed.join(", ")
+        ));
+    }
+    if recorded.is_empty() {
+        let mut all =
+            Vec::from_iter(all(components).filter(|p| unrecordable(components, p).is_none()));
+        all.sort_by_key(|port| port.of(components).causality != Causality::Output);
+        let names = all.iter().take(NAMED);
+        let names = names.map(|port| {
+            let kind = port.of(components).of_type;
+            let version = components[port.component].fmu.version;
+            format!("{} ({})", port.name(components), kind.name(version))
+        });
+        let mut names = Vec::from_iter(names);
+        if all.len() > NAMED {
+            names.push(format!("and {} more", all.len() - NAMED));
+        }
+        notes.push(match names.is_empty() {
+            true => "nothing is recorded, as there is no variable that could be".to_owned(),
+            false => format!(
+                "nothing is recorded, as no output is a number or Boolean; --output can record {}",
+                names.join(", ")
+            ),
+        });
+    }
+    notes
+}
+
+/// The variables of all components.
+fn all(components: &[Planned]) -> impl Iterator<Item = Port> {
+    let all = components.iter().enumerate();
+    all.flat_map(|(component, planned)| {
+        (0..planned.fmu.scalars.len()).map(move |scalar| Port { component, scalar })
+    })
+}
+
+fn unrecordable(components: &[Planned], port: &Port) -> Option<&'static str> {
+    components[port.component].fmu.unrecordable(port.scalar)
 }
 
 /// Checks that every connection leads from an output to a matching input, and that no input is

@@ -43,6 +43,8 @@ pub struct Ready {
     pub end: f64,
     /// The recorded variables.
     pub columns: Vec<Column>,
+    /// What the master has decided that its user may want otherwise, as sentences.
+    pub notes: Vec<String>,
 }
 
 /// Does the run that a supervisor has started this process for; see [`supervise`]. `plan` makes the plan and
@@ -65,6 +67,7 @@ pub fn work(
         experiment: plan.experiment,
         end: plan.end(),
         columns: plan.columns.clone(),
+        notes: plan.notes.clone(),
     }));
     // The file for the rows can be written.
     let Some(()) = service.task()? else {
@@ -188,7 +191,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 }
                 let is_due = |rows: &&mut Rows| rows.flushed.elapsed() >= FLUSH_PERIOD;
                 if let Some(Err(error)) = rows.as_mut().filter(is_due).map(Rows::flush) {
-                    return Ok(unwritten(&error, kept, rows));
+                    return unwritten(error, kept, rows);
                 }
                 worker.pause();
                 continue;
@@ -202,7 +205,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
         match report {
             Report::Row(row) => {
                 if let Some(Err(error)) = rows.as_mut().map(|rows| rows.push(&row)) {
-                    return Ok(unwritten(&error, kept, rows));
+                    return unwritten(error, kept, rows);
                 }
             }
             _ if cancelled.is_some() => {}
@@ -215,7 +218,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             Report::Done(messages, last, summarized, duration, ended) => {
                 let count = match rows.as_mut().map(Rows::complete).transpose() {
                     Ok(count) => count,
-                    Err(error) => return Ok(unwritten(&error, kept, rows)),
+                    Err(error) => return unwritten(error, kept, rows),
                 };
                 rows.map(Rows::place).transpose()?;
                 let ready = ready.context("the run has not begun")?;
@@ -246,9 +249,12 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
     }
 }
 
-/// The end of a run whose rows cannot be written.
-fn unwritten(error: &Error, file: Option<&Path>, rows: Option<Rows>) -> Outcome {
-    Outcome::Failed(Vec::new(), format!("{error:#}{}", keep(file, rows)))
+/// The end of a run whose rows cannot be written. A device keeps none, and may be a pipe that nobody reads.
+fn unwritten(error: Error, file: Option<&Path>, rows: Option<Rows>) -> Result<Outcome> {
+    match rows.as_ref().is_some_and(|rows| part(&rows.path).is_none()) {
+        true => Err(error),
+        false => Ok(Outcome::Failed(Vec::new(), format!("{error:#}{}", keep(file, rows)))),
+    }
 }
 
 /// Keeps the rows of a run that did not reach its end, if there are any, in the file with the suffix `.part`

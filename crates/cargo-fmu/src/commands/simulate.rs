@@ -47,6 +47,10 @@ pub struct SimulateArgs {
     /// How to run the FMUs [default: by co-simulation, if they support it]
     #[arg(long)]
     interface: Option<Interface>,
+    /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
+    /// one FMU without a system file]
+    #[arg(long)]
+    sampled: Option<bool>,
     /// Order of stepping
     #[arg(long)]
     order: Option<Order>,
@@ -211,6 +215,7 @@ fn describe(args: &SimulateArgs) -> Result<Description> {
         }
     }
     for component in &mut description.components {
+        component.sampled = args.sampled.or(component.sampled);
         component.interface = match args.interface {
             None => component.interface,
             Some(Interface::CoSimulation) => Some(fmu_master::Interface::CoSimulation),
@@ -279,8 +284,8 @@ fn report(out: &mut impl Write, finished: &Summary) -> Result<()> {
     for alarm in &finished.summarized.alarms {
         writeln!(out, "alarming: {alarm}")?;
     }
-    if let Some(ended) = &finished.ended {
-        writeln!(out, "{ended}")?;
+    for line in ready.notes.iter().chain(&finished.ended) {
+        writeln!(out, "{line}")?;
     }
     let end = if finished.ended.is_some() { time } else { ready.end };
     let simulated = end - ready.experiment.start;
