@@ -75,10 +75,7 @@ def container(
     return folder / "loop.fmu"
 
 
-@pytest.mark.parametrize(
-    ("controller", "target"),
-    [("Pid", "own"), ("PidRbf", "own"), ("IpidRbf", "own"), ("IpidRbf", "supervisor")],
-)
+@pytest.mark.parametrize(("controller", "target"), [("PidRbf", "own"), ("IpidRbf", "supervisor")])
 def test_a_compiled_master_gives_the_same_bits(fmus, tmp_path, controller, target):
     # Values of enumeration items: the square wave and the network's target
     parameters = {"source.signal": "3", "source.frequency": "0.1"}

@@ -1,6 +1,5 @@
 """The pages with traces of runs and with sweeps, in a real browser."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -100,8 +99,7 @@ def test_the_page_of_a_sweep_shows_the_best_run_and_the_one_at_the_cursor(
     page_file, out = tmp_path / "page.html", tmp_path / "rows.csv"
     result = sweeps.local(sweeps.written(tmp_path, text), out, "--plot", page_file)
     assert (result.returncode, result.stderr) == (0, "")
-    with out.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = sweeps.table(out)
     page = opened(browser, page_file, width, scheme)
     shown = page.locator("#shown")
     best = re.search(r"smallest iae, .*: run (\d+)", result.stdout)[1]
