@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree, html
+from scipy import linalg, signal
 
 import reference
 from pendulum_fmus import table1
@@ -22,6 +23,7 @@ from pendulum_fmus.project import ROOT
 from pendulum_fmus.report import __main__ as report
 from pendulum_fmus.report import runs, traps
 from pendulum_fmus.report.claims import Claim, Row, Statement, Verdict, judge, number
+from pendulum_fmus.report.design import lqr
 from pendulum_fmus.report.figure import thinned
 from pendulum_fmus.report.measures import MEASURES, bursts, lag, overshoot, settling, time_to, tone
 from pendulum_fmus.report.page import DOCUMENTS
@@ -263,6 +265,22 @@ def test_matrix_matches_the_independent_controller(delay):
         u = controller.u
         plant.step(before if law.samples else u, reference.TS)
         state = A @ state
+
+
+def test_the_lqr_is_that_of_scipy():
+    """From the equations (9), discretized and solved by SciPy."""
+    M, m, l, g, I, b = NOMINAL.values()  # noqa: E741
+    mass = np.array([[M + m, -m * l], [-m * l, I + m * l**2]])
+    rates, force = np.zeros((4, 4)), np.zeros((4, 1))
+    rates[0, 1] = rates[2, 3] = 1
+    rates[[1, 3], 1:3] = np.linalg.solve(mass, [[-b, 0], [0, m * g * l]])
+    force[[1, 3], 0] = np.linalg.solve(mass, [1, 0])
+    A, B, *_ = signal.cont2discrete((rates, force, np.eye(4), np.zeros((4, 1))), TS)
+    R, Q = np.array([[20.0**-2]]), np.diag([0.5**-2, 0, math.radians(10) ** -2, 0])
+    P = linalg.solve_discrete_are(A, B, Q, R)
+    expected = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    assert lqr() == pytest.approx(expected, rel=1e-6)
+    assert np.max(np.abs(np.linalg.eigvals(A - B @ lqr()))) < 1
 
 
 # --- errors -------------------------------------------------------------------------------------

@@ -59,6 +59,7 @@ STYLES = {
     "double": Style("double", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
     "winding": Style("without anti-windup", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
     "held": Style("with anti-windup", "#0072b2", "#56b4e9", (), 1.4, "o"),
+    "LQR": Style("LQR", "#8a5fb0", "#c3a3e0", (9, 3), 1.5),
     "limit": Style("limit", "#a0a0a0", "#7d7d7d", (), 1.4),
 }
 
@@ -72,6 +73,7 @@ class Curve:
     y: np.ndarray
     style: str
     name: str = ""  # in the legend; by default the name of its style
+    along: bool = False  # whether x goes back and forth, as in a Nyquist plot
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ class Panel:
 
         They include one sample on each side of the visible range.
         """
+        if curve.along:
+            return np.arange(len(curve.x))
         left, right = self.x_range()
         inside = np.flatnonzero((curve.x >= left) & (curve.x <= right))
         part = slice(max(inside[0] - 1, 0), inside[-1] + 2)
@@ -130,6 +134,8 @@ class Panel:
         curve, (low, high) = self.curves[index], self.x_range()
         offset = (index + 0.5) / len(self.curves)
         share = (np.arange(MARKERS) + offset) / MARKERS
+        if curve.along:
+            return (share * len(curve.x)).astype(int)
         at = low * (high / low) ** share if self.log_x else low + (high - low) * share
         found = np.searchsorted(curve.x, at)
         return np.unique(found[found < len(curve.x)])

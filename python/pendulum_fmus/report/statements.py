@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..loop import TS
-from . import beyond, figure, findings
+from . import beyond, design, figure, findings
 from .claims import COLUMNS, Claim, Part, Row, Shown, Statement, Verdict, counts, number
 from .figure import Figure
 from .measures import MEASURES, SIGNAL_NAMES, LoopMeasure, Measure, finite, largest, tone
@@ -283,13 +283,14 @@ def _criterion(clause: Mapping[str, Any]) -> str:
 
 def beyond_part(data: Data, part: Mapping[str, Any]) -> Part:
     """Return a section beyond the paper, whose statements are ours."""
-    section = getattr(beyond, part["name"])(data)
+    name = part["name"]
+    section = (getattr(beyond, name, None) or getattr(design, name))(data)
     panels = figure.panels(part["panels"], section.curves)
-    drawn = Figure(part["name"], part["title"], part["alt"], panels)
+    drawn = Figure(name, part["title"], part["alt"], panels)
     statements = []
     for one, rows in zip(part["statement"], section.rows, strict=True):
         remark, columns = one.get("remark", "").format_map(section.facts), one.get("columns")
         claim = Claim("", one["criterion"], columns or COLUMNS, rows, remark)
         statements.append(Statement(one["says"], [claim]))
-    anchor, notes = f"beyond-{part['name']}", part.get("notes", ())
+    anchor, notes = f"beyond-{name}", part.get("notes", ())
     return Part(anchor, part["heading"], "", notes, drawn, statements)
