@@ -9,7 +9,8 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -152,20 +153,28 @@ OUTSIDE = ROOT / "target" / "outside"
 """The target folder of all packages outside the repository: dependencies are built once."""
 
 
+@contextmanager
+def started(command: Sequence[object], folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start a command in a folder; those outside run one at a time."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with ExitStack() as stack:
+        if folder != ROOT:
+            env |= {"CARGO_TARGET_DIR": str(OUTSIDE), "CARGO_INCREMENTAL": "0"}
+            # Debug information takes long to write. An export must override the abort.
+            env |= {"CARGO_PROFILE_DEV_DEBUG": "0", "CARGO_PROFILE_RELEASE_PANIC": "abort"}
+            OUTSIDE.mkdir(parents=True, exist_ok=True)
+            lock = stack.enter_context((OUTSIDE / "lock").open("w"))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        process = subprocess.Popen(list(map(str, command)), cwd=folder, env=env, **pipes)
+        yield stack.enter_context(process)
+
+
 def call(command: Sequence[object], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a command in a folder, whatever its exit code; those outside run one at a time."""
-    env = {**os.environ, "PYTHONPATH": str(ROOT / "python"), "FMUS": "target/fmu"}
-    options: dict[str, Any] = {"cwd": folder, "env": env, "capture_output": True, "text": True}
-    command = list(map(str, command))
-    if folder == ROOT:
-        return subprocess.run(command, **options)
-    env |= {"CARGO_TARGET_DIR": str(OUTSIDE), "CARGO_INCREMENTAL": "0"}
-    # Debug information takes long to write. An export must override the abort.
-    env |= {"CARGO_PROFILE_DEV_DEBUG": "0", "CARGO_PROFILE_RELEASE_PANIC": "abort"}
-    OUTSIDE.mkdir(parents=True, exist_ok=True)
-    with (OUTSIDE / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        return subprocess.run(command, **options)
+    with started(command, folder) as process:
+        output = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, *output)
 
 
 def shell(commands: str, folder: Path = ROOT) -> Path:

@@ -1,7 +1,9 @@
 """Packages outside the repository: `cargo fmu new`, and all ways to export them."""
 
+import math
 import os
 import shutil
+import signal
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +13,7 @@ from xml.etree import ElementTree
 import fmpy
 import pytest
 
-from native import call, prepare, read_csv
+from native import call, prepare, read_csv, started
 from pendulum_fmus.master import Component, MasterError, System, simulate
 from pendulum_fmus.project import PROGRAM, ROOT
 
@@ -79,6 +81,26 @@ def test_the_loop_of_a_new_package_closes_in_the_native_master_and_in_fmpy(
     for name in ("controller.u", "plant.y"):
         assert results[name].tolist() == native[name].tolist()
     assert results["plant.y"][-1] == pytest.approx(100.0, rel=1e-3)
+
+
+def test_run_builds_and_simulates_again_after_a_change(workspace: Path, tmp_path: Path) -> None:
+    package, csv = workspace / "my-controller", tmp_path / "run.csv"
+    source = package / "src" / "plant.rs"
+    text = source.read_text()
+    command = [PROGRAM, "run", "MyControllerPlant", "--set", "u=1", "--csv", csv, "--watch"]
+    with started(command, package) as process:
+        try:
+            for gain in (10, 20):
+                lines = iter(process.stdout.readline, "")
+                assert any(line.startswith("waiting for a change") for line in lines)
+                # The step response of the motor after four time constants.
+                expected = gain * (1.0 - math.exp(-4.0))
+                assert read_csv(csv)["y"][-1] == pytest.approx(expected, rel=1e-12)
+                source.write_text(text.replace("start = 10", "start = 20"))
+        finally:
+            process.terminate()
+            source.write_text(text)
+    assert process.returncode == 128 + signal.SIGTERM
 
 
 # --- selecting packages and features --------------------------------------------------------------

@@ -25,7 +25,7 @@ pub struct Page {
     pub file: Option<PathBuf>,
     /// Show the page
     #[arg(long, requires = "file")]
-    open: bool,
+    pub open: bool,
 }
 
 impl Page {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use fmu_build::{Compression, FmiVersion, Progress, Selection, Variant};
+use fmu_build::{Compression, FmiVersion, Options, Progress, Selection, Variant, Written};
 use fmu_file::platform::Prebuilt;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -70,7 +70,7 @@ impl From<Version> for FmiVersion {
 /// Which packages to build, and how.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Options of cargo")]
-struct SelectionArgs {
+pub struct SelectionArgs {
     /// Manifest of the package or workspace [default: the one in the current folder]
     #[arg(long, value_name = "PATH")]
     manifest_path: Option<PathBuf>,
@@ -91,6 +91,19 @@ struct SelectionArgs {
     profile: String,
 }
 
+impl From<SelectionArgs> for Selection {
+    fn from(args: SelectionArgs) -> Self {
+        Self {
+            manifest_path: args.manifest_path,
+            packages: args.packages,
+            features: args.features,
+            all_features: args.all_features,
+            no_default_features: args.no_default_features,
+            profile: args.profile,
+        }
+    }
+}
+
 fn setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((variable, value)) if !variable.is_empty() => {
@@ -105,16 +118,8 @@ fn setting(text: &str) -> Result<(String, String), String> {
 /// # Errors
 /// See [`fmu_build::export`].
 pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
-    let selection = args.selection;
-    let options = fmu_build::Options {
-        selection: Selection {
-            manifest_path: selection.manifest_path,
-            packages: selection.packages,
-            features: selection.features,
-            all_features: selection.all_features,
-            no_default_features: selection.no_default_features,
-            profile: selection.profile,
-        },
+    let options = Options {
+        selection: args.selection.into(),
         models: args.models,
         variant: Variant { name: args.name, settings: args.settings },
         versions: args.fmi.into_iter().map(Into::into).collect(),
@@ -128,21 +133,29 @@ pub fn run(args: ExportArgs, out: &mut impl Write) -> Result<()> {
             false => Compression::Deflate,
         },
     };
+    for fmu in build(&options)? {
+        print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;
+    }
+    Ok(())
+}
+
+/// Exports models and shows the progress.
+///
+/// # Errors
+/// See [`fmu_build::export`].
+pub fn build(options: &Options) -> Result<Vec<Written>> {
     let spinner = ProgressBar::new_spinner();
     spinner.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}")?);
     spinner.enable_steady_tick(Duration::from_millis(100));
     let print = |text: &str| spinner.suspend(|| eprintln!("{text}"));
-    let written = fmu_build::export(&options, &|progress| match progress {
+    let written = fmu_build::export(options, &|progress| match progress {
         // Without a terminal, there is no spinner.
         Progress::Building(text) if spinner.is_hidden() => print(&format!("{text} ...")),
         Progress::Building(text) | Progress::Built(text) => spinner.set_message(text.to_owned()),
         Progress::Said(text) => print(text),
     });
     spinner.finish_and_clear();
-    for fmu in written? {
-        print_fmu(&fmu.file, fmu.size, &fmu.platforms.join(" "), out)?;
-    }
-    Ok(())
+    written
 }
 
 /// Prints an FMU that was written, its size and its platforms.

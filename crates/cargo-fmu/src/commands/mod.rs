@@ -16,6 +16,8 @@ pub mod ssp;
 #[cfg(feature = "run")]
 pub mod sweep;
 #[cfg(feature = "run")]
+pub mod try_out;
+#[cfg(feature = "run")]
 pub mod validate;
 #[cfg(feature = "run")]
 mod worker;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Subcommand;
 
-use super::{compare, simulate, ssp, sweep, validate};
+use super::{compare, simulate, ssp, sweep, try_out, validate};
 use crate::session::Session;
 
 /// A command that runs FMUs.
@@ -23,6 +23,20 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
   cargo fmu simulate examples/closed-loop/pid-rbf.toml --order parallel \\
       --set controller.previous_sample_terms=false --set controller.rbf.eta=0.2")]
     Simulate(simulate::SimulateArgs),
+    /// Build models quickly and simulate them, again after each change
+    #[command(
+        mut_arg("system", |arg| arg.value_name("MODEL or SYSTEM.toml").help(
+            "Model of this workspace, or system file, whose FMUs are all of this workspace"
+        )),
+        mut_arg("fmus", |arg| arg.hide(true)),
+        mut_arg("profile", |arg| arg.default_value("dev")),
+        after_help = "The FMUs are for FMI 2.0, and are deleted at the end.
+
+Examples:
+  cargo fmu run Pendulum --set theta0=0.1 --stop 2
+  cargo fmu run loop.toml --watch --plot loop.html"
+    )]
+    Run(try_out::RunArgs),
     /// Simulate a system with many parameter sets; write the metrics of each run
     #[command(after_help = "An interrupted sweep resumes when it is started again.
 
@@ -68,6 +82,7 @@ pub fn run(command: Command, out: &mut impl Write) -> Result<ExitCode> {
             }
         }
         Command::Simulate(args) => return simulate::run(&args, out),
+        Command::Run(args) => return try_out::run(args, out),
         Command::Sweep(args) => return sweep::run(&args, out),
         Command::Compare(args) => {
             let _session = Session::end_when_interrupted()?;

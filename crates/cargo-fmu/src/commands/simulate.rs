@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 use anyhow::{Context, Error, Result, bail};
@@ -67,7 +67,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     #[command(flatten)]
-    page: Page,
+    pub(super) page: Page,
     /// On the page, draw the file of another run, too; may be repeated
     #[arg(long, value_name = "FILE.csv", requires = "file")]
     over: Vec<PathBuf>,
@@ -107,13 +107,33 @@ fn assignment(text: &str) -> Result<(String, Written)> {
 /// The system file or the options are invalid, or an FMU returns an error, crashes or hangs.
 pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
     if let Some(mut service) = Service::of_this_process()? {
-        let records = args.csv.is_some() || args.page.file.is_some();
-        run::work(&mut service, records, || plan(args))?;
+        work(args, &mut service)?;
         return Ok(ExitCode::SUCCESS);
     }
-    let session = Session::start()?;
+    supervise(args, &Session::start()?, &mut Session::worker()?, out)
+}
+
+/// Simulates the system in this worker process.
+///
+/// # Errors
+/// The supervising process has ended.
+pub fn work(args: &SimulateArgs, service: &mut Service) -> Result<()> {
+    let records = args.csv.is_some() || args.page.file.is_some();
+    run::work(service, records, || plan(args))
+}
+
+/// Starts a worker process and reports its results.
+///
+/// # Errors
+/// As [`run`].
+pub fn supervise(
+    args: &SimulateArgs,
+    session: &Session,
+    worker: &mut Command,
+    out: &mut impl Write,
+) -> Result<ExitCode> {
     let limits = args.limited.limits(1)?;
-    let worker = Worker::start(&mut Session::worker()?, session.folder(), limits)?;
+    let worker = Worker::start(worker, session.folder(), limits)?;
     let progress = Progress::new()?;
     let watch = Watch {
         keeps_rows: args.csv.is_some(),
@@ -154,6 +174,22 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
         Outcome::Cancelled(text) => {
             anstream::eprintln!("interrupted{text}");
             Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
+        }
+    }
+}
+
+impl SimulateArgs {
+    /// The model, unless it is a system file.
+    pub fn model(&self) -> Option<String> {
+        let is_system = self.system.extension().is_some_and(|extension| extension == "toml");
+        (!is_system).then(|| self.system.to_string_lossy().into_owned())
+    }
+
+    /// Takes the FMU of the model, or all FMUs of the system, from a folder.
+    pub fn use_fmus(&mut self, folder: &Path) {
+        match self.model() {
+            Some(model) => self.system = folder.join(format!("{model}.fmu")),
+            None => self.fmus = Some(folder.to_owned()),
         }
     }
 }

@@ -1,0 +1,111 @@
+//! `cargo fmu run`: builds models as fast as possible and simulates them, again after each change.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::thread;
+use std::time::{Duration, SystemTime};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use fmu_build::{FmiVersion, Options};
+use fmu_worker::Service;
+
+use super::export::{self, SelectionArgs};
+use super::simulate::{self, SimulateArgs};
+use crate::session::{self, Session};
+use crate::style::ERROR;
+
+/// The model to try out, and how.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    simulation: SimulateArgs,
+    /// Run again after each change of a source file of the workspace
+    #[arg(long)]
+    watch: bool,
+    #[command(flatten)]
+    selection: SelectionArgs,
+    /// Folder of the FMUs that were built; used by the worker process
+    #[arg(long, hide = true, value_name = "DIR")]
+    built: Option<PathBuf>,
+}
+
+/// Interval between looks at the sources.
+const PERIOD: Duration = Duration::from_millis(300);
+
+/// Builds the models to a temporary folder and simulates them; with `--watch`, until a signal.
+///
+/// # Errors
+/// The models cannot be built, or as [`simulate::run`]; with `--watch`, such errors are only printed.
+pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
+    if let (Some(folder), Some(mut service)) = (&args.built, Service::of_this_process()?) {
+        args.simulation.use_fmus(folder);
+        simulate::work(&args.simulation, &mut service)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let session = Session::start()?;
+    let folder = session.folder().join("fmu");
+    let models = args.simulation.model().into_iter().collect();
+    args.simulation.use_fmus(&folder);
+    let options = Options {
+        selection: args.selection.into(),
+        models,
+        versions: vec![FmiVersion::Fmi2],
+        out: Some(folder.clone()),
+        ..Options::default()
+    };
+    let root = options.selection.metadata()?.workspace_root.into_std_path_buf();
+    loop {
+        let begin = SystemTime::now();
+        let ended = export::build(&options).and_then(|_| match session.signal() {
+            Some(signal) => Ok(session::code(signal)),
+            None => {
+                let mut worker = Session::worker()?;
+                worker.arg("--built").arg(&folder);
+                simulate::supervise(&args.simulation, &session, &mut worker, out)
+            }
+        });
+        if !args.watch {
+            return ended;
+        }
+        if let Err(error) = ended {
+            anstream::eprintln!("{ERROR}error:{ERROR:#} {}", format!("{error:#}").trim_end());
+        }
+        args.simulation.page.open = false;
+        writeln!(out, "waiting for a change in {}\n", root.display())?;
+        while !has_changed(&root, begin)? {
+            thread::sleep(PERIOD);
+            if let Some(signal) = session.signal() {
+                return Ok(session::code(signal));
+            }
+        }
+    }
+}
+
+/// Whether a manifest, a source file or a folder with such files has changed since a time; removing a file
+/// changes its folder.
+fn has_changed(folder: &Path, since: SystemTime) -> Result<bool> {
+    let entries = fs::read_dir(folder);
+    let entries = entries.with_context(|| format!("cannot read {}", folder.display()))?;
+    for entry in entries.flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        let is_source =
+            path.extension().is_some_and(|extension| extension == "rs" || extension == "toml");
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        if is_folder {
+            // Cargo marks its target folder by this file.
+            let is_left_out =
+                name.to_string_lossy().starts_with('.') || path.join("CACHEDIR.TAG").exists();
+            if !is_left_out && has_changed(&path, since)? {
+                return Ok(true);
+            }
+        } else if is_source
+            && entry.metadata().and_then(|data| data.modified()).is_ok_and(|at| at > since)
+        {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
