@@ -17,6 +17,7 @@ from native import (
     ROOT,
     compiled,
     pack,
+    refusal,
     replaced,
     run,
     simulate,
@@ -317,3 +318,209 @@ def test_the_same_system_gives_the_same_bytes(packages, tmp_path):
     assert written.returncode == 0, written.stderr
     assert (tmp_path / "new/folder/supervised.ssp").read_bytes() == first
     assert [path.name for path in (tmp_path / "new/folder").iterdir()] == ["supervised.ssp"]
+
+
+# --- reading --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_package_gives_the_bits_of_its_system(name, packages, tmp_path):
+    expected = simulate(SYSTEMS / f"{name}.toml", tmp_path, "--stop", 3)
+    found = simulate(packages / f"{name}.ssp", tmp_path, "--stop", 3)
+    assert list(found) == list(expected)
+    for column, values in expected.items():
+        np.testing.assert_array_equal(found[column], values)
+
+
+NESTED = """<SystemStructureDescription version="1.0" name="nested"
+  xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"
+  xmlns:common="http://ssp-standard.org/SSP1/SystemStructureCommon"
+  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <System name="outer">
+    <ParameterBindings>
+      <ParameterBinding source="values.ssv"><ParameterMapping source="names.ssm"/>
+      </ParameterBinding>
+    </ParameterBindings>
+    <Elements>
+      <System name="inner">
+        <Connectors>
+          <Connector name="in" kind="input"/><Connector name="out" kind="output"/>
+          <Connector name="k" kind="parameter"/>
+        </Connectors>
+        <ParameterBindings>
+          <ParameterBinding prefix="b."><ParameterValues>
+            <ssv:ParameterSet version="1.0" name="b"><ssv:Parameters>
+              <ssv:Parameter name="invert"><ssv:Boolean value="1"/></ssv:Parameter>
+            </ssv:Parameters></ssv:ParameterSet>
+          </ParameterValues></ParameterBinding>
+        </ParameterBindings>
+        <Elements>
+          <Component name="a" source="resources/A%20relay.fmu">
+            <Connectors>
+              <Connector name="u" kind="input"/><Connector name="y" kind="output"/>
+              <Connector name="gain" kind="parameter"/>
+            </Connectors>
+            <ParameterBindings>
+              <ParameterBinding><ParameterValues>
+                <ssv:ParameterSet version="1.0" name="a"><ssv:Parameters>
+                  <ssv:Parameter name="gain"><ssv:Real value="9"/></ssv:Parameter>
+                  <ssv:Parameter name="shape"><ssv:Enumeration value="square"/></ssv:Parameter>
+                </ssv:Parameters></ssv:ParameterSet>
+              </ParameterValues></ParameterBinding>
+            </ParameterBindings>
+          </Component>
+          <Component name="b" source="resources/A%20relay.fmu">
+            <Connectors>
+              <Connector name="u" kind="input"/><Connector name="y" kind="output"/>
+            </Connectors>
+          </Component>
+        </Elements>
+        <Connections>
+          <Connection startConnector="in" endElement="a" endConnector="u"
+            suppressUnitConversion="true">
+            <common:LinearTransformation factor="2" offset="0.5"/></Connection>
+          <Connection startConnector="k" endElement="a" endConnector="gain"/>
+          <Connection startElement="b" startConnector="u" endElement="a" endConnector="y"/>
+          <Connection startElement="b" startConnector="y" endConnector="out"/>
+        </Connections>
+      </System>
+      <Component name="c" source="resources/A%20relay.fmu">
+        <Connectors>
+          <Connector name="u" kind="input"><common:Real unit="deg"/></Connector>
+          <Connector name="y" kind="output"><common:Real unit="rad"/></Connector>
+        </Connectors>
+      </Component>
+    </Elements>
+    <Connections>
+      <Connection startElement="c" startConnector="y" endElement="inner" endConnector="in"/>
+      <Connection startElement="inner" startConnector="out" endElement="c" endConnector="u">
+        <common:LinearTransformation factor="3"/></Connection>
+    </Connections>
+  </System>
+  <DefaultExperiment startTime="0.5" stopTime="2"/>
+</SystemStructureDescription>
+"""
+
+VALUES = """<ssv:ParameterSet version="1.0" name="values"
+  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssv:Parameters>
+  <ssv:Parameter name="inner.k"><ssv:Real value="0.25"/></ssv:Parameter>
+  <ssv:Parameter name="amount"><ssv:Integer value="3"/></ssv:Parameter>
+  <ssv:Parameter name="angle"><ssv:Real value="0.5" unit="turn"/></ssv:Parameter>
+  <ssv:Parameter name="scaled"><ssv:Real value="-2"/></ssv:Parameter>
+  </ssv:Parameters>
+  <ssv:Units><ssc:Unit name="turn"><ssc:BaseUnit rad="1" factor="6.283185307179586"/></ssc:Unit>
+  </ssv:Units>
+</ssv:ParameterSet>
+"""
+
+MAPPING = """<ssm:ParameterMapping version="1.0"
+  xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping"
+  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssm:MappingEntry source="amount" target="inner.b.add"/>
+  <ssm:MappingEntry source="amount" target="c.add"/>
+  <ssm:MappingEntry source="angle" target="c.u"/>
+  <ssm:MappingEntry source="scaled" target="inner.b.gain">
+    <ssc:LinearTransformation factor="-0.25" offset="0.125"/></ssm:MappingEntry>
+</ssm:ParameterMapping>
+"""
+
+DEGREE = 0.017453292519943295
+"""One degree [rad]."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the FMU of the nested system, from deg to rad."""
+    folder = tmp_path_factory.mktemp("nested")
+    pack(folder / "Relay.fmu", replaced(RELAY, with_units("deg", "rad")), compiled(folder))
+    return folder
+
+
+def write_nested(folder: Path, structure=NESTED, values=VALUES, mapping=MAPPING) -> Path:
+    """Write a package with the nested system."""
+    package = folder / "nested.ssp"
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.writestr("SystemStructure.ssd", structure)
+        archive.writestr("values.ssv", values)
+        archive.writestr("names.ssm", mapping)
+        archive.write(folder / "Relay.fmu", "resources/A relay.fmu")
+    return package
+
+
+def test_a_nested_package_gives_the_bits_of_the_same_components_on_one_level(folder, tmp_path):
+    for name, text in [
+        ("Description", NESTED), ("ParameterValues", VALUES), ("ParameterMapping", MAPPING),
+    ]:  # fmt: skip
+        schema = etree.XMLSchema(file=SCHEMAS / f"SystemStructure{name}.xsd")
+        schema.assertValid(etree.fromstring(text))
+    start = {
+        "a": {"gain": 0.25, "shape": "square"},
+        "b": {"gain": 0.625, "add": 3, "invert": True},
+        "c": {"u": 0.5 * (6.283185307179586 / DEGREE), "add": 3},
+    }
+    links = [
+        {"from": "c.y", "to": "a.u", "factor": 2.0, "offset": 0.5},
+        {"from": "a.y", "to": "b.u", "factor": 1 / DEGREE},
+        {"from": "b.y", "to": "c.u", "factor": 1 / DEGREE * 3},
+    ]
+    times = {"start": 0.5, "stop": 2.0, "step": 0.125}
+    system = write_system(folder, start, links, order="parallel", **times)
+    expected = simulate(system, tmp_path)
+    assert np.ptp(expected["a.y"]) > 0
+
+    package = write_nested(folder)
+    with zipfile.ZipFile(package) as archive:
+        archive.extractall(tmp_path)
+    for file in (package, tmp_path / "SystemStructure.ssd"):
+        found = simulate(file, tmp_path, "--step", 0.125)
+        names = ["time", *(name.removeprefix("inner.") for name in list(found)[1:])]
+        assert names == list(expected)
+        for name, values in zip(names, found.values(), strict=True):
+            np.testing.assert_array_equal(values, expected[name])
+    changed = simulate(package, tmp_path, "--step", 0.125, "--set", "inner.a.gain=2")
+    assert not np.array_equal(changed["inner.a.y"], expected["a.y"])
+
+
+def test_parameters_without_a_variable_are_ignored_with_a_warning(folder, tmp_path):
+    package = write_nested(folder, values=replaced(VALUES, {"inner.k": "inner.kk"}))
+    result = run("simulate", package, "--stop", 0.5, cwd=tmp_path)
+    assert result.returncode == 0
+    assert result.stderr == ("warning: the parameter inner.kk has no variable, and is ignored\n")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"1.0" name="nested"', '"2.0" name="nested"', 'version "2.0" of SSP is not supported'),
+        ('"b" source', '"b" type="application/x-ssp-package" source', "the type"),
+        ('"b" source', '"b" implementation="Scheduled" source', "the implementation"),
+        ("resources/A%20relay.fmu", "../Relay.fmu", "leaves its folder"),
+        ("resources/A%20relay.fmu", "http://host/Relay.fmu", "the source"),
+        ('kind="input"/>', 'kind="inout"/>', 'the kind "inout" of the connector in'),
+        ("values.ssv", "missing.ssv", "missing.ssv cannot be read"),
+        ("values.ssv", "names.ssm", "the root is ssm:ParameterMapping"),
+        ('source="values.ssv"', 'source="values.ssv" sourceBase="component"', "the sourceBase"),
+        ('<ssv:Boolean value="1"/>', '<ssv:Binary value="00"/>', "parameter invert: Binary"),
+        ('<ssv:Boolean value="1"/>', '<ssv:Boolean value="x"/>', '"x" is not of the type'),
+        ('Real unit="deg"', 'Real unit="x"', "parameter angle: c.u [x]"),
+        ('startConnector="in"', 'startConnector="no"', "there is no connector inner.no"),
+        ('"y" endConnector="out"', '"u" endConnector="out"', "both take values"),
+        ('endConnector="gain"', 'endConnector="u"', "inner.a.u is connected twice"),
+        (
+            '<common:LinearTransformation factor="3"/>',
+            "<common:BooleanMappingTransformation/>",
+            "BooleanMappingTransformation is not supported",
+        ),
+        (
+            '<Component name="c"',
+            '<SignalDictionaryReference name="bus" dictionary="d"/><Component name="c"',
+            "SignalDictionaryReference is not supported",
+        ),
+    ],
+)
+def test_what_is_not_supported_is_refused_by_name(folder, tmp_path, old, new, message):
+    package = write_nested(folder, replaced(NESTED, {old: new}))
+    text = refusal(tmp_path, "simulate", package)
+    assert text.startswith(f"{package}: ")
+    assert message in text

@@ -291,16 +291,7 @@ impl Archive {
         })?;
         let file = self.zip.by_index(index);
         let file = file.with_context(|| format!("{MODEL_DESCRIPTION} cannot be read"))?;
-        let mut bytes = Vec::new();
-        file.take(MAX_XML + 1)
-            .read_to_end(&mut bytes)
-            .with_context(|| format!("{MODEL_DESCRIPTION} is damaged"))?;
-        ensure!(
-            bytes.len() as u64 <= MAX_XML,
-            "{MODEL_DESCRIPTION} is larger than {} MB",
-            MAX_XML >> 20
-        );
-        Ok(bytes)
+        bounded(file, MODEL_DESCRIPTION)
     }
 
     /// The index of a file; of several with the same name the last, as other tools do.
@@ -385,6 +376,24 @@ impl Archive {
         ensure!(copied == size, "it inflates to {copied}, expected {size} bytes");
         Ok(())
     }
+}
+
+/// Reads an XML file outside an archive as text; what is not UTF-8 is decoded all the same.
+///
+/// # Errors
+/// It cannot be read, or is too large.
+pub fn read_xml(file: &Path) -> Result<String> {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let open = File::open(file).with_context(|| format!("{name} cannot be read"))?;
+    Ok(xml::decode(&bounded(open, &name)?).text)
+}
+
+fn bounded(file: impl Read, name: &str) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let read = file.take(MAX_XML + 1).read_to_end(&mut bytes);
+    read.with_context(|| format!("{name} is damaged"))?;
+    ensure!(bytes.len() as u64 <= MAX_XML, "{name} is larger than {} MB", MAX_XML >> 20);
+    Ok(bytes)
 }
 
 /// The name of a file as a path inside the target folder on every system: relative, with single forward

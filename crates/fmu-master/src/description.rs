@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use fmu_description::{Type, Value, Variable};
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
 use crate::fmu::default_experiment;
+use crate::ssp::{self, Source};
 
 /// A system of coupled FMUs.
 #[derive(Debug, Clone, Deserialize)]
@@ -47,6 +49,9 @@ pub struct Description {
     /// Whether the only component is an FMU without a system file, whose variables have no prefix.
     #[serde(skip)]
     pub is_single: bool,
+    /// Where the system comes from if not from a TOML file.
+    #[serde(skip)]
+    pub package: Option<Arc<Source>>,
 }
 
 /// The times of a simulation (s).
@@ -234,11 +239,15 @@ impl Written {
 }
 
 impl Description {
-    /// Reads a file and resolves the paths of the FMUs against its folder.
+    /// Reads a TOML file, or a package (.ssp) or system (.ssd) of SSP; resolves the paths of the FMUs against
+    /// its folder.
     ///
     /// # Errors
     /// The file cannot be read or is not a valid description.
     pub fn read(file: &Path) -> Result<Self> {
+        if ssp::is_package(file) {
+            return ssp::read(file);
+        }
         let name = file.display();
         let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"))?;
         let parsed =
@@ -279,6 +288,7 @@ impl Description {
             outputs: Vec::new(),
             input: None,
             is_single: true,
+            package: None,
         })
     }
 
@@ -291,10 +301,14 @@ impl Description {
     pub fn set_start(&mut self, name: &str, value: Written) {
         if self.is_single {
             self.components[0].start.insert(name.to_owned(), value);
-        } else if let Some((component, variable)) = name.split_once('.')
-            && let Some(component) = self.components.iter_mut().find(|c| c.name == component)
-        {
-            component.start.insert(variable.to_owned(), value);
+            return;
+        }
+        let owns = |c: &&mut Component| {
+            name.strip_prefix(&c.name).is_some_and(|rest| rest.starts_with('.'))
+        };
+        let owners = self.components.iter_mut().filter(owns);
+        if let Some(component) = owners.max_by_key(|c| c.name.len()) {
+            component.start.insert(name[component.name.len() + 1..].to_owned(), value);
         }
     }
 

@@ -33,7 +33,7 @@ pub struct Fmu {
     pub(crate) feedthrough: Vec<(usize, Arc<[usize]>)>,
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
-    units: HashMap<String, Vec<(String, f64)>>,
+    units: Units,
     token: String,
     /// The tolerance of its default experiment.
     pub(crate) tolerance: Option<f64>,
@@ -118,7 +118,7 @@ impl Fmu {
             scalars,
             clocked,
             index,
-            units: units(&root),
+            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
             token: model.token().to_owned(),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             step: model.experiment("stepSize").filter(|step| *step > 0.0),
@@ -378,11 +378,14 @@ fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Arc<[usize]>)> {
     declared.flatten().collect()
 }
 
+/// The definitions of units by their names.
+pub(crate) type Units = HashMap<String, Vec<(String, f64)>>;
+
 /// The definitions of units in base units: exponents, factor and offset that differ from the default.
-fn units(root: &Element<'_>) -> HashMap<String, Vec<(String, f64)>> {
-    root.list("UnitDefinitions", "Unit")
+pub(crate) fn units<'a>(units: impl Iterator<Item = &'a Element<'a>>, base: &str) -> Units {
+    units
         .filter_map(|unit| {
-            let base = unit.child("BaseUnit")?;
+            let base = unit.child(base)?;
             let mut parts: Vec<(String, f64)> = base
                 .attributes
                 .iter()

@@ -51,12 +51,14 @@ impl Plan {
         description.experiment().steps()?;
         tolerance("tolerance", description.tolerance)?;
         ensure!(!description.components.is_empty(), "the system has no component");
+        // Dots separate the names of nested systems of a package.
+        let is_invalid = |c: char| c.is_control() || (c == '.' && description.package.is_none());
         let mut fmus = Fmus::new();
         let mut components: Vec<Planned> = Vec::new();
         for component in &description.components {
             let name = &component.name;
             ensure!(
-                !name.is_empty() && !name.contains(|c: char| c == '.' || c.is_control()),
+                !name.is_empty() && !name.contains(is_invalid),
                 "the component name {name:?} is invalid; expected a name without dots and control characters"
             );
             ensure!(
@@ -362,26 +364,25 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
 
 /// Finds `component.variable`, or the variable of a single FMU.
 pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
-    if let [single] = components
-        && single.prefix.is_empty()
-    {
-        let scalar = single.fmu.find(name)?;
-        return Ok(Port { component: 0, scalar });
+    let owners = (0..components.len()).filter(|i| name.starts_with(&components[*i].prefix));
+    if let Some(index) = owners.max_by_key(|i| components[*i].prefix.len()) {
+        let Planned { prefix, fmu, .. } = &components[index];
+        let scalar = fmu.find(&name[prefix.len()..]);
+        let scalar = match prefix.is_empty() {
+            true => scalar,
+            false => scalar.with_context(|| name.to_owned()),
+        };
+        return Ok(Port { component: index, scalar: scalar? });
     }
-    let (component, variable) = name
+    let (component, _) = name
         .split_once('.')
         .with_context(|| format!("{name:?} is not of the form component.variable"))?;
-    let index = components.iter().position(|c| c.name == component);
-    let index = index.with_context(|| {
-        let names = Vec::from_iter(components.iter().map(|c| c.name.as_str()));
-        let known = match similar(component, names.iter().copied()).first() {
-            Some(name) => format!("did you mean {name}?"),
-            None => format!("the components are {}", names.join(", ")),
-        };
-        format!("{name}: there is no component {component:?}; {known}")
-    })?;
-    let scalar = components[index].fmu.find(variable);
-    Ok(Port { component: index, scalar: scalar.with_context(|| name.to_owned())? })
+    let names = Vec::from_iter(components.iter().map(|c| c.name.as_str()));
+    let known = match similar(component, names.iter().copied()).first() {
+        Some(name) => format!("did you mean {name}?"),
+        None => format!("the components are {}", names.join(", ")),
+    };
+    bail!("{name}: there is no component {component:?}; {known}")
 }
 
 /// Checks a tolerance, which `key` names.

@@ -25,7 +25,7 @@ use crate::table;
 /// The FMU or system to simulate, and changes to it.
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// FMU, or system file such as those in examples/closed-loop
+    /// FMU, system file such as those in examples/closed-loop, or SSP package
     #[arg(value_name = "FMU or SYSTEM.toml")]
     system: PathBuf,
     /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
@@ -202,6 +202,9 @@ pub fn stem(file: &Path) -> String {
 /// Reads the system file, applies the options and loads the FMUs.
 fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
     let mut description = describe(args)?;
+    for warning in description.package.iter().flat_map(|package| &package.warnings) {
+        worker::warn(warning);
+    }
     let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
     let (sizes, sets): (Vec<_>, Vec<_>) =
         (args.sets.iter()).partition(|(name, _)| plan.is_structural(name));

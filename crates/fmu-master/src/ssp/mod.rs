@@ -1,7 +1,11 @@
-//! Exports systems as System Structure and Parameterization (SSP) 1.0 packages.
+//! Systems as System Structure and Parameterization (SSP) 1.0 packages, written and read.
 
 mod layout;
+mod parameters;
+mod read;
 mod structure;
+mod system;
+mod vocabulary;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,6 +16,9 @@ use fmu_description::{FmiVersion, Type};
 use fmu_file::archive::{self, Packed};
 
 use crate::{Description, Messages, Order, Plan, Planned};
+
+pub(crate) use read::is_package;
+pub use read::{Source, read};
 
 /// A package that is ready to be written.
 pub struct Package {
@@ -47,7 +54,7 @@ impl Package {
             let names = distinct(&Vec::from_iter(plan.components.iter().map(|c| &*c.name)))?;
             let structure = structure::document(&name, &plan, &names, &places)?;
             let structure = Packed::text(structure.as_bytes())?;
-            let mut entries = vec![("SystemStructure.ssd".to_owned(), structure)];
+            let mut entries = vec![(read::STRUCTURE_FILE.to_owned(), structure)];
             for (place, _, content) in fmus.0.into_values() {
                 entries.push((place, Packed::stored(&content)?));
             }

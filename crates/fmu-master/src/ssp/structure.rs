@@ -7,17 +7,12 @@ use fmu_description::xml::Element;
 use fmu_description::{Causality, Type, Value, Variable};
 
 use super::layout::{self, Area};
+use super::vocabulary;
 use crate::plan::Port;
 use crate::{Experiment, Fmu, Plan, Planned};
 
 /// The name of every set of start values: tools select sets of all components by one name.
 const PARAMETER_SET: &str = "initialValues";
-
-/// The start of the names of the standard's schemas.
-const SSP: &str = "http://ssp-standard.org/SSP1/SystemStructure";
-const OSP: &str = "http://opensimulationplatform.com/SSP/OSPAnnotations";
-const OMS: &str =
-    "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd";
 
 const BASE_UNIT: [&str; 10] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset"];
 
@@ -48,14 +43,14 @@ pub fn document(
     let mut terms = Terms::default();
     let components = plan.components.iter().enumerate().map(|(index, planned)| {
         let (name, place) = (&identifiers[index], &places[index]);
-        Element::new("ssd:Component")
+        Element::new(vocabulary::COMPONENT)
             .with("name", name)
-            .with("type", "application/x-fmu-sharedlibrary")
+            .with("type", vocabulary::FMU_TYPE)
             .with("source", place)
             .with("implementation", "CoSimulation")
-            .listing("ssd:Connectors", connectors(&sides[index], &planned.fmu, &mut terms))
+            .listing(vocabulary::CONNECTORS, connectors(&sides[index], &planned.fmu, &mut terms))
             .holding(area("ssd:ElementGeometry", layout.areas[index]))
-            .listing("ssd:ParameterBindings", bindings(planned, &mut terms))
+            .listing(vocabulary::BINDINGS, bindings(planned, &mut terms))
     });
     let components = components.collect();
     let connections = plan.links.iter().zip(&layout.lines).map(|(link, line)| {
@@ -64,46 +59,45 @@ pub fn document(
             Vec::from_iter(texts).join(" ")
         };
         let [from, to] = [link.from, link.to].map(|port| port.of(&plan.components));
-        Element::new("ssd:Connection")
+        Element::new(vocabulary::CONNECTION)
             .with("startElement", &identifiers[link.from.component])
             .with("startConnector", &from.name)
             .with("endElement", &identifiers[link.to.component])
             .with("endConnector", &to.name)
             .with_some("suppressUnitConversion", link.scale.map(|_| true))
             .holding_all(link.scale.map(|scale| {
-                Element::new("ssc:LinearTransformation")
+                Element::new(vocabulary::LINEAR)
                     .with("factor", real(scale.factor))
                     .with("offset", real(scale.offset))
             }))
             .holding(
-                Element::new("ssd:ConnectionGeometry")
+                Element::new(vocabulary::CONNECTION_GEOMETRY)
                     .with("pointsX", list(|(x, _)| *x))
                     .with("pointsY", list(|(_, y)| *y)),
             )
     });
     let name = super::identifier(name);
-    let system = Element::new("ssd:System")
+    let system = Element::new(vocabulary::SYSTEM)
         .with("name", &name)
-        .listing("ssd:Elements", components)
-        .listing("ssd:Connections", connections.collect())
-        .listing("ssd:Annotations", vec![master(step)]);
+        .listing(vocabulary::ELEMENT_LIST, components)
+        .listing(vocabulary::CONNECTIONS, connections.collect())
+        .listing(vocabulary::ANNOTATIONS, vec![master(step)]);
     // The step in an annotation that libcosim reads.
-    let fixed_step = Element::new("osp:FixedStepAlgorithm").with("baseStepSize", real(step));
-    let annotation = Element::new("ssc:Annotation")
+    let fixed_step = Element::new(vocabulary::OSP_FIXED_STEP).with("baseStepSize", real(step));
+    let annotation = Element::new(vocabulary::ANNOTATION)
         .with("type", "com.opensimulationplatform")
         .holding(Element::new("osp:Algorithm").holding(fixed_step));
-    let experiment = Element::new("ssd:DefaultExperiment")
+    let experiment = Element::new(vocabulary::EXPERIMENT)
         .with("startTime", real(start))
         .with("stopTime", real(stop))
-        .listing("ssd:Annotations", vec![annotation]);
+        .listing(vocabulary::ANNOTATIONS, vec![annotation]);
     let tool = concat!("cargo-fmu ", env!("CARGO_PKG_VERSION"));
-    Element::new("ssd:SystemStructureDescription")
-        // Declared here, where every tool accepts them.
-        .with("xmlns:ssc", format!("{SSP}Common"))
-        .with("xmlns:ssd", format!("{SSP}Description"))
-        .with("xmlns:ssv", format!("{SSP}ParameterValues"))
-        .with("xmlns:osp", OSP)
-        .with("xmlns:oms", OMS)
+    // Declared here, where every tool accepts them.
+    let structure = Element::new(vocabulary::STRUCTURE);
+    let structure = vocabulary::NAMESPACES[..5]
+        .iter()
+        .fold(structure, |structure, (key, uri)| structure.with(key, uri));
+    structure
         .with("version", "1.0")
         .with("name", name)
         // The standard has no attribute for the step.
@@ -111,7 +105,7 @@ pub fn document(
         .with("generationTool", tool)
         .holding(system)
         .listing("ssd:Enumerations", terms.enumerations())
-        .listing("ssd:Units", terms.units())
+        .listing(vocabulary::UNITS, terms.units())
         .holding(experiment)
         .document()
 }
@@ -138,7 +132,7 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'s
             let height = layout::height(index, sides[side].len());
             let (x, y) = [(0.0, height), (1.0, height), (1.0 - height, 0.0)][side];
             let geometry = Element::new("ssd:ConnectorGeometry");
-            let connector = Element::new("ssd:Connector")
+            let connector = Element::new(vocabulary::CONNECTOR)
                 .with("name", &variable.name)
                 .with("kind", kind)
                 .holding(terms.of(fmu, variable, None))
@@ -152,7 +146,7 @@ fn connectors(sides: &Sides<'_>, fmu: &Fmu, terms: &mut Terms) -> Vec<Element<'s
 /// The start values, stored in the component itself, where all tools read them.
 fn bindings(component: &Planned, terms: &mut Terms) -> Vec<Element<'static>> {
     let parameters = component.starts().map(|(variable, value)| {
-        Element::new("ssv:Parameter").with("name", &variable.name).holding(terms.of(
+        Element::new(vocabulary::PARAMETER).with("name", &variable.name).holding(terms.of(
             &component.fmu,
             variable,
             Some(value),
@@ -162,12 +156,12 @@ fn bindings(component: &Planned, terms: &mut Terms) -> Vec<Element<'static>> {
     if parameters.is_empty() {
         return vec![];
     }
-    let set = Element::new("ssv:ParameterSet")
+    let set = Element::new(vocabulary::PARAMETER_SET)
         .with("version", "1.0")
         .with("name", PARAMETER_SET)
-        .listing("ssv:Parameters", parameters);
-    let values = Element::new("ssd:ParameterValues").holding(set);
-    vec![Element::new("ssd:ParameterBinding").holding(values)]
+        .listing(vocabulary::PARAMETERS, parameters);
+    let values = Element::new(vocabulary::VALUES).holding(set);
+    vec![Element::new(vocabulary::BINDING).holding(values)]
 }
 
 /// A number in XML notation that reads back exactly.
@@ -187,18 +181,18 @@ fn area(name: &'static str, area: Area) -> Element<'static> {
 /// The master that OMSimulator steps a system with; it opens no system without one. Its library reads the
 /// element inside, its Python package the attributes, which include the name of its default solver.
 fn master(step: f64) -> Element<'static> {
-    let master = Element::new("oms:FixedStepMaster")
+    let master = Element::new(vocabulary::OMS_MASTER)
         .with("description", "oms-ma")
         .with("stepSize", real(step))
         // Its defaults. This master has no error control, but passes the second to the FMUs.
         .with("absoluteTolerance", "0.0001")
         .with("relativeTolerance", "0.0001");
-    let information = Element::new("oms:SimulationInformation")
+    let information = Element::new(vocabulary::OMS_INFORMATION)
         .with("name", "oms_ma_default")
         .with("method", "oms_ma")
         .with("fixedStepSize", real(step))
         .holding(master);
-    Element::new("ssc:Annotation")
+    Element::new(vocabulary::ANNOTATION)
         .with("type", "org.openmodelica")
         .listing("oms:Annotations", vec![information])
 }
@@ -236,17 +230,17 @@ impl Terms {
     /// The type of a variable, or its value.
     fn of(&mut self, fmu: &Fmu, variable: &Variable, value: Option<&Value>) -> Element<'static> {
         let (of_type, of_value, term) = match variable.of_type {
-            Type::Boolean => ("ssc:Boolean", "ssv:Boolean", None),
-            Type::String => ("ssc:String", "ssv:String", None),
+            Type::Boolean => ("ssc:Boolean", vocabulary::BOOLEAN_VALUE, None),
+            Type::String => ("ssc:String", vocabulary::STRING_VALUE, None),
             Type::Enumeration => {
                 let name = self.enumeration(fmu, variable);
-                ("ssc:Enumeration", "ssv:Enumeration", Some(("name", name)))
+                ("ssc:Enumeration", vocabulary::ENUMERATION_VALUE, Some(("name", name)))
             }
             kind if kind.is_float() => {
                 let unit = self.unit(fmu, variable);
-                ("ssc:Real", "ssv:Real", unit.map(|unit| ("unit", unit)))
+                (vocabulary::REAL, vocabulary::REAL_VALUE, unit.map(|unit| ("unit", unit)))
             }
-            _ => ("ssc:Integer", "ssv:Integer", None),
+            _ => ("ssc:Integer", vocabulary::INTEGER_VALUE, None),
         };
         let mut element = Element::new(value.map_or(of_type, |_| of_value));
         if let Some(value) = value {
@@ -280,11 +274,11 @@ impl Terms {
 
     fn units(&self) -> Vec<Element<'static>> {
         let units = self.units.iter().map(|(name, base)| {
-            let unit = BASE_UNIT.iter().fold(Element::new("ssc:BaseUnit"), |unit, name| {
+            let unit = BASE_UNIT.iter().fold(Element::new(vocabulary::BASE_UNIT), |unit, name| {
                 let part = base.iter().find(|(known, _)| known == name);
                 unit.with_some(name, part.map(|(_, value)| value))
             });
-            Element::new("ssc:Unit").with("name", name).holding(unit)
+            Element::new(vocabulary::UNIT).with("name", name).holding(unit)
         });
         units.collect()
     }

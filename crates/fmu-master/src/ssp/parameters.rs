@@ -1,0 +1,159 @@
+//! Parameter values and their mappings.
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::value;
+use fmu_description::xml::Element;
+
+use super::read::document;
+use super::system::{Link, Passage, Port, System, Unit, join};
+use super::vocabulary::{self, MAPPING, PARAMETER_SET};
+use crate::fmu::units;
+use crate::{Scale, Written};
+
+impl System<'_> {
+    /// Sets the values of a binding.
+    pub fn bind(&mut self, binding: &Element<'_>, path: &str) -> Result<()> {
+        let (mut set_text, mut mapping_text) = (String::new(), String::new());
+        let inline = binding.child(vocabulary::VALUES);
+        let set = self.part(binding, inline, PARAMETER_SET, &mut set_text)?;
+        let entries = binding.child(vocabulary::MAPPING_OF_BINDING).map(|holder| {
+            let mapping = self.part(holder, Some(holder), MAPPING, &mut mapping_text)?;
+            mapping.children(vocabulary::MAPPING_ENTRY).map(entry).collect()
+        });
+        let entries: Vec<(String, Link)> = entries.transpose()?.unwrap_or_default();
+        let own =
+            units(set.list(vocabulary::UNITS_OF_SET, vocabulary::UNIT), vocabulary::BASE_UNIT);
+        for parameter in set.list(vocabulary::PARAMETERS, vocabulary::PARAMETER) {
+            let name = parameter.attribute("name").unwrap_or_default();
+            let (value, unit) = read(parameter).with_context(|| format!("parameter {name}"))?;
+            let unit = unit.map(|name| Unit {
+                definition: own.get(name).or_else(|| self.units.get(name)).cloned(),
+                name: name.to_owned(),
+            });
+            let name = format!("{}{name}", binding.attribute("prefix").unwrap_or_default());
+            let mapped = entries.iter().filter(|(_, link)| link.from.1 == name);
+            let mapped = Vec::from_iter(mapped);
+            let unmapped = (name.clone(), Link::default());
+            for (target, link) in if mapped.is_empty() { vec![&unmapped] } else { mapped } {
+                self.set(path, target, link, &value, unit.as_ref())
+                    .with_context(|| format!("parameter {name}"))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The parameter set of a binding, or the mapping: in a file, or inline.
+    fn part<'b>(
+        &self,
+        holder: &'b Element<'_>,
+        inline: Option<&'b Element<'_>>,
+        name: &str,
+        text: &'b mut String,
+    ) -> Result<Element<'b>> {
+        let of_type = holder.attribute("type").unwrap_or("application/x-ssp-parameter-");
+        let base = holder.attribute("sourceBase").unwrap_or("SSD");
+        ensure!(
+            of_type.starts_with("application/x-ssp-parameter-"),
+            "the type {of_type:?} of parameters is not supported"
+        );
+        ensure!(base == "SSD", "the sourceBase {base:?} is not supported, expected SSD");
+        match holder.attribute("source") {
+            Some(source) => {
+                *text = self.files.text(source)?;
+                document(text, name).with_context(|| source.to_owned())
+            }
+            None => {
+                let found = inline.and_then(|inline| inline.child(name));
+                found.cloned().with_context(|| format!("expected a source, or {name}"))
+            }
+        }
+    }
+
+    /// Sets the variables of a name in the element `path`.
+    fn set(
+        &mut self,
+        path: &str,
+        target: &str,
+        link: &Link,
+        value: &Written,
+        unit: Option<&Unit>,
+    ) -> Result<()> {
+        let passage = Passage { unit: unit.cloned(), ..Passage::default() };
+        let mut targets = Vec::new();
+        match self.find(path, target) {
+            Some(port) => self.follow(passage, link, &port, &mut targets)?,
+            None => {
+                let target = join(path, target);
+                self.warnings
+                    .push(format!("the parameter {target} has no variable, and is ignored"));
+            }
+        }
+        for ((component, variable), scale) in targets {
+            let value = match (value, scale) {
+                (value, None) => value.clone(),
+                (Written::Real(value), Some(Scale { factor, offset })) => {
+                    Written::Real(factor * value + offset)
+                }
+                _ => bail!("only a Real can be transformed"),
+            };
+            if let Some(Some(index)) = self.elements.get(&component) {
+                self.components[*index].start.insert(variable, value);
+            }
+        }
+        Ok(())
+    }
+
+    /// The variable of a component, or the connector of a system, with this name in the element `path` or in one
+    /// of its elements.
+    fn find(&self, path: &str, name: &str) -> Option<Port> {
+        let port = (path.to_owned(), name.to_owned());
+        if self.is_component(path) {
+            let array = name.split('[').next().unwrap_or_default();
+            let is_known = self.model(path).is_none_or(|model| {
+                [name, array].iter().any(|name| model.variables.contains_key(*name))
+            });
+            return is_known.then_some(port);
+        }
+        if self.has_connector(&port) {
+            return Some(port);
+        }
+        let mut splits = name.match_indices('.').map(|(at, _)| name.split_at(at));
+        splits.find_map(|(head, rest)| {
+            let path = join(path, head);
+            self.elements.contains_key(&path).then(|| self.find(&path, &rest[1..]))?
+        })
+    }
+}
+
+/// An entry of a mapping: the name of its target, and a link from its source.
+fn entry(element: &Element<'_>) -> Result<(String, Link)> {
+    let attribute = |name| element.attribute(name).unwrap_or_default().to_owned();
+    let source = attribute("source");
+    let link = Link::new((String::new(), source.clone()), element);
+    Ok((attribute("target"), link.with_context(|| format!("mapping of {source}"))?))
+}
+
+/// The value of a parameter, and its unit.
+fn read<'a>(parameter: &'a Element<'_>) -> Result<(Written, Option<&'a str>)> {
+    let kinds = [
+        vocabulary::REAL_VALUE,
+        vocabulary::INTEGER_VALUE,
+        vocabulary::BOOLEAN_VALUE,
+        vocabulary::STRING_VALUE,
+        vocabulary::ENUMERATION_VALUE,
+    ];
+    let found = parameter.children.iter().find(|child| kinds.contains(&child.name));
+    let Some(element) = found else {
+        let other = parameter.children.first().map_or("nothing", |other| other.name);
+        bail!("{other} is not supported, expected Real, Integer, Boolean, String or Enumeration");
+    };
+    let text = element.attribute("value").unwrap_or_default();
+    let value = match element.name {
+        vocabulary::REAL_VALUE => value::real(text).map(Written::Real),
+        vocabulary::INTEGER_VALUE => value::whole(text).map(Written::Integer),
+        vocabulary::BOOLEAN_VALUE => value::boolean(text).map(Written::Boolean),
+        _ => Some(Written::Text(text.to_owned())),
+    };
+    let value = value.with_context(|| format!("{text:?} is not of the type {}", element.name))?;
+    Ok((value, element.attribute("unit")))
+}

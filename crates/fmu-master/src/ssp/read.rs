@@ -1,0 +1,160 @@
+//! Reads packages (.ssp) and system structures (.ssd) as descriptions of systems.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Error, Result, bail, ensure};
+use fmu_description::xml::{self, Element};
+use fmu_file::archive::{self, Archive};
+use tempfile::TempDir;
+
+use super::system::System;
+use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
+use crate::fmu::units;
+use crate::{Description, Order};
+
+/// The system structure of a package.
+pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
+
+/// Where a system comes from if not from a TOML file.
+#[derive(Debug)]
+pub struct Source {
+    /// What was left out, such as parameters without a variable.
+    pub warnings: Vec<String>,
+    /// The files of a package, until the FMUs are loaded.
+    _unpacked: Option<TempDir>,
+}
+
+/// Whether a file is a package or a system structure, by its name.
+pub(crate) fn is_package(file: &Path) -> bool {
+    has_extension(file, "ssp") || has_extension(file, "ssd")
+}
+
+fn has_extension(file: &Path, expected: &str) -> bool {
+    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(expected))
+}
+
+/// Reads a package or a system structure. The components step in parallel, as in most tools. SSP has no step:
+/// it is taken from the annotations for libcosim and OMSimulator, or is the smallest step of the FMUs, or
+/// divides the time into 500 steps.
+///
+/// # Errors
+/// The file cannot be read, is invalid, or has a part that is not supported.
+pub fn read(file: &Path) -> Result<Description> {
+    let read = || {
+        if has_extension(file, "ssd") {
+            let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+            let name = file.file_name().unwrap_or_default();
+            let files = Files { folder, is_package: false };
+            return describe(&files, Path::new(name), None);
+        }
+        let unpacked = tempfile::Builder::new().prefix("ssp-").tempdir()?;
+        Archive::open_sound(file)?.unpack("", unpacked.path())?;
+        let files = Files { folder: unpacked.path().to_owned(), is_package: true };
+        ensure!(
+            files.folder.join(STRUCTURE_FILE).exists(),
+            "it is not an SSP package: it has no {STRUCTURE_FILE} at its root"
+        );
+        describe(&files, Path::new(STRUCTURE_FILE), Some(unpacked))
+    };
+    read().with_context(|| file.display().to_string())
+}
+
+fn describe(files: &Files, name: &Path, unpacked: Option<TempDir>) -> Result<Description> {
+    let text = archive::read_xml(&files.folder.join(name))?;
+    let root = document(&text, vocabulary::STRUCTURE)?;
+    let defined = units(root.list(vocabulary::UNITS, vocabulary::UNIT), vocabulary::BASE_UNIT);
+    let mut system = System::new(files, defined);
+    system.add(root.child(vocabulary::SYSTEM).context("it has no system")?, "")?;
+    let connections = system.connections()?;
+    let time = |name| root.child(EXPERIMENT).and_then(|experiment| experiment.real(name));
+    let start = time("startTime").unwrap_or(0.0);
+    let stop = time("stopTime").unwrap_or(start + 1.0);
+    let of_fmus = || system.models.iter().flatten().filter_map(|m| m.step).reduce(f64::min);
+    let step = step(&root).or_else(of_fmus).unwrap_or((stop - start) / 500.0);
+    let mut seen = HashSet::new();
+    system.warnings.retain(|warning| seen.insert(warning.clone()));
+    Ok(Description {
+        start,
+        stop,
+        step,
+        order: Order::Parallel,
+        allow_algebraic_loops: false,
+        tolerance: None,
+        components: system.components,
+        connections,
+        outputs: Vec::new(),
+        input: None,
+        is_single: false,
+        package: Some(Arc::new(Source { warnings: system.warnings, _unpacked: unpacked })),
+    })
+}
+
+/// The communication step in the annotations of other tools.
+fn step(element: &Element<'_>) -> Option<f64> {
+    let own = match element.name {
+        OSP_FIXED_STEP => element.real("baseStepSize"),
+        OMS_INFORMATION => element.real("fixedStepSize"),
+        OMS_MASTER => element.real("stepSize"),
+        _ => None,
+    };
+    own.or_else(|| element.children.iter().find_map(step))
+}
+
+/// Parses a document of SSP 1 with this root.
+///
+/// # Errors
+/// It is another document.
+pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
+    let mut element = xml::parse(text)?;
+    vocabulary::normalize(&mut element, &[]);
+    ensure!(element.name == root, "the root is {}, expected {root} of SSP 1.0", element.name);
+    let version = element.attribute("version").unwrap_or_default();
+    ensure!(version.starts_with("1."), "version {version:?} of SSP is not supported, expected 1.0");
+    Ok(element)
+}
+
+/// The files that a system structure refers to.
+pub struct Files {
+    folder: PathBuf,
+    /// Whether they must be inside the folder.
+    is_package: bool,
+}
+
+impl Files {
+    /// The file at a URI.
+    ///
+    /// # Errors
+    /// It is not a relative path, or leaves the package.
+    pub fn path(&self, uri: &str) -> Result<PathBuf> {
+        let is_relative =
+            !uri.is_empty() && !uri.starts_with('/') && !uri.contains([':', '#', '?']);
+        let Some(path) = decoded(uri).filter(|_| is_relative) else {
+            bail!("the source {uri:?} is not supported, expected the relative path of a file");
+        };
+        if self.is_package {
+            archive::relative(&path).map_err(Error::msg)?;
+        }
+        Ok(self.folder.join(path))
+    }
+
+    /// The text of the XML file at a URI.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn text(&self, uri: &str) -> Result<String> {
+        archive::read_xml(&self.path(uri)?).with_context(|| uri.to_owned())
+    }
+}
+
+/// A URI without percent encoding.
+fn decoded(uri: &str) -> Option<String> {
+    let mut parts = uri.split('%');
+    let mut bytes = parts.next()?.as_bytes().to_vec();
+    for part in parts {
+        bytes.push(u8::from_str_radix(part.get(..2)?, 16).ok()?);
+        bytes.extend(part[2..].bytes());
+    }
+    String::from_utf8(bytes).ok()
+}

@@ -1,0 +1,349 @@
+//! The components and connections of nested systems, on one level.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::ModelDescription;
+use fmu_description::xml::{self, Element};
+use fmu_file::archive::Archive;
+
+use super::read::Files;
+use super::vocabulary::{self, COMPONENT, SYSTEM};
+use crate::fmu::{Units, units};
+use crate::{Component, Connection, Interface, Scale};
+
+/// A connector: the path of its element, which is empty for the outermost system, and its name.
+pub type Port = (String, String);
+
+/// What feeds a connector, and how its value is converted.
+#[derive(Default)]
+pub struct Link {
+    pub from: Port,
+    pub scale: Option<Scale>,
+    /// Whether units are not converted.
+    pub is_plain: bool,
+}
+
+/// A value on its way through connectors: its unit, and the conversions so far.
+#[derive(Clone, Default)]
+pub struct Passage {
+    pub unit: Option<Unit>,
+    pub scale: Option<Scale>,
+    /// The number of connectors.
+    pub length: usize,
+}
+
+/// A unit and its definition in base units.
+#[derive(Clone)]
+pub struct Unit {
+    pub name: String,
+    pub definition: Option<Vec<(String, f64)>>,
+}
+
+/// The part of an FMU that matters here.
+pub struct Model {
+    /// The units of variables by their names.
+    pub variables: HashMap<String, Option<String>>,
+    /// The step size of the default experiment (s).
+    pub step: Option<f64>,
+    units: Units,
+}
+
+struct Connector {
+    /// Whether values leave its element here.
+    is_output: bool,
+    unit: Option<String>,
+}
+
+/// The elements read so far. Their paths are names separated by dots.
+pub struct System<'a> {
+    pub files: &'a Files,
+    pub units: Units,
+    pub components: Vec<Component>,
+    /// The FMUs of the components; `None` if one cannot be read, which is reported when it is loaded.
+    pub models: Vec<Option<Model>>,
+    /// All elements by their paths: the indices of components, and `None` for systems.
+    pub elements: HashMap<String, Option<usize>>,
+    /// What feeds each connector.
+    pub links: BTreeMap<Port, Link>,
+    pub warnings: Vec<String>,
+    connectors: HashMap<Port, Connector>,
+}
+
+impl<'a> System<'a> {
+    pub fn new(files: &'a Files, units: Units) -> Self {
+        Self {
+            files,
+            units,
+            components: Vec::new(),
+            models: Vec::new(),
+            elements: HashMap::new(),
+            links: BTreeMap::new(),
+            warnings: Vec::new(),
+            connectors: HashMap::new(),
+        }
+    }
+
+    /// Adds a component, or a system with all that it contains. Bindings of outer systems come later, so that
+    /// their values replace those of inner ones.
+    pub fn add(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+        let index = match element.name {
+            COMPONENT => Some(self.component(element, path)?),
+            SYSTEM => None,
+            other => bail!("line {}: {other} is not supported", element.line),
+        };
+        let is_new = self.elements.insert(path.to_owned(), index).is_none();
+        ensure!(is_new, "line {}: two elements have the name {path}", element.line);
+        for connector in element.list(vocabulary::CONNECTORS, vocabulary::CONNECTOR) {
+            self.connector(connector, path).with_context(|| line(connector))?;
+        }
+        for child in element.child(vocabulary::ELEMENT_LIST).iter().flat_map(|l| &l.children) {
+            let name = child.attribute("name").filter(|name| !name.is_empty());
+            // A reference to a signal dictionary, which is refused, has a name, too.
+            let name = name.with_context(|| format!("line {}: no name", child.line))?;
+            self.add(child, &join(path, name))?;
+        }
+        for connection in element.list(vocabulary::CONNECTIONS, vocabulary::CONNECTION) {
+            self.connection(connection, path).with_context(|| line(connection))?;
+        }
+        for binding in element.list(vocabulary::BINDINGS, vocabulary::BINDING) {
+            self.bind(binding, path).with_context(|| line(binding))?;
+        }
+        Ok(())
+    }
+
+    fn component(&mut self, element: &Element<'_>, path: &str) -> Result<usize> {
+        let read = || {
+            let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
+            ensure!(
+                of_type == vocabulary::FMU_TYPE,
+                "the type {of_type:?} is not supported, expected {}",
+                vocabulary::FMU_TYPE
+            );
+            let interface = match element.attribute("implementation").unwrap_or("any") {
+                "any" => None,
+                "CoSimulation" => Some(Interface::CoSimulation),
+                "ModelExchange" => Some(Interface::ModelExchange),
+                other => bail!("the implementation {other:?} is not supported"),
+            };
+            Ok((self.files.path(element.attribute("source").unwrap_or_default())?, interface))
+        };
+        let read: Result<_> = read();
+        let (fmu, interface) =
+            read.with_context(|| format!("{}: component {path}", line(element)))?;
+        self.models.push(Model::read(&fmu).ok());
+        self.components.push(Component {
+            name: path.to_owned(),
+            fmu,
+            interface,
+            sampled: None,
+            tolerance: None,
+            start: BTreeMap::new(),
+        });
+        Ok(self.components.len() - 1)
+    }
+
+    fn connector(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+        let name = element.attribute("name").unwrap_or_default();
+        let is_output = match element.attribute("kind").unwrap_or_default() {
+            "input" | "parameter" => false,
+            "output" | "calculatedParameter" => true,
+            kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
+        };
+        let unit = element.child(vocabulary::REAL).and_then(|real| real.attribute("unit"));
+        let connector = Connector { is_output, unit: unit.map(str::to_owned) };
+        self.connectors.insert((path.to_owned(), name.to_owned()), connector);
+        Ok(())
+    }
+
+    /// Start and end do not say in which direction values flow, but the kinds of the connectors.
+    fn connection(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+        let end = |of: &str, name: &str| {
+            let of = element.attribute(of).filter(|of| !of.is_empty());
+            let owner = of.map_or_else(|| path.to_owned(), |of| join(path, of));
+            let port = (owner, element.attribute(name).unwrap_or_default().to_owned());
+            let connector = self.connectors.get(&port);
+            let connector = connector
+                .with_context(|| format!("there is no connector {}", join(&port.0, &port.1)))?;
+            // Seen from inside, an input of the system itself is a source.
+            anyhow::Ok((connector.is_output == of.is_some(), port))
+        };
+        let start = end("startElement", "startConnector")?;
+        let end = end("endElement", "endConnector")?;
+        let (from, to) = match (start, end) {
+            ((true, from), (false, to)) | ((false, to), (true, from)) => (from, to),
+            ((is_source, a), (_, b)) => {
+                let what = if is_source { "give" } else { "take" };
+                let (a, b) = (join(&a.0, &a.1), join(&b.0, &b.1));
+                bail!("{a} and {b} are connected, but both {what} values")
+            }
+        };
+        let link = Link::new(from, element)?;
+        let name = join(&to.0, &to.1);
+        ensure!(self.links.insert(to, link).is_none(), "{name} is connected twice");
+        Ok(())
+    }
+
+    /// The connections between components. What is connected to an open connector of the outermost system
+    /// is not connected.
+    pub fn connections(&self) -> Result<Vec<Connection>> {
+        let mut connections = Vec::new();
+        for (to, link) in self.links.iter().filter(|(_, l)| self.is_component(&l.from.0)) {
+            let from = join(&link.from.0, &link.from.1);
+            let passage = Passage { unit: self.unit(&link.from), ..Passage::default() };
+            let mut targets = Vec::new();
+            self.follow(passage, link, to, &mut targets)?;
+            connections.extend(targets.into_iter().map(|(to, scale)| Connection {
+                from: from.clone(),
+                to: join(&to.0, &to.1),
+                scale,
+            }));
+        }
+        Ok(connections)
+    }
+
+    /// Passes a value to a connector, and on to the components to which a connector of a system leads.
+    pub fn follow(
+        &self,
+        passage: Passage,
+        link: &Link,
+        to: &Port,
+        targets: &mut Vec<(Port, Option<Scale>)>,
+    ) -> Result<()> {
+        let passage = self.pass(passage, link, to)?;
+        if self.is_component(&to.0) {
+            targets.push((to.clone(), passage.scale));
+            return Ok(());
+        }
+        for (next, link) in self.links.iter().filter(|(_, link)| link.from == *to) {
+            self.follow(passage.clone(), link, next, targets)?;
+        }
+        Ok(())
+    }
+
+    pub fn is_component(&self, path: &str) -> bool {
+        self.elements.get(path).is_some_and(Option::is_some)
+    }
+
+    /// Whether there is such a connector of a system.
+    pub fn has_connector(&self, port: &Port) -> bool {
+        self.connectors.contains_key(port) && !self.is_component(&port.0)
+    }
+
+    /// The FMU of a component.
+    pub fn model(&self, path: &str) -> Option<&Model> {
+        self.models[(*self.elements.get(path)?)?].as_ref()
+    }
+
+    /// The unit of a connector; by default the unit of the variable.
+    fn unit(&self, port: &Port) -> Option<Unit> {
+        let model = self.model(&port.0);
+        let of_variable = model.and_then(|model| model.variables.get(&port.1));
+        let stated = self.connectors.get(port).and_then(|connector| connector.unit.clone());
+        let name = stated.or_else(|| of_variable?.clone())?;
+        let of_model = || model.and_then(|model| model.units.get(&name));
+        let definition = self.units.get(&name).or_else(of_model).cloned();
+        Some(Unit { name, definition })
+    }
+
+    fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {
+        let length = passage.length + 1;
+        ensure!(length <= self.links.len() + 1, "{} feeds itself", join(&to.0, &to.1));
+        let mut scale = then(passage.scale, link.scale);
+        let unit = self.unit(to);
+        if let (Some(from), Some(unit)) = (&passage.unit, &unit)
+            && from.name != unit.name
+        {
+            if !link.is_plain {
+                let name = || format!("{} [{}]", join(&to.0, &to.1), unit.name);
+                scale = then(scale, from.conversion(unit).with_context(name)?);
+            } else if scale.is_none() {
+                scale = Some(Scale { factor: 1.0, offset: 0.0 });
+            }
+        }
+        Ok(Passage { unit: unit.or(passage.unit), scale, length })
+    }
+}
+
+impl Model {
+    fn read(fmu: &Path) -> Result<Self> {
+        let text = Archive::open_sound(fmu)?.model_description()?;
+        let root = xml::parse(&text)?;
+        let model = ModelDescription::read(&root)?;
+        let named = model.variables().flat_map(|(_, v)| {
+            let names = [v.name.as_str()].into_iter().chain(v.aliases());
+            names.map(|name| (name.to_owned(), v.unit.clone()))
+        });
+        Ok(Self {
+            variables: named.collect(),
+            step: model.experiment("stepSize"),
+            units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
+        })
+    }
+}
+
+impl Unit {
+    /// How a value in this unit is converted to another; `None` if they are the same.
+    fn conversion(&self, to: &Self) -> Result<Option<Scale>> {
+        let split = |unit: &Self| {
+            let parts = unit.definition.clone()?.into_iter();
+            let is_exponent = |(name, _): &(String, f64)| name != "factor" && name != "offset";
+            let (exponents, scale): (Vec<_>, Vec<_>) = parts.partition(is_exponent);
+            let find = |name: &str| scale.iter().find(|(n, _)| n == name).map(|(_, part)| *part);
+            Some((exponents, find("factor").unwrap_or(1.0), find("offset").unwrap_or(0.0)))
+        };
+        match (split(self), split(to)) {
+            (Some((a, factor, offset)), Some((b, to_factor, to_offset))) if a == b => {
+                let is_same = factor == to_factor && offset == to_offset;
+                Ok((!is_same).then(|| Scale {
+                    factor: factor / to_factor,
+                    offset: (offset - to_offset) / to_factor,
+                }))
+            }
+            _ => bail!("a value in {:?} cannot be converted", self.name),
+        }
+    }
+}
+
+/// One conversion after another.
+fn then(first: Option<Scale>, second: Option<Scale>) -> Option<Scale> {
+    match (first, second) {
+        (Some(a), Some(b)) => {
+            Some(Scale { factor: b.factor * a.factor, offset: b.factor * a.offset + b.offset })
+        }
+        (first, second) => first.or(second),
+    }
+}
+
+impl Link {
+    /// The link that a connection or an entry of a mapping describes.
+    pub fn new(from: Port, element: &Element<'_>) -> Result<Self> {
+        let is_other = |child: &&Element<'_>| child.name.ends_with("MappingTransformation");
+        if let Some(other) = element.children.iter().find(is_other) {
+            bail!("{} is not supported, expected LinearTransformation", other.name);
+        }
+        let scale = element.child(vocabulary::LINEAR).map(|linear| {
+            let part = |name, default| match linear.has(name) {
+                true => linear.real(name).filter(|part| part.is_finite()),
+                false => Some(default),
+            };
+            let scale = part("factor", 1.0).zip(part("offset", 0.0));
+            let scale = scale.map(|(factor, offset)| Scale { factor, offset });
+            scale.context("the factor and offset of a transformation must be finite numbers")
+        });
+        let is_plain = element.is_true("suppressUnitConversion");
+        Ok(Self { from, scale: scale.transpose()?, is_plain })
+    }
+}
+
+pub fn join(path: &str, name: &str) -> String {
+    match path {
+        "" => name.to_owned(),
+        path => format!("{path}.{name}"),
+    }
+}
+
+fn line(element: &Element<'_>) -> String {
+    format!("line {}", element.line)
+}

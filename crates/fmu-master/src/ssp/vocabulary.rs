@@ -1,0 +1,85 @@
+//! The names of elements in packages, which the writer and the reader share.
+
+use fmu_description::xml::Element;
+
+/// The prefixes of the names below, as they are declared, and their namespaces.
+pub const NAMESPACES: [(&str, &str); 6] = [
+    ("xmlns:ssc", "http://ssp-standard.org/SSP1/SystemStructureCommon"),
+    ("xmlns:ssd", "http://ssp-standard.org/SSP1/SystemStructureDescription"),
+    ("xmlns:ssv", "http://ssp-standard.org/SSP1/SystemStructureParameterValues"),
+    ("xmlns:osp", "http://opensimulationplatform.com/SSP/OSPAnnotations"),
+    (
+        "xmlns:oms",
+        "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
+    ),
+    // Only read.
+    ("xmlns:ssm", "http://ssp-standard.org/SSP1/SystemStructureParameterMapping"),
+];
+
+/// The type of components that are FMUs.
+pub const FMU_TYPE: &str = "application/x-fmu-sharedlibrary";
+
+macro_rules! elements {
+    ($($name:ident = $text:literal;)*) => {
+        $(pub const $name: &str = $text;)*
+        const ELEMENTS: &[&str] = &[$($text),*];
+    };
+}
+
+elements! {
+    STRUCTURE = "ssd:SystemStructureDescription";
+    SYSTEM = "ssd:System";
+    ELEMENT_LIST = "ssd:Elements";
+    COMPONENT = "ssd:Component";
+    CONNECTORS = "ssd:Connectors";
+    CONNECTOR = "ssd:Connector";
+    CONNECTIONS = "ssd:Connections";
+    CONNECTION = "ssd:Connection";
+    CONNECTION_GEOMETRY = "ssd:ConnectionGeometry";
+    ANNOTATIONS = "ssd:Annotations";
+    BINDINGS = "ssd:ParameterBindings";
+    BINDING = "ssd:ParameterBinding";
+    VALUES = "ssd:ParameterValues";
+    MAPPING_OF_BINDING = "ssd:ParameterMapping";
+    EXPERIMENT = "ssd:DefaultExperiment";
+    UNITS = "ssd:Units";
+    UNIT = "ssc:Unit";
+    BASE_UNIT = "ssc:BaseUnit";
+    REAL = "ssc:Real";
+    LINEAR = "ssc:LinearTransformation";
+    ANNOTATION = "ssc:Annotation";
+    PARAMETER_SET = "ssv:ParameterSet";
+    PARAMETERS = "ssv:Parameters";
+    PARAMETER = "ssv:Parameter";
+    UNITS_OF_SET = "ssv:Units";
+    REAL_VALUE = "ssv:Real";
+    INTEGER_VALUE = "ssv:Integer";
+    BOOLEAN_VALUE = "ssv:Boolean";
+    STRING_VALUE = "ssv:String";
+    ENUMERATION_VALUE = "ssv:Enumeration";
+    MAPPING = "ssm:ParameterMapping";
+    MAPPING_ENTRY = "ssm:MappingEntry";
+    OSP_FIXED_STEP = "osp:FixedStepAlgorithm";
+    OMS_INFORMATION = "oms:SimulationInformation";
+    OMS_MASTER = "oms:FixedStepMaster";
+}
+
+/// Gives the elements of a parsed document the names above, whatever prefixes it declares. Others keep
+/// only the local part of their names.
+pub fn normalize<'a>(element: &mut Element<'a>, outer: &[(&'a str, String)]) {
+    let mut scope = outer.to_vec();
+    let declared = element.attributes.iter().filter(|(name, _)| name.starts_with("xmlns"));
+    scope.extend(declared.map(|(name, uri)| (*name, uri.clone().into_owned())));
+    let (prefix, local) = element.name.split_once(':').unwrap_or(("", element.name));
+    let declares = |name: &str| name.trim_start_matches("xmlns").trim_start_matches(':') == prefix;
+    let uri = scope.iter().rfind(|(name, _)| declares(name)).map(|(_, uri)| uri.as_str());
+    let known = NAMESPACES.iter().find(|(_, known)| Some(*known) == uri);
+    let known = known.and_then(|(declaration, _)| {
+        let mut names = ELEMENTS.iter();
+        names.find(|name| name.split_once(':') == Some((&declaration["xmlns:".len()..], local)))
+    });
+    element.name = known.copied().unwrap_or(local);
+    for child in &mut element.children {
+        normalize(child, &scope);
+    }
+}
