@@ -36,6 +36,13 @@ def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProc
     return result
 
 
+def printed(*arguments: object, cwd: Path | None = None) -> str:
+    """Run a command that must succeed; return its output."""
+    result = run(*arguments, cwd=cwd)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
 def simulate(system: Path, folder: Path, *options: object) -> dict[str, np.ndarray]:
     """Simulate a system, which must succeed silently; return the columns of the CSV file."""
     file = folder / "results.csv"

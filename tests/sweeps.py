@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from native import LOOPS, ROOT, replaced, run
+from native import LOOPS, ROOT, printed, replaced, run
 
 TIMEOUT = 300
 """Time limit for something that takes a second on an idle machine [s]."""
@@ -78,13 +78,6 @@ def local(sweep: Path, out: Path, *options: object) -> subprocess.CompletedProce
     return run("sweep", sweep, "--out", out, *options, cwd=out.parent)
 
 
-def printed(sweep: Path, *options: object) -> str:
-    """Return the output of `cargo fmu sweep`, which must succeed."""
-    result = run("sweep", sweep, *options)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
-
-
 def table(out: Path) -> list[dict[str, str]]:
     """Read the rows of a CSV file."""
     with out.open(encoding="utf-8", newline="") as file:
@@ -94,7 +87,7 @@ def table(out: Path) -> list[dict[str, str]]:
 def expected(sweep: Path, suffix: str = ".csv") -> bytes:
     """Return the table of an uninterrupted sweep."""
     out = sweep.with_name(f"uninterrupted{suffix}")
-    printed(sweep, "--out", out)
+    printed("sweep", sweep, "--out", out)
     return out.read_bytes()
 
 

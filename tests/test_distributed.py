@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import sweeps
+from native import printed
 from pendulum_fmus.project import PROGRAM
 from sweeps import SHORT, done, expected, journal_of, local, wait_until
 
@@ -59,8 +60,8 @@ def sweep(program, tmp_path) -> Path:
 
 def test_finished_runs_are_not_repeated_and_a_killed_worker_loses_no_rows(sweep, tmp_path):
     out, killed = tmp_path / "out.csv", tmp_path / "killed"
-    header = json.loads(sweeps.printed(sweep, "--plan"))["header"]
-    rows = [sweeps.printed(sweep, "--rows", runs) for runs in ("31..32", "3..5", "0..1", "9..10")]
+    header = json.loads(printed("sweep", sweep, "--plan"))["header"]
+    rows = [printed("sweep", sweep, "--rows", runs) for runs in ("31..32", "3..5", "0..1", "9..10")]
     torn = rows[1][:20]
     journal_of(out).write_text(header + "".join(rows) + torn)
     once = acting(tmp_path, f"mkdir {killed} 2>/dev/null && kill -9 $PPID && sleep 20")

@@ -8,17 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from native import run
+from native import printed, run
 from pendulum_fmus.master import Component
 from pendulum_fmus.project import ROOT
 from test_package import MODELS, Fmu, of
-
-
-def export(*arguments: object) -> str:
-    """Export FMUs, which must succeed; return what is printed."""
-    result = run("export", *arguments, cwd=ROOT)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
 
 
 def refusal(*arguments: object) -> str:
@@ -42,7 +35,7 @@ def library(fmu: Fmu, folder: Path) -> Path:
 def test_models_and_folder_can_be_selected(fmus: Path, tmp_path: Path) -> None:
     files = {f"{model}{version}.fmu" for model in MODELS for version in ("", "_fmi3")}
     assert {file.name for file in fmus.glob("*.fmu")} == files
-    said = export("Pid", "Source", "--out", tmp_path / "a" / "b")
+    said = printed("export", "Pid", "Source", "--out", tmp_path / "a" / "b", cwd=ROOT)
     assert sorted(os.listdir(tmp_path / "a" / "b")) == ["Pid.fmu", "Source.fmu"]
     assert len(said.splitlines()) == 2
     message = refusal("Pidd")
@@ -50,7 +43,7 @@ def test_models_and_folder_can_be_selected(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_the_same_input_gives_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
-    export("--fmi", "2.0,3.0", "--out", tmp_path)
+    printed("export", "--fmi", "2.0,3.0", "--out", tmp_path, cwd=ROOT)
     assert len(list(tmp_path.iterdir())) == 2 * len(MODELS)
     for again in tmp_path.iterdir():
         assert (fmus / again.name).read_bytes() == again.read_bytes(), again.name
@@ -61,7 +54,7 @@ def test_a_prebuilt_binary_replaces_a_build(fmus: Path, tmp_path: Path) -> None:
     for version, platform in (("2.0", "linux64"), ("3.0", "x86_64-linux")):
         fmu = of(fmus, "Source", version)
         binary = f"--binary={platform}={library(fmu, tmp_path)}"
-        export("Source", "--fmi", version, binary, "--out", out)
+        printed("export", "Source", "--fmi", version, binary, "--out", out, cwd=ROOT)
         assert (out / fmu.path.name).read_bytes() == fmu.path.read_bytes()
 
 

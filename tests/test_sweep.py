@@ -13,6 +13,7 @@ import pyarrow.parquet
 import pytest
 
 import sweeps
+from native import printed
 from pendulum_fmus.loop import TS, Loop
 from pendulum_fmus.master import simulate
 from pendulum_fmus.project import PROGRAM
@@ -22,7 +23,7 @@ from sweeps import LONG, SHORT, done, expected, journal_of, local, table, wait_u
 def swept(sweep: Path, *options: object) -> list[dict[str, str]]:
     """Run a sweep and return its rows."""
     out = sweep.with_suffix(".csv")
-    sweeps.printed(sweep, "--out", out, *options)
+    printed("sweep", sweep, "--out", out, *options)
     return table(out)
 
 
@@ -88,7 +89,7 @@ def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads(program, 
         swept(sweep, "--threads", threads)
         assert sweep.with_suffix(".csv").read_bytes() == first
     lines = first.decode().splitlines(keepends=True)[1:]
-    ranges = [sweeps.printed(sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
+    ranges = [printed("sweep", sweep, "--rows", chunk) for chunk in ("0..7", "7..8", "8..32")]
     found = "".join(ranges).splitlines(keepends=True)
     assert sorted(found, key=lines.index) == lines
 
@@ -130,7 +131,7 @@ def test_a_killed_sweep_resumes(program, tmp_path):
         said = local(sweeps.written(tmp_path, other), out).stderr
         assert f"{journal_of(out)} belongs to another sweep" in said
         assert journal_of(out).read_bytes() == journal
-    said = sweeps.printed(sweeps.written(tmp_path, LONG), "--out", out)
+    said = printed("sweep", sweeps.written(tmp_path, LONG), "--out", out)
     assert said.startswith(f"{100 - len(after)} runs in ")
     assert f"\n{len(after)} runs were already done\n" in said
     assert not journal_of(out).exists()
