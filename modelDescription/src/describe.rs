@@ -277,10 +277,7 @@ impl Writer<'_> {
     ) -> Element<'static> {
         let (unit, declared) = (v.unit.as_deref(), v.declared_type.as_ref());
         let display_unit = unit.and_then(Unit::display).map(|(name, _)| name);
-        let nominal = match v.exported.dynamics {
-            Dynamics::State { nominal } if nominal != 1.0 => Some(nominal),
-            _ => None,
-        };
+        let nominal = Some(v.exported.nominal).filter(|nominal| *nominal != 1.0);
         let derivative = match v.exported.dynamics {
             Dynamics::Derivative { of } => self.number(of),
             _ => None,
@@ -345,7 +342,7 @@ impl Writer<'_> {
     fn dependencies(&self, v: &Variable) -> Option<Vec<usize>> {
         let is_held = !self.model.is_continuous || v.variability != Variability::Continuous;
         match v.exported.dynamics {
-            Dynamics::State { .. } => Some(vec![v.reference as usize]),
+            Dynamics::State => Some(vec![v.reference as usize]),
             _ if v.is_output() && is_held => Some(Vec::new()),
             _ if v.exported.depends_on.is_empty() => None,
             _ => Some(sorted(&v.exported.depends_on)),

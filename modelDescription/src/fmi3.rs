@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 
 use crate::describe::Description;
-use crate::variable::Variable;
+use crate::variable::{Exported, Variable};
 use crate::xml::Element;
 use crate::{Causality, FmiVersion, Variability};
 
@@ -29,6 +29,7 @@ pub(crate) fn variables(model: &Description) -> Result<Vec<Variable>> {
         causality: Causality::Independent,
         variability: Variability::Continuous,
         unit: Some("s".into()),
+        exported: Exported { nominal: 1.0, ..Exported::default() },
         ..Variable::default()
     };
     Ok(variables.chain([time]).collect())

@@ -176,7 +176,7 @@ const fn identify(scalar: &Scalar, mut hash: Hash) -> Hash {
     hash = hash.text(field.size);
     hash = match field.dynamics {
         Dynamics::Algebraic => hash.bytes(&[0]),
-        Dynamics::State { .. } => hash.bytes(&[1]),
+        Dynamics::State => hash.bytes(&[1]),
         Dynamics::Derivative { of } => hash.bytes(&[2]).text(of),
         Dynamics::EventIndicator => hash.bytes(&[3]),
     };
@@ -365,16 +365,14 @@ impl<const N: usize> Writer<N> {
         self.raw(&[field.has_input_derivative as u8]);
         match field.dynamics {
             Dynamics::Algebraic => self.raw(&[0]),
-            Dynamics::State { nominal } => {
-                self.raw(&[1]);
-                self.raw(&nominal.to_le_bytes());
-            }
+            Dynamics::State => self.raw(&[1]),
             Dynamics::Derivative { of } => {
                 self.raw(&[2]);
                 self.number(scalar.position(of, scalars) as u128);
             }
             Dynamics::EventIndicator => self.raw(&[3]),
         }
+        self.raw(&field.nominal.to_le_bytes());
         match scalar.size(scalars) {
             None => self.raw(&[0]),
             Some(size) => {

@@ -90,6 +90,8 @@ pub struct Field {
     pub initially_from: Option<&'static [&'static str]>,
     /// Its part in the differential equations.
     pub dynamics: Dynamics,
+    /// Its nominal value, positive, by which solvers scale it; 1 if none is given.
+    pub nominal: f64,
     /// Names of the inputs and states of the same struct with respect to which its derivatives are known;
     /// it depends on no others.
     pub depends_on: &'static [&'static str],
@@ -106,10 +108,7 @@ pub enum Dynamics<S = &'static str> {
     #[default]
     Algebraic,
     /// A continuous state; an array has one in each element.
-    State {
-        /// Its nominal value, positive.
-        nominal: f64,
-    },
+    State,
     /// The time derivative of a state of the same struct.
     Derivative {
         /// The state: its name, or its value reference.
@@ -486,6 +485,7 @@ pub const fn scalars<const N: usize>(rows: &'static [Row]) -> [Scalar; N] {
         mime_type: "",
         initially_from: None,
         dynamics: Dynamics::Algebraic,
+        nominal: 1.0,
         depends_on: &[],
         has_input_derivative: false,
         terminal: "",
@@ -608,7 +608,7 @@ const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
 /// Fails the compilation if a state has no derivative, or a derivative no state.
 const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
     match scalar.variable.dynamics {
-        Dynamics::State { .. } => {
+        Dynamics::State => {
             let hash = scalar.hash(scalar.variable.name);
             let mut derivatives = 0;
             each_variable!(_i, other in scalars => {
@@ -625,7 +625,7 @@ const fn check_dynamics(scalar: &Scalar, scalars: &[Scalar]) {
             assert!(state < scalars.len(), "a derivative of no variable");
             let state = scalars[state].variable;
             assert!(
-                matches!(state.dynamics, Dynamics::State { .. }),
+                matches!(state.dynamics, Dynamics::State),
                 "a derivative of a variable that is no state"
             );
             assert!(

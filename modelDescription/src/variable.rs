@@ -54,6 +54,8 @@ pub struct Exported {
     pub has_input_derivative: bool,
     /// Its part in the differential equations; a derivative has the value reference of its state.
     pub dynamics: Dynamics<usize>,
+    /// Its nominal value; 1 if none is given.
+    pub nominal: f64,
     /// Value reference of the structural parameter that is the number of elements in use, the first ones
     /// of an array; `None` if all are. The dimensions and start values cover all elements.
     pub size: Option<usize>,
@@ -176,7 +178,7 @@ impl Variable {
 
     /// Whether it is a continuous state. Events may change any, which the attribute `reinit` tells.
     pub(crate) fn is_state(&self) -> bool {
-        matches!(self.exported.dynamics, Dynamics::State { .. })
+        matches!(self.exported.dynamics, Dynamics::State)
     }
 
     /// Whether it is the derivative of a state.

@@ -254,20 +254,25 @@ pub mod derive {
         item.cast::<C>()
     }
 
-    /// Checks that start values are within bounds, and returns them; panics with `message` at compile time.
+    /// Checks that start values are within bounds, and returns them; panics at compile time with `message` and what is
+    /// wrong.
     #[track_caller]
     pub const fn checked(start: Start, bounds: Bounds, message: &str) -> Start {
         let mut i = 0;
         while i < start.len() {
             let is_within = match (bounds, start.get(i)) {
-                (Bounds::Real(min, max), Constant::Real(value)) => {
-                    min <= value && value <= max && value.is_finite()
+                (Bounds::Real(..), Constant::Real(value)) if value.is_nan() => {
+                    fail(message, "NaN, expected a number")
                 }
+                (Bounds::Real(..), Constant::Real(value)) if value.is_infinite() => {
+                    fail(message, "infinite, expected a finite number")
+                }
+                (Bounds::Real(min, max), Constant::Real(value)) => min <= value && value <= max,
                 (Bounds::Whole(min, max), Constant::Whole(value)) => min <= value && value <= max,
                 _ => true,
             };
             if !is_within {
-                panic!("{}", message);
+                fail(message, "outside its bounds");
             }
             i += 1;
         }

@@ -90,7 +90,7 @@ const OF_FIELDS: &[(Known, &[Role])] = &[
     (("tunable", flag), &[Parameter, StructuralParameter]),
     (("discrete", flag), &[Input, Output, Local]),
     (("state", flag), &[Output, Local]),
-    (("nominal", expression), &[Output, Local]),
+    (("nominal", expression), &[Input, Output, Local]),
     (("initially_from", names), &[Output, Local]),
     (("derivative", expression), &[Input]),
     (("derivative_by", derivatives), EQUATIONS),

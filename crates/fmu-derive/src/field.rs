@@ -207,7 +207,7 @@ impl Field {
             "states, derivatives and event indicators are continuous and of type f64",
         )?;
         let nominal = options.expression("nominal");
-        refuse(nominal, !is_state, "only a state has a nominal value")?;
+        refuse(nominal, !of_type.is_float(), "only an f64 or f32 has a nominal value")?;
         check_positive(nominal)
     }
 }

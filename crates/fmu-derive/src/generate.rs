@@ -86,13 +86,11 @@ impl Field {
         let dynamics = match (self.role, options.text("of")) {
             (Role::Derivative, Some(of)) => quote!(Derivative { of: #of }),
             (Role::EventIndicator, _) => quote!(EventIndicator),
-            _ if options.has("state") => {
-                let nominal = options.expression("nominal");
-                let nominal = nominal.map_or_else(|| quote!(1.0), |nominal| nominal.real());
-                quote!(State { nominal: #nominal })
-            }
+            _ if options.has("state") => quote!(State),
             _ => quote!(Algebraic),
         };
+        let nominal = options.expression("nominal");
+        let nominal = nominal.map_or_else(|| quote!(1.0), Expression::real);
         let text = |option| options.text(option).map(LitStr::value).unwrap_or_default();
         let [size, unit, terminal] = ["size", "unit", "terminal"].map(text);
         let mime_type = match self.of_type {
@@ -125,6 +123,7 @@ impl Field {
                 mime_type: #mime_type,
                 initially_from: #initially_from,
                 dynamics: #krate::Dynamics::#dynamics,
+                nominal: #nominal,
                 depends_on: &[#(#depends_on),*],
                 has_input_derivative: #has_input_derivative,
                 terminal: #terminal,
@@ -291,7 +290,7 @@ impl Field {
         let place = self.options.expression("start").map(Spanned::span);
         let place = place.unwrap_or(self.span());
         let name = self.name.value();
-        let message = format!("the start value of `{name}` is outside its bounds");
+        let message = format!("the start value of `{name}` is ");
         let of_type = Ident::new(self.of_type.as_str(), place);
         let start = quote!(#krate::Start::#of_type(#values));
         at(place, quote!(#krate::checked(#start, #krate::Bounds::#bounds, #message)))

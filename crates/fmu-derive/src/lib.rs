@@ -136,7 +136,7 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// | `tunable` | parameters | the host may set it between steps; a structural parameter in reconfiguration mode, after which [`reconfigure`](trait.Simulate.html#method.reconfigure) is called |
 /// | `discrete` | inputs, outputs and local variables of type `f64` or `f32` | changes at certain instants only |
 /// | `state` | outputs and local variables of type `f64` | a continuous state; a field with `#[derivative(of = ...)]` has its derivative |
-/// | `nominal = 0.1` | states | order of magnitude, 1 if it is not given |
+/// | `nominal = 0.1` | inputs, outputs and local variables of type `f64` or `f32` | order of magnitude, 1 if it is not given |
 /// | `initially_from("y0", "pid.kp")` | outputs and local variables | variables of this struct that the value after the initialization depends on; those of an array of the same dimensions element by element; none: `initially_from()`; without this option, all |
 /// | `derivative = self.u_rate` | inputs of type `f64` | the host may set the time derivative of the input, which is stored in this field |
 /// | `derivative_by(u = self.slope())` | outputs, derivatives and event indicators of type `f64`, with equations | derivatives of the variable with respect to inputs and states of this struct, expressions of type `f64`; it depends on no others |
@@ -258,7 +258,10 @@ fn expand(
 ) -> TokenStream {
     let expanded = derive(&input).unwrap_or_else(|error| {
         let mut tokens = Error::into_compile_error(error);
-        tokens.extend(stub(&input));
+        // A struct that borrows cannot implement the traits.
+        if input.generics.lifetimes().next().is_none() {
+            tokens.extend(stub(&input));
+        }
         tokens
     });
     expanded.into()

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use proc_macro2::TokenStream;
+use proc_macro2::{Span, TokenStream};
 use quote::{ToTokens, quote};
 use syn::{Data, DeriveInput, Error, Fields, LitStr, Result};
 
@@ -15,6 +15,11 @@ use crate::generate::at;
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let options = Options::of(&input.attrs, MODEL)?;
     let fields = fields(input, &options)?;
+    let time = LitStr::new("time", Span::call_site());
+    if let Some(Field { name, .. }) = fields.iter().find(|field| field.is_named(&time)) {
+        let what = "\"time\" is the independent variable of FMI 3.0 and of Modelica; expected another name";
+        return error(name, what);
+    }
     let variables = variables(input, &options, Some(&fields));
     let name = options.text("name").cloned();
     let name = identifier(name.unwrap_or_else(|| literal(&input.ident)))?;
@@ -197,6 +202,10 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     let Fields::Named(named) = &data.fields else {
         return error(&input.ident, "expected a struct with named fields");
     };
+    if let Some(lifetime) = input.generics.lifetimes().next() {
+        let what = "a model outlives what it borrows; expected a struct without lifetimes, whose fields own their values";
+        return error(lifetime, what);
+    }
     let krate = options.krate();
     let krate = quote!(#krate::derive);
     let mut fields = all(named.named.iter().map(|field| Field::of(field, &krate)))?;

@@ -99,7 +99,7 @@ impl Component {
         };
         for &reference in knowns {
             self.check_part(reference, expected, &|variable| {
-                let is_state = matches!(variable.dynamics, Dynamics::State { .. });
+                let is_state = matches!(variable.dynamics, Dynamics::State);
                 let is_parameter = variable.causality == Causality::Parameter;
                 is_state || variable.causality == Causality::Input || is_initial && is_parameter
             })?;
@@ -133,7 +133,7 @@ impl Component {
     fn derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
         let is_state = |reference| {
             (self.model.find(reference))
-                .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State { .. }))
+                .is_some_and(|scalar| matches!(scalar.variable.dynamics, Dynamics::State))
         };
         let (is_state, by_state) = (is_state(unknown), is_state(known));
         if self.shared.lifecycle.state == State::Initialization && !by_state {

@@ -170,7 +170,7 @@ impl<const N: usize> Tables<N> {
         match (variable.dynamics, row.offset_of_real()) {
             (Dynamics::Derivative { .. }, Some(derivative_offset)) => {
                 if let Some(of) = row.state(rows)
-                    && let Dynamics::State { nominal } = rows[of].variable.dynamics
+                    && matches!(rows[of].variable.dynamics, Dynamics::State)
                     && let Some(state_offset) = rows[of].offset_of_real()
                 {
                     self.states.push(Integrated {
@@ -178,7 +178,7 @@ impl<const N: usize> Tables<N> {
                         derivative: reference as u32,
                         state_offset,
                         derivative_offset,
-                        nominal,
+                        nominal: rows[of].variable.nominal,
                     });
                 }
             }
@@ -189,7 +189,7 @@ impl<const N: usize> Tables<N> {
         let is_output = matches!(variable.causality, Causality::Output)
             && matches!(variable.variability, Variability::Continuous);
         if matches!(variable.dynamics, Dynamics::Derivative { .. })
-            || is_output && !matches!(variable.dynamics, Dynamics::State { .. })
+            || is_output && !matches!(variable.dynamics, Dynamics::State)
         {
             self.directional_derivatives.0 = true;
             self.directional_derivatives.1 |= variable.depends_on.is_empty();

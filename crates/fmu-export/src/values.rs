@@ -295,7 +295,7 @@ fn not_settable(variable: &Field, state: State, mode: Mode) -> Option<&'static s
     match (variable.causality, variable.variability) {
         (_, Variability::Constant) => Some("a constant"),
         // The standard has a function for all states; some hosts, such as CasADi, set them one by one.
-        _ if matches!(variable.dynamics, Dynamics::State { .. }) && is_exchange => None,
+        _ if matches!(variable.dynamics, Dynamics::State) && is_exchange => None,
         (Causality::Output, _) => Some("an output, which only the model sets"),
         (Causality::Local, _) => Some("a local variable, which only the model sets"),
         (Causality::StructuralParameter, _) if !is_configuration => {

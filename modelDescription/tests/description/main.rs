@@ -218,10 +218,12 @@ fn the_guid_changes_with_the_interface_only() {
     let plain = changed(|_, _| ());
     assert_eq!(changed(|field, _| field.description = "another"), plain);
     assert_eq!(changed(|field, _| field.terminal = "another.one"), plain);
+    assert_eq!(changed(|field, _| field.nominal = 2.0), plain);
+    // Equations count with their states, derivatives and event indicators.
+    assert_eq!(changed(|_, interface| interface.is_continuous = true), plain);
     let mut guids = vec![plain];
     for change in [
         |_, interface| interface.is_sampled = false,
-        |_, interface| interface.is_continuous = true,
         |_, interface| interface.name = "Other",
         |_, interface| interface.scalars = &[],
         |field, _| field.name = "other",
@@ -230,7 +232,7 @@ fn the_guid_changes_with_the_interface_only() {
         |field, _| field.dimensions = &[1],
         |field, _| field.size = "other",
         |field, _| field.unit = "m",
-        |field, _| field.dynamics = Dynamics::State { nominal: 1.0 },
+        |field, _| field.dynamics = Dynamics::State,
         |field, _| field.bounds = Bounds::Real(0.0, 1.0),
         |field, _| field.start = Start::Float64(&[2.0]),
         |field, _| field.start = Start::Float32(&[0.25]),

@@ -92,7 +92,7 @@ pub enum Mode {
 #[model(continuous)]
 pub struct Spring {
     /// force
-    #[input(unit = "N", terminal = "mass.f")]
+    #[input(unit = "N", nominal = 50, terminal = "mass.f")]
     f: f64,
     #[nested]
     mass: Mass,

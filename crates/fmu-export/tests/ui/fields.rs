@@ -18,6 +18,8 @@ struct Options {
     /** a word */ #[input(unit)] word: f64,
     /** an assignment */ #[parameter = 3] assigned: f64,
     /** twice */ #[input(start = 1, start = 2)] twice: f64,
+    /** without a magnitude */ #[input(nominal = 2)] flags: bool,
+    /** not a magnitude */ #[input(nominal = -2)] magnitude: f64,
     #[nested] groups: [Group; 2],
     slope: f64,
 }
@@ -38,6 +40,13 @@ struct Tuple(f64);
 #[derive(Model)]
 enum Enum {
     /** item */ Item,
+}
+
+/// Borrowed
+#[derive(Model)]
+struct Borrowed<'a> {
+    /** gain */ #[parameter] gain: f64,
+    table: &'a [f64],
 }
 
 /// Valued

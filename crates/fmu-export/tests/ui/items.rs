@@ -22,6 +22,12 @@ struct NotNames {
     #[nested(prefix = "a", flatten)] both: Twice,
 }
 
+/// The name of the independent variable
+#[derive(Model)]
+struct Clock {
+    /** time of the day */ #[input] time: f64,
+}
+
 /// Not a name either
 #[derive(Model)]
 #[model(name = "My model")]

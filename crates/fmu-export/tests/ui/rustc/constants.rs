@@ -17,6 +17,11 @@ struct Infinite {
     /** not finite */ #[parameter(start = f64::INFINITY)] infinite: f64,
 }
 
+#[derive(Variables)]
+struct NotANumber {
+    /** not a number */ #[input(start = [0.0, f64::NAN])] nan: [f64; 2],
+}
+
 const WEIGHTS: [f64; 2] = [1.0, 2.0];
 
 #[derive(Variables)]
