@@ -614,6 +614,12 @@ DEFECTS = {
     "KEPT": '"c[3]" has another value in initialization mode',
     "STATE": '"w[2]" has another value after the state was restored',
     "RESET": '"w[2]" has another value after fmi3Reset',
+    "START_TIME": "the step from t = 7.25 s",
+    "DISCRETE": '"count" at t = 0 s is 1, expected 0 as before, until fmi3UpdateDiscreteStates',
+    "EVENT_NEEDED": "eventHandlingNeeded is true after a step without event mode",
+    "LAST_TIME": "lastSuccessfulTime is -1.000e-2 s off the end of a step of 0.01 s",
+    "EARLY": "has ended early, at 0.005 s, though that is not allowed",
+    "INTERMEDIATE": "providesIntermediateUpdate is false, but the callback was called 5 times",
     "ADJOINT": 'the adjoint derivative of "y" by "u" is -2, expected 2',
 }
 """Part of what is found in each variant of `tests/c/vector.c`."""

@@ -405,7 +405,7 @@ static void write_real(Data *d, unsigned reference, double value) {
         break;
     case DAMPING: d->damping = value; break;
     case STIFFNESS:
-        if (value == d->stiffness) return;
+        if (value == d->stiffness || (HAS(TUNABLE_IGNORED_LATER) && d->now > d->start)) return;
         d->stiffness = value;
         break;
     case G: d->g = value; return;

@@ -1,6 +1,6 @@
 /* A co-simulation FMU of FMI 3.0 that adds the parameter c, an array of n elements, to the output w in each
- * step. n is a structural parameter. The output y is twice the input u. A defect is chosen by its name:
- * cc -DLENGTHS ... */
+ * step, and counts its steps at events. n is a structural parameter. The output y is twice the input u. A defect
+ * is chosen by its name: cc -DLENGTHS ... */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -8,18 +8,21 @@
 #include <string.h>
 
 enum { OK, ERROR = 3, MOST = 8 };
-enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6 };
+enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7 };
 
 typedef struct {
     uint64_t n;
     double w[MOST], c[MOST], time, u;
-    bool is_running;
+    bool is_running, event_mode;
+    int steps, count;
+    void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
+    void *environment;
 } Vector;
 
 typedef const unsigned *References;
 
 static void restart(Vector *v) {
-    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false};
+    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, v->event_mode, 0, 0, v->update, v->environment};
 #ifdef RESET
     const double kept = v->w[1];
     *v = start;
@@ -34,11 +37,12 @@ static void restart(Vector *v) {
 
 void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, bool visible,
                                   bool logging, bool events, bool early, References intermediate, size_t n,
-                                  void *environment, void *log, void *update) {
-    (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)intermediate, (void)n;
-    (void)environment, (void)log, (void)update;
+                                  void *environment, void *log,
+                                  void (*update)(void *, double, bool, bool, bool, bool, bool *, double *)) {
+    (void)resources, (void)visible, (void)logging, (void)early, (void)intermediate, (void)n, (void)log;
     if (!name || !token || strcmp(token, "{vector}")) return NULL;
     Vector *v = calloc(1, sizeof *v);
+    v->event_mode = events, v->update = update, v->environment = environment;
     restart(v);
     return v;
 }
@@ -52,6 +56,9 @@ int fmi3Reset(Vector *v) { return restart(v), OK; }
 int fmi3EnterInitializationMode(Vector *v, bool has_tolerance, double tolerance, double start,
                                 bool has_stop, double stop) {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+#ifdef START_TIME
+    start = 0;
+#endif
     v->time = start;
     return OK;
 }
@@ -65,8 +72,25 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
     (void)final;
     if (!(step >= 0 && step < 1e3) || time < v->time - 1e-6 || time > v->time + 1e-6) return ERROR;
     for (size_t i = 0; i < v->n; i++) v->w[i] += step * v->c[i];
-    *event = *terminate = *early = false;
+    *terminate = *early = false;
+    *event = v->event_mode;
     *last = v->time = time + step;
+    v->steps++;
+    if (!v->event_mode) v->count = v->steps;
+#ifdef DISCRETE
+    v->count = v->steps;
+#elif defined EVENT_NEEDED
+    *event = true;
+#elif defined LAST_TIME
+    *last = time;
+#elif defined EARLY
+    *early = step > 2e-9;
+    if (*early) *last = v->time = time + step / 2;
+#elif defined INTERMEDIATE
+    bool requested = false;
+    double until = 0;
+    if (v->update) v->update(v->environment, v->time, false, true, true, false, &requested, &until);
+#endif
     return OK;
 }
 
@@ -109,6 +133,23 @@ int fmi3SetFloat64(Vector *v, References r, size_t n, const double *values, size
     return OK;
 }
 
+int fmi3GetInt32(Vector *v, References r, size_t n, int32_t *values, size_t count) {
+    if (n != 1 || r[0] != COUNT || count != 1) return n ? ERROR : OK;
+    return *values = v->count, OK;
+}
+
+int fmi3EnterEventMode(Vector *v) { return v->event_mode ? OK : ERROR; }
+
+int fmi3EnterStepMode(Vector *v) { return v->event_mode ? OK : ERROR; }
+
+int fmi3UpdateDiscreteStates(Vector *v, bool *again, bool *terminate, bool *nominals, bool *states, bool *next,
+                             double *time) {
+    *again = *terminate = *nominals = *states = *next = false;
+    *time = 0;
+    v->count = v->steps;
+    return v->event_mode ? OK : ERROR;
+}
+
 int fmi3GetUInt64(Vector *v, References r, size_t n, uint64_t *values, size_t count) {
     if (n != 1 || r[0] != N || count != 1) return ERROR;
     return *values = v->n, OK;
@@ -147,10 +188,14 @@ int fmi3FreeFMUState(Vector *v, Vector **state) {
 
 int fmi3GetDirectionalDerivative(Vector *v, References of, size_t n, References by, size_t m,
                                  const double *seed, size_t n_seed, double *values, size_t count) {
-    (void)v;
+    (void)v, (void)seed;
     if (n == 0 && m == 0) return OK;
     if (n != 1 || m != 1 || n_seed != 1 || count != 1 || of[0] != Y || by[0] != U) return ERROR;
+#ifdef SEED
+    return *values = 2, OK;
+#else
     return *values = 2 * *seed, OK;
+#endif
 }
 
 int fmi3GetAdjointDerivative(Vector *v, References of, size_t n, References by, size_t m, const double *seed,
@@ -172,7 +217,7 @@ STUBS(Int8)
 STUBS(UInt8)
 STUBS(Int16)
 STUBS(UInt16)
-STUBS(Int32)
+STUB(SetInt32)
 STUBS(UInt32)
 STUBS(Int64)
 STUBS(Boolean)
@@ -183,15 +228,12 @@ STUBS(IntervalDecimal)
 STUBS(IntervalFraction)
 STUBS(ShiftDecimal)
 STUBS(ShiftFraction)
-STUB(EnterEventMode)
 STUB(GetNumberOfVariableDependencies)
 STUB(GetVariableDependencies)
 STUB(SerializedFMUStateSize)
 STUB(SerializeFMUState)
 STUB(DeserializeFMUState)
 STUB(EvaluateDiscreteStates)
-STUB(UpdateDiscreteStates)
-STUB(EnterStepMode)
 STUB(GetOutputDerivatives)
 #define NO_INSTANCE(name) \
     void *fmi3Instantiate##name(void) { return NULL; }

@@ -167,6 +167,20 @@ rules! {
             "If providesAdjointDerivatives is true, they are those of the directional derivatives.";
         EVENT_MODE: Error, "event-mode", Fmi3("sections 4.2 and 4.3"),
             "If hasEventMode is true, the FMU runs in co-simulation with event mode.";
+        EVENT_FLAGS: Error, "events-signalled", Fmi3("sections 4.2.1 and 4.4"),
+            "A step that is not for event mode asks for no event handling; with event mode, discrete variables change at events only.";
+        LAST_TIME: Error, "last-successful-time", Fmi3("section 4.2.1"),
+            "lastSuccessfulTime is the time that a step has reached.";
+        EARLY_RETURN: Error, "early-return-flag", Fmi3("section 4.4"),
+            "If mightReturnEarlyFromDoStep is false, steps do not return early; no step does without the host's permission.";
+        INTERMEDIATE: Error, "intermediate-update-flag", Fmi3("section 4.4"),
+            "If providesIntermediateUpdate is false, the callback for intermediate updates is not called.";
+        STATUS_TIME: Warning, "last-time-status", Practice("masters go on from this time after a discarded step"),
+            "fmi2LastSuccessfulTime is the end of the last step.";
+        START_TIME: Error, "start-time", Standard("section 2.1.6", "section 2.3.2"),
+            "A run can start at another time than the default experiment.";
+        TUNABLE_EFFECT: Warning, "tunable-effect", Standard("section 2.2.7", "section 2.4.7.4"),
+            "A tunable parameter that is set in a run has an effect, if it has one before the run.";
         EVENTS: Error, "event-iteration", Standard("section 3.2.2", "section 2.3.5"),
             "The event iteration ends, and states, nominals and indicators are consistent.";
     }

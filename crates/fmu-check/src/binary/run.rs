@@ -1,18 +1,21 @@
 //! The FMU under test, and runs of it, in the child process.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{boolean, unsigned};
 use fmu_description::xml::Element;
-use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value};
+use fmu_description::{
+    Causality, FmiVersion, Listed, ModelDescription, Type, Unknown, Value, Variability,
+};
 use fmu_file::text::quote;
 use fmu_host::{Cause, Failure, Instance, Instantiation, Kind, Library, Status, Treatment};
 use fmu_worker::{Calls, Function, Record, Service};
 
+use super::rules::{EARLY_RETURN, EVENT_FLAGS, EVENTS, LAST_TIME};
 use super::values::{
     EXCITATIONS, Input, MAX_ELEMENTS, Observed, Row, Trajectory, get, inputs, is_tested, other,
 };
@@ -157,6 +160,8 @@ pub struct Subject<'a> {
     /// Whether an instance was made.
     is_used: AtomicBool,
     pub logged: Arc<Mutex<Logged>>,
+    /// Number of intermediate updates.
+    pub updates: Arc<AtomicUsize>,
 }
 
 /// How many messages were logged.
@@ -192,8 +197,10 @@ pub struct Setup<'a> {
     pub fractions: &'static [f64],
     /// In model exchange, steps of an explicit Euler method in a communication step.
     pub parts: usize,
-    /// In co-simulation, whether event mode is used.
+    /// In co-simulation, whether event mode is used, and whether the host allows steps to return early and
+    /// receives intermediate updates.
     pub event_mode: bool,
+    pub early_return: bool,
 }
 
 impl Setup<'_> {
@@ -240,6 +247,7 @@ impl<'a> Subject<'a> {
             usual: task.usual.clone().map_or_else(OnceLock::new, OnceLock::from),
             is_used: AtomicBool::new(false),
             logged: Arc::default(),
+            updates: Arc::default(),
         })
     }
 
@@ -261,6 +269,7 @@ impl<'a> Subject<'a> {
             fractions: &[1.0],
             parts: 10,
             event_mode: false,
+            early_return: false,
         }
     }
 
@@ -298,6 +307,14 @@ impl<'a> Subject<'a> {
             resources: &self.resources,
             logging_on: setup.logging,
             event_mode_used: setup.event_mode,
+            early_return_allowed: setup.early_return,
+            on_intermediate: setup.early_return.then(|| {
+                let updates = Arc::clone(&self.updates);
+                Arc::new(move |_| {
+                    updates.fetch_add(1, Relaxed);
+                    None
+                }) as fmu_host::OnIntermediate
+            }),
             treatment: setup.treatment,
             ..Instantiation::default()
         };
@@ -403,6 +420,12 @@ pub fn observed<'a>(model: &'a ModelDescription<'a>, without: &HashSet<String>) 
     Observed::of(computed, model.version)
 }
 
+/// Whether a variable changes at events only.
+pub fn is_discrete(variable: &Listed<'_>) -> bool {
+    let is_output = variable.causality == Causality::Output;
+    variable.variability == Variability::Discrete || !variable.of_type.is_float() && is_output
+}
+
 /// The variables of a model that the tests read, without those that are named.
 pub fn readable<'a>(
     model: &'a ModelDescription<'a>,
@@ -423,8 +446,8 @@ pub struct Run<'a> {
     pub instance: Instance,
     pub place: Place,
     pub ended: bool,
-    /// Whether unwritten results were reported.
-    has_unwritten: bool,
+    /// The rules with findings that steps have reported.
+    reported: HashSet<&'static str>,
 }
 
 /// A point of a simulation, to which a restored state goes back.
@@ -447,7 +470,7 @@ impl<'a> Run<'a> {
             instance: subject.instantiate(&setup)?,
             place: Place::default(),
             ended: false,
-            has_unwritten: false,
+            reported: HashSet::new(),
         })
     }
 
@@ -655,15 +678,17 @@ impl<'a> Run<'a> {
         )
     }
 
-    fn check_written(&mut self, function: &str, is_written: bool) {
-        if !is_written && !self.has_unwritten {
-            self.has_unwritten = true;
-            report!(
-                self.subject,
-                EVENTS,
-                "{function} did not write all of its results, expected it to write all"
-            );
+    /// Reports the first finding of a rule in this run, unless a condition holds.
+    fn expect(&mut self, rule: &'static Rule, condition: bool, text: impl FnOnce() -> String) {
+        if !condition && self.reported.insert(rule.id) {
+            self.subject.report.find(rule, text());
         }
+    }
+
+    fn check_written(&mut self, function: &str, is_written: bool) {
+        self.expect(&EVENTS, is_written, || {
+            format!("{function} did not write all of its results, expected it to write all")
+        });
     }
 
     pub fn advance(&mut self) -> Result<()> {
@@ -693,11 +718,25 @@ impl<'a> Run<'a> {
         (0..steps).try_for_each(|_| self.advance())
     }
 
-    /// Takes a step, and handles the event at its end in event mode, if the FMU needs that.
+    /// Takes a step, and handles the events in it and at its end in event mode, if the FMU needs that.
     fn step(&mut self, time: f64, step: f64) -> Result<()> {
-        if self.ended {
-            return Ok(());
+        let end = time + step;
+        let (mut begin, mut size) = (time, step);
+        for _ in 0..MAX_ROUNDS {
+            if self.ended || !self.step_once(begin, size)? {
+                return Ok(());
+            }
+            (begin, size) = (self.place.now, end - self.place.now);
         }
+        bail!("the step from t = {time} s has returned early {MAX_ROUNDS} times")
+    }
+
+    /// Takes a step; returns whether it has returned early.
+    fn step_once(&mut self, time: f64, step: f64) -> Result<bool> {
+        let Setup { event_mode, early_return, .. } = self.setup;
+        let discrete = self.subject.observed.variables().filter(|v| event_mode && is_discrete(v));
+        let discrete = self.subject.group(discrete);
+        let before = self.row(&discrete)?;
         let stepped = match self.instance.step(time, step, true) {
             Ok((_, stepped)) => stepped,
             // By fmi2Discard, an FMU may also tell that it has reached the end of its simulation.
@@ -706,25 +745,46 @@ impl<'a> Run<'a> {
                     && self.instance.is_terminated() == Ok(true) =>
             {
                 self.ended = true;
-                return Ok(());
+                return Ok(false);
             }
             failure => failure.with_context(|| format!("the step from t = {time} s"))?.1,
         };
         self.ended = stepped.terminate;
         if self.ended {
-            return Ok(());
+            return Ok(false);
         }
-        self.place.now = stepped.last_successful_time;
+        let (last, end) = (stepped.last_successful_time, time + step);
+        self.place.now = last;
+        let is_early = stepped.early_return;
+        let might = "mightReturnEarlyFromDoStep";
         ensure!(
-            !stepped.early_return,
-            "the step from t = {time} s has ended early, at {} s, though that is not allowed",
-            self.place.now
+            !is_early || early_return && last > time,
+            "the step from t = {time} s has ended early, at {last} s, though that is not allowed"
         );
-        if self.setup.event_mode && stepped.event_handling_needed {
+        self.expect(&EARLY_RETURN, !is_early || self.subject.claims(might), || {
+            format!("{might} is false, but the step from t = {time} s to {end} s ended at {last} s")
+        });
+        // Other steps need not end where the solver of an FMU does.
+        let usual = self.subject.step;
+        let slack = 1e-6 * usual + 1e-9 * end.abs();
+        let is_usual = (step - usual).abs() <= slack
+            && self.subject.element.attribute("fixedInternalStepSize").is_none();
+        let is_at_end = (last - end).abs() <= slack;
+        self.expect(&LAST_TIME, is_early || !is_usual || is_at_end, || {
+            format!("lastSuccessfulTime is {:.3e} s off the end of a step of {usual} s", last - end)
+        });
+        let needed = stepped.event_handling_needed;
+        self.expect(&EVENT_FLAGS, event_mode || !needed, || {
+            "eventHandlingNeeded is true after a step without event mode".into()
+        });
+        let how = ["inside a step with event mode", " as before, until fmi3UpdateDiscreteStates"];
+        let changed = discrete.ensure_same(&self.row(&discrete)?, &before, 0.0, how);
+        self.expect(&EVENT_FLAGS, changed.is_ok(), || format!("{:#}", changed.unwrap_err()));
+        if event_mode && needed {
             self.instance.enter_event_mode()?;
             self.iterate()?;
         }
-        Ok(())
+        Ok(is_early)
     }
 
     /// Integrates by explicit Euler steps.

@@ -656,9 +656,12 @@ pub fn status(subject: &Subject<'_>) -> Result<()> {
     let (mut time, mut status, mut text) = (0.0, fmi2::fmi2OK, std::ptr::null());
     let i = &mut run.instance;
     let _ = i.is_terminated();
-    let _ = i.get_real_status(fmi2::fmi2LastSuccessfulTime, &mut time);
+    let has_time = i.get_real_status(fmi2::fmi2LastSuccessfulTime, &mut time).is_ok();
     let _ = i.get_status(fmi2::fmi2DoStepStatus, &mut status);
     let _ = i.get_string_status(fmi2::fmi2PendingStatus, &mut text);
     let _ = i.cancel_step();
+    let end = run.time();
+    check!(subject, STATUS_TIME: !has_time || (time - end).abs() <= 1e-6 * subject.step,
+        "fmi2LastSuccessfulTime is {time} s after a step to t = {end} s, expected the end of the step");
     Ok(())
 }

@@ -302,6 +302,9 @@ pub static PROBES: &[Probe] = probes! {
     "sizes": SIZES, values::sizes, Quick, Fmi3, CoSimulation;
     "adjoint": ADJOINT, values::adjoint_derivatives, Quick, Fmi3, ADJOINT;
     "event-mode": EVENT_MODE, runs::event_mode, Quick, Fmi3, CoSimulation, Claims("hasEventMode");
+    "flags": RUNS, runs::flags, Quick, Fmi3, CoSimulation;
+    "start-time": START_TIME, runs::start_time, Quick;
+    "tunable-effect": TUNABLE_EFFECT, runs::tunable_effect, CoSimulation;
     "null": FREE_NULL, host::null, Own, Fmi2;
     "no-logger": NO_LOGGER, host::no_logger, Own;
     "no-resources": NO_RESOURCES, host::no_resources, Own;

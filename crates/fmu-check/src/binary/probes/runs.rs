@@ -1,17 +1,19 @@
 //! Runs of the default experiment in several ways, and instances that are reset, saved and restored.
 
 use std::collections::HashSet;
+use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow};
 use fmu_description::{Causality, Listed, Type, Value, Variability};
+use fmu_file::text::quote;
 use fmu_host::Kind;
 
 use crate::binary::Reply;
 use crate::binary::rules::{BOUNDS, CONSTANT, FINITE, STEADY_TIME, VALID_VALUES};
-use crate::binary::run::{ONLY_ONCE, Run, Setup, Subject, is_refusal};
-use crate::binary::values::{Trajectory, allows, element_name, real_range, shown};
+use crate::binary::run::{ONLY_ONCE, Run, SKIP, Setup, Subject, check, is_refusal};
+use crate::binary::values::{Row, Trajectory, allows, element_name, real_range, shown};
 use crate::rule::Rule;
 
 /// Maximum size of a serialized state.
@@ -246,10 +248,92 @@ pub fn end(subject: &Subject<'_>) -> Result<()> {
     (subject.observed).ensure_same(&after, last, subject.tolerance, [HOW, " as before"])
 }
 
+/// Runs with event mode.
 pub fn event_mode(subject: &Subject<'_>) -> Result<()> {
-    let mut run = Run::begin(subject, subject.setup().with(|s| s.event_mode = true))?;
+    run_with(subject, |s| s.event_mode = true)
+}
+
+/// Runs with all that the FMU may do in a step: with event mode, if it has that, with early return, and with
+/// intermediate updates.
+pub fn flags(subject: &Subject<'_>) -> Result<()> {
+    const PROVIDES: &str = "providesIntermediateUpdate";
+    let event_mode = subject.claims("hasEventMode");
+    subject.report.stage("with early return and intermediate updates");
+    run_with(subject, |s| (s.event_mode, s.early_return) = (event_mode, true))?;
+    let updates = subject.updates.load(Relaxed);
+    check!(subject, INTERMEDIATE: updates == 0 || subject.claims(PROVIDES),
+        "{PROVIDES} is false, but the callback was called {updates} times");
+    Ok(())
+}
+
+fn run_with(subject: &Subject<'_>, change: impl FnOnce(&mut Setup<'_>)) -> Result<()> {
+    let mut run = Run::begin(subject, subject.setup().with(change))?;
     run.record()?;
     run.instance.terminate()?;
+    Ok(())
+}
+
+/// Runs from another start time, which the FMU may refuse to begin with, such as before the first row of a table.
+pub fn start_time(subject: &Subject<'_>) -> Result<()> {
+    const LATER: f64 = 7.25;
+    let later = |time| time + LATER;
+    let mut moved = Subject::new(subject.task, subject.model, subject.library, subject.report)?;
+    (moved.start, moved.stop) = (later(subject.start), subject.stop.map(later));
+    let mut run = Run::begin(&moved, moved.still()).ok().context(SKIP)?;
+    moved.report.stage(format!("from t = {} s on", moved.start));
+    let time = subject.group(subject.variables(Causality::Independent));
+    for _ in 0..subject.task.steps.min(20) {
+        run.advance()?;
+        if run.ended {
+            break;
+        }
+        let expected =
+            [(run.time(), time.variables().map(|_| Value::Float64(run.time())).collect())];
+        let how = ["in a run that starts at another time", ""];
+        time.ensure_same(&run.row(&time)?, &expected, 1e-9, how)?;
+    }
+    Ok(())
+}
+
+/// Changes each tunable parameter before the run and in it, and compares the outputs with those of a run without
+/// changes.
+pub fn tunable_effect(subject: &Subject<'_>) -> Result<()> {
+    let tunable = |v: &&Listed<'_>| v.variability == Variability::Tunable;
+    let later = subject.task.steps / 4;
+    let outputs = subject.group(subject.variables(Causality::Output));
+    let last = |change: Option<(&Listed<'_>, usize)>| -> Result<Trajectory> {
+        let mut run = Run::instantiate(subject, subject.setup())?;
+        let mut rows = Trajectory::new();
+        for step in 0..subject.task.steps {
+            if let Some((variable, at)) = change
+                && at == step
+            {
+                run.change([variable].into_iter())?;
+            }
+            if step == 0 {
+                run.initialize()?;
+            }
+            run.advance()?;
+            if step > later {
+                rows.extend(run.row(&outputs)?);
+            }
+        }
+        Ok(rows)
+    };
+    let usual = last(None)?;
+    let has_effect =
+        |changed: &[(f64, Row)]| outputs.ensure_same(changed, &usual, 1e-6, [""; 2]).is_err();
+    const MAX_PARAMETERS: usize = 20;
+    for parameter in subject.variables(Causality::Parameter).filter(tunable).take(MAX_PARAMETERS) {
+        // Values outside the model's range of validity are none of this test's business.
+        let (Ok(before), Ok(during)) = (last(Some((parameter, 0))), last(Some((parameter, later))))
+        else {
+            continue;
+        };
+        check!(subject, TUNABLE_EFFECT: has_effect(&during) || !has_effect(&before),
+            "{} changes the outputs if it is set before initialization, but not between two steps",
+            quote(&parameter.name));
+    }
     Ok(())
 }
 
