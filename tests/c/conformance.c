@@ -97,7 +97,7 @@ typedef struct {
 } Header;
 
 typedef struct {
-    int never_set; /* read by a defect only */
+    double never_set; /* read by defects only */
     Callbacks functions;
     const Callbacks *kept_functions;
     char *name;
@@ -282,7 +282,8 @@ static double distort_y(Instance *c, const Data *d, double y) {
         char folder[PATH_MAX];
         return getcwd(folder, sizeof folder) ? y + 1e-3 * strlen(folder) : y;
     }
-    if (HAS(UNINITIALISED_FIELD)) return y + 1e-3 * (c->never_set & 0xff);
+    if (HAS(UNINITIALISED_FIELD)) return y + 1e-3 * ((int)c->never_set & 0xff);
+    if (HAS(UNINITIALISED_REAL)) return y + c->never_set;
     if (HAS(DEPENDS_ON_WALL_CLOCK)) {
         struct timespec clock;
         clock_gettime(CLOCK_REALTIME, &clock);
@@ -458,6 +459,11 @@ EXPORT const char *fmi2GetVersion(void) { return HAS(WRONG_VERSION) ? "1.0" : "2
 
 __attribute__((destructor)) static void unload(void) {
     if (HAS(UNLOAD_CRASHES) && instances_made) crash();
+    if (HAS(FREES_TWICE_AT_EXIT) && instances_made > 1) {
+        void *volatile block = malloc(2000);
+        free(block);
+        free(block);
+    }
 }
 
 static void copy_name(Instance *c, const char *name) {
@@ -483,9 +489,9 @@ EXPORT Instance *fmi2Instantiate(const char *name, int type, const char *guid, c
     instances_made++;
     Callbacks copy = *functions;
     Instance *c = copy.allocate ? copy.allocate(1, sizeof *c) : calloc(1, sizeof *c);
-    if (HAS(UNINITIALISED_FIELD)) {
+    if (HAS(UNINITIALISED_FIELD) || HAS(UNINITIALISED_REAL)) {
         c = malloc(sizeof *c);
-        int garbage = *(volatile int *)&c->never_set;
+        double garbage = *(volatile double *)&c->never_set;
         memset(c, 0, sizeof *c);
         c->never_set = garbage;
         copy.release = free;
@@ -678,6 +684,7 @@ static void after_set(Instance *c) {
         int seen = 0; \
         for (size_t i = 0; i < n; i++) { \
             unsigned reference = references[i]; \
+            if (HAS(GET_FIFTH_WRONG) && i == 4) reference = references[0]; \
             if (HAS(GET_ORDER_MATTERS) && i && reference < references[0]) reference = references[0] + i; \
             if (!read(c, reference, &value)) \
                 REFUSE(c, "fmi2Get" #Type ": there is no variable %u", references[i]); \
@@ -700,7 +707,8 @@ static void after_set(Instance *c) {
             if (HAS(PARTIAL_SET)) write(&c->now.data, references[i], values[i]); \
         } \
         if (HAS(SET_IN_INIT_IGNORED) && c->now.phase == INITIALIZATION) return OK; \
-        for (size_t i = 0; i < n; i++) write(&c->now.data, references[i], values[i]); \
+        size_t first_set = HAS(FIRST_SET_DROPPED) && n > 1, end = n - (HAS(LAST_SET_DROPPED) && n > 1); \
+        for (size_t i = first_set; i < end; i++) write(&c->now.data, references[i], values[i]); \
         if (HAS(SET_WRITES_ARGUMENT)) memset((type *)values, 0, n * sizeof *values); \
         after_set(c); \
         return OK; \
@@ -1101,6 +1109,7 @@ EXPORT Status fmi2SetTime(Instance *c, double time) {
     if (HAS(CRASH_ON_INF) && isinf(time)) crash();
     if (!isfinite(time)) REFUSE(c, "fmi2SetTime: the time is %g", time);
     if (HAS(TIME_BACK_REFUSED) && time < d->now) REFUSE(c, "fmi2SetTime: the time is %g", time);
+    if (HAS(SET_TIME_IGNORED)) return OK;
     d->now = time; /* may be after the stop time: solvers step over it and interpolate */
     return OK;
 }
@@ -1128,6 +1137,7 @@ EXPORT Status fmi2GetContinuousStates(Instance *c, double *states, size_t n) {
     ALLOWED_IN(c, INITIALIZATION | RUNNING | TERMINATED_PHASE);
     CHECK_STATES(c, states, n, 2);
     for (int i = 0; i < 2; i++) states[i] = c->now.data.x[HAS(STATES_SWAPPED) ? 1 - i : i];
+    if (HAS(THREE_STATES)) *(volatile double *)&states[2] = 0;
     return OK;
 }
 

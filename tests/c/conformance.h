@@ -86,6 +86,7 @@ static inline void change_process(const char *resources) {
         signal(SIGSEGV, ignore_signal);
         signal(SIGINT, ignore_signal);
         break;
+    case IGNORES_INTERRUPTS: signal(SIGINT, SIG_IGN); break;
     case LEAVES_THREAD: {
         pthread_t thread;
         pthread_create(&thread, NULL, wait_forever, NULL);

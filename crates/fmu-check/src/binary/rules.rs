@@ -177,6 +177,10 @@ rules! {
             "If providesIntermediateUpdate is false, the callback for intermediate updates is not called.";
         STATUS_TIME: Warning, "last-time-status", Practice("masters go on from this time after a discarded step"),
             "fmi2LastSuccessfulTime is the end of the last step.";
+        COUNTS: Error, "states-counted", Standard("section 2.2.8", "section 2.4.8"),
+            "The binary has as many continuous states and event indicators as the XML.";
+        STATE_VARIABLES: Error, "state-variables", Standard("section 2.2.8", "section 2.4.8"),
+            "The continuous states and their derivatives have the values and the order of the variables in the XML.";
         START_TIME: Error, "start-time", Standard("section 2.1.6", "section 2.3.2"),
             "A run can start at another time than the default experiment.";
         TUNABLE_EFFECT: Warning, "tunable-effect", Standard("section 2.2.7", "section 2.4.7.4"),

@@ -297,6 +297,7 @@ pub static PROBES: &[Probe] = probes! {
     "kept-arrays": INPUTS_KEPT, values::kept_arrays, Quick, Fmi3;
     "tunable": TUNABLE, values::tunable, CoSimulation;
     "dependencies": DEPENDENCIES, values::dependencies;
+    "states": STATE_VARIABLES, values::states, ModelExchange;
     "events": EVENTS, values::events, ModelExchange;
     "array-lengths": ARRAY_LENGTHS, host::array_lengths, Misuse, Fmi3;
     "sizes": SIZES, values::sizes, Quick, Fmi3, CoSimulation;

@@ -11,9 +11,10 @@ use fmu_host::{Instance, Kind};
 
 use crate::binary::Reply;
 use crate::binary::rules;
-use crate::binary::run::{Run, SKIP, Subject, check};
+use crate::binary::run::{Run, SKIP, Subject, check, is_discrete};
 use crate::binary::values::{
-    MAX_ELEMENTS, Row, element_name, is_near, is_tested, other, others, references, shown, size,
+    MAX_ELEMENTS, Row, allows, element_name, is_near, is_tested, other, others, references, shown,
+    size,
 };
 use crate::rules::is_continuous;
 
@@ -79,15 +80,16 @@ pub fn start(subject: &Subject<'_>) -> Result<()> {
 /// Reads all variables together, a second time, one by one in the opposite order, and, of Float64, together
 /// in the opposite order.
 pub fn get(subject: &Subject<'_>) -> Result<()> {
+    let all = subject.group(subject.observed.variables().chain(subject.settable()));
     let mut run = Run::after(subject, STEPS)?;
     let time = run.time();
-    let together = run.row(&subject.observed)?;
+    let together = run.row(&all)?;
     let same = |row: Row, when: &str, like: &str| {
-        (subject.observed).ensure_same(&[(time, row)], &together, 0.0, [when, like])
+        all.ensure_same(&[(time, row)], &together, 0.0, [when, like])
     };
-    same(run.observe()?, "when it is read a second time", "")?;
+    same(all.read(&mut run.instance)?, "when it is read a second time", "")?;
     let mut alone = Vec::new();
-    for variable in subject.observed.variables().rev() {
+    for variable in all.variables().rev() {
         alone.extend(run.read(variable)?.into_iter().rev());
     }
     alone.reverse();
@@ -97,7 +99,7 @@ pub fn get(subject: &Subject<'_>) -> Result<()> {
     unwritten(subject, &mut run)?;
     let mut backwards = together[0].1.clone();
     let is_real = |v: &Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
-    let reals = subject.observed.elements().enumerate();
+    let reals = all.elements().enumerate();
     let reals = reals.filter(|(_, (v, _))| is_real(v));
     let mut reals: Vec<_> = reals.map(|(at, (v, _))| (at, v.reference)).collect();
     reals.reverse();
@@ -245,23 +247,48 @@ fn are_kept<'a>(
     Ok(true)
 }
 
-/// Sets arrays of parameters to their start values in another order, and reads them in initialization mode.
+/// Sets arrays of parameters and inputs to values that differ from each other, or, if the model cannot begin with
+/// those, to their start values in another order, and reads them in initialization mode.
 pub fn kept_arrays(subject: &Subject<'_>) -> Result<()> {
-    let is_array = |v: &&Listed<'_>| {
-        let is_parameter = v.causality == Causality::Parameter && v.of_type == Type::Float64;
-        is_parameter && !v.dimensions.is_empty() && v.start.len() == v.count()
+    use Causality::{Input, Parameter};
+    let is_set = |v: &&Listed<'_>| {
+        let is_number = v.start.iter().all(|x| x.as_real().is_some() || x.as_whole().is_some());
+        matches!(v.causality, Input | Parameter) && is_number && !v.start.is_empty()
     };
-    let arrays = subject.group(subject.readable().filter(is_array));
-    let reversed = |v: &Listed<'_>| -> Vec<Value> { v.start.iter().rev().cloned().collect() };
-    let mut run = Run::instantiate(subject, subject.still())?;
-    for array in arrays.variables() {
-        run.set(array, &reversed(array)).ok().context(SKIP)?;
+    let arrays = subject.readable().filter(|v| !v.dimensions.is_empty());
+    let arrays = subject.group(arrays.filter(is_set));
+    let starts = |v: &Listed<'_>| (0..v.count()).filter_map(|k| v.start_of(k).cloned()).collect();
+    let distinct = |v: &Listed<'_>| -> Vec<Value> {
+        let starts: Vec<Value> = starts(v);
+        let changed = |(k, start): (usize, &Value)| {
+            let other = match start.as_real() {
+                Some(x) => Value::real(v.of_type, x + 0.01 * (k + 1) as f64),
+                None => Value::whole(v.of_type, start.as_whole()? + 1 + k as i128 % 7),
+            };
+            other.filter(|other| allows(v, other))
+        };
+        let changed = |(k, start)| changed((k, start)).unwrap_or_else(|| start.clone());
+        starts.iter().enumerate().map(changed).collect()
+    };
+    let reversed = |v: &Listed<'_>| -> Vec<Value> {
+        let mut starts: Vec<Value> = starts(v);
+        starts.reverse();
+        starts
+    };
+    let rows: [Row; 2] = [
+        arrays.variables().flat_map(distinct).collect(),
+        arrays.variables().flat_map(reversed).collect(),
+    ];
+    for row in rows {
+        let mut run = Run::instantiate(subject, subject.still())?;
+        // Such as breakpoints, which have an order.
+        if arrays.write(&mut run.instance, &row).is_ok() && run.enter_initialization().is_ok() {
+            let (read, how) =
+                (run.row(&arrays)?, ["in initialization mode", " as it was set before"]);
+            return arrays.ensure_same(&read, &[(run.time(), row)], 1e-12, how);
+        }
     }
-    // Such as breakpoints, which have an order.
-    run.enter_initialization().ok().context(SKIP)?;
-    let expected = arrays.variables().flat_map(reversed).collect();
-    let (read, how) = (run.row(&arrays)?, ["in initialization mode", " as it was set before"]);
-    arrays.ensure_same(&read, &[(run.time(), expected)], 1e-12, how)
+    Ok(())
 }
 
 /// Compares outputs in initialization mode with those after it, at the same time.
@@ -723,17 +750,79 @@ fn are_near(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(near)
 }
 
+/// Compares the numbers of states and event indicators with the XML, and, along a run, states and derivatives with their
+/// variables.
+pub fn states(subject: &Subject<'_>) -> Result<()> {
+    let (n, indicators) = (subject.states(), subject.indicators());
+    let mut run = Run::after(subject, 1)?;
+    if subject.model.version == FmiVersion::Fmi3 {
+        let mut counted = [0; 2];
+        run.instance.get_number_of_continuous_states(&mut counted[0])?;
+        run.instance.get_number_of_event_indicators(&mut counted[1])?;
+        check!(subject, COUNTS: counted == [n, indicators],
+            "the binary has {} states and {} event indicators, expected {n} and {indicators}",
+            counted[0], counted[1]);
+    }
+    written(&mut run, "fmi2GetContinuousStates", n, Instance::get_continuous_states)?;
+    written(&mut run, "fmi2GetDerivatives", n, Instance::get_continuous_state_derivatives)?;
+    written(&mut run, "fmi2GetEventIndicators", indicators, Instance::get_event_indicators)?;
+    let Some((derivatives, states)) = state_pairs(subject) else {
+        return Ok(());
+    };
+    let (derivatives, states) = (references(&derivatives), references(&states));
+    for _ in 0..subject.task.steps {
+        for (function, given, expected) in [
+            ("fmi2GetContinuousStates", run.continuous_states()?, run.reals(&states)?),
+            ("fmi2GetDerivatives", run.derivatives()?, run.reals(&derivatives)?),
+        ] {
+            let time = run.time();
+            ensure!(
+                are_near(&given, &expected),
+                "{function} gave {given:?} at t = {time} s, expected {expected:?} like the variables"
+            );
+        }
+        run.advance()?;
+        if run.ended {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Checks that a function writes as many numbers as the XML lists.
+fn written(
+    run: &mut Run<'_>,
+    function: &str,
+    n: usize,
+    get: impl FnOnce(&mut Instance, &mut [f64]) -> fmu_host::Result,
+) -> Result<()> {
+    const GUARD: f64 = 1.234_567_89e300;
+    let mut values = vec![GUARD; n + 8];
+    if n > 0 {
+        get(&mut run.instance, &mut values[..n])?;
+        let count = black_box(&values).iter().filter(|value| **value != GUARD).count();
+        check!(run.subject, COUNTS: count == n, "{function} wrote {count} numbers, expected {n}");
+    }
+    Ok(())
+}
+
 /// What must hold in continuous-time mode: solvers go back in time, derivatives follow the inputs at
 /// once, and discrete variables do not change.
 fn continuous_time(subject: &Subject<'_>, run: &mut Run<'_>) -> Result<()> {
-    let is_discrete = |v: &&Listed<'_>| {
-        let is_real = v.of_type.is_float();
-        v.variability == Variability::Discrete || !is_real && v.causality == Causality::Output
-    };
-    let discrete = subject.group(subject.observed.variables().filter(is_discrete));
+    let discrete = subject.group(subject.observed.variables().filter(|v| is_discrete(v)));
     let (time, step) = (run.time(), subject.step);
     let before = run.row(&discrete)?;
-    run.instance.set_time(time + 0.1 * step)?;
+    let later = time + 0.1 * step;
+    run.instance.set_time(later)?;
+    for variable in subject.variables(Causality::Independent) {
+        let read = run.value(variable).unwrap_or(Value::Float64(later));
+        ensure!(
+            is_near(&read, &Value::Float64(later), 1e-9 * later.abs().max(1.0)),
+            "{} is {} after fmi2SetTime({later})",
+            quote(&variable.name),
+            shown(&read)
+        );
+    }
     let states = run.continuous_states()?;
     run.instance.set_continuous_states(&states)?;
     run.derivatives()?;
