@@ -620,6 +620,7 @@ DEFECTS = {
     "LAST_TIME": "lastSuccessfulTime is -1.000e-2 s off the end of a step of 0.01 s",
     "EARLY": "has ended early, at 0.005 s, though that is not allowed",
     "INTERMEDIATE": "providesIntermediateUpdate is false, but the callback was called 5 times",
+    "SEED": "for the seed [2.0] is 2, expected 4",
     "ADJOINT": 'the adjoint derivative of "y" by "u" is -2, expected 2',
 }
 """Part of what is found in each variant of `tests/c/vector.c`."""

@@ -320,6 +320,7 @@ static int read_real(Instance *c, unsigned reference, double *value) {
     case ENERGY:
         *value = d->x[1] * d->x[1] / 2 + d->stiffness * (1 - cos(d->x[0]));
         if (HAS(UNDECLARED_DEPENDENCY)) *value += u / 10;
+        if (HAS(UNDECLARED_INITIAL_DEPENDENCY) && c->now.phase == INITIALIZATION) *value += u / 10;
         break;
     case LIMITED: *value = HAS(OUTPUT_OUTSIDE_MIN_MAX) ? 1.5 * sin(d->x[0]) : sin(d->x[0]); break;
     case SAMPLED: *value = d->sampled; break;
@@ -859,6 +860,7 @@ static int partial_derivative(const Instance *c, unsigned unknown, unsigned know
     const Data *d = &c->now.data;
     double x = d->x[0], v = d->x[1];
     int initial = c->now.phase == INITIALIZATION;
+    if (HAS(INITIAL_DERIVATIVES_REFUSED) && initial) return 0;
     if (known != X && known != V && known != U && !(initial && (known == STIFFNESS || known == DAMPING)))
         return 0;
     *result = 0;
@@ -883,6 +885,7 @@ static int partial_derivative(const Instance *c, unsigned unknown, unsigned know
     case OMEGA: *result = known == STIFFNESS ? 0.5 / sqrt(d->stiffness) : 0; break;
     default: return 0;
     }
+    if (HAS(UNLISTED_DERIVATIVE) && unknown == ENERGY && known == U) *result = 1e-6;
     return 1;
 }
 
@@ -902,7 +905,7 @@ EXPORT Status fmi2GetDirectionalDerivative(Instance *c, References unknowns, siz
         values[i] = 0;
         for (size_t k = 0; k < m; k++) {
             partial_derivative(c, unknowns[i], knowns[k], &partial);
-            values[i] += partial * seed[k];
+            values[i] += HAS(SEED_IGNORED) ? partial : partial * seed[k];
         }
     }
     return OK;

@@ -253,6 +253,8 @@ pub static PROBES: &[Probe] = probes! {
     "serialized": SERIALIZED, runs::serialize, Quick, STATE, BYTES;
     "directional": DIRECTIONAL, values::derivatives_of_outputs, Quick, DIRECTIONAL;
     "directional-states": DIRECTIONAL, values::derivatives_by_states, Quick, ModelExchange, DIRECTIONAL;
+    "directional-initial": DIRECTIONAL, values::derivatives_in_initialization, DIRECTIONAL;
+    "directional-unlisted": DIRECTIONAL, values::unlisted_derivatives, Misuse, DIRECTIONAL;
     "input-derivatives": INPUT_DERIVATIVES, values::derivatives_of_inputs_in_time,
         Quick, Fmi2, CoSimulation, INTERPOLATES;
     "output-derivatives": OUTPUT_DERIVATIVES, values::derivatives_of_outputs_in_time, Quick, CoSimulation;
@@ -297,6 +299,7 @@ pub static PROBES: &[Probe] = probes! {
     "kept-arrays": INPUTS_KEPT, values::kept_arrays, Quick, Fmi3;
     "tunable": TUNABLE, values::tunable, CoSimulation;
     "dependencies": DEPENDENCIES, values::dependencies;
+    "initial-dependencies": DEPENDENCIES, values::initial_dependencies;
     "states": STATE_VARIABLES, values::states, ModelExchange;
     "events": EVENTS, values::events, ModelExchange;
     "array-lengths": ARRAY_LENGTHS, host::array_lengths, Misuse, Fmi3;

@@ -1,11 +1,11 @@
 //! Reading and writing variables; derivatives, dependencies and events.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::hint::black_box;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::value::{integer, unsigned};
-use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Value, Variability};
+use fmu_description::{Causality, FmiVersion, Initial, Listed, Type, Unknown, Value, Variability};
 use fmu_file::text::quote;
 use fmu_host::{Instance, Kind};
 
@@ -416,15 +416,23 @@ const WARM_UP: usize = 15;
 struct Dependencies<'a>(HashMap<&'a str, HashSet<&'a str>>);
 
 impl<'a> Dependencies<'a> {
-    fn of(subject: &Subject<'a>) -> Self {
+    fn of<'b>(subject: &Subject<'a>, unknowns: impl Iterator<Item = &'b Unknown<'a>>) -> Self
+    where
+        'a: 'b,
+    {
         let model = subject.model;
         let name = |number: &u32| Some(model.variable(model.index(*number))?.name.as_str());
-        let outputs = model.outputs.iter().filter_map(|unknown| {
+        let outputs = unknowns.filter_map(|unknown| {
             let inputs = unknown.dependencies.as_ref()?.iter();
             let output = model.variable(unknown.index)?;
             Some((output.name.as_str(), inputs.filter_map(name).collect()))
         });
         Self(outputs.collect())
+    }
+
+    /// Those of outputs and derivatives of states, after initialization.
+    fn in_run(subject: &Subject<'a>) -> Self {
+        Self::of(subject, subject.model.outputs.iter().chain(&subject.model.derivatives))
     }
 
     fn allow(&self, output: &Listed<'_>, input: &Listed<'_>) -> bool {
@@ -438,8 +446,8 @@ fn size_of(run: &mut Run<'_>, known: &Listed<'_>) -> Result<f64> {
     Ok(run.reals(&[known.reference])?[0].abs().max(1.0))
 }
 
-/// The unknowns when a known is changed by this much, which is then changed back: the derivatives if it is the
-/// state of this index, else values; the test ends if the FMU refuses that of an input.
+/// The unknowns when a known is changed by this much, which is then changed back; the test ends if the FMU refuses
+/// the change of an input. If the known is the state of this index, the derivatives are the first unknowns.
 fn moved(
     run: &mut Run<'_>,
     (known, state): (&Listed<'_>, Option<usize>),
@@ -458,36 +466,74 @@ fn moved(
     let mut moved = states.clone();
     moved[k] += change;
     run.instance.set_continuous_states(&moved)?;
-    let derivatives = run.derivatives()?;
+    let mut after = run.derivatives()?;
+    after.extend(run.reals(&unknowns[states.len()..])?);
     run.instance.set_continuous_states(&states)?;
-    Ok(derivatives)
+    Ok(after)
 }
 
-/// A directional derivative of scalars with respect to one scalar.
-fn directional(run: &mut Run<'_>, unknowns: &[u32], knowns: &[u32]) -> Result<Vec<f64>> {
-    let seed = vec![1.0; knowns.len()];
+/// A directional derivative of scalars.
+fn directional(
+    run: &mut Run<'_>,
+    unknowns: &[u32],
+    knowns: &[u32],
+    seed: &[f64],
+) -> Result<Vec<f64>> {
     let get = |i: &mut Instance, values: &mut [f64]| {
-        i.get_directional_derivative(unknowns, knowns, &seed, values)
+        i.get_directional_derivative(unknowns, knowns, seed, values)
     };
     Ok(run.instance.read(unknowns.len(), get)?)
 }
 
-/// Compares a directional derivative with difference quotients.
-fn compare(
+/// A known, and its index if it is a state.
+type Known<'a> = (&'a Listed<'a>, Option<usize>);
+
+/// Compares the directional derivatives of all pairs that the XML lists with difference quotients, and those for a
+/// seed with several elements with their sum; returns whether there is a pair.
+fn compare_all(
     run: &mut Run<'_>,
     unknowns: &[&Listed<'_>],
-    known: (&Listed<'_>, Option<usize>),
-) -> Result<()> {
+    knowns: &[Known<'_>],
+    allowed: &Dependencies<'_>,
+) -> Result<bool> {
+    let mut rows: BTreeMap<u32, Vec<(u32, f64)>> = BTreeMap::new();
+    for known in knowns.iter().take(MAX_INPUTS) {
+        // All derivatives belong to a state.
+        let is_pair = |u: &&&Listed<'_>| known.1.is_some() || allowed.allow(u, known.0);
+        let unknowns: Vec<_> = unknowns.iter().filter(is_pair).copied().collect();
+        if !unknowns.is_empty() {
+            let given = compare(run, &unknowns, *known)?;
+            for (unknown, given) in unknowns.iter().zip(given) {
+                rows.entry(unknown.reference).or_default().push((known.0.reference, given));
+            }
+        }
+    }
+    for (unknown, row) in &rows {
+        let (knowns, given): (Vec<u32>, Vec<f64>) = row.iter().copied().unzip();
+        let seed: Vec<f64> = (2..).map(f64::from).take(row.len()).collect();
+        let terms = given.iter().zip(&seed).map(|(given, seed)| given * seed);
+        let (expected, scale) = terms.fold((0.0, 1e-9), |(sum, size), x| (sum + x, size + x.abs()));
+        let value = directional(run, &[*unknown], &knowns, &seed)?[0];
+        ensure!(
+            (value - expected).abs() <= 1e-2 * scale,
+            "the directional derivative of value reference {unknown} for the seed {seed:?} is {value}, expected {expected}, the sum of those for unit vectors"
+        );
+    }
+    Ok(!rows.is_empty())
+}
+
+/// Compares a directional derivative with difference quotients.
+fn compare(run: &mut Run<'_>, unknowns: &[&Listed<'_>], known: Known<'_>) -> Result<Vec<f64>> {
     const CHANGES: [f64; 2] = [1e-4, 1e-5];
     let (all, size) = (references(unknowns), size_of(run, known.0)?);
-    let given = directional(run, &all, &[known.0.reference])?;
+    let all_given = directional(run, &all, &[known.0.reference], &[1.0])?;
     let mut measure = |change: f64| moved(run, known, change * size, &all);
     let before = measure(0.0)?;
     let [coarse, fine] = [measure(CHANGES[0])?, measure(CHANGES[1])?];
     for (i, unknown) in unknowns.iter().enumerate() {
         let coarse = (coarse[i] - before[i]) / (CHANGES[0] * size);
         let fine = (fine[i] - before[i]) / (CHANGES[1] * size);
-        let (given, of, by) = (given[i], quote(&unknown.name), quote(&known.0.name));
+        let (given, of, by) = (all_given[i], quote(&unknown.name), quote(&known.0.name));
         ensure!(
             given.is_finite(),
             "the directional derivative of {of} with respect to {by} is {given}, expected a finite number"
@@ -504,27 +550,77 @@ fn compare(
             "the directional derivative of {of} with respect to {by} is {given}, but {of} changes by {fine} per unit"
         );
     }
-    Ok(())
+    Ok(all_given)
 }
 
-/// Compares directional derivatives of outputs with difference quotients.
+/// Compares directional derivatives with respect to inputs with difference quotients: of outputs, and of derivatives of
+/// states, at two times, and in event mode.
 pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
-    let (inputs, outputs) =
-        (subject.continuous(Causality::Input), subject.continuous(Causality::Output));
-    let allowed = Dependencies::of(subject);
+    let mut unknowns = subject.continuous(Causality::Output);
+    unknowns.extend(state_pairs(subject).into_iter().flat_map(|(derivatives, _)| derivatives));
+    let inputs = subject.continuous(Causality::Input);
+    let inputs: Vec<Known<'_>> = inputs.into_iter().map(|input| (input, None)).collect();
+    let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    let mut is_called = false;
-    for input in inputs.iter().take(MAX_INPUTS) {
-        let mut unknowns = outputs.clone();
-        unknowns.retain(|output| allowed.allow(output, input));
-        if !unknowns.is_empty() {
-            compare(&mut run, &unknowns, (input, None))?;
-            is_called = true;
-        }
+    let is_called = compare_all(&mut run, &unknowns, &inputs, &allowed)?;
+    run.advance_by(subject.task.steps)?;
+    if is_called && !run.ended {
+        compare_all(&mut run, &unknowns, &inputs, &allowed)?;
+    }
+    if is_called && subject.claims("hasEventMode") {
+        let setup = subject.setup().with(|s| s.event_mode = true);
+        let mut run = Run::begin(subject, setup)?;
+        run.advance_by(subject.task.steps.min(WARM_UP))?;
+        run.instance.enter_event_mode()?;
+        subject.report.stage("in event mode");
+        compare_all(&mut run, &unknowns, &inputs, &allowed)?;
     }
     // Even if no output depends on an input, the function is there; some refuse such a call.
     if !is_called {
-        directional(&mut run, &[], &[]).context("without unknowns")?;
+        directional(&mut run, &[], &[], &[]).context("without unknowns")?;
+    }
+    Ok(())
+}
+
+/// Compares directional derivatives in initialization mode with difference quotients, for the pairs that the XML lists.
+pub fn derivatives_in_initialization(subject: &Subject<'_>) -> Result<()> {
+    let (unknowns, knowns, allowed) = initial_pairs(subject);
+    let mut run = Run::initializing(subject, subject.still())?;
+    subject.report.stage("in initialization mode");
+    compare_all(&mut run, &unknowns, &knowns, &allowed).map(drop)
+}
+
+/// The Float64 unknowns of the initialization whose dependencies the XML lists, and what a host may set then.
+fn initial_pairs<'a>(
+    subject: &Subject<'a>,
+) -> (Vec<&'a Listed<'a>>, Vec<Known<'a>>, Dependencies<'a>) {
+    let model = subject.model;
+    let is_real = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
+    let listed = model.initial_unknowns.iter().filter(|unknown| unknown.dependencies.is_some());
+    let unknowns = listed.filter_map(|unknown| model.variable(unknown.index).filter(is_real));
+    let knowns = subject.settable().filter(is_real).map(|v| (v, None));
+    let allowed = Dependencies::of(subject, model.initial_unknowns.iter());
+    (unknowns.collect(), knowns.collect(), allowed)
+}
+
+/// Asks for directional derivatives of pairs that the XML does not list: 0, or an error.
+pub fn unlisted_derivatives(subject: &Subject<'_>) -> Result<()> {
+    let allowed = Dependencies::in_run(subject);
+    let mut run = Run::after(subject, WARM_UP)?;
+    for input in subject.continuous(Causality::Input).into_iter().take(MAX_INPUTS) {
+        for output in subject.continuous(Causality::Output) {
+            if allowed.allow(output, input) {
+                continue;
+            }
+            let (of, by) = ([output.reference], [input.reference]);
+            let given = directional(&mut run, &of, &by, &[1.0]).ok().context(SKIP)?[0];
+            ensure!(
+                given.abs() < 1e-12,
+                "the directional derivative of {} with respect to {}, which its dependencies do not list, is {given}, expected 0",
+                quote(&output.name),
+                quote(&input.name)
+            );
+        }
     }
     Ok(())
 }
@@ -549,9 +645,14 @@ pub fn derivatives_by_states(subject: &Subject<'_>) -> Result<()> {
     let Some((derivatives, states)) = state_pairs(subject) else {
         return Ok(());
     };
+    let knowns: Vec<Known<'_>> = (0..).zip(states).map(|(k, state)| (state, Some(k))).collect();
+    let derivatives = [derivatives, subject.continuous(Causality::Output)].concat();
+    let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    for (k, state) in states.iter().enumerate() {
-        compare(&mut run, &derivatives, (state, Some(k)))?;
+    compare_all(&mut run, &derivatives, &knowns, &allowed)?;
+    run.advance_by(subject.task.steps)?;
+    if !run.ended {
+        compare_all(&mut run, &derivatives, &knowns, &allowed)?;
     }
     Ok(())
 }
@@ -563,7 +664,7 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
         let call = run.instance.get_adjoint_derivative(&[], &[], &[], &mut []);
         return call.map(drop).context("without unknowns");
     }
-    let allowed = Dependencies::of(subject);
+    let allowed = Dependencies::in_run(subject);
     let mut inputs = subject.continuous(Causality::Input);
     inputs.truncate(MAX_INPUTS);
     let outputs = subject.continuous(Causality::Output);
@@ -589,7 +690,7 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
     };
     let row = run.instance.read(knowns.len(), get)?;
     for (known, adjoint) in knowns.iter().zip(row) {
-        let directional = directional(run, &unknowns, &[known.reference])?[0];
+        let directional = directional(run, &unknowns, &[known.reference], &[1.0])?[0];
         let scale = adjoint.abs().max(directional.abs()).max(1e-9);
         ensure!(
             (adjoint - directional).abs() <= 1e-6 * scale,
@@ -601,28 +702,47 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
     Ok(())
 }
 
-/// Changes each input, and looks for outputs that follow though the XML says that they do not.
+/// Changes each input, and looks for outputs that follow though the XML says that they do not; in initialization mode,
+/// parameters, too.
 pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
     let (mut inputs, outputs) = (subject.reals(Causality::Input), subject.reals(Causality::Output));
     let is_exchange = subject.kind == Kind::ModelExchange;
-    inputs.truncate(MAX_INPUTS);
     inputs.retain(|v| !is_exchange || is_continuous(v));
-    let allowed = Dependencies::of(subject);
+    let inputs: Vec<Known<'_>> = inputs.into_iter().map(|input| (input, None)).collect();
     let mut run = Run::after(subject, WARM_UP)?;
-    if outputs.is_empty() {
+    follow(&mut run, &outputs, &inputs, &Dependencies::in_run(subject))
+}
+
+pub fn initial_dependencies(subject: &Subject<'_>) -> Result<()> {
+    let (unknowns, knowns, allowed) = initial_pairs(subject);
+    let mut run = Run::initializing(subject, subject.still())?;
+    subject.report.stage("in initialization mode");
+    follow(&mut run, &unknowns, &knowns, &allowed)
+}
+
+/// Changes each known, and checks that only unknowns that may depend on it follow.
+fn follow(
+    run: &mut Run<'_>,
+    unknowns: &[&Listed<'_>],
+    knowns: &[Known<'_>],
+    allowed: &Dependencies<'_>,
+) -> Result<()> {
+    if unknowns.is_empty() {
         return Ok(());
     }
-    let unknowns = references(&outputs);
-    for input in inputs {
-        let before = run.reals(&unknowns)?;
-        let change = 0.1 * size_of(&mut run, input)?;
-        let after = moved(&mut run, (input, None), change, &unknowns)?;
-        for ((output, before), after) in outputs.iter().zip(before).zip(after) {
+    let all = references(unknowns);
+    for known in knowns.iter().take(MAX_INPUTS) {
+        let before = run.reals(&all)?;
+        let change = 0.1 * size_of(run, known.0)?;
+        let after = moved(run, *known, change, &all)?;
+        for ((unknown, before), after) in unknowns.iter().zip(before).zip(after) {
             ensure!(
-                before == after || allowed.allow(output, input),
+                before == after
+                    || unknown.reference == known.0.reference
+                    || allowed.allow(unknown, known.0),
                 "{} changes from {before} to {after} with {}, which its dependencies do not list",
-                quote(&output.name),
-                quote(&input.name)
+                quote(&unknown.name),
+                quote(&known.0.name)
             );
         }
     }
