@@ -70,6 +70,12 @@ def test_csv_contains_every_sample_to_the_last_bit(script, fmus, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]
 
 
+def test_the_script_in_the_tests_has_the_same_options():
+    command = [sys.executable, ROOT / "tests" / "master.py", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert all(option in done.stdout for option in ("--controller", "--signal", "--order", "--csv"))
+
+
 def test_the_summary_shows_the_last_error_the_settling_time_and_the_force(script):
     _, said, _ = script("--target", "supervisor", "--stop", 5)
     assert "settling time   2.483 s (band of ±0.3%)" in said
