@@ -461,7 +461,10 @@ mod tests {
     fn documents_that_are_not_valid_model_descriptions_are_rejected() {
         for (document, expected) in [
             ("<a/>", "the root element is \"a\", expected fmiModelDescription"),
-            ("1.0", "it is of FMI version 1.0, expected 2.0 or 3.0"),
+            (
+                "1.0",
+                "it is of FMI version 1.0, expected 2.0 or 3.0; export the model again for one of these versions",
+            ),
             ("30", "it is of FMI version 30, expected 2.0 or 3.0"),
             ("4.0", "it is of FMI version 4.0, expected 2.0 or 3.0"),
             ("3", "it is of FMI version 3, expected 2.0 or 3.0"),
