@@ -125,7 +125,7 @@ pub fn work(args: &SimulateArgs, service: &mut Service) -> Result<()> {
 /// Starts a worker process and reports its results.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run()`].
 pub fn supervise(
     args: &SimulateArgs,
     session: &Session,
