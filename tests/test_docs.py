@@ -52,7 +52,7 @@ def test_commands_and_programs_run(
     after it, in a folder outside. Sweeps have fewer runs, and FMUs are validated quickly.
     """
     replacements = {
-        r"^(make|cargo install|git clone) .*$": "",
+        r"^(make|cargo install|git clone|rustup) .*$": "",
         r"cargo fmu validate (?!.*(--quick|--no-run))": "cargo fmu validate --quick ",
         r"cargo fmu ": f"{program} ",
         r"examples/sweep": str(sweeps.shortened(tmp_path)),
