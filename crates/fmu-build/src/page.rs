@@ -6,6 +6,8 @@ use fmu_description::{Causality, DeclaredType, Item, ModelDescription};
 use crate::library::File;
 use crate::table;
 
+/// The style, which each FMU contains, without comments. Chromium shrinks accents like scripts, so that the dots of
+/// derivatives could not be counted; on a phone, a variable is a paragraph instead of a row.
 const STYLE: &str = include_str!("style.css");
 
 /// Generates the page of the FMU `file`; `about` is an HTML fragment for its middle, and `icon` the path
