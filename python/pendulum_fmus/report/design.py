@@ -19,10 +19,13 @@ from .stability import (
     LAWS,
     NOMINAL,
     bearable,
+    crossings,
     exponential,
     gain_margin,
     last_true,
+    modulus_margin,
     open_loop,
+    phase_margin,
 )
 
 # --- frequency responses ------------------------------------------------------------------------
@@ -67,10 +70,10 @@ def responses(frequency: np.ndarray) -> dict[str, np.ndarray]:
 
 def factors() -> list[tuple[float, float]]:
     """Return the factors of the gain between which each loop is stable."""
+    (A, B), gains = held_cart(), lqr()
 
     def stable(gain: float) -> bool:
-        A, B = held_cart()
-        return bool(np.max(np.abs(np.linalg.eigvals(A - gain * B @ lqr()))) < 1)
+        return bool(np.max(np.abs(np.linalg.eigvals(A - gain * B @ gains))) < 1)
 
     found = []
     for law in LAWS.values():
@@ -83,10 +86,9 @@ def frequency(_: Data) -> Section:
     """Return Bode and Nyquist plots of all open loops, and their margins."""
     crossovers, phases, peaks = [], [], []
     for response in responses(FREQUENCIES).values():
-        crossings = np.flatnonzero(np.diff(np.abs(response) > 1))
-        crossovers.append(float(FREQUENCIES[crossings[-1]] / (2 * np.pi)))
-        phases.append(float(np.degrees(np.min(np.abs(np.angle(-response[crossings]))))))
-        peaks.append(float(1 / np.min(np.abs(1 + response))))
+        crossovers.append(float(FREQUENCIES[crossings(response)[-1]] / (2 * np.pi)))
+        phases.append(phase_margin(response))
+        peaks.append(1 / modulus_margin(response))
     lowest, highest = map(list, zip(*factors(), strict=True))
     margins = [
         Row("phase margin [°]", phases, phases[1] < phases[0]),

@@ -318,6 +318,11 @@ def of_law(measure: Callable[[Law], float]) -> Callable[[Data, str], float]:
     return lambda _, kind: measure(LAWS[kind])
 
 
+def of_response(measure: Callable[[np.ndarray], float]) -> Callable[[Data, str], float]:
+    """Return a measure of the open loop's response at `stability.FREQUENCIES`."""
+    return of_law(lambda law: measure(stability.open_loop(law, stability.FREQUENCIES)))
+
+
 GROWTH = "rate of the fastest growing mode"
 
 # fmt: off
@@ -408,9 +413,10 @@ MEASURES = {
     "delay_margin": LoopMeasure("delay borne from measurement to force", "samples",
                                 of_law(stability.delay_margin), more=True),
     "gain_margin": LoopMeasure("gain margin", "1", of_law(stability.gain_margin), more=True),
-    "phase_margin": LoopMeasure("phase margin", "°", of_law(stability.phase_margin), more=True),
+    "phase_margin": LoopMeasure("phase margin", "°", of_response(stability.phase_margin),
+                                more=True),
     "modulus_margin": LoopMeasure("modulus margin, min |1 + L|", "1",
-                                  of_law(stability.modulus_margin), more=True),
+                                  of_response(stability.modulus_margin), more=True),
     "mass": LoopMeasure("largest growth of ∫|e| dt for M from a quarter to four times", "%",
                         lambda data, kind: 100 * growths("M", data.fmus)[kind]),
     "length": LoopMeasure("largest growth of ∫|e| dt for l from a quarter to four times", "%",

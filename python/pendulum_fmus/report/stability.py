@@ -185,13 +185,16 @@ FREQUENCIES = np.geomspace(0.1, math.pi / TS, 40_000)
 """Frequencies at which the margins are sought [rad/s]."""
 
 
-def modulus_margin(law: Law) -> float:
-    """Return the smallest distance of the open loop's frequency response from -1."""
-    return float(np.min(np.abs(1 + open_loop(law, FREQUENCIES))))
+def modulus_margin(response: np.ndarray) -> float:
+    """Return the smallest distance from -1 of an open loop's response at `FREQUENCIES`."""
+    return float(np.min(np.abs(1 + response)))
 
 
-def phase_margin(law: Law) -> float:
-    """Return the smallest angle by which the open loop misses -1 where its gain is 1 [°]."""
-    response = open_loop(law, FREQUENCIES)
-    crossing = np.flatnonzero(np.diff(np.abs(response) > 1))
-    return float(np.degrees(np.min(np.abs(np.angle(-response[crossing])))))
+def crossings(response: np.ndarray) -> np.ndarray:
+    """Return the indices of `FREQUENCIES` at which the gain of an open loop crosses 1."""
+    return np.flatnonzero(np.diff(np.abs(response) > 1))
+
+
+def phase_margin(response: np.ndarray) -> float:
+    """Return the smallest angle by which an open loop misses -1 where its gain is 1 [°]."""
+    return float(np.degrees(np.min(np.abs(np.angle(-response[crossings(response)])))))
