@@ -7,7 +7,7 @@ use std::path::Path;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main};
-use fmu_master::Fmu;
+use fmu_master::{Description, Plan};
 use pendulum_control::closed_loop::{TS, ipid_rbf, pid, pid_rbf};
 use pendulum_control::pid::Integral;
 use pendulum_control::plant::{Linear, Parameters, State, TransferFunction, nonlinear};
@@ -137,7 +137,8 @@ fn network<const N: usize>() -> Rbf<N> {
 fn loading(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("loading");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/fmu/PidRbf.fmu");
-    group.bench_function("open", |b| b.iter(|| Fmu::open(&file).unwrap()));
+    let description = Description::of_fmu(&file).unwrap();
+    group.bench_function("open", |b| b.iter(|| Plan::new(&description).unwrap()));
     group.finish();
 }
 
