@@ -571,6 +571,61 @@ def test_a_connection_can_convert_the_unit(relay, tmp_path):
         same(simulate(system, tmp_path)["b.y"], [0, 1, 1, 1, 1])
 
 
+SECONDS = np.arange(0, 400.1, 0.25)
+"""Communication points of the systems with faults [s]."""
+
+
+def faulty(relay, folder, faults: list[dict], **settings) -> np.ndarray:
+    """Return what arrives of the time at its communication points after the first."""
+    line = {"from": "a.time", "to": "b.u", "faults": faults}
+    system = relay({"a": {}, "b": {"direct": True}}, [line], stop=SECONDS[-1], **settings)
+    return simulate(system, folder)["b.y"][1:]
+
+
+def test_faults_change_what_arrives(relay, tmp_path):
+    """In sequential order, b receives in the step from t what a has for the end of the step."""
+    ends, steps = SECONDS[1:], SECONDS[:-1]
+    acts = (steps >= 100) & (steps < 200)
+    faults = [
+        {"delay": 2.0},
+        {"gain": -0.5, "start": 100.0, "stop": 200.0},
+        {"offset": 3.0},
+        {"drift": 0.125, "start": 40.0},
+        {"saturation": [-20.0, 350.0]},
+    ]
+    arrived = np.maximum(ends - 2, ends[0])
+    arrived = np.where(acts, -0.5 * arrived, arrived) + 3 + 0.125 * np.maximum(steps - 40, 0)
+    same(faulty(relay, tmp_path, faults), np.clip(arrived, -20, 350))
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+def test_random_faults_have_their_distribution_and_depend_on_the_seed(relay, tmp_path, order):
+    sent = faulty(relay, tmp_path, [{"offset": 0.0}], order=order)
+    noise = faulty(relay, tmp_path, [{"noise": 2.0}], order=order, seed=7) - sent
+    count = len(noise)
+    assert abs(np.mean(noise)) < 3 * 2 / count**0.5
+    assert abs(np.std(noise) / 2 - 1) < 3 / (2 * count) ** 0.5
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 3 / count**0.5
+    same(noise, faulty(relay, tmp_path, [{"noise": 2.0}], order=order, seed=7) - sent)
+    assert np.all(noise != faulty(relay, tmp_path, [{"noise": 2.0}], order=order, seed=8) - sent)
+    lossy = faulty(relay, tmp_path, [{"dropout": 0.25}], order=order)
+    lost = lossy != sent
+    assert abs(np.mean(lost) - 0.25) < 3 * (0.25 * 0.75 / count) ** 0.5
+    same(lossy[lost], lossy[np.flatnonzero(lost) - 1])  # the last value that has arrived
+
+
+def test_faults_that_do_not_fit_are_named(relay, tmp_path):
+    for line, message in [
+        ({"from": "a.time", "to": "b.u", "faults": [{"noise": -1}]},
+         "a.time -> b.u: noise = -1.0, expected a standard deviation of at least 0"),
+        ({"from": "a.time", "to": "b.u", "faults": [{"delay": 0.3}]},
+         "a.time -> b.u: delay = 0.3, expected a multiple of the step, 0.25 s"),
+        ({"from": "a.count", "to": "b.n", "faults": [{"offset": 1}]},
+         "a.count cannot feed b.n with faults: both must be real numbers"),
+    ]:  # fmt: skip
+        assert message in refusal(tmp_path, "simulate", relay({"a": {}, "b": {}}, [line]))
+
+
 DIRECT = {'<Unknown index="3"/>': '<Unknown index="3" dependencies="2"/>'}
 
 

@@ -106,11 +106,11 @@ impl<'a> Component<'a> {
         })
     }
 
-    /// Takes a step. Whether the system `INTEGRATES` a component of model exchange is known at compile time, so
-    /// that systems of co-simulation do not ask at each step.
+    /// Takes a step. Whether the system is `PLAIN`, with neither model exchange nor faults, is known at compile
+    /// time, so that a plain system does not ask at each step.
     #[inline(always)]
-    pub(crate) fn step<const INTEGRATES: bool>(&mut self, time: f64, step: f64) -> Called {
-        if INTEGRATES && let Some(mut exchange) = self.exchange.take() {
+    pub(crate) fn step<const PLAIN: bool>(&mut self, time: f64, step: f64) -> Called {
+        if !PLAIN && let Some(mut exchange) = self.exchange.take() {
             let stepped = exchange.step(&mut self.calling(), time, step);
             self.exchange = Some(exchange);
             return stepped

@@ -12,6 +12,7 @@ use fmu_description::{Type, Value, Variable};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
+use crate::fault::{Amount, Fault};
 use crate::fmu::default_experiment;
 use crate::ssp::{self, Source};
 
@@ -41,6 +42,9 @@ pub struct Description {
     /// Which output feeds which input.
     #[serde(default)]
     pub connections: Vec<Connection>,
+    /// The seed of faults with random numbers.
+    #[serde(default)]
+    pub seed: u64,
     /// Variables to record, `component.variable`; by default all outputs except Strings.
     #[serde(default)]
     pub outputs: Vec<String>,
@@ -126,6 +130,8 @@ pub struct Connection {
     pub to: String,
     /// How to convert the value to another unit.
     pub scale: Option<Scale>,
+    /// Its faults, in the order in which they act; they act before the conversion.
+    pub faults: Vec<Fault>,
 }
 
 /// The input is `factor` times the output plus `offset`.
@@ -142,25 +148,34 @@ pub struct Scale {
 #[serde(
     untagged,
     deny_unknown_fields,
-    expecting = "expected \"component.output -> component.input\", or a table with from, to, factor and offset"
+    expecting = "expected \"component.output -> component.input\", or a table with from, to, factor, offset and faults"
 )]
 enum Notation {
     Arrow(String),
-    Table { from: String, to: String, factor: Option<f64>, offset: Option<f64> },
+    Table {
+        from: String,
+        to: String,
+        factor: Option<f64>,
+        offset: Option<f64>,
+        #[serde(default)]
+        faults: Vec<BTreeMap<String, Amount>>,
+    },
 }
 
 impl TryFrom<Notation> for Connection {
     type Error = Error;
 
     fn try_from(notation: Notation) -> Result<Self> {
-        let (from, to, factor, offset) = match notation {
+        let (from, to, factor, offset, faults) = match notation {
             Notation::Arrow(text) => {
                 let (from, to) = text.split_once("->").with_context(|| {
                     format!("the connection {text:?} is not of the form \"component.output -> component.input\"")
                 })?;
-                (from.trim().to_owned(), to.trim().to_owned(), None, None)
+                (from.trim().to_owned(), to.trim().to_owned(), None, None, Vec::new())
             }
-            Notation::Table { from, to, factor, offset } => (from, to, factor, offset),
+            Notation::Table { from, to, factor, offset, faults } => {
+                (from, to, factor, offset, faults)
+            }
         };
         let is_scaled = factor.is_some() || offset.is_some();
         let (factor, offset) = (factor.unwrap_or(1.0), offset.unwrap_or(0.0));
@@ -169,7 +184,11 @@ impl TryFrom<Notation> for Connection {
             "the factor and offset of {from} -> {to} are not finite, expected numbers"
         );
         let scale = is_scaled.then_some(Scale { factor, offset });
-        Ok(Self { from, to, scale })
+        let faults = faults.into_iter().map(Fault::new).collect::<Result<_>>();
+        let faults = faults.with_context(|| format!("{from} -> {to}"));
+        // The reader of TOML shows only the outermost error.
+        let faults = faults.map_err(|error| anyhow!("{error:#}"))?;
+        Ok(Self { from, to, scale, faults })
     }
 }
 
@@ -285,6 +304,7 @@ impl Description {
                 start: BTreeMap::new(),
             }],
             connections: Vec::new(),
+            seed: 0,
             outputs: Vec::new(),
             input: None,
             is_single: true,

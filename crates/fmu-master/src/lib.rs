@@ -40,10 +40,12 @@ mod component;
 mod description;
 mod exchange;
 mod failure;
+mod fault;
 mod fmu;
 mod input;
 mod messages;
 mod plan;
+mod random;
 pub mod run;
 mod simulation;
 pub mod ssp;
@@ -56,6 +58,7 @@ pub use description::{
     Component, Connection, Description, Experiment, Interface, Order, Scale, Written, locate,
 };
 pub use failure::Failure;
+pub use fault::Fault;
 pub use fmu::Fmu;
 pub use messages::{Message, Messages};
 pub use plan::{Plan, Planned, Start};

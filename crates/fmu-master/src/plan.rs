@@ -13,7 +13,8 @@ use crate::input::Input;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
 use crate::{
-    Component, Connection, Description, Experiment, Fmu, Interface, Order, Place, Scale, Written,
+    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Scale,
+    Written,
 };
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -81,11 +82,12 @@ impl Plan {
             components[0].prefix.clear();
         }
         let link = |connection: &Connection| {
-            Ok(Link {
-                from: port(&components, &connection.from)?,
-                to: port(&components, &connection.to)?,
-                scale: connection.scale,
-            })
+            let Connection { from, to, scale, faults } = connection;
+            let mut all = faults.iter();
+            let checked = all.try_for_each(|fault| fault.check(description.step));
+            checked.with_context(|| format!("{from} -> {to}"))?;
+            let [from, to] = [port(&components, from)?, port(&components, to)?];
+            Ok(Link { from, to, scale: *scale, faults: faults.clone() })
         };
         let links = description.connections.iter().map(link);
         let links = links.collect::<Result<Vec<_>>>()?;
@@ -119,7 +121,7 @@ impl Plan {
         Ok(Self {
             order: description.order,
             experiment: description.experiment(),
-            wiring: Wiring::new(&components, &links, input.as_ref(), &recorded),
+            wiring: Wiring::new(description, &components, &links, input.as_ref(), &recorded),
             columns: recorded.iter().map(column).collect(),
             notes: notes(&components, &recorded),
             bounds: recorded.iter().map(bounds).collect(),
@@ -222,11 +224,12 @@ pub(crate) struct Port {
 }
 
 /// A resolved connection.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Link {
     pub(crate) from: Port,
     pub(crate) to: Port,
     pub(crate) scale: Option<Scale>,
+    pub(crate) faults: Vec<Fault>,
 }
 
 impl Port {
@@ -507,6 +510,10 @@ fn links_fit(components: &[Planned], links: &[Link]) -> Result<()> {
         ensure!(
             link.scale.is_none() || from.of_type.is_float(),
             "{a} cannot feed {b} with a factor: both must be real numbers"
+        );
+        ensure!(
+            link.faults.is_empty() || from.of_type.is_float(),
+            "{a} cannot feed {b} with faults: both must be real numbers"
         );
         if let (Some(one), Some(other), None) = (&from.unit, &to.unit, link.scale) {
             ensure!(

@@ -8,6 +8,7 @@ use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
 use crate::component::{Called, Component, propagate};
+use crate::fault::Line;
 use crate::plan::Planned;
 use crate::table::Column;
 use crate::wiring::{Store, number, places};
@@ -20,6 +21,8 @@ pub struct Simulation<'a> {
     /// The outputs of all components that were read last.
     outputs: Store,
     row: Row,
+    /// The connections with faults that lead to each component.
+    lines: Vec<Vec<Line>>,
     messages: Messages,
 }
 
@@ -108,6 +111,7 @@ impl Plan {
             components: components.collect::<Result<_>>()?,
             outputs: Store::new(self.wiring.counts),
             row: Row::new(&self.columns),
+            lines: self.wiring.lines.clone(),
             messages: messages.clone(),
         };
         simulation.initialize(starts).map_err(|failure| *failure)?;
@@ -199,10 +203,11 @@ impl Simulation<'_> {
     /// # Errors
     /// A [`Failure`]: a call of an FMU failed, which ends the run.
     pub fn run(mut self, mut observe: impl FnMut(&Row) -> bool) -> Result<Finished> {
-        let integrates = self.plan.components.iter().any(Planned::integrates);
-        let steps = match integrates {
-            false => self.steps::<false>(&mut observe),
+        let is_plain = self.lines.iter().all(Vec::is_empty)
+            && !self.plan.components.iter().any(Planned::integrates);
+        let steps = match is_plain {
             true => self.steps::<true>(&mut observe),
+            false => self.steps::<false>(&mut observe),
         };
         let ended = match steps {
             Ok(()) => None,
@@ -239,7 +244,7 @@ impl Simulation<'_> {
     }
 
     #[inline(always)]
-    fn steps<const INTEGRATES: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
+    fn steps<const PLAIN: bool>(&mut self, observe: &mut impl FnMut(&Row) -> bool) -> Called {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
@@ -259,7 +264,7 @@ impl Simulation<'_> {
             self.row.time = time;
             self.row.store.record(&wiring.before, &self.outputs);
             if k < last {
-                self.step::<INTEGRATES>(time, experiment.step).map_err(failed_at(time))?;
+                self.step::<PLAIN>(k, time, experiment.step).map_err(failed_at(time))?;
                 self.row.store.record(&wiring.after, &self.outputs);
             }
             if !observe(&self.row) {
@@ -278,19 +283,30 @@ impl Simulation<'_> {
 
     /// Steps from one communication point to the next.
     #[inline]
-    fn step<const INTEGRATES: bool>(&mut self, time: f64, step: f64) -> Called {
+    fn step<const PLAIN: bool>(&mut self, k: u64, time: f64, step: f64) -> Called {
         let (components, outputs) = (&mut self.components, &mut self.outputs);
+        let lines = &mut self.lines;
+        let mut carry = |component: usize, outputs: &mut Store| {
+            if !PLAIN {
+                let lines = lines[component].iter_mut();
+                lines.for_each(|line| line.carry(k, time, step, outputs));
+            }
+        };
+        let mut all = components.iter_mut().enumerate();
         match self.plan.order {
-            Order::Sequential => components.iter_mut().try_for_each(|component| {
+            Order::Sequential => all.try_for_each(|(index, component)| {
+                carry(index, outputs);
                 component.write(outputs)?;
-                component.step::<INTEGRATES>(time, step)?;
+                component.step::<PLAIN>(time, step)?;
                 component.read(outputs)
             }),
             Order::Parallel => {
-                let mut all = components.iter_mut();
-                all.try_for_each(|component| component.write(outputs))?;
+                all.try_for_each(|(index, component)| {
+                    carry(index, outputs);
+                    component.write(outputs)
+                })?;
                 components.iter_mut().try_for_each(|component| {
-                    component.step::<INTEGRATES>(time, step)?;
+                    component.step::<PLAIN>(time, step)?;
                     component.read(outputs)
                 })
             }

@@ -8,9 +8,10 @@ use fmu_host::operation;
 use fmu_worker::Function;
 use serde::{Deserialize, Serialize};
 
+use crate::fault::{Line, Stage};
 use crate::input::Input;
 use crate::plan::{Link, Planned, Port};
-use crate::{Fmu, Scale};
+use crate::{Description, Fmu, Scale};
 
 /// A place among values of the type Float64, or among the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,6 +115,8 @@ pub(crate) struct Wiring {
     pub(crate) before: Records,
     /// The recorded variables of sampled components, whose values after a step are recorded.
     pub(crate) after: Records,
+    /// The connections with faults that lead to each component.
+    pub(crate) lines: Vec<Vec<Line>>,
     /// The places of the values from the input file among the outputs, in its order.
     pub(crate) fed: Vec<Place>,
 }
@@ -150,7 +153,7 @@ pub(crate) struct Source {
     /// Its index in the FMU, and the type whose functions get it.
     pub(crate) scalar: usize,
     pub(crate) kind: Type,
-    /// Its place among the outputs of all components.
+    /// Its place among the outputs of all components, or the place of what a connection with faults delivers.
     pub(crate) output: Place,
     pub(crate) scale: Option<Scale>,
 }
@@ -183,6 +186,7 @@ impl Ports {
 
 impl Wiring {
     pub(crate) fn new(
+        description: &Description,
         components: &[Planned],
         links: &[Link],
         input: Option<&Input>,
@@ -227,14 +231,25 @@ impl Wiring {
 
         let mut links = Vec::from_iter(links);
         links.sort_by_key(|link| link.from.component);
-        for Link { from, to, scale } in links {
+        let mut lines = vec![Vec::new(); components.len()];
+        let mut ranks = 0..;
+        for Link { from, to, scale, faults } in links {
             let ports = Ports::of(&mut wired, components, *to);
             ports.inputs.push(&components[to.component].fmu, to.scalar);
+            let mut output = outputs[from];
+            if !faults.is_empty() {
+                let (experiment, seed) = (description.experiment(), description.seed);
+                let stages = faults.iter().zip(&mut ranks);
+                let stages = stages.map(|(fault, rank)| Stage::new(fault, seed, rank, &experiment));
+                let stages = stages.collect();
+                lines[to.component].push(Line { from: output, to: counts[0], stages });
+                output = Place::next(Type::Float64, &mut counts);
+            }
             ports.sources.push(Source {
                 component: Some(from.component),
                 scalar: from.scalar,
                 kind: from.access(components),
-                output: outputs[from],
+                output,
                 scale: *scale,
             });
         }
@@ -255,7 +270,7 @@ impl Wiring {
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
         }
-        Self { components: wired, counts, before, after, fed }
+        Self { components: wired, counts, before, after, lines, fed }
     }
 }
 

@@ -85,6 +85,13 @@ fn warnings(plan: &Plan, identifiers: &[String]) -> Vec<String> {
                 .into(),
         );
     }
+    for link in plan.links.iter().filter(|link| !link.faults.is_empty()) {
+        warnings.push(format!(
+            "leaves out the faults of {} -> {}, which SSP does not know",
+            link.from.name(&plan.components),
+            link.to.name(&plan.components)
+        ));
+    }
     for (component, identifier) in plan.components.iter().zip(identifiers) {
         let name = &component.name;
         if name != identifier {

@@ -84,6 +84,7 @@ fn describe(files: &Files, name: &Path, unpacked: Option<TempDir>) -> Result<Des
         tolerance: None,
         components: system.components,
         connections,
+        seed: 0,
         outputs: Vec::new(),
         input: None,
         is_single: false,

@@ -198,6 +198,7 @@ impl<'a> System<'a> {
                 from: from.clone(),
                 to: join(&to.0, &to.1),
                 scale,
+                faults: Vec::new(),
             }));
         }
         Ok(connections)
