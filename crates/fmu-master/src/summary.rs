@@ -31,10 +31,13 @@ pub struct Summarized {
 
 /// Oscillations are looked for in the last tenth of the rows, in this many windows.
 const WINDOWS: u64 = 10;
-/// In most windows, an oscillation turns at least twice, and once in this many rows.
+/// In each window, an oscillation turns at least twice, and once in this many rows.
 const ROWS_PER_TURN: u64 = 50;
-/// The number of windows that are most: an oscillation by a limit may pause while the set-point changes.
-const MOST_WINDOWS: u64 = 7;
+/// A limit cycle may pause while the set-point changes. Unless it fills all windows, it has at least this many
+/// turns: after a jump of the set-point, a loop that is well may turn some 30 times before it settles.
+const MANY_TURNS: u64 = 40;
+/// The smallest range of a window, relative to the largest; an oscillation with a smaller one decays or grows.
+const STEADY: f64 = 0.5;
 /// The smallest oscillation that is reported, relative to the range over the run.
 const VISIBLE: f64 = 1e-3;
 /// A run is divided into this many parts to see what moves away ever faster.
@@ -59,18 +62,56 @@ pub(crate) struct Gathering<'a> {
 }
 
 /// How a column turns at the end of a run.
-#[derive(Clone, Copy)]
+#[derive(Clone, Default)]
 struct Turns {
     last: f64,
     rises: bool,
+    /// The values in this window, as far as it goes, and the windows before it.
+    now: Window,
+    windows: Vec<Window>,
+}
+
+#[derive(Clone, Copy)]
+struct Window {
+    turns: u64,
     low: f64,
     high: f64,
-    /// In this window, and in all.
-    turns: u64,
-    all: u64,
-    /// The windows with enough turns, and the smallest range of these.
-    windows: u64,
-    range: f64,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self { turns: 0, low: f64::INFINITY, high: f64::NEG_INFINITY }
+    }
+}
+
+impl Window {
+    fn range(&self) -> f64 {
+        self.high - self.low
+    }
+}
+
+impl Turns {
+    /// The longest oscillation with a steady range that is larger than `least`: its smallest range, and the
+    /// number of rows from turn to turn. A window has this many rows.
+    fn oscillation(&self, rows: u64, least: f64) -> Option<(f64, f64)> {
+        let turns_enough = |window: &Window| {
+            window.turns >= 2 && window.turns * ROWS_PER_TURN >= rows && window.range() > least
+        };
+        let count = self.windows.len();
+        let spans = (0..count).flat_map(|first| (first + 1..=count).map(move |end| first..end));
+        let oscillations = spans.filter_map(|span| {
+            let windows = &self.windows[span];
+            let smallest = windows.iter().map(Window::range).fold(f64::INFINITY, f64::min);
+            let largest = windows.iter().map(Window::range).fold(0.0, f64::max);
+            let turns: u64 = windows.iter().map(|window| window.turns).sum();
+            let is_long = turns >= MANY_TURNS || windows.len() as u64 == WINDOWS;
+            let is_steady = windows.iter().all(turns_enough) && smallest >= STEADY * largest;
+            let per_turn = (windows.len() as u64 * rows) as f64 / turns as f64;
+            (is_long && is_steady).then_some((turns, smallest, per_turn))
+        });
+        let (_, range, per_turn) = oscillations.max_by_key(|(turns, ..)| *turns)?;
+        Some((range, per_turn))
+    }
 }
 
 impl<'a> Gathering<'a> {
@@ -78,16 +119,6 @@ impl<'a> Gathering<'a> {
         let count = plan.columns.len();
         // Checked when the plan was made.
         let steps = plan.experiment.steps().unwrap_or(0);
-        let turns = Turns {
-            last: f64::NAN,
-            rises: false,
-            low: f64::INFINITY,
-            high: f64::NEG_INFINITY,
-            turns: 0,
-            all: 0,
-            windows: 0,
-            range: f64::INFINITY,
-        };
         Self {
             plan,
             rows: 0,
@@ -99,7 +130,7 @@ impl<'a> Gathering<'a> {
             parts: Vec::with_capacity(PARTS + 1),
             steps,
             window: steps / 10 / WINDOWS,
-            turns: vec![turns; count],
+            turns: vec![Turns::default(); count],
         }
     }
 
@@ -140,21 +171,16 @@ impl<'a> Gathering<'a> {
     fn turn(&mut self) {
         let is_last = (self.steps - self.rows - 1).is_multiple_of(self.window);
         for (turns, &x) in self.turns.iter_mut().zip(&self.now) {
+            let now = &mut turns.now;
             if x != turns.last {
                 let rises = x > turns.last;
-                turns.turns += u64::from(rises != turns.rises);
+                now.turns += u64::from(rises != turns.rises);
                 (turns.rises, turns.last) = (rises, x);
             }
-            turns.low = turns.low.min(x);
-            turns.high = turns.high.max(x);
+            now.low = now.low.min(x);
+            now.high = now.high.max(x);
             if is_last {
-                if turns.turns >= 2 && turns.turns * ROWS_PER_TURN >= self.window {
-                    turns.windows += 1;
-                    turns.range = turns.range.min(turns.high - turns.low);
-                }
-                turns.all += turns.turns;
-                turns.turns = 0;
-                (turns.low, turns.high) = (f64::INFINITY, f64::NEG_INFINITY);
+                turns.windows.push(std::mem::take(now));
             }
         }
     }
@@ -196,10 +222,9 @@ impl<'a> Gathering<'a> {
                     ));
                 }
             }
-            let turns = &self.turns[index];
-            if turns.windows >= MOST_WINDOWS && turns.range > VISIBLE * (max - min) {
-                let range = with_unit(turns.range, column);
-                let rows = (self.window * WINDOWS) as f64 / turns.all as f64;
+            let oscillation = self.turns[index].oscillation(self.window, VISIBLE * (max - min));
+            if let Some((range, rows)) = oscillation {
+                let range = with_unit(range, column);
                 oscillating
                     .push(format!("{} by {range}, with a turn every {rows:.1} steps", column.name));
             }
@@ -216,7 +241,7 @@ impl<'a> Gathering<'a> {
             (bounds, "beyond the bounds of the model description", ""),
             (
                 oscillating,
-                "oscillating to the end of the run",
+                "oscillating in the last tenth of the run",
                 "; a limit cycle, unless the inputs oscillate like this",
             ),
             (leaving, "moving away ever faster", ""),
