@@ -294,6 +294,24 @@ def test_loops_of_both_kinds_equal_those_of_co_simulation(example, version, tmp_
             np.testing.assert_allclose(column, expected[name], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("kinds", [("plant",), ("controller",), ("controller", "plant")])
+def test_in_parallel_order_samples_arrive_one_step_late_except_the_first(kinds, tmp_path):
+    """The sample of the start is zero on a sine from 0 s, and is not with an initial angle."""
+    system = loop_of(tmp_path, "pid.toml")
+    options = ("--order=parallel", "--start=0", "--stop=0.5", "--set=source.signal=sine")
+    expected = simulate(system, tmp_path, *options)
+    interfaces(system, **dict.fromkeys(kinds, "model-exchange"))
+    columns = simulate(system, tmp_path, "--tolerance=1e-9", *options)
+    assert np.ptp(columns["controller.u"]) > 10
+    for name, column in columns.items():
+        np.testing.assert_allclose(column, expected[name], rtol=1e-5, atol=1e-6)
+    if "controller" in kinds:
+        columns = simulate(system, tmp_path, "--set=plant.theta0=0.1", *options)
+        alone = ("--set=theta0=0.1", f"--set=u={columns['controller.u'][0]}", "--stop=0.001")
+        plant = simulate(FMUS / "Pendulum.fmu", tmp_path, *alone)
+        assert columns["plant.omega"][1] == pytest.approx(plant["omega"][1], rel=1e-6)
+
+
 # --- options and output ---------------------------------------------------------------------------
 
 

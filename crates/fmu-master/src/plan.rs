@@ -92,12 +92,6 @@ impl Plan {
         let links = description.connections.iter().map(link);
         let links = links.collect::<Result<Vec<_>>>()?;
         links_fit(&components, &links)?;
-        ensure!(
-            links.is_empty()
-                || description.order == Order::Sequential
-                || !components.iter().any(Planned::integrates),
-            "model exchange in parallel order is not supported, expected sequential order"
-        );
         for (index, planned) in components.iter_mut().enumerate() {
             // The events of an FMU that no other one feeds do not wait for the next step.
             let is_fed = links.iter().any(|link| link.to.component == index);
