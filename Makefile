@@ -33,7 +33,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 # $(call apt,PROGRAM,PACKAGES): install Debian packages unless the program is there
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
-.PHONY: help demo paper plot check test lint msrv report bench program fmus native ssp judge importers portable cross \
+.PHONY: help demo paper plot check test lint msrv report bench program fmus module native ssp judge importers portable cross \
 	merged wasm page system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
@@ -62,7 +62,7 @@ check:
 	cargo test --locked --quiet $(RUST)
 
 ## test: run `make check`, `make lint` and all Python tests
-test: check lint fmus page
+test: check lint fmus module page
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
 ## lint: check documentation and licences of the crates, the Python code and the workflows
@@ -93,6 +93,11 @@ fmus: program
 
 program:
 	cargo build --locked $(RUST) --bin cargo-fmu
+
+## module: build the Python module fmu_master, and let the Python of the checkout find it
+module: $(RUN)
+	cargo build --locked $(RUST) --lib
+	@$(RUN) crates/fmu-python/link.py
 
 ## native: build the command line as fast as it gets, for benchmarks
 native:
@@ -170,10 +175,10 @@ package: $(VENV)/.test
 	cargo publish --workspace --dry-run --allow-dirty --locked --all-features --quiet
 	$(RUN) -m pytest -m publish tests/test_published.py
 
-## wheel: package the command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
+## wheel: package module and command line for pip, for Linux with glibc 2.17 or newer, to target/wheels; test it
 wheel: $(VENV)/.test $(VENV)/.wheel
 	rm -rf target/wheels
-	$(WITH_ZIG) $(RUN) -m maturin build --manifest-path crates/cargo-fmu/Cargo.toml \
+	$(WITH_ZIG) $(RUN) -m maturin build --manifest-path crates/fmu-python/Cargo.toml \
 		--zig --compatibility manylinux_2_17
 	$(RUN) -m pytest -m publish tests/test_wheel.py
 

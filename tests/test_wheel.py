@@ -1,4 +1,4 @@
-"""The wheel of the command line runs outside the repository, in an environment of its own."""
+"""The wheel of the module and the command line runs outside the repository."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ VERSION = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Install the wheel to a new virtual environment; return its folder."""
-    (wheel,) = (ROOT / "target" / "wheels").glob("cargo_fmu-*.whl")
+    (wheel,) = (ROOT / "target" / "wheels").glob("fmu_master-*.whl")
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, with_pip=True)
     python = Path(sysconfig.get_path("scripts", "venv", {"base": str(folder)})) / "python"
@@ -51,5 +51,5 @@ def test_the_command_line_runs(environment: Path, command: str, line: str) -> No
 
 def test_it_carries_the_licences(environment: Path) -> None:
     for licence in ROOT.glob("LICENSE-*"):
-        (installed,) = environment.rglob(f"cargo_fmu-*/licenses/{licence.name}")
+        (installed,) = environment.rglob(f"fmu_master-*/licenses/{licence.name}")
         assert installed.read_text() == licence.read_text()

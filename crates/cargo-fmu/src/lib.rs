@@ -5,8 +5,7 @@ pub mod commands;
 // Without the commands that run FMUs, a part of both is not used.
 #[cfg(feature = "run")]
 mod plot;
-#[cfg_attr(not(feature = "run"), expect(dead_code))]
-mod session;
+pub mod session;
 #[cfg_attr(not(feature = "run"), expect(dead_code))]
 mod style;
 mod table;
@@ -81,9 +80,13 @@ Examples:
     },
 }
 
-/// Runs the command line with these arguments, the first of which is the name of the program.
-pub fn main(arguments: impl Iterator<Item = OsString>) -> ExitCode {
-    match run(Cli::parse_from(without_subcommand(arguments)).command) {
+/// Runs the command line with these arguments, the first of which is the name of the program. To run foreign
+/// code in other processes, it is started again: by `program` and the other arguments; if `program` is empty, it
+/// is the program of this process.
+pub fn main(program: Vec<OsString>, arguments: impl Iterator<Item = OsString>) -> ExitCode {
+    let arguments = Vec::from_iter(arguments);
+    session::started(program, arguments.iter().skip(1).cloned().collect());
+    match run(Cli::parse_from(without_subcommand(arguments.into_iter())).command) {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {

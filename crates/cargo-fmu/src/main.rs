@@ -4,5 +4,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cargo_fmu::main(std::env::args_os())
+    cargo_fmu::main(Vec::new(), std::env::args_os())
 }

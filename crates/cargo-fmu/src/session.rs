@@ -1,12 +1,13 @@
 //! What a command has to clean up when it ends or is interrupted: its temporary folder and its
 //! unfinished files.
 
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 use std::process::{self, Command, ExitCode};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::Duration;
 
@@ -27,11 +28,26 @@ pub struct Session {
 const PERIOD: Duration = Duration::from_millis(20);
 
 impl Session {
-    /// Creates the folder and catches Ctrl-C and SIGTERM.
+    /// Creates the folder for all temporary files of this process, and catches Ctrl-C and SIGTERM.
     ///
     /// # Errors
     /// The folder for temporary files cannot be written.
     pub fn start() -> Result<Self> {
+        let session = Self::without_signals()?;
+        // Another session of this process has set the folder before.
+        let _ = tempfile::env::override_temp_dir(session.folder());
+        for number in [SIGINT, SIGTERM] {
+            let signal = Arc::clone(&session.signal);
+            signal_hook::flag::register_usize(number, signal, number as usize)?;
+        }
+        Ok(session)
+    }
+
+    /// Creates the folder, in a process that handles signals itself.
+    ///
+    /// # Errors
+    /// The folder for temporary files cannot be written.
+    pub fn without_signals() -> Result<Self> {
         let parent = std::env::temp_dir();
         remove_abandoned(&parent);
         let create = || {
@@ -42,13 +58,7 @@ impl Session {
         let created = create();
         let (folder, lock) =
             created.with_context(|| format!("cannot write to the folder {}", parent.display()))?;
-        // Another session of this process has set the folder before.
-        let _ = tempfile::env::override_temp_dir(folder.path());
-        let signal = Arc::new(AtomicUsize::new(0));
-        for number in [SIGINT, SIGTERM] {
-            signal_hook::flag::register_usize(number, Arc::clone(&signal), number as usize)?;
-        }
-        Ok(Self { folder, _lock: lock, signal })
+        Ok(Self { folder, _lock: lock, signal: Arc::default() })
     }
 
     /// The folder for temporary files.
@@ -87,16 +97,38 @@ impl Session {
         });
         Ok(session)
     }
+}
 
-    /// A command that starts this program again with the same arguments, as a worker.
-    ///
-    /// # Errors
-    /// The system does not tell the file of this program.
-    pub fn worker() -> io::Result<Command> {
-        let mut command = Command::new(std::env::current_exe()?);
-        command.args(std::env::args_os().skip(1));
-        Ok(command)
+/// What starts this command line again: a program and its first arguments; and the other arguments.
+static STARTED: OnceLock<(Vec<OsString>, Vec<OsString>)> = OnceLock::new();
+
+/// Notes what has started the command line.
+pub fn started(program: Vec<OsString>, arguments: Vec<OsString>) {
+    // Only tests start it twice, in the same way.
+    let _ = STARTED.set((program, arguments));
+}
+
+/// A program and its first arguments, which start this command line again without the others.
+///
+/// # Errors
+/// The system does not tell the file of this program.
+pub fn program() -> io::Result<Vec<OsString>> {
+    match STARTED.get() {
+        Some((program, _)) if !program.is_empty() => Ok(program.clone()),
+        _ => Ok(vec![std::env::current_exe()?.into()]),
     }
+}
+
+/// A command that starts this command line again with the same arguments, as a worker.
+///
+/// # Errors
+/// As [`program`].
+pub fn worker() -> io::Result<Command> {
+    let program = program()?;
+    let mut command = Command::new(&program[0]);
+    command.args(&program[1..]);
+    command.args(STARTED.get().iter().flat_map(|(_, arguments)| arguments));
+    Ok(command)
 }
 
 /// The start of the names of the folders, and the name of the file in them that is locked.

@@ -70,7 +70,7 @@ pub struct Experiment {
 }
 
 /// The order in which components step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
     /// One after the other (Gauss-Seidel).
@@ -81,7 +81,7 @@ pub enum Order {
 }
 
 /// How the master runs an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
     /// The FMU computes each step.
@@ -257,7 +257,40 @@ impl Written {
     }
 }
 
+/// What the user changes of a description; by default nothing.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the fields are those of a description")]
+pub struct Changes {
+    pub start: Option<f64>,
+    pub stop: Option<f64>,
+    pub step: Option<f64>,
+    pub order: Option<Order>,
+    /// Replaces the tolerances of all components.
+    pub tolerance: Option<f64>,
+    pub outputs: Vec<String>,
+    pub input: Option<PathBuf>,
+    /// Replaces the interface of each component.
+    pub interface: Option<Interface>,
+    /// Replaces that of each component.
+    pub sampled: Option<bool>,
+    /// The folder to take the FMUs from.
+    pub fmus: Option<PathBuf>,
+    /// Start values by `component.variable`, as text; see [`Plan::set`](crate::Plan::set).
+    pub sets: Vec<(String, String)>,
+}
+
 impl Description {
+    /// Reads a file: an FMU, or a system as [`Description::read`] does.
+    ///
+    /// # Errors
+    /// As for both.
+    pub fn open(file: &Path) -> Result<Self> {
+        match is_fmu(file) {
+            true => Self::of_fmu(file),
+            false => Self::read(file),
+        }
+    }
+
     /// Reads a TOML file, or a package (.ssp) or system (.ssd) of SSP; resolves the paths of the FMUs against
     /// its folder.
     ///
@@ -269,9 +302,17 @@ impl Description {
         }
         let name = file.display();
         let text = fs::read_to_string(file).with_context(|| format!("cannot read {name}"))?;
-        let parsed =
-            toml::from_str(&text).map_err(|error| anyhow!("{}", error.to_string().trim_end()));
-        let mut description: Self = parsed.with_context(|| name.to_string())?;
+        Self::parse(&text, file).with_context(|| name.to_string())
+    }
+
+    /// Parses the text of a TOML file with this path.
+    ///
+    /// # Errors
+    /// It is not a valid description.
+    pub fn parse(text: &str, file: &Path) -> Result<Self> {
+        let parsed = toml::from_str(text);
+        let mut description: Self =
+            parsed.map_err(|error| anyhow!("{}", error.to_string().trim_end()))?;
         for component in &mut description.components {
             component.fmu = file.with_file_name(&component.fmu);
         }
@@ -312,6 +353,28 @@ impl Description {
         })
     }
 
+    /// Applies changes, but for the start values.
+    pub fn change(&mut self, changes: &Changes) {
+        let of = |changed: Option<f64>, own: f64| changed.unwrap_or(own);
+        self.start = of(changes.start, self.start);
+        self.stop = of(changes.stop, self.stop);
+        self.step = of(changes.step, self.step);
+        self.order = changes.order.unwrap_or(self.order);
+        self.tolerance = changes.tolerance.or(self.tolerance);
+        for component in &mut self.components {
+            component.sampled = changes.sampled.or(component.sampled);
+            component.interface = changes.interface.or(component.interface);
+            component.tolerance = component.tolerance.filter(|_| changes.tolerance.is_none());
+        }
+        if !changes.outputs.is_empty() {
+            self.outputs.clone_from(&changes.outputs);
+        }
+        self.input = changes.input.clone().or(self.input.take());
+        if let Some(folder) = &changes.fmus {
+            self.take_fmus_from(folder);
+        }
+    }
+
     /// The times of the simulation.
     pub fn experiment(&self) -> Experiment {
         Experiment { start: self.start, stop: self.stop, step: self.step }
@@ -340,6 +403,11 @@ impl Description {
             }
         }
     }
+}
+
+/// Whether the name of a file is that of an FMU.
+pub fn is_fmu(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fmu"))
 }
 
 /// Maximum number of steps; more are assumed to be a mistake in `step` or `stop`.

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use fmu_worker::{Record, Worker};
+use serde::{Deserialize, Serialize};
 
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +26,22 @@ pub struct Failure {
     pub ended: Option<f64>,
 }
 
+/// Which call has failed, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "see the failure")]
+pub struct Call {
+    pub component: String,
+    pub function: String,
+    pub time: Option<f64>,
+}
+
 impl Failure {
+    /// Which call has failed.
+    pub fn call(&self) -> Call {
+        let (component, function) = (self.component.clone(), self.function.to_owned());
+        Call { component, function, time: self.time }
+    }
+
     /// The call in progress in a record as a failure with this outcome, if there is one. `components` are
     /// the names of the components and of their files.
     pub fn recorded(
@@ -109,6 +125,8 @@ pub(crate) struct Crash {
     pub(crate) text: String,
     /// The communication point (s).
     pub(crate) time: Option<f64>,
+    /// The call, if one was in progress.
+    pub(crate) call: Option<Call>,
 }
 
 impl Crash {
@@ -119,8 +137,9 @@ impl Crash {
         let outside = || format!("the worker process {how}, outside of the calls of an FMU");
         Self {
             event: failure.as_ref().map_or_else(outside, Failure::event),
-            text: failure.map_or_else(outside, |failure| failure.to_string()),
             time: record.time(),
+            call: failure.as_ref().map(Failure::call),
+            text: failure.map_or_else(outside, |failure| failure.to_string()),
         }
     }
 }

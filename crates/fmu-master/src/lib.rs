@@ -55,9 +55,10 @@ pub mod table;
 mod wiring;
 
 pub use description::{
-    Component, Connection, Description, Experiment, Interface, Order, Scale, Written, locate,
+    Changes, Component, Connection, Description, Experiment, Interface, Order, Scale, Written,
+    is_fmu, locate,
 };
-pub use failure::Failure;
+pub use failure::{Call, Failure};
 pub use fault::Fault;
 pub use fmu::Fmu;
 pub use messages::{Message, Messages};

@@ -32,7 +32,7 @@ pub struct Plan {
     /// The smallest and the largest value of each column that the model description allows.
     pub(crate) bounds: Vec<[Option<f64>; 2]>,
     /// What the master has decided that its user may want otherwise, as sentences.
-    pub(crate) notes: Vec<String>,
+    pub notes: Vec<String>,
 }
 
 /// A start value that fits its variable.
@@ -125,6 +125,30 @@ impl Plan {
         })
     }
 
+    /// Start values as text, by `component.variable`, for [`Plan::simulate`]. Those of structural parameters,
+    /// which are sizes of arrays, make another plan of the description.
+    ///
+    /// # Errors
+    /// There is no such variable, or a value has the wrong type.
+    pub fn set(
+        mut self,
+        mut description: Description,
+        sets: &[(String, String)],
+    ) -> Result<(Self, Vec<Start>)> {
+        let (sizes, others): (Vec<_>, Vec<_>) =
+            sets.iter().partition(|(name, _)| self.is_structural(name));
+        if !sizes.is_empty() {
+            for (name, value) in sizes {
+                description.set_start(name, Written::Text(value.clone()));
+            }
+            self = Self::new(&description)?;
+        }
+        let starts =
+            others.iter().map(|(name, value)| self.start(name, &Written::Text(value.clone())));
+        let starts = starts.collect::<Result<_>>()?;
+        Ok((self, starts))
+    }
+
     /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).
     pub fn names(&self) -> Vec<(String, String)> {
         let names = self.components.iter().map(|c| (c.name.clone(), c.fmu.file_name()));
@@ -158,7 +182,7 @@ impl Plan {
     }
 
     /// Whether a variable, `component.variable`, is a structural parameter.
-    pub fn is_structural(&self, name: &str) -> bool {
+    fn is_structural(&self, name: &str) -> bool {
         let port = port(&self.components, name);
         let causality = port.map(|port| port.of(&self.components).causality);
         causality.is_ok_and(|causality| causality == Causality::StructuralParameter)

@@ -12,7 +12,7 @@ use fmu_file::replace::{Replacement, part};
 use fmu_worker::{Ended, Event, Service, Worker};
 use serde::{Deserialize, Serialize};
 
-use crate::failure::{Crash, warn_of};
+use crate::failure::{Call, Crash, warn_of};
 use crate::simulation::Finished;
 use crate::summary::{Gathering, Summarized};
 use crate::table::{self, Cell, Column, Format};
@@ -28,8 +28,8 @@ enum Report<'a> {
     /// It has ended: what the FMUs have logged, the last row, the summary, the time that the simulation took,
     /// and which FMU has ended it before the stop time.
     Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration, Option<String>),
-    /// It has failed, or cannot begin: what the FMUs have logged, why, and whether its rows are of use.
-    Failed(Vec<Message>, String, bool),
+    /// It has failed, or cannot begin.
+    Failed(Failed),
 }
 
 /// A run that is about to begin.
@@ -58,7 +58,7 @@ pub fn work(
     let (plan, starts) = match plan() {
         Ok(planned) => planned,
         Err(error) => {
-            service.reply(&Report::Failed(Vec::new(), format!("{error:#}"), false));
+            service.reply(&Report::Failed(Failed::new(Vec::new(), &error)));
             return Ok(());
         }
     };
@@ -92,10 +92,7 @@ pub fn work(
             let ended = ended.and_then(|ended| ended.end());
             Report::Done(messages, Cow::Owned(last), gathering.summarize(), elapsed, ended)
         }
-        Err(error) => {
-            let keeps_rows = error.is::<Failure>();
-            Report::Failed(messages.take(), format!("{error:#}"), keeps_rows)
-        }
+        Err(error) => Report::Failed(Failed::new(messages.take(), &error)),
     });
     // The binaries are unloaded when the plan is dropped, which no longer matters to the run.
     Ok(())
@@ -111,6 +108,8 @@ pub struct Watch<'a> {
     pub warn: &'a dyn Fn(&str),
     /// Receives the time (s) that a run has reached.
     pub progress: &'a dyn Fn(&Ready, f64),
+    /// Receives each row, if the worker records them.
+    pub row: &'a dyn Fn(&Ready, &Row),
 }
 
 /// How a run in a worker has ended. Texts tell where its rows are, if some are kept.
@@ -120,9 +119,27 @@ pub enum Outcome {
     Finished(Box<Summary>),
     /// It was cancelled: when, if it was initialized, and its rows.
     Cancelled(String),
-    /// A call of an FMU has failed or has ended the process, or the run cannot begin: what the FMUs have
-    /// logged, and what has failed.
-    Failed(Vec<Message>, String),
+    /// A call of an FMU has failed or has ended the process, or the run cannot begin.
+    Failed(Failed),
+}
+
+/// Why a run has failed.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Failed {
+    /// What the FMUs have logged.
+    pub messages: Vec<Message>,
+    /// What has failed.
+    pub text: String,
+    /// The call that has failed, unless the run cannot begin.
+    pub call: Option<Call>,
+}
+
+impl Failed {
+    /// The failure of an error of [`Plan::simulate`] or later.
+    pub fn new(messages: Vec<Message>, error: &Error) -> Self {
+        let call = error.downcast_ref().map(Failure::call);
+        Self { messages, text: format!("{error:#}"), call }
+    }
 }
 
 /// A run that has reached its end.
@@ -171,7 +188,8 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                     Some(when) => Outcome::Cancelled(when + &rows),
                     None => {
                         let crash = Crash::new(&worker, &components, &ended.to_string());
-                        Outcome::Failed(Vec::new(), crash.text + &rows)
+                        let text = crash.text + &rows;
+                        Outcome::Failed(Failed { messages: Vec::new(), text, call: crash.call })
                     }
                 });
             }
@@ -204,6 +222,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
         }
         match report {
             Report::Row(row) => {
+                ready.iter().for_each(|ready| (watch.row)(ready, &row));
                 if let Some(Err(error)) = rows.as_mut().map(|rows| rows.push(&row)) {
                     return unwritten(error, kept, rows);
                 }
@@ -239,11 +258,11 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                     crash,
                 })));
             }
-            Report::Failed(messages, mut text, keeps_rows) => {
-                if keeps_rows {
-                    text += &keep(kept, rows);
+            Report::Failed(mut fault) => {
+                if fault.call.is_some() {
+                    fault.text += &keep(kept, rows);
                 }
-                return Ok(Outcome::Failed(messages, text));
+                return Ok(Outcome::Failed(fault));
             }
         }
     }
@@ -253,7 +272,10 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
 fn unwritten(error: Error, file: Option<&Path>, rows: Option<Rows>) -> Result<Outcome> {
     match rows.as_ref().is_some_and(|rows| part(&rows.path).is_none()) {
         true => Err(error),
-        false => Ok(Outcome::Failed(Vec::new(), format!("{error:#}{}", keep(file, rows)))),
+        false => {
+            let text = format!("{error:#}{}", keep(file, rows));
+            Ok(Outcome::Failed(Failed { messages: Vec::new(), text, call: None }))
+        }
     }
 }
 

@@ -12,7 +12,9 @@ use anyhow::{Context, Error, Result, bail};
 use clap::{Args, ValueEnum};
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
-use fmu_master::{Description, Experiment, Message, Plan, Start, Statistic, Written, locate};
+use fmu_master::{
+    Changes, Description, Experiment, Message, Plan, Start, Statistic, is_fmu, locate,
+};
 use fmu_worker::{Service, Worker};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -31,7 +33,7 @@ pub struct SimulateArgs {
     /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
     /// has no COMPONENT
     #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
-    sets: Vec<(String, Written)>,
+    sets: Vec<(String, String)>,
     /// Start time in s
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     start: Option<f64>,
@@ -94,11 +96,11 @@ enum Interface {
 }
 
 /// Parses `COMPONENT.VARIABLE=VALUE`.
-fn assignment(text: &str) -> Result<(String, Written)> {
+fn assignment(text: &str) -> Result<(String, String)> {
     let parts = text.split_once('=');
     let (name, value) =
         parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
-    Ok((name.to_owned(), Written::Text(value.to_owned())))
+    Ok((name.to_owned(), value.to_owned()))
 }
 
 /// Simulates the system in a worker process and reports the results.
@@ -110,7 +112,7 @@ pub fn run(args: &SimulateArgs, out: &mut impl Write) -> Result<ExitCode> {
         work(args, &mut service)?;
         return Ok(ExitCode::SUCCESS);
     }
-    supervise(args, &Session::start()?, &mut Session::worker()?, out)
+    supervise(args, &Session::start()?, &mut session::worker()?, out)
 }
 
 /// Simulates the system in this worker process.
@@ -140,6 +142,7 @@ pub fn supervise(
         is_cancelled: &|| session.signal().is_some(),
         warn: &worker::warn,
         progress: &|ready, time| progress.show(ready.experiment, time),
+        row: &|_, _| {},
     };
     let unsaved = session.folder().join("rows.csv");
     let rows = match (&args.csv, &args.page.file) {
@@ -167,9 +170,9 @@ pub fn supervise(
             }
             Ok(ExitCode::SUCCESS)
         }
-        Outcome::Failed(messages, text) => {
-            warn(&messages);
-            bail!("{text}")
+        Outcome::Failed(fault) => {
+            warn(&fault.messages);
+            bail!("{}", fault.text)
         }
         Outcome::Cancelled(text) => {
             anstream::eprintln!("interrupted{text}");
@@ -179,6 +182,29 @@ pub fn supervise(
 }
 
 impl SimulateArgs {
+    /// The options that change the system file.
+    fn changes(&self) -> Changes {
+        Changes {
+            start: self.start,
+            stop: self.stop,
+            step: self.step,
+            order: self.order.map(|order| match order {
+                Order::Sequential => fmu_master::Order::Sequential,
+                Order::Parallel => fmu_master::Order::Parallel,
+            }),
+            tolerance: self.tolerance,
+            outputs: self.outputs.clone(),
+            input: self.input.clone(),
+            interface: self.interface.map(|interface| match interface {
+                Interface::CoSimulation => fmu_master::Interface::CoSimulation,
+                Interface::ModelExchange => fmu_master::Interface::ModelExchange,
+            }),
+            sampled: self.sampled,
+            fmus: self.fmus.clone(),
+            sets: self.sets.clone(),
+        }
+    }
+
     /// The model, unless it is a system file.
     pub fn model(&self) -> Option<String> {
         let is_system = self.system.extension().is_some_and(|extension| extension == "toml");
@@ -201,33 +227,19 @@ pub fn stem(file: &Path) -> String {
 
 /// Reads the system file, applies the options and loads the FMUs.
 fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
-    let mut description = describe(args)?;
+    let changes = args.changes();
+    let mut description = Description::open(&args.system)?;
+    description.change(&changes);
     for warning in description.package.iter().flat_map(|package| &package.warnings) {
         worker::warn(warning);
     }
-    let mut plan = Plan::new(&description).map_err(|error| located(args, error))?;
-    let (sizes, sets): (Vec<_>, Vec<_>) =
-        (args.sets.iter()).partition(|(name, _)| plan.is_structural(name));
-    if !sizes.is_empty() {
-        for (name, value) in sizes {
-            description.set_start(name, value.clone());
-        }
-        plan = Plan::new(&description)?;
-    }
-    let starts = sets.iter().map(|(name, value)| plan.start(name, value));
-    let starts = starts.collect::<Result<_>>()?;
-    Ok((plan, starts))
-}
-
-/// Whether an FMU is simulated without a system file.
-fn is_fmu(args: &SimulateArgs) -> bool {
-    let extension = args.system.extension();
-    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("fmu"))
+    let plan = Plan::new(&description).map_err(|error| located(args, error))?;
+    plan.set(description, &changes.sets)
 }
 
 /// Adds the system file to an error, and the line unless the value may come from an option.
 fn located(args: &SimulateArgs, error: Error) -> Error {
-    if is_fmu(args) {
+    if is_fmu(&args.system) {
         return error;
     }
     let text = match args.start.or(args.stop).or(args.step) {
@@ -235,48 +247,6 @@ fn located(args: &SimulateArgs, error: Error) -> Error {
         Some(_) => String::new(),
     };
     locate(error, &args.system, &text)
-}
-
-/// Reads the system file and applies the options.
-fn describe(args: &SimulateArgs) -> Result<Description> {
-    let mut description = match is_fmu(args) {
-        true => Description::of_fmu(&args.system)?,
-        false => Description::read(&args.system)?,
-    };
-    let of = |option: Option<f64>, file: f64| option.unwrap_or(file);
-    description.start = of(args.start, description.start);
-    description.stop = of(args.stop, description.stop);
-    description.step = of(args.step, description.step);
-    if args.tolerance.is_some() {
-        description.tolerance = args.tolerance;
-        for component in &mut description.components {
-            component.tolerance = None;
-        }
-    }
-    for component in &mut description.components {
-        component.sampled = args.sampled.or(component.sampled);
-        component.interface = match args.interface {
-            None => component.interface,
-            Some(Interface::CoSimulation) => Some(fmu_master::Interface::CoSimulation),
-            Some(Interface::ModelExchange) => Some(fmu_master::Interface::ModelExchange),
-        };
-    }
-    if let Some(order) = args.order {
-        description.order = match order {
-            Order::Sequential => fmu_master::Order::Sequential,
-            Order::Parallel => fmu_master::Order::Parallel,
-        };
-    }
-    if !args.outputs.is_empty() {
-        description.outputs.clone_from(&args.outputs);
-    }
-    if args.input.is_some() {
-        description.input.clone_from(&args.input);
-    }
-    if let Some(folder) = &args.fmus {
-        description.take_fmus_from(folder);
-    }
-    Ok(description)
 }
 
 fn warn(messages: &[Message]) {

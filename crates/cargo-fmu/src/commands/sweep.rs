@@ -78,7 +78,7 @@ pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
         session: session.folder(),
         limits: Limits::default(),
         command: &|| {
-            let mut command = Session::worker()?;
+            let mut command = session::worker()?;
             // What an FMU prints must not get among the rows.
             command.stdout(io::stderr());
             Ok(command)

@@ -62,7 +62,7 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         let ended = export::build(&options).and_then(|_| match session.signal() {
             Some(signal) => Ok(session::code(signal)),
             None => {
-                let mut worker = Session::worker()?;
+                let mut worker = session::worker()?;
                 worker.arg("--built").arg(&folder);
                 simulate::supervise(&args.simulation, &session, &mut worker, out)
             }

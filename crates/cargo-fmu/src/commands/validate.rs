@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use fmu_check::{Findings, Probes, Severity, format};
 
+use crate::session;
 use crate::style::{ERROR, OK, WARNING};
 
 /// The FMUs to check, and how.
@@ -51,12 +52,16 @@ enum Format {
 pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
     let probes = match args.no_run {
         true => None,
-        false => Some(Probes {
-            program: std::env::current_exe()?,
-            arguments: vec!["__probe".into()],
-            time_limit: Duration::from_secs(args.time_limit),
-            is_quick: args.quick,
-        }),
+        false => {
+            let mut words = session::program()?;
+            words.push("__probe".into());
+            Some(Probes {
+                program: words.remove(0).into(),
+                arguments: words,
+                time_limit: Duration::from_secs(args.time_limit),
+                is_quick: args.quick,
+            })
+        }
     };
     let (mut is_valid, mut checked) = (true, Vec::new());
     for file in &args.files {

@@ -1,0 +1,39 @@
+"""Simulates FMUs of FMI 2.0 and 3.0, and systems of them, with a fast native master.
+
+    from fmu_master import simulate
+
+    result = simulate("Controller.fmu", stop_time=2.0, start_values={"kp": 3.0})
+    result["u"]  # a NumPy array
+    result.plot()
+
+`simulate` runs one FMU or a system file, `System` couples FMUs. Their binaries run in a process of
+their own: if one crashes, `FmuError` says where.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .result import FmuError, Message, Result
+    from .system import System, simulate
+
+_MODULES = {
+    "FmuError": "result",
+    "Message": "result",
+    "Result": "result",
+    "System": "system",
+    "simulate": "system",
+}
+"""The modules of the names, which are imported on first use: the command line needs no NumPy."""
+
+__all__ = ["FmuError", "Message", "Result", "System", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

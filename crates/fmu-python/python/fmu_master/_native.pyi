@@ -1,0 +1,13 @@
+"""The native part."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+def run(
+    system: Mapping[str, Any],
+    program: Sequence[str],
+    progress: Callable[[float, float, float], object] | None,
+) -> dict[str, Any]: ...
+def times(system: Mapping[str, Any]) -> tuple[float, float, float]: ...
+def main(program: Sequence[str], arguments: Sequence[str]) -> None: ...
+def work() -> None: ...

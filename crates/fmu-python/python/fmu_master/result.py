@@ -1,0 +1,169 @@
+"""What a run returns: typed columns by name; and the error if an FMU fails."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+    from matplotlib.figure import Figure
+
+
+class FmuError(RuntimeError):
+    """An FMU that cannot be used, fails or ends its process, or a system that does not fit.
+
+    Attributes
+    ----------
+    component, function : str or None
+        The component and the function that was called, if it was a call that failed.
+    time : float or None
+        The communication point [s].
+    result : Result or None
+        The rows up to then.
+    """
+
+    def __init__(
+        self,
+        text: str,
+        component: str | None = None,
+        function: str | None = None,
+        time: float | None = None,
+        result: Result | None = None,
+    ):
+        super().__init__(text)
+        self.component, self.function, self.time = component, function, time
+        self.result = result
+
+
+class Message(NamedTuple):
+    """A log message of an FMU."""
+
+    instance: str
+    warning: bool
+    """Whether it reports a problem."""
+    text: str
+    times: int
+    """How many times it was logged."""
+
+
+class Result(Mapping[str, np.ndarray]):
+    """The results of a run: NumPy arrays by name, "time" [s] first, in the types of the variables.
+
+    An array variable has a column for each element, such as `result["q[2]"]`; `result["q"]` has
+    all of them, one row for each time.
+
+    Attributes
+    ----------
+    units : dict
+        Units by name; empty texts for variables without unit.
+    messages : list of Message
+        What the FMUs have logged.
+    notes : list of str
+        What the master has decided that one may want otherwise.
+    ended : str or None
+        Which FMU has ended the run before the stop time, and why.
+    duration : float
+        Time that the run took, without loading and initializing the FMUs [s].
+    """
+
+    def __init__(self, columns: Sequence[tuple[str, str, str, Any]], **about: Any):
+        self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
+        self.units = {name: unit for name, unit, _, _ in columns}
+        self.messages = [Message(*message) for message in about.get("messages", ())]
+        self.notes: list[str] = about.get("notes", [])
+        self.ended: str | None = about.get("ended")
+        self.duration: float = about.get("duration", 0.0)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name in self._columns:
+            return self._columns[name]
+        elements = [n for n in self._columns if n.startswith(f"{name}[")]
+        if not elements:
+            raise KeyError(f"{name} is not recorded; recorded are {', '.join(self._columns)}")
+        return np.stack([self._columns[n] for n in elements], axis=1)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def __repr__(self) -> str:
+        time = self["time"]
+        span = f"t = {time[0]:g} to {time[-1]:g} s" if len(time) else "no rows"
+        return f"<Result: {len(time)} rows, {span}: {', '.join(self)}>"
+
+    @property
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Minimum, maximum, RMS and last value of each column of numbers, by name."""
+        numbers = {n: c.astype(float) for n, c in self.items() if c.dtype != object and len(c)}
+        return {
+            name: {
+                "min": float(column.min()),
+                "max": float(column.max()),
+                "rms": float(np.sqrt(np.mean(column**2))),
+                "last": float(column[-1]),
+            }
+            for name, column in numbers.items()
+            if name != "time"
+        }
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a data frame of pandas whose index is the time [s]."""
+        import pandas
+
+        return pandas.DataFrame(self._columns).set_index("time")
+
+    def to_polars(self) -> polars.DataFrame:
+        """Return a data frame of Polars."""
+        import polars
+
+        return polars.DataFrame(self._columns)
+
+    def plot(self, names: Sequence[str] | None = None) -> Figure:
+        """Draw columns of numbers over the time [s], by default all, one picture for each unit.
+
+        Returns the figure of Matplotlib.
+        """
+        from matplotlib.figure import Figure
+
+        numbers = [n for n, c in self.items() if c.dtype != object and n != "time"]
+        groups: dict[str, list[str]] = {}
+        for name in numbers if names is None else names:
+            groups.setdefault(self.units.get(name, ""), []).append(name)
+        size = (7.0, 1.0 + 1.8 * max(len(groups), 1))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(max(len(groups), 1), sharex=True, squeeze=False)[:, 0]
+        for axis, (unit, members) in zip(axes, groups.items(), strict=False):
+            for name in members:
+                axis.plot(self["time"], self[name], label=name, linewidth=1.2)
+            axis.set_ylabel(f"[{unit}]" if unit else "")
+            axis.legend(loc="upper right", fontsize="small")
+            axis.grid(alpha=0.3)
+        axes[-1].set_xlabel("time [s]")
+        return figure
+
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture that Jupyter shows."""
+        try:
+            figure = self.plot()
+        except ImportError:
+            return None
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=100)
+        return file.getvalue()
+
+
+def _array(kind: str, data: Any) -> np.ndarray:
+    """Return the array of a column of a type of FMI; numbers are not copied."""
+    if kind in ("String", "Binary"):
+        array = np.empty(len(data), object)
+        array[:] = data
+        return array
+    names = {"Boolean": "bool", "Clock": "bool", "Enumeration": "int64"}
+    return np.frombuffer(data, names.get(kind, kind.lower()))

@@ -1,0 +1,283 @@
+"""Runs of FMUs and of systems of them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+import tomllib
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _native
+from ._command import WORKER
+from .result import FmuError, Result
+
+Input = Any
+"""Inputs over time: a structured array, a mapping from names to arrays, or a data frame, with
+"time" [s]; or a mapping from names to functions of the time [s]."""
+
+
+class System:
+    """FMUs and their connections.
+
+    Parameters
+    ----------
+    description
+        A system file (TOML), a package or system of SSP (`.ssp`, `.ssd`), an FMU, or a dict with
+        the keys of a system file.
+    **keys
+        The same keys as keyword arguments. `components` maps names to files, or to dicts with the
+        keys `fmu`, `start`, `interface`, `sampled` and `tolerance`; `connections` has pairs
+        (output, input), texts "component.output -> component.input" or dicts; `start`, `stop` and
+        `step` are in s; `order` is "sequential" or "parallel".
+
+    Paths are relative to the file, or to the current folder.
+
+    Examples
+    --------
+    >>> loop = System(
+    ...     components={"controller": "target/fmu/Pid.fmu", "plant": "target/fmu/Pendulum.fmu"},
+    ...     connections=[("plant.theta", "controller.y"), ("controller.u", "plant.u")],
+    ...     step=0.001,
+    ...     stop=2.0,
+    ... )
+    >>> result = loop.simulate(start_values={"plant.theta0": 0.1})
+    """
+
+    def __init__(
+        self, description: Mapping[str, Any] | str | os.PathLike[str] | None = None, /, **keys: Any
+    ):
+        self.file: Path = Path("system.toml").absolute()
+        self.description: dict[str, Any] | None = None
+        if isinstance(description, str | os.PathLike):
+            self.file = Path(description).absolute()
+            if keys:
+                text = _read(self.file)
+                description = tomllib.loads(text)
+        if description is None or isinstance(description, Mapping):
+            self.description = _normal({**(description or {}), **keys})
+
+    @property
+    def toml(self) -> str:
+        """The text of the system file."""
+        if self.description is None:
+            return _read(self.file)
+        tables = self.description.get("component", [])
+        lines = [f"{k} = {_toml(v)}" for k, v in self.description.items() if k != "component"]
+        for table in tables:
+            lines += ["[[component]]", *(f"{key} = {_toml(part)}" for key, part in table.items())]
+        return "\n".join([*lines, ""])
+
+    def simulate(
+        self,
+        start_values: Mapping[str, Any] | None = None,
+        *,
+        start_time: float | None = None,
+        stop_time: float | None = None,
+        step_size: float | None = None,
+        input: Input | None = None,
+        output: Sequence[str] | None = None,
+        order: str | None = None,
+        tolerance: float | None = None,
+        interface: str | None = None,
+        in_process: bool = False,
+        progress: bool = False,
+    ) -> Result:
+        """Run the system; what is given replaces what the description says.
+
+        Parameters
+        ----------
+        start_values
+            Start values by `component.variable`; enumerations by the names of their items.
+        start_time, stop_time, step_size
+            Times [s].
+        input
+            Inputs over time; see `Input`.
+        output
+            Names of variables to record, by default all outputs that are numbers.
+        order
+            "sequential" or "parallel".
+        tolerance
+            Relative tolerance of all components.
+        interface
+            "co-simulation" or "model-exchange".
+        in_process
+            Run in this process. That saves some milliseconds, but an FMU that crashes ends Python.
+        progress
+            Show a progress bar.
+
+        Raises
+        ------
+        FmuError
+            The system does not fit, or an FMU fails or ends its process; its `result` has the
+            rows so far.
+        """
+        given = {
+            "file": self.file,
+            "text": None if self.description is None else self.toml,
+            "start": start_time,
+            "stop": stop_time,
+            "step": step_size,
+            "order": order,
+            "tolerance": tolerance,
+            "outputs": list(output or ()),
+            "input": None,
+            "interface": interface,
+            "sets": _texts(start_values or {}),
+        }
+        program = [] if in_process else WORKER
+        with contextlib.ExitStack() as stack:
+            if input is not None:
+                given["input"] = stack.enter_context(_input_file(input, given))
+            shown = stack.enter_context(_progress()) if progress else None
+            done = _called(_native.run, given, program, shown)
+        for text in done["warnings"]:
+            warnings.warn(text, stacklevel=2)
+        fault = done.pop("fault")
+        result = Result(**done)
+        if fault is not None:
+            text, call = fault
+            raise FmuError(text, *(call or ()), result=result)
+        return result
+
+
+def simulate(
+    filename: str | os.PathLike[str],
+    start_time: float | None = None,
+    stop_time: float | None = None,
+    step_size: float | None = None,
+    start_values: Mapping[str, Any] | None = None,
+    input: Input | None = None,
+    output: Sequence[str] | None = None,
+    *,
+    tolerance: float | None = None,
+    interface: str | None = None,
+    in_process: bool = False,
+    progress: bool = False,
+) -> Result:
+    """Run an FMU, or a system file or package, as `fmpy.simulate_fmu` does; see `System.simulate`.
+
+    By default, the times are those of the default experiment of the FMU.
+
+    Examples
+    --------
+    >>> result = simulate("target/fmu/Pendulum.fmu", stop_time=1.0, start_values={"theta0": 0.1})
+    >>> theta = result["theta"]  # [rad]
+    """
+    return System(filename).simulate(
+        start_values,
+        start_time=start_time,
+        stop_time=stop_time,
+        step_size=step_size,
+        input=input,
+        output=output,
+        tolerance=tolerance,
+        interface=interface,
+        in_process=in_process,
+        progress=progress,
+    )
+
+
+def _called(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a native function, whose errors are those of FMUs."""
+    try:
+        return function(*arguments)
+    except RuntimeError as error:
+        raise FmuError(str(error)) from None
+
+
+def _read(file: Path) -> str:
+    return file.read_text(encoding="utf-8")
+
+
+def _normal(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a description with the keys of a system file."""
+    normal = dict(description)
+    components = normal.pop("components", None)
+    if components is not None:
+        tables = []
+        for name, about in components.items():
+            table = dict(about) if isinstance(about, Mapping) else {"fmu": about}
+            tables.append({"name": name, **table})
+        normal["component"] = tables
+    pairs = normal.get("connections", ())
+    normal["connections"] = [" -> ".join(p) if isinstance(p, tuple | list) else p for p in pairs]
+    for table in normal.get("component", ()):
+        if "start" in table:
+            table["start"] = dict(_elements(table["start"]))
+    return normal
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML."""
+    match value:
+        case bool() | np.bool_():
+            return "true" if value else "false"
+        case Mapping():
+            pairs = ", ".join(f"{_toml(key)} = {_toml(part)}" for key, part in value.items())
+            return f"{{ {pairs} }}"
+        case list() | tuple():
+            return f"[{', '.join(map(_toml, value))}]"
+        case int() | np.integer():
+            return str(int(value))
+        case float() | np.floating():
+            return repr(float(value))
+        case str() | os.PathLike():
+            return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
+    raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
+
+
+def _elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Return start values by name; those of arrays by the names of the elements."""
+    for name, value in values.items():
+        if np.ndim(value) == 0:
+            yield name, value
+            continue
+        for index, element in np.ndenumerate(value):
+            yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
+
+
+def _texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return start values as texts."""
+    pairs = _elements(values)
+    return [(n, v if isinstance(v, str) else _toml(v)) for n, v in pairs]
+
+
+@contextlib.contextmanager
+def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
+    """Write inputs to a temporary CSV file."""
+    dtype = getattr(given, "dtype", None)
+    names = list(dtype.names if dtype else getattr(given, "columns", given))
+    functions = [name for name in names if callable(given[name])]
+    if functions:
+        start, stop, step = _called(_native.times, system)
+        count = int((stop - start) / step + 1e-6) + 2
+        time = start + np.arange(count) * step
+        columns = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}
+    else:
+        columns = {"time": given["time"], **{n: given[n] for n in names if n != "time"}}
+    lists = [np.asarray(column).tolist() for column in columns.values()]
+    lines = [",".join(columns), *(",".join(map(_toml, row)) for row in zip(*lists, strict=True))]
+    with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
+        file = Path(folder, "input.csv")
+        file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        yield file
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[float, float, float], None]]:
+    """Show a progress bar."""
+    from tqdm.auto import tqdm
+
+    with tqdm(total=100, unit="%", leave=False) as bar:
+
+        def show(time: float, start: float, stop: float) -> None:
+            bar.update(100 * (time - start) / max(stop - start, 1e-300) - bar.n)
+
+        yield show

@@ -1,0 +1,90 @@
+//! Results as columns of bytes, which NumPy reads as they are.
+
+use fmu_description::{Type, Value};
+use fmu_master::{Column, Row};
+use pyo3::prelude::*;
+use pyo3::types::{PyByteArray, PyBytes, PyList, PyString};
+
+/// The values of a column: numbers and Booleans in the order of bytes of this machine, or texts and Binaries.
+#[derive(Default)]
+struct Data {
+    bytes: Vec<u8>,
+    others: Vec<Value>,
+}
+
+/// The rows of a run.
+#[derive(Default)]
+pub struct Columns {
+    times: Vec<f64>,
+    data: Vec<Data>,
+}
+
+impl Columns {
+    /// Adds a row with these columns.
+    pub fn push(&mut self, columns: &[Column], row: &Row) {
+        self.data.resize_with(columns.len(), Data::default);
+        self.times.push(row.time);
+        for (data, value) in self.data.iter_mut().zip(row.values(columns)) {
+            data.push(value);
+        }
+    }
+
+    /// The columns of Python: name, unit, type and data of each.
+    pub fn into_python<'py>(
+        self,
+        py: Python<'py>,
+        columns: &[Column],
+    ) -> PyResult<Bound<'py, PyList>> {
+        let mut times = Data::default();
+        self.times.into_iter().for_each(|time| times.push(Value::Float64(time)));
+        let time = Column::new("time", "s", Type::Float64);
+        let mut data = self.data;
+        data.resize_with(columns.len(), Data::default);
+        let all = [&time].into_iter().chain(columns).zip([times].into_iter().chain(data));
+        let list = PyList::empty(py);
+        for (Column { name, unit, kind, .. }, data) in all {
+            list.append((name, unit, kind.as_str(), data.into_python(py, *kind)?))?;
+        }
+        Ok(list)
+    }
+}
+
+/// Defines how numbers are added.
+macro_rules! push {
+    ($($real:ident: $real_type:ty),*; $($whole:ident: $whole_type:ty),*; $($_0:tt)*) => {
+        impl Data {
+            fn push(&mut self, value: Value) {
+                match value {
+                    $(Value::$real(number) => self.bytes.extend(number.to_ne_bytes()),)*
+                    $(Value::$whole(number) => self.bytes.extend(number.to_ne_bytes()),)*
+                    Value::Boolean(value) => self.bytes.push(value.into()),
+                    other => self.others.push(other),
+                }
+            }
+        }
+    };
+}
+fmu_description::types!(push!);
+
+impl Data {
+    fn into_python(self, py: Python<'_>, kind: Type) -> PyResult<Bound<'_, PyAny>> {
+        if !matches!(kind, Type::String | Type::Binary) {
+            return Ok(PyByteArray::new(py, &self.bytes).into_any());
+        }
+        let others = self.others.into_iter().map(|value| to_python(py, value));
+        Ok(PyList::new(py, others.collect::<PyResult<Vec<_>>>()?)?.into_any())
+    }
+}
+
+/// A value of Python.
+pub fn to_python(py: Python<'_>, value: Value) -> PyResult<Bound<'_, PyAny>> {
+    Ok(match value {
+        Value::Boolean(value) => value.into_pyobject(py)?.to_owned().into_any(),
+        Value::String(text) => PyString::new(py, &text).into_any(),
+        Value::Binary(bytes) => PyBytes::new(py, &bytes).into_any(),
+        value => match value.as_whole() {
+            Some(whole) => whole.into_pyobject(py)?.into_any(),
+            None => value.as_real().into_pyobject(py)?.into_any(),
+        },
+    })
+}

@@ -1,0 +1,215 @@
+//! One run of a system for Python, in a worker process or in this one.
+
+use std::cell::{Cell, RefCell};
+use std::ffi::OsString;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use cargo_fmu::session::Session;
+use fmu_master::run::{Failed, Outcome, Watch, supervise};
+use fmu_master::{Column, Experiment, Message, Messages};
+use fmu_worker::{Limits, Worker, available_memory};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::columns::Columns;
+use crate::job::{Given, Job, System};
+
+/// Interval between looks at Ctrl-C, and between reports of the progress.
+const PERIOD: Duration = Duration::from_millis(50);
+/// Rows between looks at the clock, in this process.
+const ROWS: usize = 256;
+/// Time limit of each call of an FMU.
+const CALL: Duration = Duration::from_secs(300);
+
+/// What has come of a run.
+#[derive(Default)]
+struct Done {
+    columns: Vec<Column>,
+    rows: Columns,
+    messages: Vec<Message>,
+    notes: Vec<String>,
+    warnings: Vec<String>,
+    ended: Option<String>,
+    duration: Duration,
+    fault: Option<Failed>,
+}
+
+/// Runs a system; returns a dict with the columns and what else there is to tell. `program` starts a worker
+/// process; without it, the run is in this process. `progress` receives the time, the start and the stop time (s).
+#[pyfunction]
+pub fn run<'py>(
+    py: Python<'py>,
+    system: Given,
+    program: Vec<OsString>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let done = py.detach(|| {
+        let system = System::try_from(system).map_err(error)?;
+        let host = Host { progress, looked: Cell::new(Instant::now()), raised: RefCell::default() };
+        let done = match program.split_first() {
+            Some((program, arguments)) => {
+                let mut command = Command::new(program);
+                command.args(arguments);
+                in_worker(system, command, &host)
+            }
+            None => in_this_process(&system, &host),
+        };
+        match host.raised.take() {
+            Some(raised) => Err(raised),
+            None => done.map_err(error),
+        }
+    })?;
+    let dict = PyDict::new(py);
+    dict.set_item("columns", done.rows.into_python(py, &done.columns)?)?;
+    let message = |m: Message| (m.instance, m.warning, m.text, m.times);
+    dict.set_item("messages", Vec::from_iter(done.messages.into_iter().map(message)))?;
+    dict.set_item("notes", done.notes)?;
+    dict.set_item("warnings", done.warnings)?;
+    dict.set_item("ended", done.ended)?;
+    dict.set_item("duration", done.duration.as_secs_f64())?;
+    let fault = done.fault.map(|fault| {
+        let call = fault.call.map(|call| (call.component, call.function, call.time));
+        (fault.text, call)
+    });
+    dict.set_item("fault", fault)?;
+    Ok(dict)
+}
+
+/// The start time, stop time and step (s) of a system.
+#[pyfunction]
+pub fn times(py: Python<'_>, system: Given) -> PyResult<(f64, f64, f64)> {
+    let plan = || anyhow::Ok(System::try_from(system)?.plan()?.0.experiment);
+    let Experiment { start, stop, step } = py.detach(plan).map_err(error)?;
+    Ok((start, stop, step))
+}
+
+fn error(error: anyhow::Error) -> PyErr {
+    PyRuntimeError::new_err(format!("{error:#}"))
+}
+
+/// Python, during a run without its lock.
+struct Host {
+    progress: Option<Py<PyAny>>,
+    looked: Cell<Instant>,
+    /// What was raised, which ends the run.
+    raised: RefCell<Option<PyErr>>,
+}
+
+impl Host {
+    /// Lets Python handle signals, and tells it the time, the start and the stop time (s); returns whether to
+    /// end the run.
+    fn look(&self, times: Option<(f64, f64, f64)>) -> bool {
+        if self.looked.get().elapsed() >= PERIOD && self.raised.borrow().is_none() {
+            self.looked.set(Instant::now());
+            let looked = Python::attach(|py| {
+                if let (Some(progress), Some(times)) = (&self.progress, times) {
+                    progress.call1(py, times)?;
+                }
+                py.check_signals()
+            });
+            *self.raised.borrow_mut() = looked.err();
+        }
+        self.raised.borrow().is_some()
+    }
+}
+
+/// Runs a system in a worker process.
+fn in_worker(system: System, mut command: Command, host: &Host) -> Result<Done> {
+    let session = Session::without_signals()?;
+    let limits = Limits {
+        call: Some(CALL),
+        memory: available_memory().map(|bytes| bytes / 10 * 9),
+        ..Limits::default()
+    };
+    let mut worker = Worker::start(&mut command, session.folder(), limits)
+        .context("cannot start a worker process")?;
+    worker.send(&Job::Run(system));
+    let rows = RefCell::new(Columns::default());
+    let (columns, warnings) = (RefCell::<Vec<Column>>::default(), RefCell::new(Vec::new()));
+    let times = Cell::new(None);
+    let outcome = supervise(
+        worker,
+        None,
+        &Watch {
+            keeps_rows: false,
+            is_cancelled: &|| host.look(times.get()),
+            warn: &|text| warnings.borrow_mut().push(text.to_owned()),
+            progress: &|ready, time| {
+                times.set(Some((time, ready.experiment.start, ready.experiment.stop)));
+            },
+            row: &|ready, row| {
+                rows.borrow_mut().push(&ready.columns, row);
+                if columns.borrow().len() != ready.columns.len() {
+                    columns.borrow_mut().clone_from(&ready.columns);
+                }
+            },
+        },
+    )?;
+    let done = Done {
+        rows: rows.into_inner(),
+        columns: columns.into_inner(),
+        warnings: warnings.into_inner(),
+        ..Done::default()
+    };
+    Ok(match outcome {
+        Outcome::Cancelled(_) => done,
+        Outcome::Failed(mut fault) => {
+            Done { messages: std::mem::take(&mut fault.messages), fault: Some(fault), ..done }
+        }
+        Outcome::Finished(summary) => {
+            let mut warnings = done.warnings;
+            warnings.extend(
+                summary.crash.map(|ended| format!("after the simulation, the process {ended}")),
+            );
+            Done {
+                columns: summary.ready.columns,
+                messages: summary.messages,
+                notes: summary.ready.notes,
+                ended: summary.ended,
+                duration: summary.duration,
+                warnings,
+                ..done
+            }
+        }
+    })
+}
+
+/// Runs a system in this process.
+fn in_this_process(system: &System, host: &Host) -> Result<Done> {
+    let messages = Messages::default();
+    let mut rows = Columns::default();
+    let (plan, starts) = match system.plan() {
+        Ok(planned) => planned,
+        Err(error) => {
+            let fault = Some(Failed::new(Vec::new(), &error));
+            return Ok(Done { fault, ..Done::default() });
+        }
+    };
+    let (start, stop) = (plan.experiment.start, plan.experiment.stop);
+    let mut begin = Instant::now();
+    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
+        begin = Instant::now();
+        let mut count = 0_usize;
+        simulation.run(|row| {
+            rows.push(&plan.columns, row);
+            count += 1;
+            !count.is_multiple_of(ROWS) || !host.look(Some((row.time, start, stop)))
+        })
+    });
+    let (duration, notes) = (begin.elapsed(), plan.notes.clone());
+    let done = Done { columns: plan.columns.clone(), rows, notes, duration, ..Done::default() };
+    Ok(match finished {
+        Ok(finished) => Done {
+            messages: finished.messages,
+            ended: finished.ended.and_then(|ended| ended.end()),
+            ..done
+        },
+        Err(error) => {
+            let fault = Some(Failed::new(Vec::new(), &error));
+            Done { messages: messages.take(), fault, ..done }
+        }
+    })
+}
