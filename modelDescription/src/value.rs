@@ -55,6 +55,8 @@ macro_rules! values {
             }
         }
 
+        from!($($real: $real_type,)* $($whole: $whole_type,)* $($other: $other_type,)*);
+
         impl Type {
             /// The smallest and the largest whole number, or number of an item, which is an Int64; for other types,
             /// a range without numbers.
@@ -67,6 +69,16 @@ macro_rules! values {
             }
         }
     };
+}
+
+macro_rules! from {
+    ($($name:ident: $type:ty,)*) => { $(
+        impl From<$type> for Value {
+            fn from(value: $type) -> Self {
+                Self::$name(value)
+            }
+        }
+    )* };
 }
 crate::types!(values!);
 

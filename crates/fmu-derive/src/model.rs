@@ -118,8 +118,18 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
     };
     let stepped = quote!(impl #generics #krate::Stepped for #ident #arguments #condition {});
     let stepped = (!is_continuous).then_some(stepped);
+    // A constant, whose function is compiled in tests only.
+    let drive = input.generics.params.is_empty().then(|| {
+        quote! {
+            impl #krate::testing::Drive for #ident {
+                const INSTANCE: fn(Self) -> #krate::testing::Instance =
+                    #krate::testing::instance::<Self, { <#ident as #krate::Variables>::COUNT }>;
+            }
+        }
+    });
     quote! {
         #stepped
+        #drive
 
         impl #generics #krate::Model for #ident #arguments #condition {
             const NAME: &'static str = #name;

@@ -70,8 +70,12 @@ impl<M: Model, const N: usize> Bound<M, N> {
     pub(crate) const SCALARS: &'static [Place; N] = &const { Self::TABLES.scalars };
     const VARIABLES: &'static [Place; N] = &const { Self::TABLES.variables };
 
+    pub(crate) fn of(model: M) -> Self {
+        Self { model, is_smaller: false }
+    }
+
     pub(crate) fn new(overrides: Overrides) -> Self {
-        let mut new = Self { model: M::new(), is_smaller: false };
+        let mut new = Self::of(M::new());
         new.is_smaller = (&mut new as &mut dyn AnyModel).override_starts(overrides);
         new
     }

@@ -79,10 +79,17 @@ pub(crate) fn create<M: Model, const N: usize>(
     settings: Settings,
     (guid, overrides): (&'static Guid, Overrides),
 ) -> Pointer {
-    let hot = &Component::<Bound<M, N>>::HOT;
     let model = Bound::<M, N>::new(overrides);
-    let component = Component::new(settings, hot, (guid, overrides), model);
-    Box::into_raw(Box::new(component)).cast()
+    Box::into_raw(new(settings, (guid, overrides), model)).cast()
+}
+
+/// The instance of a model.
+pub(crate) fn new<M: Model, const N: usize>(
+    settings: Settings,
+    identity: (&'static Guid, Overrides),
+    model: Bound<M, N>,
+) -> Box<Component<Bound<M, N>>> {
+    Box::new(Component::new(settings, &Component::<Bound<M, N>>::HOT, identity, model))
 }
 
 /// Defines functions that get or set Float64 by a fast function of [`Bound`], or else by another one.

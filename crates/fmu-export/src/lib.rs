@@ -71,6 +71,7 @@ mod log;
 mod model;
 mod resources;
 mod stepping;
+pub mod testing;
 mod values;
 
 pub use clock::SampleClock;

@@ -1,5 +1,6 @@
 //! What an author implements.
 
+use std::any::Any;
 use std::fmt::{Arguments, Display};
 #[cfg(not(target_arch = "wasm32"))]
 use std::fs;
@@ -16,7 +17,7 @@ use crate::resources::Folder;
     message = "`{Self}` is not a model",
     label = "expected a struct with #[derive(Model)]"
 )]
-pub trait Model: Variables + Behavior + 'static {
+pub trait Model: Variables + Behavior {
     /// Name of the model, of the FMU and of its binary: a C identifier.
     const NAME: &'static str;
     /// Description of the model in one sentence.
@@ -46,7 +47,7 @@ pub trait Model: Variables + Behavior + 'static {
 /// `#[derive(Model)]`. Functions that the model does not have do nothing.
 #[doc(hidden)]
 #[allow(unused_variables, reason = "the names document the arguments")]
-pub trait Behavior {
+pub trait Behavior: Any {
     /// The sample time (s); 0 if it has none.
     fn sample_time(&self) -> f64;
 

@@ -79,13 +79,16 @@ fn mixed(key: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use fmu_export::testing::Driver;
+
     use super::*;
 
     /// The measured angles for the angles 1, 2, ... rad.
-    fn measured(mut sensor: Sensor, samples: u32) -> Vec<f64> {
+    fn measured(sensor: Sensor, samples: u32) -> Vec<f64> {
+        let mut sensor = Driver::of(sensor);
         let sample = |k| {
             sensor.theta = f64::from(k);
-            sensor.step(0.0, sensor.ts).unwrap();
+            sensor.step(0.001).unwrap();
             sensor.y
         };
         (1..=samples).map(sample).collect()

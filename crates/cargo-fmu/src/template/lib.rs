@@ -52,20 +52,20 @@ export!(MyController, plant::Plant);
 
 #[cfg(test)]
 mod tests {
+    use fmu_export::testing::Driver;
+
     use super::*;
 
     #[test]
     fn the_motor_reaches_the_set_point() -> Result<(), ModelError> {
-        let mut controller = MyController::new();
-        let mut plant = plant::Plant::new();
+        let mut controller = Driver::<MyController>::new();
+        let mut plant = Driver::<plant::Plant>::new();
         controller.r = 100.0;
-        let ts = controller.ts;
-        for k in 0..200 {
-            let time = f64::from(k) * ts;
+        for _ in 0..200 {
             controller.y = plant.y;
-            controller.step(time, ts)?;
+            controller.step(0.01)?;
             plant.u = controller.u;
-            plant.step(time, ts)?;
+            plant.step(0.01)?;
         }
         assert!((plant.y - 100.0).abs() < 1.0, "{}", plant.y);
         Ok(())

@@ -1,0 +1,320 @@
+//! Drives a model in a test as the FMU does, without a host.
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::ops::{Deref, DerefMut};
+use std::path::PathBuf;
+use std::rc::Rc;
+
+use fmi_abi::fmi2::calls;
+use fmi_abi::state::State;
+use fmi_abi::{Call, Version};
+use fmu_description::interface::GUID_LENGTH;
+use fmu_description::table::Scalar;
+use fmu_description::{Causality, Overrides};
+
+pub use fmu_description::Value;
+
+use crate::bound::Bound;
+use crate::component::{Component, Edge, Outcome, Pointer, Settings};
+use crate::instance;
+use crate::log::{Category, Log};
+use crate::model::{Kind, Model, ModelError};
+use crate::values::Given;
+
+static EDGE: Edge = Edge {
+    version: Version::Fmi2,
+    get_float64: Call { name: "get", ..calls::fmi2GetReal },
+    set_float64: Call { name: "set", ..calls::fmi2SetReal },
+    do_step: Call { name: "step", ..calls::fmi2DoStep },
+    get_fmu_state: calls::fmi2GetFMUstate,
+};
+const INITIALIZE: Call = Call { name: "initialize", ..calls::fmi2SetupExperiment };
+
+/// A model that a [`Driver`] drives, implemented by `#[derive(Model)]` for structs without type parameters.
+#[doc(hidden)]
+pub trait Drive: Model {
+    /// Creates an instance.
+    const INSTANCE: fn(Self) -> Instance;
+}
+
+/// An instance of a model.
+#[doc(hidden)]
+pub struct Instance(Box<Component>);
+
+/// Creates an instance of the model `M` with `N` scalar variables.
+#[doc(hidden)]
+pub fn instance<M: Model, const N: usize>(model: M) -> Instance {
+    let resources = Err("the test has set no folder of resources".to_owned());
+    let settings = Settings::new(&EDGE, Log::new(None, false), resources);
+    let identity = (&[0; GUID_LENGTH], Overrides::NONE);
+    Instance(instance::new(settings, identity, Bound::<M, N>::of(model)))
+}
+
+/// An instance of a model in co-simulation, for tests: it takes samples at their instants, integrates equations,
+/// handles events and checks values by the code of the FMU, and computes the same numbers.
+///
+/// The fields of the model are those of the driver.
+///
+/// ```
+/// use fmu_export::prelude::*;
+/// use fmu_export::testing::Driver;
+///
+/// /// Integrator
+/// #[derive(Model)]
+/// #[model(sample_time = 0.1)]
+/// pub struct Integrator {
+///     /// rate
+///     #[input]
+///     u: f64,
+///     /// integral
+///     #[output]
+///     y: f64,
+///     /// gain
+///     #[parameter(start = 2, min = 0)]
+///     gain: f64,
+/// }
+///
+/// impl Simulate for Integrator {
+///     fn step(&mut self, _time: f64, step: f64) -> Result<(), ModelError> {
+///         self.y += self.gain * self.u * step;
+///         Ok(())
+///     }
+/// }
+///
+/// let mut integrator = Driver::<Integrator>::new();
+/// assert!(integrator.set("gain", -1).is_err()); // out of bounds, as for a host
+/// integrator.u = 1.0;
+/// integrator.step(0.05)?; // the sample at 0 s
+/// integrator.step(0.05)?; // none
+/// assert_eq!(integrator.y, 0.2);
+/// # Ok::<(), ModelError>(())
+/// ```
+pub struct Driver<M> {
+    component: Box<Component>,
+    log: Rc<RefCell<Vec<Message>>>,
+    /// The next communication point is `origin` and `count` times `size` (s).
+    origin: f64,
+    count: f64,
+    size: f64,
+    _model: std::marker::PhantomData<M>,
+}
+
+/// A message that a host would have got.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// The log category, such as `logStatusWarning`.
+    pub category: String,
+    /// The text.
+    pub text: String,
+}
+
+impl<M: Drive> Default for Driver<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<M: Drive> Driver<M> {
+    /// An instance with the start values.
+    pub fn new() -> Self {
+        Self::of(M::new())
+    }
+
+    /// An instance with the parameters and inputs of a model; all other fields get their values in the
+    /// initialization.
+    pub fn of(model: M) -> Self {
+        let Instance(mut component) = M::INSTANCE(model);
+        let log = Rc::<RefCell<Vec<Message>>>::default();
+        let messages = Rc::clone(&log);
+        let sink = move |category: Category, text: &str| {
+            let category_name = category.name().to_string_lossy().into_owned();
+            if category != Category::Events {
+                let message = Message { category: category_name, text: text.to_owned() };
+                messages.borrow_mut().push(message);
+            }
+        };
+        component.shared.settings.log = Log::new(Some(Box::new(sink)), true);
+        Self {
+            component,
+            log,
+            origin: 0.0,
+            count: 0.0,
+            size: 0.0,
+            _model: std::marker::PhantomData,
+        }
+    }
+
+    /// The same with the folder in which the model finds its resources.
+    #[must_use]
+    pub fn with_resources(mut self, folder: impl Into<PathBuf>) -> Self {
+        self.component.shared.settings.resources = Ok(folder.into());
+        self
+    }
+
+    /// Initializes the model at a time (s). Without, the first step does at 0 s.
+    ///
+    /// # Errors
+    /// The model cannot be initialized with its values, or is so already.
+    pub fn initialize(&mut self, time: f64) -> Result<(), ModelError> {
+        self.origin = time;
+        let outcome = self.component.call(&INITIALIZE, |c| {
+            c.set_experiment(time, None, None)?;
+            c.enter(State::Initialization);
+            c.exit_initialization_mode()
+        });
+        let lifecycle = &mut self.component.shared.lifecycle;
+        if lifecycle.state == State::Initialization {
+            lifecycle.state = State::Instantiated;
+        }
+        self.result(outcome)
+    }
+
+    /// Takes a communication step (s), with constant inputs.
+    ///
+    /// # Errors
+    /// The step is invalid, the model refuses or discards it, or it panicked.
+    pub fn step(&mut self, size: f64) -> Result<(), ModelError> {
+        if self.component.shared.lifecycle.state == State::Instantiated {
+            self.initialize(0.0)?;
+        }
+        // Multiplied, not added up, as by most hosts.
+        if size != self.size {
+            (self.origin, self.count, self.size) = (self.time(), 0.0, size);
+        }
+        let (time, step) = (self.time(), self.component.shared.hot.step);
+        let instance: Pointer = (&raw mut *self.component).cast();
+        // SAFETY: the function belongs to the instance, which is borrowed for the call.
+        let outcome = unsafe { step(instance, time, size) };
+        self.result(outcome)?;
+        self.count += 1.0;
+        Ok(())
+    }
+
+    /// Steps to a time (s), and returns the [`outputs`](Self::outputs) at the communication points, the first of
+    /// which is the current one.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    pub fn run(&mut self, stop: f64, size: f64) -> Result<Vec<Vec<f64>>, ModelError> {
+        if self.component.shared.lifecycle.state == State::Instantiated {
+            self.initialize(0.0)?;
+        }
+        let steps = libm::round((stop - self.time()) / size) as usize;
+        let mut rows = vec![self.outputs()];
+        for _ in 0..steps {
+            self.step(size)?;
+            rows.push(self.outputs());
+        }
+        Ok(rows)
+    }
+
+    /// The current time (s).
+    pub fn time(&self) -> f64 {
+        self.origin + self.count * self.size
+    }
+
+    /// Sets a variable by its name in the FMU, as a host does. Numbers of any type stand for others.
+    ///
+    /// # Errors
+    /// There is no such variable, it cannot be set now, or not to this value.
+    pub fn set(&mut self, name: &str, value: impl Into<Value>) -> Result<(), ModelError> {
+        let (reference, scalar) = self.find(name)?;
+        let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
+        let value = value.into();
+        let given = |_| match (value.as_real(), value.as_whole()) {
+            (Some(value), _) => Given::Real(value),
+            (None, Some(value)) if of_type.is_float() => Given::Real(value as f64),
+            (None, Some(value)) => Given::Whole(value),
+            (None, None) if value.of_type() == of_type => Given::Other(Ok(value.clone())),
+            (None, None) => Given::Other(Err(value.to_string())),
+        };
+        let set = |c: &mut Component| c.set(of_type, &[reference], 1, &given);
+        let outcome = self.component.call(&EDGE.set_float64, set);
+        self.result(outcome)
+    }
+
+    /// The value of a variable with a name in the FMU; of an enumeration, the number of the item.
+    ///
+    /// # Errors
+    /// There is no such variable, or its value cannot be computed.
+    pub fn get(&mut self, name: &str) -> Result<Value, ModelError> {
+        let (reference, scalar) = self.find(name)?;
+        let of_type = scalar.variable.start.of_type().accessed_as(EDGE.version);
+        let mut found = Value::Boolean(false);
+        let get =
+            |c: &mut Component| c.get(of_type, &[reference], 1, &mut |_, value| found = value);
+        let outcome = self.component.call(&EDGE.get_float64, get);
+        self.result(outcome)?;
+        Ok(found)
+    }
+
+    /// The outputs that are numbers, in the order of the fields: each element of an array, a Boolean as 0 or 1, and
+    /// the number of an item.
+    pub fn outputs(&mut self) -> Vec<f64> {
+        let mut outputs = Vec::new();
+        for reference in 0..self.component.model.facts().count as u32 {
+            let model = &mut self.component.model;
+            let scalar = model.find(reference).filter(|scalar| {
+                let causality = scalar.variable.causality;
+                causality == Causality::Output && model.is_element(reference)
+            });
+            let value = scalar.map(|scalar| model.get(&scalar));
+            outputs.extend(value.and_then(|value| match value {
+                Value::Boolean(value) => Some(f64::from(u8::from(value))),
+                value => value.as_real().or(value.as_whole().map(|value| value as f64)),
+            }));
+        }
+        outputs
+    }
+
+    /// The messages since the last call.
+    pub fn messages(&mut self) -> Vec<Message> {
+        self.log.take()
+    }
+
+    fn find(&self, name: &str) -> Result<(u32, Scalar), ModelError> {
+        let count = self.component.model.facts().count as u32;
+        let all = (0..count)
+            .filter_map(|reference| Some((reference, self.component.model.find(reference)?)));
+        let found = all.clone().find(|(_, scalar)| scalar.name() == name);
+        found.ok_or_else(|| {
+            let names: Vec<String> = all.map(|(_, scalar)| scalar.name()).collect();
+            let names = names.join(", ");
+            ModelError::refuse(format_args!(
+                "there is no variable {name:?}; expected one of {names}"
+            ))
+        })
+    }
+
+    /// The outcome of a call, with the message that the host would have got.
+    fn result(&mut self, outcome: Outcome) -> Result<(), ModelError> {
+        let is_broken =
+            matches!(self.component.shared.lifecycle.state, State::Error | State::Fatal);
+        let kind = match outcome {
+            Outcome::Ok => return Ok(()),
+            Outcome::Discard => Kind::Discarded,
+            Outcome::Error if !is_broken => Kind::Refused,
+            _ => Kind::Broken,
+        };
+        let message = self.log.borrow_mut().pop();
+        let text = message.map(|message| message.text).unwrap_or_default();
+        Err(ModelError::new(text).with_kind(kind))
+    }
+}
+
+impl<M: Drive> Deref for Driver<M> {
+    type Target = M;
+
+    fn deref(&self) -> &M {
+        let model: &dyn Any = self.component.model.behavior();
+        model.downcast_ref().unwrap_or_else(|| unreachable!("the model of the driver"))
+    }
+}
+
+impl<M: Drive> DerefMut for Driver<M> {
+    fn deref_mut(&mut self) -> &mut M {
+        let model: &mut dyn Any = self.component.model.behavior_mut();
+        model.downcast_mut().unwrap_or_else(|| unreachable!("the model of the driver"))
+    }
+}
