@@ -84,15 +84,17 @@ class Instance {
       (imports[module] ??= {})[name] = provided[name];
     }
     this.core = new WebAssembly.Instance(fmu.module, imports).exports;
-    const named = (name) => this.core[`${CS}#[method]co-simulation-instance.${name}`];
+    // Either as the encoders of components name the functions, or by their own names.
+    const named = (name) => this.core[`${CS}#[method]co-simulation-instance.${name}`] ?? this.core[name.replaceAll("-", "_")];
     this.methods = Object.fromEntries(
       ["get-float64", "set-float64", "do-step"].map((name) => [name, named(name)]),
     );
     this.named = named;
     const args = [...this.text("it"), ...this.text(fmu.token), 0, 0, 0, 0, 0, 0];
-    const made = this.core[`${CS}#[static]co-simulation-instance.instantiate-co-simulation`](...args);
+    const create = "instantiate-co-simulation";
+    const made = (this.core[`${CS}#[static]co-simulation-instance.${create}`] ?? named(create))(...args);
     const view = new DataView(this.core.memory.buffer);
-    if (!view.getUint8(made)) throw new Error(this.failure("instantiate-co-simulation"));
+    if (!view.getUint8(made)) throw new Error(this.failure(create));
     this.pointer = view.getUint32(made + 4, true);
     setUp(this);
     this.check(named("enter-initialization-mode")(this.pointer, 0, 0, 0, 0, 0), "enter-initialization-mode");

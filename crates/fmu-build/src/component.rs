@@ -1,12 +1,26 @@
 //! Turns a module of WebAssembly into a component with the interface of the draft FMI-LS-WASM.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::convert::Infallible;
+
 use anyhow::{Context, Result};
 use fmu_description::Description;
+use wasm_encoder::reencode::{Error, Reencode, ReencodeComponent, component_utils, utils};
+use wasm_encoder::{
+    Alias, Component, ComponentAliasSection, ComponentImportSection, ComponentInstanceSection,
+    ExportSection, Module,
+};
+use wasmparser::{
+    ComponentAliasSectionReader, ComponentImportSectionReader, ComponentInstance,
+    CustomSectionReader, Parser, Validator,
+};
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::{Resolve, TypeDefKind, WorldId, WorldItem};
 
 /// The interface; a test holds it against hosts of others.
 const INTERFACE: &str = include_str!("component.wit");
+/// The encoder gives what is passed to a component inside of the component names that begin so.
+const INNER: &str = "import-";
 
 /// Encodes the module of a library: for co-simulation, and for model exchange if one of its models is.
 ///
@@ -20,15 +34,26 @@ pub fn encode(module: &[u8], models: &[Description]) -> Result<Vec<u8>> {
         false => "co-simulation-fmu",
     };
     let world = resolve.select_world(&[package], Some(world))?;
-    let mut module =
-        with_names(module, &names(&resolve, world)).context("cannot name its functions")?;
+    let names = names(&resolve, world);
+    let mut named = Module::new();
+    Named(&names)
+        .parse_core_module(&mut named, Parser::new(0), module)
+        .context("cannot name its functions")?;
+    let mut module = named.finish();
     embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8, false)?;
-    ComponentEncoder::default().module(&module)?.validate(true).encode()
+    let encoded = ComponentEncoder::default().module(&module)?.encode()?;
+    let mut short = Component::new();
+    Short { names: &names, exported: BTreeSet::new(), inner: BTreeMap::new() }
+        .parse_component(&mut short, Parser::new(0), &encoded)
+        .context("cannot shorten its names")?;
+    let component = short.finish();
+    Validator::new().validate_all(&component)?;
+    Ok(component)
 }
 
-/// The functions of a world: the name of each operation, and its name as an export.
-fn names(resolve: &Resolve, world: WorldId) -> Vec<(String, String)> {
-    let mut names = Vec::new();
+/// The functions of a world: their names as exports, and the operation that each performs.
+fn names(resolve: &Resolve, world: WorldId) -> BTreeMap<String, String> {
+    let mut names = BTreeMap::new();
     for (key, item) in &resolve.worlds[world].exports {
         let WorldItem::Interface { id, .. } = item else {
             continue;
@@ -36,43 +61,139 @@ fn names(resolve: &Resolve, world: WorldId) -> Vec<(String, String)> {
         let (interface, prefix) = (&resolve.interfaces[*id], resolve.name_world_key(key));
         for name in interface.functions.keys() {
             let operation = name.rsplit('.').next().unwrap_or(name).replace('-', "_");
-            names.push((operation, format!("{prefix}#{name}")));
+            names.insert(format!("{prefix}#{name}"), operation);
         }
         for (name, id) in &interface.types {
             if matches!(resolve.types[*id].kind, TypeDefKind::Resource) {
-                names.push(("free_instance".to_owned(), format!("{prefix}#[dtor]{name}")));
+                names.insert(format!("{prefix}#[dtor]{name}"), "free_instance".to_owned());
             }
         }
     }
     names
 }
 
-/// The module with its functions exported under other names.
-fn with_names(module: &[u8], names: &[(String, String)]) -> Result<Vec<u8>> {
-    use wasm_encoder::{ExportSection, Module, RawSection};
-    use wasmparser::{Parser, Payload};
+/// Exports the functions of a module under their names in the interfaces, as the encoder expects them.
+struct Named<'a>(&'a BTreeMap<String, String>);
 
-    let mut renamed = Module::new();
-    for payload in Parser::new(0).parse_all(module) {
-        let payload = payload?;
-        if let Payload::ExportSection(exports) = &payload {
-            let mut section = ExportSection::new();
-            for export in exports.clone() {
-                let export = export?;
-                let own = (export.name.to_owned(), export.name.to_owned());
-                let is_kept = matches!(export.name, "memory" | "cabi_realloc");
-                let all = names.iter().filter(|(operation, _)| operation == export.name);
-                for (_, name) in all.chain(is_kept.then_some(&own)) {
-                    section.export(name, export.kind.into(), export.index);
-                }
+impl Reencode for Named<'_> {
+    type Error = Infallible;
+
+    fn parse_export(
+        &mut self,
+        exports: &mut ExportSection,
+        export: wasmparser::Export<'_>,
+    ) -> Result<(), Error> {
+        let is_kept = matches!(export.name, "memory" | "cabi_realloc");
+        let all = self.0.iter().filter(|(_, operation)| *operation == export.name);
+        let names = all.map(|(name, _)| name.as_str()).chain(is_kept.then_some(export.name));
+        for name in names {
+            exports.export(name, export.kind.into(), export.index);
+        }
+        Ok(())
+    }
+}
+
+/// Gives the functions inside of a component short names, which no host sees, and drops what only debuggers
+/// read.
+struct Short<'a> {
+    names: &'a BTreeMap<String, String>,
+    exported: BTreeSet<&'a str>,
+    /// What components inside of the component import.
+    inner: BTreeMap<String, usize>,
+}
+
+impl Reencode for Short<'_> {
+    type Error = Infallible;
+
+    fn parse_export(
+        &mut self,
+        exports: &mut ExportSection,
+        export: wasmparser::Export<'_>,
+    ) -> Result<(), Error> {
+        match self.names.get(export.name) {
+            // Both interfaces share most operations.
+            Some(operation) if self.exported.insert(operation) => {
+                exports.export(operation, export.kind.into(), export.index);
+                Ok(())
             }
-            renamed.section(&section);
-        } else if let Some((id, range)) = payload.as_section() {
-            renamed.section(&RawSection {
-                id,
-                data: &module[range.start as usize..range.end as usize],
-            });
+            Some(_) => Ok(()),
+            None => utils::parse_export(self, exports, export),
         }
     }
-    Ok(renamed.finish())
+
+    fn parse_custom_section(
+        &mut self,
+        _: &mut Module,
+        _: CustomSectionReader<'_>,
+    ) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+impl Short<'_> {
+    /// A short name for what a component inside of the component imports.
+    fn inner(&mut self, name: &str) -> String {
+        let next = self.inner.len();
+        format!("i{}", self.inner.entry(name.to_owned()).or_insert(next))
+    }
+}
+
+impl ReencodeComponent for Short<'_> {
+    fn parse_component_alias_section(
+        &mut self,
+        aliases: &mut ComponentAliasSection,
+        section: ComponentAliasSectionReader<'_>,
+    ) -> Result<(), Error> {
+        for alias in section {
+            let alias = match self.component_alias(alias?)? {
+                Alias::CoreInstanceExport { instance, kind, name } => {
+                    let name = self.names.get(name).map_or(name, String::as_str);
+                    Alias::CoreInstanceExport { instance, kind, name }
+                }
+                alias => alias,
+            };
+            aliases.alias(alias);
+        }
+        Ok(())
+    }
+
+    fn parse_component_import_section(
+        &mut self,
+        imports: &mut ComponentImportSection,
+        section: ComponentImportSectionReader<'_>,
+    ) -> Result<(), Error> {
+        for import in section {
+            let import = import?;
+            let kind = self.component_type_ref(import.ty)?;
+            match import.name.name.strip_prefix(INNER) {
+                Some(name) => imports.import(&*self.inner(name), kind),
+                None => imports.import(import.name, kind),
+            };
+        }
+        Ok(())
+    }
+
+    fn parse_component_instance(
+        &mut self,
+        instances: &mut ComponentInstanceSection,
+        instance: ComponentInstance<'_>,
+    ) -> Result<(), Error> {
+        let ComponentInstance::Instantiate { component_index, args } = instance else {
+            return component_utils::parse_component_instance(self, instances, instance);
+        };
+        let args = args.iter().map(|arg| {
+            let name = arg.name.strip_prefix(INNER).map(|name| self.inner(name));
+            (name.unwrap_or_else(|| arg.name.to_owned()), arg.kind.into(), arg.index)
+        });
+        instances.instantiate(component_index, args.collect::<Vec<_>>());
+        Ok(())
+    }
+
+    fn parse_component_custom_section(
+        &mut self,
+        _: &mut Component,
+        _: CustomSectionReader<'_>,
+    ) -> Result<(), Error> {
+        Ok(())
+    }
 }
