@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pendulum_fmus.project import ROOT
-from test_validate import Fmu, cargo_fmu, findings, write
+from test_validate import Fmu, cargo_fmu, check, findings, write
 
 pytestmark = pytest.mark.usefixtures("program")
 
@@ -102,6 +102,16 @@ def test_a_defect_is_found(conformance: Callable[..., Path], defect: str) -> Non
 @pytest.mark.parametrize("defect", ["CRASH_IN_STEP", "HANG_IN_INIT", "EXIT_IN_INSTANTIATE"])
 def test_no_run_does_not_run_the_binary(conformance: Callable[..., Path], defect: str) -> None:
     assert findings(conformance(defect), "--no-run") == []
+
+
+@pytest.mark.parametrize("seconds", ["0", "3"])
+def test_what_there_was_no_time_for_is_named(
+    conformance: Callable[..., Path], seconds: str
+) -> None:
+    """The FMU hangs for longer than this test may take."""
+    fmu = conformance("HANG_IN_STEP", CS)
+    found = findings(fmu, "--time-limit", "10000", "--total-time", seconds)
+    check(found, "warning", "no time for the schema" if seconds == "0" else "experiment")
 
 
 def test_nothing_is_left_behind(

@@ -215,7 +215,8 @@ fn examine(archive: &[u8], file: &Path) -> Vec<String> {
     let mut messages = Vec::new();
     let memory = allocation_counter::measure(|| {
         let mut findings = Findings::default();
-        fmu_check::check(file, None, &mut findings);
+        let deadline = Instant::now() + Duration::from_secs(60);
+        fmu_check::check(file, None, deadline, &mut findings);
         let kept = findings.groups().iter().flat_map(|group| &group.kept);
         let message = |finding: &Finding| format!("{}: {}", finding.location, finding.text);
         messages = kept.map(message).collect();

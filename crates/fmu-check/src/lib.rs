@@ -14,7 +14,9 @@ mod rules;
 mod schema;
 
 use std::path::Path;
+use std::time::Instant;
 
+use binary::rules::NOT_TESTED;
 pub use binary::{Probes, probe};
 pub use finding::{Finding, Findings, Group, Location};
 use fmu_description::xml;
@@ -23,8 +25,9 @@ use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 pub use rule::{Rule, Severity, Source};
 pub use rules::rules;
 
-/// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given.
-pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
+/// Checks an FMU and adds what it finds; its binaries are run only if `probes` is given. What cannot be checked until
+/// the deadline is a finding, too.
+pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: &mut Findings) {
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
         Err(error) => {
@@ -65,13 +68,23 @@ pub fn check(file: &Path, probes: Option<&Probes>, findings: &mut Findings) {
         FmiVersion::Fmi2 => &schema::MODEL_2,
         FmiVersion::Fmi3 => &schema::MODEL_3,
     };
-    schema::check(MODEL_DESCRIPTION, &root, schema, findings);
+    let mut part = |name: &str, check: &mut dyn FnMut(&mut Findings)| {
+        if Instant::now() < deadline {
+            return check(findings);
+        }
+        findings.add(&NOT_TESTED, "archive", format!("there was no time for {name}"));
+    };
     let model = ModelDescription::new(&root);
-    rules::check(&model, findings);
-    package::check_files(&model, &mut archive, findings);
+    part("the schema", &mut |findings| {
+        schema::check(MODEL_DESCRIPTION, &root, schema, findings);
+    });
+    part("the rules of the model description", &mut |findings| rules::check(&model, findings));
+    part("the files", &mut |findings| package::check_files(&model, &mut archive, findings));
     if let Some(probes) = probes
         && archive.faults.is_empty()
     {
-        binary::check(&decoded.text, &model, &mut archive, probes, findings);
+        part("the binaries", &mut |findings| {
+            binary::check(&decoded.text, &model, &mut archive, probes, deadline, findings);
+        });
     }
 }

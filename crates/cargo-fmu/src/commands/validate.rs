@@ -2,7 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
@@ -29,9 +29,12 @@ pub struct ValidateArgs {
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
-    /// Time limit for each test of a binary
+    /// Time limit for each call of a binary
     #[arg(long, value_name = "SECONDS", default_value_t = 20)]
-    time_limit: u64,
+    time_limit: u32,
+    /// Time limit for each FMU; what is not tested by then is a warning
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    total_time: u32,
 }
 
 /// Format of the findings.
@@ -58,7 +61,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
             Some(Probes {
                 program: words.remove(0).into(),
                 arguments: words,
-                time_limit: Duration::from_secs(args.time_limit),
+                time_limit: Duration::from_secs(args.time_limit.into()),
                 is_quick: args.quick,
             })
         }
@@ -69,7 +72,8 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
             true => Findings::ALL,
             false => Findings::FEW,
         });
-        fmu_check::check(file, probes.as_ref(), &mut findings);
+        let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
+        fmu_check::check(file, probes.as_ref(), deadline, &mut findings);
         is_valid &= findings.errors() == 0;
         match args.format {
             Format::Text => print(file, &findings, out)?,

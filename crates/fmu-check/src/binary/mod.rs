@@ -11,6 +11,8 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result};
@@ -19,14 +21,14 @@ use fmu_description::xml::Element;
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::{Platform, is_for_this_processor};
 use fmu_file::text::quote;
-use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker};
+use fmu_worker::{Ended, Event, Function, Limits, Moment, Worker, available_memory};
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
 use crate::finding::Findings;
 use crate::rule::Rule;
 pub use probes::run as probe;
-use probes::{PROBES, Probe};
+use probes::{MISTAKES, OTHERS, Probe};
 use rules::SURVIVES_MISUSE;
 use rules::{
     BEHAVIOUR, FILES, INDEPENDENT, INITIALISED, NOT_RUN, NOT_TESTED, OUTPUT, REPRODUCIBLE,
@@ -51,28 +53,26 @@ const FEW_STEPS: usize = 5;
 const SHORT_RUN: usize = 300;
 /// Maximum duration of a short run, as a fraction of the time limit of a call.
 const SHORT_TIME: f64 = 0.03;
-/// Time limits of a test and of all tests of an interface type, relative to the time limit of a call; the tests
-/// have a minute at least.
+/// Time limit of a test, relative to the time limit of a call.
 const TEST_TIME: u32 = 2;
-const TOTAL_TIME: u32 = 3;
-const MINUTE: Duration = Duration::from_secs(60);
 /// Maximum memory of a test process.
 const MEMORY: u64 = 4 << 30;
 /// Time in which a process ends after its test.
 const GRACE: Duration = Duration::from_secs(2);
-/// The folder of the unpacked FMU in the session, and the working directory of the tests.
+/// The folder of the unpacked FMU in the session, and the one with the working directories of the tests.
 const FMU: &str = "fmu";
 const WORK: &str = "work";
 
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
-/// Runs the binaries built for this machine, if there are any. `text` is the model description.
+/// Runs the binaries built for this machine, if there are any, until the deadline. `text` is the model description.
 pub fn check(
     text: &str,
     model: &ModelDescription<'_>,
     archive: &mut Archive,
     probes: &Probes,
+    deadline: Instant,
     findings: &mut Findings,
 ) {
     let Some(platform) = Platform::of_this_machine(model.version) else {
@@ -104,7 +104,8 @@ pub fn check(
         let session = unpack(text, archive, platform)?;
         let files = list(&session.path().join(FMU))?;
         let (mut ignored, mut about) = (HashSet::new(), "");
-        for (element, binary) in &binaries {
+        for ((element, binary), others) in binaries.iter().zip((1..=binaries.len() as u32).rev()) {
+            let now = Instant::now();
             let mut checker = Checker {
                 model,
                 probes,
@@ -118,7 +119,8 @@ pub fn check(
                     ..Task::default()
                 },
                 seen: HashSet::new(),
-                deadline: Instant::now() + MINUTE.max(TOTAL_TIME * probes.time_limit),
+                workers: workers(element),
+                deadline: now + deadline.saturating_duration_since(now) / others,
                 left_out: Vec::new(),
                 about,
                 findings,
@@ -131,6 +133,17 @@ pub fn check(
     if let Err(error) = run_all() {
         findings.add(&NOT_RUN, "binaries", format!("cannot be run: {error:#}"));
     }
+}
+
+/// How many tests run at the same time: one on each core, if there is memory for all of them. A tool that an FMU needs
+/// may be there only once.
+fn workers(interface: &Element<'_>) -> usize {
+    if interface.is_true("needsExecutionTool") {
+        return 1;
+    }
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let fit = available_memory().map_or(cores, |memory| (memory / MEMORY) as usize);
+    cores.min(fit).max(1)
 }
 
 /// Unpacks an FMU, whose model description is `text`, to a folder for its tests.
@@ -198,13 +211,23 @@ struct Outcome {
     has_message: bool,
     /// Whether the process was killed after its time.
     timed_out: bool,
+    /// Whether there was no time for the test.
+    left_out: bool,
 }
+
+/// A test, and the environment variables that it is run with.
+type Job<'a> = (&'static Probe, &'a [(&'a str, &'a str)]);
 
 impl Outcome {
     /// Whether the test itself has failed, besides what else it has found.
     fn fails(&self, probe: &Probe) -> bool {
         let mut found = self.found.iter();
         found.any(|(rule, _)| *rule == probe.rule || *rule == probe.crash())
+    }
+
+    /// The rows of a run, unless it has failed, which is a finding of its own.
+    fn trace(self, probe: &Probe) -> Option<Trajectory> {
+        (!self.left_out && !self.fails(probe)).then_some(self.rows)
     }
 
     fn add(&mut self, reply: Reply) {
@@ -229,6 +252,8 @@ struct Checker<'a> {
     task: Task,
     /// What was found, whatever the FMU declares. Tests make the same calls, so that they find the same.
     seen: HashSet<String>,
+    /// How many tests run at the same time.
+    workers: usize,
     /// When the time for all tests is over, and the tests that were left out for that.
     deadline: Instant,
     left_out: Vec<&'static str>,
@@ -237,8 +262,27 @@ struct Checker<'a> {
     findings: &'a mut Findings,
 }
 
+/// The library by which glibc checks the heap, where it is installed.
+fn heap_checker() -> Option<PathBuf> {
+    const LIBRARY: &str = "libc_malloc_debug.so.0";
+    let own = format!("{}-linux-gnu", std::env::consts::ARCH);
+    let folders = ["/lib", "/lib64", "/usr/lib", "/usr/lib64"].map(Path::new);
+    let mut files = folders.iter().flat_map(|f| [f.join(LIBRARY), f.join(&own).join(LIBRARY)]);
+    files.find(|file| file.is_file())
+}
+
 impl Checker<'_> {
     fn run(&mut self) -> Result<()> {
+        self.run_tests()?;
+        if !self.left_out.is_empty() {
+            let (count, names) = (self.left_out.len(), self.left_out.join(", "));
+            let text = format!("the FMU is so slow that {count} tests were not run: {names}");
+            self.add(&NOT_TESTED, text);
+        }
+        Ok(())
+    }
+
+    fn run_tests(&mut self) -> Result<()> {
         let is_quick = self.probes.is_quick;
         for (_, variable) in self.model.variables() {
             let (name, n) = (quote(&variable.name), variable.count());
@@ -249,7 +293,7 @@ impl Checker<'_> {
         }
         for name in ["identity", "readable"] {
             let probe = Probe::named(name)?;
-            let outcome = self.test(probe, &[])?;
+            let outcome = self.test(probe)?;
             // An FMU that cannot be loaded or initialized would fail all other tests too.
             if outcome.fails(probe) {
                 return Ok(());
@@ -260,17 +304,15 @@ impl Checker<'_> {
             return Ok(());
         }
         self.compare_processes()?;
-        for probe in PROBES {
-            if (probe.is_quick() || !is_quick) && probe.applies(self.element, self.model.version) {
-                let outcome = self.test(probe, &[])?;
-                let mut found = outcome.found.iter();
-                self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
-            }
-        }
-        if !self.left_out.is_empty() {
-            let (count, names) = (self.left_out.len(), self.left_out.join(", "));
-            let text = format!("the FMU is so slow that {count} tests were not run: {names}");
-            self.add(&NOT_TESTED, text);
+        // Other tests make no mistakes if these crash.
+        for group in [MISTAKES, OTHERS] {
+            let group = group.iter().filter(|probe| {
+                (probe.is_quick() || !is_quick) && probe.applies(self.element, self.model.version)
+            });
+            let jobs: Vec<Job<'_>> = group.map(|probe| (probe, [].as_slice())).collect();
+            let outcomes = self.tests(&jobs)?;
+            let mut found = outcomes.iter().flat_map(|outcome| &outcome.found);
+            self.task.is_fragile |= found.any(|(rule, _)| **rule == SURVIVES_MISUSE);
         }
         Ok(())
     }
@@ -281,7 +323,7 @@ impl Checker<'_> {
         let strongest = if self.probes.is_quick { 2 } else { 0 };
         for excitation in strongest..EXCITATIONS.len() {
             self.task.excitation = excitation;
-            let outcome = self.test(Probe::named("experiment")?, &[])?;
+            let outcome = self.test(Probe::named("experiment")?)?;
             if let Some((steps, seconds)) = outcome.ran {
                 self.task.steps = self.short(steps, seconds);
                 return Ok(true);
@@ -311,9 +353,25 @@ impl Checker<'_> {
         // All numbers made of it are far from 0: 32.5, 1077952576, and so on.
         const PATTERN: &[(&str, &str)] =
             &[("MALLOC_PERTURB_", "191"), ("GLIBC_TUNABLES", "glibc.malloc.perturb=191")];
+        let named = Probe::named;
+        let mut jobs: Vec<Job<'_>> = vec![(named("trace")?, &[]), (named("trace")?, &[])];
+        let checker = heap_checker();
+        let checked = [
+            ("LD_PRELOAD", checker.as_deref().and_then(Path::to_str).unwrap_or_default()),
+            ("GLIBC_TUNABLES", "glibc.malloc.check=3"),
+        ];
+        if !self.probes.is_quick {
+            jobs.push((named("trace")?, PATTERN));
+            jobs.push((named("trace-logging")?, &[]));
+            if checker.is_some() {
+                jobs.push((named("heap")?, &checked));
+            }
+        }
+        let outcomes = self.tests(&jobs)?;
+        let mut traces =
+            jobs.iter().zip(outcomes).map(|((probe, _), outcome)| outcome.trace(probe));
         let observed = run::observed(self.model, &self.task.ignored);
-        let (Some(expected), Some(again)) = (self.trace("trace", &[])?, self.trace("trace", &[])?)
-        else {
+        let (Some(Some(expected)), Some(Some(again))) = (traces.next(), traces.next()) else {
             return Ok(());
         };
         let how = ["in a second process", " as in the first"];
@@ -331,79 +389,86 @@ impl Checker<'_> {
             let text = format!("two equal runs differ: {}{others}", first.text);
             self.add(&REPRODUCIBLE, text);
         }
-        if self.probes.is_quick {
-            self.task.ignored.extend(volatile);
-            return Ok(());
-        }
-        self.check_heap()?;
         let logging = "with another instance name and logging";
-        for (probe, variables, rule, when) in [
-            ("trace", PATTERN, &INITIALISED, "when new memory is not zero"),
-            ("trace-logging", &[], &INDEPENDENT, logging),
-        ] {
-            if let Some(trace) = self.trace(probe, variables)? {
-                let differences = observed.differences(&trace, &expected, 0.0, [when, ""]);
-                let mut differences = differences.into_iter();
-                if let Some(first) = differences.find(|d| !rounded.contains(&d.variable.name)) {
-                    self.add(rule, first.text);
-                }
+        let how = [(&INITIALISED, "when new memory is not zero"), (&INDEPENDENT, logging)];
+        for (trace, (rule, when)) in traces.zip(how) {
+            let actual = trace.unwrap_or_default();
+            let differences = observed.differences(&actual, &expected, 0.0, [when, ""]);
+            let mut differences = differences.into_iter();
+            if let Some(first) = differences.find(|d| !rounded.contains(&d.variable.name)) {
+                self.add(rule, first.text);
             }
         }
         // Such as the time that the FMU has used, or addresses: they differ in all other tests, too.
         self.task.ignored.extend(volatile);
         if run::claims(self.element, run::ONLY_ONCE, self.model.version) {
-            self.task.usual = self.trace("trace", &[])?;
+            let trace = named("trace")?;
+            self.task.usual = self.test(trace)?.trace(trace);
         }
         Ok(())
     }
 
-    /// The rows of a short run; `None` if it failed, which is a finding of its own.
-    fn trace(&mut self, name: &str, variables: &[(&str, &str)]) -> Result<Option<Trajectory>> {
-        let probe = Probe::named(name)?;
-        let outcome = self.test(probe, variables)?;
-        Ok((!outcome.fails(probe)).then_some(outcome.rows))
+    /// Makes a test, and adds what it finds.
+    fn test(&mut self, probe: &'static Probe) -> Result<Outcome> {
+        let outcomes = self.tests(&[(probe, &[])])?;
+        Ok(outcomes.into_iter().next().unwrap_or_default())
     }
 
-    /// Runs with the allocator of glibc that checks the heap, where it is installed.
-    fn check_heap(&mut self) -> Result<()> {
-        const LIBRARY: &str = "libc_malloc_debug.so.0";
-        let own = format!("{}-linux-gnu", std::env::consts::ARCH);
-        let folders = ["/lib", "/lib64", "/usr/lib", "/usr/lib64"].map(Path::new);
-        let files = folders.iter().flat_map(|f| [f.join(LIBRARY), f.join(&own).join(LIBRARY)]);
-        if let Some(file) = files.into_iter().find(|file| file.is_file()) {
-            let variables = [
-                ("LD_PRELOAD", file.to_str().unwrap_or_default()),
-                ("GLIBC_TUNABLES", "glibc.malloc.check=3"),
-            ];
-            self.test(Probe::named("heap")?, &variables)?;
+    /// Makes tests, several at the same time, and adds what they find in their order.
+    fn tests(&mut self, jobs: &[Job<'_>]) -> Result<Vec<Outcome>> {
+        let (next, this) = (AtomicUsize::new(0), &*self);
+        let work = |worker| {
+            let mut outcomes = Vec::new();
+            loop {
+                let number = next.fetch_add(1, Relaxed);
+                match jobs.get(number) {
+                    Some(job) => outcomes.push((number, this.attempt(*job, worker))),
+                    None => return outcomes,
+                }
+            }
+        };
+        let mut outcomes = thread::scope(|scope| {
+            let others = 1..self.workers.min(jobs.len());
+            let others: Vec<_> = others.map(|worker| scope.spawn(move || work(worker))).collect();
+            let mut outcomes = work(0);
+            for thread in others {
+                outcomes.extend(thread.join().expect("the supervisor does not panic"));
+            }
+            outcomes
+        });
+        outcomes.sort_by_key(|(number, _)| *number);
+        let outcomes: Result<Vec<Outcome>> =
+            outcomes.into_iter().map(|(_, outcome)| outcome).collect();
+        let outcomes = outcomes?;
+        for ((probe, _), outcome) in jobs.iter().zip(&outcomes) {
+            self.left_out.extend(outcome.left_out.then_some(probe.name));
+            for (rule, text) in &outcome.found {
+                self.add(rule, text.clone());
+            }
         }
-        Ok(())
+        Ok(outcomes)
     }
 
-    /// Makes a test, with these environment variables, and adds what it finds.
-    fn test(&mut self, probe: &'static Probe, variables: &[(&str, &str)]) -> Result<Outcome> {
+    /// Makes a test, which is one of those that a worker makes.
+    fn attempt(&self, (probe, variables): Job<'_>, worker: usize) -> Result<Outcome> {
         if Instant::now() > self.deadline {
-            self.left_out.push(probe.name);
-            return Ok(Outcome::default());
+            return Ok(Outcome { left_out: true, ..Outcome::default() });
         }
         let mut task = Task {
             probe: probe.name.to_owned(),
             seconds: probe.seconds(self.task.seconds),
             ..self.task.clone()
         };
-        let mut outcome = self.process(probe, &task, variables)?;
+        let mut outcome = self.process(probe, &task, variables, worker)?;
         if !outcome.found.is_empty() && !outcome.has_message && !outcome.timed_out {
             // Once more, to quote what the FMU has to say.
             task.logging = true;
-            let second = self.process(probe, &task, variables)?;
+            let second = self.process(probe, &task, variables, worker)?;
             let rules =
                 |of: &Outcome| -> Vec<_> { of.found.iter().map(|(rule, _)| rule.id).collect() };
             if second.has_message && rules(&second) == rules(&outcome) {
                 outcome = second;
             }
-        }
-        for (rule, text) in &outcome.found {
-            self.add(rule, text.clone());
         }
         Ok(outcome)
     }
@@ -417,13 +482,21 @@ impl Checker<'_> {
     }
 
     /// Runs one test in a child process, with these environment variables.
-    fn process(&self, probe: &Probe, task: &Task, variables: &[(&str, &str)]) -> Result<Outcome> {
-        let printed = task.session.join("printed");
+    fn process(
+        &self,
+        probe: &Probe,
+        task: &Task,
+        variables: &[(&str, &str)],
+        worker: usize,
+    ) -> Result<Outcome> {
+        let printed = task.session.join(format!("printed-{worker}"));
+        let folder = task.session.join(WORK).join(worker.to_string());
+        fs::create_dir_all(&folder)?;
         let output = File::create(&printed)?;
         let mut command = Command::new(&self.probes.program);
         command
             .args(&self.probes.arguments)
-            .current_dir(task.session.join(WORK))
+            .current_dir(folder)
             .envs(variables.iter().copied())
             .stdout(output.try_clone()?)
             .stderr(output);
@@ -488,13 +561,14 @@ fn report_files(session: &Path, before: &Files, findings: &mut Findings) -> Resu
     const MAX_NAMES: usize = 5;
     let mut of_fmu = list(&session.join(FMU))?;
     of_fmu.retain(|path, content| before.get(path) != Some(content));
-    let written = list(&session.join(WORK))?;
+    // Each worker has a working directory of its own.
+    let mut written = Files::new();
+    for entry in fs::read_dir(session.join(WORK))? {
+        written.extend(list(&entry?.path())?);
+    }
     for (files, place) in [(of_fmu, "the folder of the FMU"), (written, "the working directory")] {
-        let name = |path: &PathBuf| {
-            let name = path.strip_prefix(session).unwrap_or(Path::new(""));
-            quote(&name.to_string_lossy())
-        };
-        let names: Vec<_> = files.keys().take(MAX_NAMES).map(name).collect();
+        let names = files.keys().take(MAX_NAMES).map(|path| quote(&path.to_string_lossy()));
+        let names: Vec<_> = names.collect();
         if !names.is_empty() {
             let (count, names) = (files.len(), names.join(", "));
             let text = format!("{count} files were written to {place}: {names}; expected none");
@@ -528,16 +602,19 @@ fn unfinished(now: &Moment, ended: &str) -> String {
     format!("{call}{stage} {how}{when}, expected it to return{logged}")
 }
 
+/// The files in a folder and its folders, by their paths in it.
 fn list(folder: &Path) -> Result<Files> {
     let mut files = Files::new();
     let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder)? {
+    while let Some(inner) = folders.pop() {
+        for entry in fs::read_dir(inner)? {
             let entry = entry?;
             match entry.metadata() {
                 Ok(data) if data.is_dir() => folders.push(entry.path()),
                 Ok(data) => {
-                    files.insert(entry.path(), (data.len(), data.modified().ok()));
+                    let path = entry.path();
+                    let name = path.strip_prefix(folder).unwrap_or(&path).to_owned();
+                    files.insert(name, (data.len(), data.modified().ok()));
                 }
                 // Removed meanwhile.
                 Err(_) => {}
