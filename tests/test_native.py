@@ -19,6 +19,7 @@ import fmpy
 import numpy as np
 import pyarrow.parquet
 import pytest
+from scipy.integrate import solve_ivp
 
 from native import (
     LOOPS,
@@ -38,6 +39,7 @@ from native import (
 from pendulum_fmus.loop import FREQUENCY, TS, Loop
 from pendulum_fmus.master import simulate as couple
 from pendulum_fmus.project import FMUS
+from reference import derivatives
 
 PID = LOOPS / "pid.toml"
 
@@ -271,6 +273,53 @@ def test_the_plant_by_model_exchange_equals_cvode(version, tmp_path):
     )  # fmt: skip
     for name in ("theta", "omega", "x", "v"):
         assert ours[name] == pytest.approx(cvode[name], abs=1e-6)
+
+
+FORCE = np.array([(0.05, 1), (0.25, 3), (0.37, 2), (0.37, -4), (0.6, 5), (0.6, 0), (1, 1)])
+"""Slopes and jumps between and at communication points."""
+
+
+def driven(fmu: Path, folder: Path, name: str, *options: str) -> dict[str, np.ndarray]:
+    """Run an FMU by model exchange in steps of 0.1 s, with an input from the table."""
+    np.savetxt(folder / "input.csv", FORCE, delimiter=",", header=f"time,{name}", comments="")
+    exchange = ("--interface=model-exchange", "--tolerance=1e-10", "--stop=1", "--step=0.1")
+    return simulate(fmu, folder, *exchange, "--input", folder / "input.csv", *options)
+
+
+@pytest.mark.parametrize("version", ["", "_fmi3"])
+def test_equations_follow_a_table_within_a_step_as_in_scipy(version, tmp_path):
+    options = ("--set=dynamics=nonlinear", "--set=theta0=0.1")
+    ours = driven(FMUS / f"Pendulum{version}.fmu", tmp_path, "u", *options)
+    expected, state = {0.0: np.array([0, 0, 0.1, 0])}, np.array([0, 0, 0.1, 0])
+    rows = np.vstack([(0, 1), FORCE])
+    for (t0, u0), (t1, u1) in itertools.pairwise(rows):
+        if t1 == t0:
+            continue
+        times = np.unique([t for t in [*ours["time"], t1] if t0 < t <= t1])
+        states = solve_ivp(
+            lambda t, y, *row: derivatives(y, np.interp(t, row[::2], row[1::2])),
+            (t0, t1), state, "DOP853", times, args=(t0, u0, t1, u1), rtol=1e-11, atol=1e-12,
+        ).y.T  # fmt: skip
+        expected |= dict(zip(times, states, strict=True))
+        state = states[-1]
+    states = np.array([expected[time] for time in ours["time"]]).T
+    for name, column in zip(("x", "v", "theta", "omega"), states, strict=True):
+        assert ours[name] == pytest.approx(column, abs=1e-7), name
+
+
+@pytest.mark.parametrize("version", ["", "_fmi3"])
+def test_samples_between_communication_points_have_the_inputs_of_a_table_as_in_fmpy(
+    version, tmp_path
+):
+    fmu = FMUS / f"Pid{version}.fmu"
+    ours = driven(fmu, tmp_path, "r")
+    points = np.array(list(map(tuple, FORCE)), dtype=[("time", float), ("r", float)])
+    expected = fmpy.simulate_fmu(
+        fmu, fmi_type="ModelExchange", stop_time=1.0, output_interval=0.1, record_events=False,
+        output=list(ours)[1:], input=points,
+    )  # fmt: skip
+    for name, column in ours.items():
+        assert column == pytest.approx(expected[name], rel=1e-9, abs=1e-9), name
 
 
 @pytest.mark.parametrize("version", ["", "_fmi3"])

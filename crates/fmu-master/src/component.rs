@@ -9,6 +9,7 @@ use fmu_host::{Cause, Instance, Kind, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
 use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
+use crate::input::Signals;
 use crate::plan::Planned;
 use crate::wiring::{Ports, Source, Store, Wired, number};
 use crate::{Failure, Fmu, Messages, Place};
@@ -25,7 +26,7 @@ pub(crate) struct Component<'a> {
     messages: Messages,
     calls: Calls,
     /// Present once a component of model exchange is initialized.
-    exchange: Option<Box<Exchange>>,
+    exchange: Option<Box<Exchange<'a>>>,
     functions: Functions,
     do_step: Option<Function>,
     ports: &'a [Ports],
@@ -124,10 +125,16 @@ impl<'a> Component<'a> {
     }
 
     /// Begins the integration after the initialization, if it is a component of model exchange.
-    pub(crate) fn begin(&mut self, tolerance: Option<f64>, start: f64, step: f64) -> Called {
+    pub(crate) fn begin(
+        &mut self,
+        signals: Option<Signals<'a>>,
+        tolerance: Option<f64>,
+        times: (f64, f64),
+    ) -> Called {
         if self.fmu.kind == Kind::ModelExchange {
             let (fmu, ports) = (self.fmu.clone(), self.ports);
-            let begun = Exchange::begin(&mut self.calling(), &fmu, ports, tolerance, (start, step));
+            let calling = &mut self.calling();
+            let begun = Exchange::begin(calling, &fmu, ports, signals, tolerance, times);
             let begun =
                 begun.map_err(|trouble| self.troubled(trouble, "first event".to_owned()))?;
             self.exchange = Some(Box::new(begun));
@@ -142,6 +149,7 @@ impl<'a> Component<'a> {
             functions: &self.functions,
             messages: &self.messages,
             name: self.name,
+            version: self.fmu.version,
         }
     }
 

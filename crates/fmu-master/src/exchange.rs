@@ -1,7 +1,7 @@
 //! Model exchange: the master integrates the equations of a component over each communication step, and
 //! handles its events.
 //!
-//! Inputs keep their values during a step. A component with an input that is not continuous is in its event mode
+//! Inputs keep their values during a step, unless they come from a table. A component with an input that is not continuous is in its event mode
 //! at each communication point, where such inputs may be set. An event at the end of a step waits for the inputs
 //! of that communication point, if they come from other components.
 
@@ -9,9 +9,10 @@ use std::fmt::Arguments;
 
 use dormand_prince::solver::{self, Events, MAX_EVENTS, Step, System, Workspace, too_many_events};
 use fmu_description::{FmiVersion, Variability};
-use fmu_host::{Cause, Instance, Status, Success};
+use fmu_host::{Cause, Instance, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
+use crate::input::Signals;
 use crate::wiring::Ports;
 use crate::{Fmu, Messages};
 
@@ -19,7 +20,7 @@ use crate::{Fmu, Messages};
 const TOLERANCE: f64 = 1e-6;
 
 /// A component of model exchange between two steps.
-pub(crate) struct Exchange {
+pub(crate) struct Exchange<'a> {
     workspace: Workspace,
     tolerance: f64,
     /// The longest internal step of a component with event indicators (s).
@@ -27,6 +28,7 @@ pub(crate) struct Exchange {
     nominals: Vec<f64>,
     derivatives: Vec<f64>,
     indicators: Vec<f64>,
+    signals: Option<Signals<'a>>,
     /// Whether an input comes from another component, and whether one is not continuous.
     is_fed: bool,
     is_discrete: bool,
@@ -44,6 +46,7 @@ pub(crate) struct Calling<'a> {
     pub(crate) functions: &'a Functions,
     pub(crate) messages: &'a Messages,
     pub(crate) name: &'a str,
+    pub(crate) version: FmiVersion,
 }
 
 /// What is called.
@@ -142,6 +145,20 @@ impl Calling<'_> {
         Ok(())
     }
 
+    /// Sets inputs of a table, before or after an event.
+    fn feed(&mut self, signals: &Signals<'_>, time: f64, after: bool) -> Result {
+        for (kind, reference, value) in signals.values(time, after) {
+            self.calls.begin(Function::of(self.version, &operation("set", kind)));
+            let set = self.instance.set_values(kind, &[reference], &[value]);
+            if let Success::Warning(function) =
+                set.map_err(|failure| Trouble::Call(failure, String::new()))?
+            {
+                self.messages.warn(self.name, function);
+            }
+        }
+        Ok(())
+    }
+
     /// The FMU has asked to end the simulation.
     fn terminated(&self, operation: Operation, time: f64) -> Trouble {
         let function = self.functions[operation as usize].and_then(Function::name);
@@ -168,12 +185,13 @@ impl Calling<'_> {
     }
 }
 
-impl Exchange {
+impl<'a> Exchange<'a> {
     /// Begins after the initialization, in event mode.
     pub(crate) fn begin(
         calling: &mut Calling<'_>,
         fmu: &Fmu,
         ports: &[Ports],
+        signals: Option<Signals<'a>>,
         tolerance: Option<f64>,
         (start, step): (f64, f64),
     ) -> Result<Self> {
@@ -212,12 +230,14 @@ impl Exchange {
             nominals,
             derivatives: vec![0.0; states],
             indicators: vec![0.0; indicators],
+            signals,
             is_fed: ports.iter().any(|p| p.sources.iter().any(|s| s.component.is_some())),
             is_discrete: inputs().any(is_discrete),
             next,
             handled: start,
             left: f64::INFINITY,
         };
+        exchange.signals.iter_mut().for_each(|signals| signals.begin(start));
         Equations { calling, exchange: &mut exchange }.evaluate_here(start)?;
         if exchange.is_discrete {
             calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
@@ -225,18 +245,24 @@ impl Exchange {
         Ok(exchange)
     }
 
+    /// Whether an input has values of another component or of a table.
+    fn has_inputs(&self) -> bool {
+        self.is_fed || self.signals.is_some()
+    }
+
     /// Integrates from one communication point to the next.
     pub(crate) fn step(&mut self, calling: &mut Calling<'_>, time: f64, size: f64) -> Result {
         let rounding = 1e-6 * size + 8.0 * f64::EPSILON * time.abs();
         let is_due = self.next.is_some_and(|next| next > self.handled && next <= time + rounding);
         self.left = if self.is_fed { time + size - rounding } else { f64::INFINITY };
+        self.signals.iter_mut().for_each(|signals| signals.begin(time));
         let (mut workspace, next) = (std::mem::take(&mut self.workspace), self.next);
         let mut equations = Equations { calling, exchange: self };
         if equations.exchange.is_discrete {
             equations.update(next.filter(|_| is_due).map_or(time, |next| next.max(time)))?;
         } else if let Some(next) = next.filter(|_| is_due) {
             equations.event(next.max(time))?;
-        } else if equations.exchange.is_fed && equations.has_crossed(time)? {
+        } else if equations.exchange.has_inputs() && equations.has_crossed(time)? {
             equations.event(time)?;
         }
         let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
@@ -259,12 +285,12 @@ impl Exchange {
 }
 
 /// The equations of a component, as the solver sees them.
-struct Equations<'a, 'b> {
+struct Equations<'a, 'b, 'c> {
     calling: &'a mut Calling<'b>,
-    exchange: &'a mut Exchange,
+    exchange: &'a mut Exchange<'c>,
 }
 
-impl Equations<'_, '_> {
+impl Equations<'_, '_, '_> {
     /// Evaluates the equations for the states that the FMU has.
     fn evaluate_here(&mut self, time: f64) -> Result<bool> {
         let mut states = vec![0.0; self.exchange.nominals.len()];
@@ -299,7 +325,7 @@ impl Equations<'_, '_> {
     }
 }
 
-impl System for Equations<'_, '_> {
+impl System for Equations<'_, '_, '_> {
     type Error = Trouble;
 
     fn nominal(&self, state: usize) -> f64 {
@@ -313,8 +339,11 @@ impl System for Equations<'_, '_> {
     fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool> {
         // The time of an event differs by rounding from that of the step in which it is.
         let time = time.max(self.exchange.handled);
-        let Exchange { derivatives, indicators, .. } = &mut *self.exchange;
+        let Exchange { derivatives, indicators, signals, .. } = &mut *self.exchange;
         self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
+        if let Some(signals) = signals {
+            self.calling.feed(signals, time, false)?;
+        }
         if !states.is_empty() {
             self.calling
                 .warned(Operation::SetStates, |instance| instance.set_continuous_states(states))?;
@@ -357,10 +386,16 @@ impl System for Equations<'_, '_> {
             self.calling.warned(Operation::SetTime, |instance| instance.set_time(time))?;
         }
         self.calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        if let Some(signals) = &mut self.exchange.signals {
+            self.calling.feed(signals, time, true)?;
+            signals.begin(time);
+        }
         self.update(time)
     }
 
     fn next_event(&self, _time: f64) -> Option<f64> {
-        self.exchange.next.filter(|next| *next < self.exchange.left)
+        let Exchange { next, signals, left, .. } = &*self.exchange;
+        let events = [*next, signals.as_ref().and_then(Signals::next)].into_iter().flatten();
+        events.reduce(f64::min).filter(|next| next < left)
     }
 }

@@ -10,7 +10,7 @@ use fmu_description::{Causality, Type, Value, Variability};
 use crate::plan::{Link, Planned, Port, port};
 use crate::table::{self, Column};
 use crate::wiring::{Store, number};
-use crate::{Place, plan};
+use crate::{Fmu, Place, plan};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
 /// interpolated linearly, and others keep their value; before the first and after the last row, all keep it.
@@ -106,21 +106,24 @@ impl Input {
 
     /// Writes the values of a time (s) to the places of the inputs.
     pub(crate) fn apply(&self, time: f64, places: &[Place], to: &mut Store) {
-        let (held, next) = self.rows(time);
+        let rows = self.rows(time);
         for (column, place) in self.columns.iter().zip(places) {
-            let value = match (column.interpolated, next) {
-                (Some(kind), Some(next)) => {
-                    let [t0, t1] = [next - 1, next].map(|row| self.times[row]);
-                    let [v0, v1] = [next - 1, next].map(|row| number(&column.values[row]));
-                    // As FMPy calculates it.
-                    let w0 = (t1 - time.max(t0)) / (t1 - t0);
-                    let value = w0 * v0 + (1.0 - w0) * v1;
-                    Value::real(kind, value).unwrap_or_else(|| column.values[held].clone())
-                }
-                _ => column.values[held].clone(),
-            };
-            to.set(*place, value);
+            to.set(*place, self.value(column, time, rows));
         }
+    }
+
+    /// The value of an input at a time (s) by [`Input::rows`].
+    fn value(&self, column: &Fed, time: f64, (held, next): (usize, Option<usize>)) -> Value {
+        if let (Some(kind), Some(next)) = (column.interpolated, next) {
+            let [t0, t1] = [next - 1, next].map(|row| self.times[row]);
+            let [v0, v1] = [next - 1, next].map(|row| number(&column.values[row]));
+            // As FMPy calculates it.
+            let w0 = (t1 - time.max(t0)) / (t1 - t0);
+            if let Some(value) = Value::real(kind, w0 * v0 + (1.0 - w0) * v1) {
+                return value;
+            }
+        }
+        column.values[held].clone()
     }
 
     /// The row whose values hold at a time, and the row up to which they are interpolated, unless they are
@@ -136,6 +139,72 @@ impl Input {
         }
         let is_between = next > 0 && next < times.len() && times[next - 1] < times[next];
         (after.saturating_sub(1), is_between.then_some(next))
+    }
+}
+
+/// The scalar inputs of a component of model exchange that have values from a table, during a step.
+pub(crate) struct Signals<'a> {
+    input: &'a Input,
+    /// Their columns, types and value references.
+    columns: Vec<(&'a Fed, Type, u32)>,
+    /// The row that holds since the last event, and the one of the next event: a jump, or a new value of an
+    /// input that is not interpolated.
+    held: usize,
+    next: usize,
+}
+
+impl<'a> Signals<'a> {
+    /// Those of a component, by its index, if there are any.
+    pub(crate) fn new(input: &'a Input, component: usize, fmu: &Fmu) -> Option<Self> {
+        let columns = input.columns.iter().filter_map(|column| {
+            let Port { component: fed, scalar } = column.port;
+            let is_own = fed == component && fmu.array(scalar).len() == 1;
+            is_own.then(|| (column, fmu.access(scalar), fmu.variable(scalar).reference))
+        });
+        let columns = Vec::from_iter(columns);
+        (!columns.is_empty()).then_some(Self { input, columns, held: 0, next: 0 })
+    }
+
+    /// Goes on from a communication point or an event (s).
+    pub(crate) fn begin(&mut self, time: f64) {
+        let times = &self.input.times;
+        self.held = self.input.rows(time).0;
+        let is_event = |row: &usize| {
+            let is_held = |fed: &&Fed| fed.interpolated.is_none();
+            let mut held = self.columns.iter().map(|(fed, ..)| *fed).filter(is_held);
+            times.get(row + 1) == Some(&times[*row])
+                || (*row > 0 && held.any(|fed| fed.values[*row] != fed.values[row - 1]))
+        };
+        let first = match time < times[0] {
+            true => 0,
+            false => self.held + 1,
+        };
+        self.next = (first..times.len()).find(is_event).unwrap_or(times.len());
+    }
+
+    /// The time of the next event (s).
+    pub(crate) fn next(&self) -> Option<f64> {
+        self.input.times.get(self.next).copied()
+    }
+
+    /// The types, value references and values at a time (s) before the next event, of the inputs that are
+    /// interpolated, or just after it, of all.
+    pub(crate) fn values(
+        &self,
+        time: f64,
+        after: bool,
+    ) -> impl Iterator<Item = (Type, u32, Value)> {
+        let times = &self.input.times;
+        let next = times.partition_point(|t| *t <= time).max(self.held + 1).min(self.next);
+        let rows = match after {
+            true => self.input.rows(time),
+            false => (next.saturating_sub(1), (1..times.len()).contains(&next).then_some(next)),
+        };
+        let columns =
+            self.columns.iter().filter(move |(fed, ..)| after || fed.interpolated.is_some());
+        columns.map(move |(fed, kind, reference)| {
+            (*kind, *reference, self.input.value(fed, time, rows))
+        })
     }
 }
 
@@ -156,5 +225,21 @@ mod tests {
         let smooth = input(&[0.0, 0.1 + 0.2, 0.5]);
         assert_eq!(smooth.rows(0.3), (1, Some(1)));
         assert_eq!(smooth.rows(0.1 + 0.2), (1, Some(2)));
+    }
+
+    #[test]
+    fn new_values_of_inputs_that_are_held_are_events() {
+        let port = Port { component: 0, scalar: 0 };
+        let values = [0, 0, 7, 7].map(Value::Int32).to_vec();
+        let columns = vec![Fed { port, interpolated: None, values }];
+        let input = Input { times: vec![0.5, 1.0, 1.5, 2.0], columns };
+        let columns = vec![(&input.columns[0], Type::Int32, 3)];
+        let mut signals = Signals { input: &input, columns, held: 0, next: 0 };
+        for (time, next) in [(0.0, Some(1.5)), (1.0, Some(1.5)), (1.5, None)] {
+            signals.begin(time);
+            assert_eq!(signals.next(), next, "at {time} s");
+        }
+        assert_eq!(signals.values(1.5, false).count(), 0);
+        assert_eq!(signals.values(1.5, true).next(), Some((Type::Int32, 3, Value::Int32(7))));
     }
 }

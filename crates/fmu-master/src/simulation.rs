@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::component::{Called, Component, propagate};
 use crate::fault::Line;
+use crate::input::Signals;
 use crate::plan::Planned;
 use crate::table::Column;
 use crate::wiring::{Store, number, places};
@@ -165,9 +166,11 @@ impl Simulation<'_> {
             )
         });
         let begun = exited.and_then(|()| {
-            let mut components = self.components.iter_mut().zip(&plan.components);
-            components.try_for_each(|(component, planned)| {
-                component.begin(planned.tolerance, start, plan.experiment.step)
+            let components = self.components.iter_mut().zip(&plan.components);
+            components.enumerate().try_for_each(|(index, (component, planned))| {
+                let input = plan.input.as_ref();
+                let signals = input.and_then(|input| Signals::new(input, index, &planned.fmu));
+                component.begin(signals, planned.tolerance, (start, plan.experiment.step))
             })
         });
         begun.map_err(|failure| failure.at(start))
