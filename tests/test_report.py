@@ -4,6 +4,7 @@ import csv
 import functools
 import math
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -301,6 +302,21 @@ def test_errors_say_what_to_do(fmus, tmp_path, monkeypatch, capfd):
 
 
 # --- files --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("module", "missing", "extra"),
+    [("report", "jinja2", "report"), ("report", "matplotlib", "report"), ("sweep", "dask", "dask")],
+)
+def test_a_missing_extra_says_what_to_install(module, missing, extra):
+    program = (
+        f"import runpy, sys; sys.modules['{missing}'] = None;"
+        f"runpy.run_module('pendulum_fmus.{module}', run_name='__main__')"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()
+    assert re.fullmatch(rf"error: {missing} is missing; `pip install '.*\[{extra}\]'` .*", line)
 
 
 def test_every_figure_of_the_paper_is_drawn_described_and_captioned(page, report_folder):

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 
 from . import loop, table1
+from .project import extra
 
 NEXT = """
 Next:
@@ -22,7 +23,8 @@ def run(options: argparse.Namespace) -> bool:
         # It imports Matplotlib while other processes simulate
         printed = background.submit(import_module, ".report.printed", __package__)
         results, all_hold = table1.run(options.fmus)
-    paths = printed.result().write_overview(results, options.out)
+    with extra("plot"):
+        paths = printed.result().write_overview(results, options.out)
     print("\nwrote", *paths, sep="\n  ")
     print(NEXT)
     return all_hold

@@ -1,5 +1,8 @@
 """Paths of the project; of the current folder, if the package is installed without its sources."""
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _sources = Path(__file__).resolve().parents[2]
@@ -17,3 +20,13 @@ REPORT = ROOT / "target" / "report"
 
 PROGRAM = ROOT / "target" / "debug" / "cargo-fmu"
 """The command line with the native master, built by `make fmus`."""
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Say how to install an extra, and exit, if one of its modules is missing."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        where = f"'{ROOT}[{name}]'" if ROOT is _sources else f"'pendulum-fmus[{name}]'"
+        sys.exit(f"error: {error.name} is missing; `pip install {where}` installs it")

@@ -33,12 +33,14 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from subprocess import PIPE, Popen
 
-import dask
-from dask.distributed import Client, KilledWorker, as_completed, get_worker
-from distributed.comm import CommClosedError
 from tqdm import tqdm
 
-from pendulum_fmus.project import PROGRAM
+from pendulum_fmus.project import PROGRAM, extra
+
+with extra("dask"):
+    import dask
+    from dask.distributed import Client, KilledWorker, as_completed, get_worker
+    from distributed.comm import CommClosedError
 
 PROG = "python -m pendulum_fmus.sweep"
 

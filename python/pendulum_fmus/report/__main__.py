@@ -8,9 +8,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import loop, table1
-from . import page, printed, traps
-from .runs import Data, lasting_loops, paper_loops, simulate_all
-from .statements import beyond_part, headline, paper_parts, texts
+from ..project import extra
+
+with extra("report"):
+    from . import page, printed, traps
+    from .runs import Data, lasting_loops, paper_loops, simulate_all
+    from .statements import beyond_part, headline, paper_parts, texts
 
 
 def run(options: argparse.Namespace) -> bool:
