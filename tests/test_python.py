@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fmu_master import FmuError, System, simulate
+from fmu_master import FmuError, Instance, System, simulate
 from native import LOOPS
 from native import simulate as by_command_line
 from test_crashes import FAULTS, faulty
@@ -83,3 +83,75 @@ def test_what_does_not_fit_is_named(fmus):
     ):
         with pytest.raises(FmuError, match=message):
             simulate(PENDULUM, **options)
+
+
+@pytest.fixture(params=[False, True], ids=["child", "in_process"])
+def plant(fmus, request):
+    """Return a pendulum that is stepped by hand."""
+    with Instance(PENDULUM, start_values={"theta0": 0.1}, in_process=request.param) as plant:
+        yield plant
+
+
+def test_steps_by_hand_have_the_bits_of_a_run(plant):
+    step, count, force = 1e-3, 200, 2.0
+    expected = simulate(
+        PENDULUM,
+        stop_time=step * count,
+        step_size=step,
+        start_values={"theta0": 0.1},
+        input={"u": lambda t: force},
+    )
+    rows = [plant.get(["theta", "x"])]
+    plant.set("u", force)
+    for _ in range(count):
+        plant.step(step)
+        rows.append(plant.get(["theta", "x"]))
+    assert plant.time == pytest.approx(step * count)
+    columns = np.array(rows).T
+    np.testing.assert_array_equal(columns[0], expected["theta"])
+    np.testing.assert_array_equal(columns[1], expected["x"])
+
+
+def test_a_restored_state_repeats_the_same_steps(plant):
+    plant.step(0.05)
+    state, time = plant.save(), plant.time
+
+    def steps() -> list[float]:
+        plant.restore(state)
+        assert plant.time == time
+        plant.step(0.05)
+        return plant.get(["theta", "omega", "x", "v"]).tolist()
+
+    assert steps() == steps()
+    assert plant.variables["theta"].unit == "rad"
+    assert plant.variables["M"].start == 1.096
+
+
+def test_model_exchange_gives_states_and_derivatives_of_the_linear_pendulum(fmus):
+    """The equations of a cart with an inverted pendulum, linearized, with the paper's numbers."""
+    M, m, length, g, inertia, b = 1.096, 0.109, 0.25, 9.8, 0.0034, 0.1
+    moment, torque = inertia + m * length**2, m * length
+    q = (M + m) * moment - torque**2
+    theta, omega, v, u = 0.1, 0.2, 0.3, 2.0
+    force = u - b * v
+    alpha = ((M + m) * torque * g * theta + torque * force) / q
+    a = (moment * force + torque**2 * g * theta) / q
+    with Instance(PENDULUM, "model-exchange", in_process=True) as plant:
+        plant.set("u", u)
+        names = ["theta", "omega", "x", "v"]
+        plant.continuous_states = [theta, omega, 0.0, v]
+        assert plant.get(names).tolist() == plant.continuous_states.tolist()
+        np.testing.assert_allclose(plant.derivatives(), [omega, alpha, v, a], rtol=1e-9)
+
+
+def test_a_crash_of_an_instance_is_an_exception(faulty):
+    start = {"fault": FAULTS.index("CRASH"), "at": 0.5}
+    with Instance(faulty, start_values=start) as instance:
+        instance.step(0.25)
+        instance.step(0.25)
+        with pytest.raises(FmuError, match=r"signal 11") as caught:
+            instance.step(0.25)
+        assert (caught.value.component, caught.value.function) == ("Faulty", "fmi2DoStep")
+        assert caught.value.time == 0.5
+        with pytest.raises(FmuError, match="was freed"):
+            instance.step(0.25)

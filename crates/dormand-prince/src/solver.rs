@@ -109,7 +109,7 @@ pub struct Advanced {
 }
 
 /// The memory for a step.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Workspace {
     /// The states at the start of an internal step.
     states: Vec<f64>,

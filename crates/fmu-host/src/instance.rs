@@ -155,6 +155,8 @@ pub struct Instance {
     callbacks: Option<*mut fmi2CallbackFunctions>,
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
     experiment: Experiment,
+    /// Whether a state was saved, so that a step must not say that none will be restored.
+    is_saved: bool,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
     strings: Vec<Vec<u8>>,
     _registered: Registered,
@@ -170,6 +172,9 @@ type Experiment = ((bool, f64), f64, (bool, f64));
 /// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
 #[repr(transparent)]
 pub struct State(*mut c_void);
+
+// SAFETY: only the functions of the instance use the pointer, which any thread may call, as for `Instance`.
+unsafe impl Send for State {}
 
 impl From<&State> for *mut c_void {
     fn from(state: &State) -> Self {
@@ -350,6 +355,7 @@ impl Instance {
             version: library.version(),
             callbacks: (library.version() == Version::Fmi2).then(callbacks),
             experiment: Experiment::default(),
+            is_saved: false,
             strings: Default::default(),
             _registered: registered,
         }
@@ -545,6 +551,7 @@ impl Instance {
 
     /// `fmi2GetFMUstate`, `fmi3GetFMUState` with a state that exists, which the FMU overwrites.
     pub fn save_to(&mut self, state: &mut State) -> Result {
+        self.is_saved = true;
         call!(both self.get_fmu_state(state))
     }
 
@@ -591,19 +598,22 @@ impl Instance {
         Ok(state)
     }
 
-    /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true. A step that ends early or
-    /// asks to end the simulation has failed.
+    /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true unless a state was saved. A step
+    /// that ends early or asks to end the simulation has failed.
     #[inline(always)]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         match self.version {
-            Version::Fmi2 => Fmi2(self).do_step(time, step, true),
+            Version::Fmi2 => {
+                let no_set_state = !self.is_saved;
+                Fmi2(self).do_step(time, step, no_set_state)
+            }
             Version::Fmi3 => self.step_to_the_end(time, step),
         }
     }
 
     #[inline(never)]
     fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
-        let (done, stepped) = self.step(time, step, true)?;
+        let (done, stepped) = self.step(time, step, !self.is_saved)?;
         let cause = match stepped {
             Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
             Stepped { early_return: true, .. } => {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use anyhow::Result;
-use fmu_description::Value;
+use fmu_description::{Causality, Value};
 use fmu_host::{Cause, Instance, Kind, Status, Success, operation};
 use fmu_worker::{Calls, Function};
 
@@ -19,14 +19,14 @@ pub(crate) type Called<T = ()> = Result<T, Box<Failure>>;
 
 /// A component and what is transferred from and to it.
 pub(crate) struct Component<'a> {
-    name: &'a str,
+    name: String,
     /// Must be dropped before the FMU, which removes its files.
-    instance: Instance,
+    pub(crate) instance: Instance,
     pub(crate) fmu: Arc<Fmu>,
     messages: Messages,
     calls: Calls,
     /// Present once a component of model exchange is initialized.
-    exchange: Option<Box<Exchange<'a>>>,
+    pub(crate) exchange: Option<Box<Exchange<'a>>>,
     functions: Functions,
     do_step: Option<Function>,
     ports: &'a [Ports],
@@ -41,7 +41,7 @@ impl<'a> Component<'a> {
     /// the scalars.
     pub(crate) fn new(
         index: usize,
-        planned: &'a Planned,
+        planned: &Planned,
         ports: &'a [Ports],
         starts: &BTreeMap<usize, &Value>,
         messages: &Messages,
@@ -50,7 +50,7 @@ impl<'a> Component<'a> {
         let mut inputs = ports.iter().map(|ports| initial(&ports.inputs, fmu, starts));
         let reals = inputs.next().unwrap_or_default();
         Ok(Self {
-            name,
+            name: name.clone(),
             instance: fmu.instantiate(index, name, messages)?,
             messages: messages.clone(),
             calls: messages.record().calls(index),
@@ -76,6 +76,52 @@ impl<'a> Component<'a> {
         self.explain(outcome, || what.to_owned())
     }
 
+    /// Sets up the experiment from the start to the stop time (s), and sets start values.
+    pub(crate) fn set_up(
+        &mut self,
+        (start, stop): (f64, Option<f64>),
+        tolerance: Option<f64>,
+        starts: BTreeMap<usize, &Value>,
+    ) -> Called {
+        self.call("setup_experiment", "set-up of the experiment", |instance| {
+            instance.setup_experiment(start, stop, tolerance)
+        })?;
+        let fmu = self.fmu.clone();
+        let (sizes, starts): (BTreeMap<_, _>, _) = (starts.into_iter()).partition(|(index, _)| {
+            fmu.variable(*index).causality == Causality::StructuralParameter
+        });
+        if !sizes.is_empty() {
+            self.call(
+                "enter_configuration_mode",
+                "start of the configuration",
+                Instance::enter_configuration_mode,
+            )?;
+            self.start(&sizes)?;
+            self.call(
+                "exit_configuration_mode",
+                "end of the configuration",
+                Instance::exit_configuration_mode,
+            )?;
+        }
+        self.start(&starts)
+    }
+
+    pub(crate) fn enter_initialization(&mut self) -> Called {
+        self.call(
+            "enter_initialization_mode",
+            "start of the initialization",
+            Instance::enter_initialization_mode,
+        )
+    }
+
+    pub(crate) fn exit_initialization(&mut self) -> Called {
+        self.call(
+            "exit_initialization_mode",
+            "end of the initialization",
+            Instance::exit_initialization_mode,
+        )
+    }
+
     /// Handles a warning or an error of a call.
     #[cold]
     #[inline(never)]
@@ -83,7 +129,7 @@ impl<'a> Component<'a> {
         let failure = match outcome {
             Ok(Success::Ok) => return Ok(()),
             Ok(Success::Warning(function)) => {
-                self.messages.warn(self.name, function);
+                self.messages.warn(&self.name, function);
                 return Ok(());
             }
             Err(failure) => failure,
@@ -93,7 +139,7 @@ impl<'a> Component<'a> {
 
     fn failure(&self, failure: fmu_host::Failure, what: String) -> Box<Failure> {
         Box::new(Failure {
-            component: self.name.to_owned(),
+            component: self.name.clone(),
             fmu: self.fmu.file_name(),
             function: failure.function,
             what,
@@ -142,26 +188,26 @@ impl<'a> Component<'a> {
         Ok(())
     }
 
-    fn calling(&mut self) -> Calling<'_> {
+    pub(crate) fn calling(&mut self) -> Calling<'_> {
         Calling {
             instance: &mut self.instance,
             calls: &mut self.calls,
             functions: &self.functions,
             messages: &self.messages,
-            name: self.name,
+            name: &self.name,
             version: self.fmu.version,
         }
     }
 
     /// The failure of an integration.
     #[cold]
-    fn troubled(&mut self, trouble: Trouble, what: String) -> Box<Failure> {
+    pub(crate) fn troubled(&mut self, trouble: Trouble, what: String) -> Box<Failure> {
         let (failure, what) = match trouble {
             Trouble::Call(failure, place) if place.is_empty() => (failure, what),
             Trouble::Call(failure, place) => (failure, format!("{what}, {place}")),
             Trouble::Equations { reason, .. } => {
                 return Box::new(Failure {
-                    component: self.name.to_owned(),
+                    component: self.name.clone(),
                     fmu: self.fmu.file_name(),
                     function: "",
                     what,

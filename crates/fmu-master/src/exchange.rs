@@ -20,6 +20,7 @@ use crate::{Fmu, Messages};
 const TOLERANCE: f64 = 1e-6;
 
 /// A component of model exchange between two steps.
+#[derive(Clone)]
 pub(crate) struct Exchange<'a> {
     workspace: Workspace,
     tolerance: f64,
@@ -30,7 +31,7 @@ pub(crate) struct Exchange<'a> {
     indicators: Vec<f64>,
     signals: Option<Signals<'a>>,
     /// Whether an input comes from another component, and whether one is not continuous.
-    is_fed: bool,
+    pub(crate) is_fed: bool,
     is_discrete: bool,
     /// The next time event, the time until which events are handled, and the time from which they are left to
     /// the next step (s).
@@ -248,6 +249,25 @@ impl<'a> Exchange<'a> {
     /// Whether an input has values of another component or of a table.
     fn has_inputs(&self) -> bool {
         self.is_fed || self.signals.is_some()
+    }
+
+    /// Sets something in event mode, which may change discrete states.
+    pub(crate) fn at_event(
+        &mut self,
+        calling: &mut Calling<'_>,
+        time: f64,
+        set: impl FnOnce(&mut Instance) -> fmu_host::Result,
+    ) -> Result {
+        calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
+        calling.warned(Operation::Update, set)?;
+        self.next = calling.update(time)?;
+        self.handled = time;
+        Ok(())
+    }
+
+    /// The number of continuous states.
+    pub(crate) fn states(&self) -> usize {
+        self.nominals.len()
     }
 
     /// Integrates from one communication point to the next.

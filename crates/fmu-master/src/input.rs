@@ -143,6 +143,7 @@ impl Input {
 }
 
 /// The scalar inputs of a component of model exchange that have values from a table, during a step.
+#[derive(Clone)]
 pub(crate) struct Signals<'a> {
     input: &'a Input,
     /// Their columns, types and value references.

@@ -48,6 +48,7 @@ mod plan;
 mod random;
 pub mod run;
 mod simulation;
+pub mod single;
 pub mod ssp;
 mod summary;
 pub mod sweep;

@@ -140,6 +140,12 @@ impl Failed {
         let call = error.downcast_ref().map(Failure::call);
         Self { messages, text: format!("{error:#}"), call }
     }
+
+    /// The end of a worker process, in a call of one of these components with their files.
+    pub fn crashed(worker: &Worker, components: &[(String, String)], ended: Ended) -> Self {
+        let Crash { text, call, .. } = Crash::new(worker, components, &ended.to_string());
+        Self { messages: Vec::new(), text, call }
+    }
 }
 
 /// A run that has reached its end.
@@ -187,9 +193,9 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 return Ok(match cancelled {
                     Some(when) => Outcome::Cancelled(when + &rows),
                     None => {
-                        let crash = Crash::new(&worker, &components, &ended.to_string());
-                        let text = crash.text + &rows;
-                        Outcome::Failed(Failed { messages: Vec::new(), text, call: crash.call })
+                        let mut failed = Failed::crashed(&worker, &components, ended);
+                        failed.text += &rows;
+                        Outcome::Failed(failed)
                     }
                 });
             }

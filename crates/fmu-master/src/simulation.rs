@@ -1,9 +1,7 @@
 //! One run of a system.
 
-use std::collections::BTreeMap;
-
 use anyhow::Result;
-use fmu_description::{Causality, Type, Value};
+use fmu_description::{Type, Value};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
 
@@ -129,42 +127,12 @@ impl Simulation<'_> {
         self.feed(start);
         for (index, component) in self.components.iter_mut().enumerate() {
             let tolerance = plan.components[index].tolerance;
-            component.call("setup_experiment", "set-up of the experiment", |instance| {
-                instance.setup_experiment(start, Some(end), tolerance)
-            })?;
-            let fmu = component.fmu.clone();
-            let (sizes, starts): (BTreeMap<_, _>, _) = (plan.starts(index, starts).into_iter())
-                .partition(|(index, _)| {
-                    fmu.variable(*index).causality == Causality::StructuralParameter
-                });
-            if !sizes.is_empty() {
-                component.call(
-                    "enter_configuration_mode",
-                    "start of the configuration",
-                    Instance::enter_configuration_mode,
-                )?;
-                component.start(&sizes)?;
-                component.call(
-                    "exit_configuration_mode",
-                    "end of the configuration",
-                    Instance::exit_configuration_mode,
-                )?;
-            }
-            component.start(&starts)?;
+            component.set_up((start, Some(end)), tolerance, plan.starts(index, starts))?;
         }
-        let entered = self.call_all(
-            "enter_initialization_mode",
-            "start of the initialization",
-            Instance::enter_initialization_mode,
-        );
+        let entered = self.components.iter_mut().try_for_each(Component::enter_initialization);
         let propagated = entered.and_then(|()| self.propagate());
-        let exited = propagated.and_then(|()| {
-            self.call_all(
-                "exit_initialization_mode",
-                "end of the initialization",
-                Instance::exit_initialization_mode,
-            )
-        });
+        let exited = propagated
+            .and_then(|()| self.components.iter_mut().try_for_each(Component::exit_initialization));
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&plan.components);
             components.enumerate().try_for_each(|(index, (component, planned))| {

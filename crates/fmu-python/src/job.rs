@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
+use fmu_master::single::{self, Setup};
 use fmu_master::{Changes, Description, Interface, Order, Plan, Start, is_fmu, locate, run};
 use fmu_worker::Service;
 use pyo3::prelude::*;
@@ -13,6 +14,8 @@ use serde::{Deserialize, Serialize};
 pub enum Job {
     /// A run.
     Run(System),
+    /// An FMU that is stepped by hand.
+    Single(Setup),
 }
 
 /// Does the job that another process sends.
@@ -23,6 +26,7 @@ pub fn work(service: &mut Service) -> Result<()> {
     match service.task()? {
         None => Ok(()),
         Some(Job::Run(system)) => run::work(service, true, || system.plan()),
+        Some(Job::Single(setup)) => single::work(service, &setup),
     }
 }
 

@@ -5,6 +5,7 @@
 mod columns;
 mod job;
 mod run;
+mod single;
 
 use pyo3::prelude::*;
 
@@ -20,6 +21,9 @@ mod _native {
 
     #[pymodule_export]
     use super::run::{run, times};
+
+    #[pymodule_export]
+    use super::single::Instance;
 
     use super::job;
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
 use fmu_master::run::{Failed, Outcome, Watch, supervise};
-use fmu_master::{Column, Experiment, Message, Messages};
+use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ use crate::columns::Columns;
 use crate::job::{Given, Job, System};
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
-const PERIOD: Duration = Duration::from_millis(50);
+pub const PERIOD: Duration = Duration::from_millis(50);
 /// Rows between looks at the clock, in this process.
 const ROWS: usize = 256;
 /// Time limit of each call of an FMU.
@@ -49,13 +49,9 @@ pub fn run<'py>(
     let done = py.detach(|| {
         let system = System::try_from(system).map_err(error)?;
         let host = Host { progress, looked: Cell::new(Instant::now()), raised: RefCell::default() };
-        let done = match program.split_first() {
-            Some((program, arguments)) => {
-                let mut command = Command::new(program);
-                command.args(arguments);
-                in_worker(system, command, &host)
-            }
-            None => in_this_process(&system, &host),
+        let done = match program.is_empty() {
+            false => in_worker(system, &program, &host),
+            true => in_this_process(&system, &host),
         };
         match host.raised.take() {
             Some(raised) => Err(raised),
@@ -86,8 +82,18 @@ pub fn times(py: Python<'_>, system: Given) -> PyResult<(f64, f64, f64)> {
     Ok((start, stop, step))
 }
 
-fn error(error: anyhow::Error) -> PyErr {
-    PyRuntimeError::new_err(format!("{error:#}"))
+pub fn error(error: anyhow::Error) -> PyErr {
+    raised(Failed::new(Vec::new(), &error))
+}
+
+/// An exception whose arguments are those of `FmuError`.
+pub fn raised(failed: Failed) -> PyErr {
+    match failed.call {
+        None => PyRuntimeError::new_err(failed.text),
+        Some(Call { component, function, time }) => {
+            PyRuntimeError::new_err((failed.text, component, function, time))
+        }
+    }
 }
 
 /// Python, during a run without its lock.
@@ -116,17 +122,28 @@ impl Host {
     }
 }
 
-/// Runs a system in a worker process.
-fn in_worker(system: System, mut command: Command, host: &Host) -> Result<Done> {
-    let session = Session::without_signals()?;
+/// Starts a worker process for a job by a command. The folder of the session must outlive it.
+///
+/// # Errors
+/// The process cannot be started.
+pub fn start(session: &Session, program: &[OsString], job: &Job) -> Result<Worker> {
     let limits = Limits {
         call: Some(CALL),
         memory: available_memory().map(|bytes| bytes / 10 * 9),
         ..Limits::default()
     };
-    let mut worker = Worker::start(&mut command, session.folder(), limits)
-        .context("cannot start a worker process")?;
-    worker.send(&Job::Run(system));
+    let mut command = Command::new(&program[0]);
+    command.args(&program[1..]);
+    let worker = Worker::start(&mut command, session.folder(), limits);
+    let mut worker = worker.context("cannot start a worker process")?;
+    worker.send(job);
+    Ok(worker)
+}
+
+/// Runs a system in a worker process.
+fn in_worker(system: System, program: &[OsString], host: &Host) -> Result<Done> {
+    let session = Session::without_signals()?;
+    let worker = start(&session, program, &Job::Run(system))?;
     let rows = RefCell::new(Columns::default());
     let (columns, warnings) = (RefCell::<Vec<Column>>::default(), RefCell::new(Vec::new()));
     let times = Cell::new(None);

@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use fmu_host::Origin;
 use serde::Serialize;
@@ -60,8 +60,12 @@ impl Service {
     /// # Errors
     /// The task is of another type.
     pub fn task<T: DeserializeOwned>(&mut self) -> io::Result<Option<T>> {
+        let begin = Instant::now();
         while !self.tasks.receive() {
-            thread::sleep(PERIOD);
+            match begin.elapsed() < PERIOD {
+                true => thread::yield_now(),
+                false => thread::sleep(PERIOD),
+            }
         }
         decode(&self.tasks.message)
     }

@@ -6,27 +6,31 @@
     result["u"]  # a NumPy array
     result.plot()
 
-`simulate` runs one FMU or a system file, `System` couples FMUs. Their binaries run in a process of
-their own: if one crashes, `FmuError` says where.
+`simulate` runs one FMU or a system file, `System` couples FMUs, `Instance` steps one by hand. Their
+binaries run in a process of their own: if one crashes, `FmuError` says where.
 """
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .instance import Instance, State, Variable
     from .result import FmuError, Message, Result
     from .system import System, simulate
 
 _MODULES = {
     "FmuError": "result",
+    "Instance": "instance",
     "Message": "result",
     "Result": "result",
+    "State": "instance",
     "System": "system",
+    "Variable": "instance",
     "simulate": "system",
 }
 """The modules of the names, which are imported on first use: the command line needs no NumPy."""
 
-__all__ = ["FmuError", "Message", "Result", "System", "simulate"]
+__all__ = ["FmuError", "Instance", "Message", "Result", "State", "System", "Variable", "simulate"]
 
 
 def __getattr__(name: str) -> Any:

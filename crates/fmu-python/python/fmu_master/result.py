@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -38,6 +38,14 @@ class FmuError(RuntimeError):
         super().__init__(text)
         self.component, self.function, self.time = component, function, time
         self.result = result
+
+
+def called(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a native function, whose errors are those of FMUs."""
+    try:
+        return function(*arguments)
+    except RuntimeError as error:
+        raise FmuError(*error.args) from None
 
 
 class Message(NamedTuple):

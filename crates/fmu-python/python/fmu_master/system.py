@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
-from .result import FmuError, Result
+from .result import FmuError, Result, called
 
 Input = Any
 """Inputs over time: a structured array, a mapping from names to arrays, or a data frame, with
@@ -129,14 +129,14 @@ class System:
             "outputs": list(output or ()),
             "input": None,
             "interface": interface,
-            "sets": _texts(start_values or {}),
+            "sets": texts(start_values or {}),
         }
         program = [] if in_process else WORKER
         with contextlib.ExitStack() as stack:
             if input is not None:
                 given["input"] = stack.enter_context(_input_file(input, given))
             shown = stack.enter_context(_progress()) if progress else None
-            done = _called(_native.run, given, program, shown)
+            done = called(_native.run, given, program, shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
         fault = done.pop("fault")
@@ -184,14 +184,6 @@ def simulate(
     )
 
 
-def _called(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a native function, whose errors are those of FMUs."""
-    try:
-        return function(*arguments)
-    except RuntimeError as error:
-        raise FmuError(str(error)) from None
-
-
 def _read(file: Path) -> str:
     return file.read_text(encoding="utf-8")
 
@@ -210,7 +202,7 @@ def _normal(description: Mapping[str, Any]) -> dict[str, Any]:
     normal["connections"] = [" -> ".join(p) if isinstance(p, tuple | list) else p for p in pairs]
     for table in normal.get("component", ()):
         if "start" in table:
-            table["start"] = dict(_elements(table["start"]))
+            table["start"] = dict(elements(table["start"]))
     return normal
 
 
@@ -233,7 +225,7 @@ def _toml(value: Any) -> str:
     raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
 
 
-def _elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Return start values by name; those of arrays by the names of the elements."""
     for name, value in values.items():
         if np.ndim(value) == 0:
@@ -243,9 +235,9 @@ def _elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
 
 
-def _texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+def texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return start values as texts."""
-    pairs = _elements(values)
+    pairs = elements(values)
     return [(n, v if isinstance(v, str) else _toml(v)) for n, v in pairs]
 
 
@@ -256,7 +248,7 @@ def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
     names = list(dtype.names if dtype else getattr(given, "columns", given))
     functions = [name for name in names if callable(given[name])]
     if functions:
-        start, stop, step = _called(_native.times, system)
+        start, stop, step = called(_native.times, system)
         count = int((stop - start) / step + 1e-6) + 2
         time = start + np.arange(count) * step
         columns = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}

@@ -1,0 +1,446 @@
+//! One FMU that its user steps by hand: in this process, or in a worker process that answers what it is asked.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use fmu_description::{Causality, Type, Value, Variability, Variable};
+use fmu_host::{Instance, State, operation};
+use fmu_worker::{Record, Service};
+use serde::{Deserialize, Serialize};
+
+use crate::component::{Called, Component};
+use crate::exchange::Exchange;
+use crate::plan::Planned;
+use crate::run::Failed;
+use crate::{Description, Interface, Messages, Plan, Written};
+
+/// Which FMU to step, and how.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Setup {
+    /// The file.
+    pub file: PathBuf,
+    /// How it is run; by default by co-simulation, if it supports that.
+    pub interface: Option<Interface>,
+    /// The start time (s).
+    pub start: f64,
+    /// The relative tolerance.
+    pub tolerance: Option<f64>,
+    /// Values of structural parameters, which are sizes of arrays.
+    pub sizes: Vec<(String, String)>,
+}
+
+/// What an FMU is asked to do. Variables are scalars or elements, by their numbers in [`Names`].
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum Ask {
+    /// To initialize itself, with these start values.
+    Initialize(Vec<(usize, Value)>),
+    /// To step by this time (s).
+    Step(f64),
+    /// To get values.
+    Get(Vec<usize>),
+    /// To set values.
+    Set(Vec<(usize, Value)>),
+    /// To save its state.
+    Save,
+    /// To restore a state.
+    Restore(u64),
+    /// To free a state.
+    Forget(u64),
+    /// To get the continuous states, in model exchange.
+    States,
+    /// To set them.
+    SetStates(Vec<f64>),
+    /// To get their derivatives.
+    Derivatives,
+    /// To get the directional derivative of unknowns with respect to knowns, for a seed.
+    Directional(Vec<usize>, Vec<usize>, Vec<f64>),
+}
+
+/// What an FMU answers.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum Answer {
+    /// It has done it, and has reached this time (s).
+    Time(f64),
+    /// The values of variables.
+    Values(Vec<Value>),
+    /// Numbers of the type Float64.
+    Numbers(Vec<f64>),
+    /// The number of a saved state.
+    Saved(u64),
+}
+
+/// The variables of an FMU. It is read, but not loaded.
+pub struct Names(Planned);
+
+impl Names {
+    /// Reads an FMU.
+    ///
+    /// # Errors
+    /// The file is not a valid FMU with this interface and a binary for this machine.
+    pub fn open(setup: &Setup) -> Result<Self> {
+        let mut description = Description::of_fmu(&setup.file)?;
+        description.tolerance = setup.tolerance;
+        description.components[0].interface = setup.interface;
+        for (name, size) in &setup.sizes {
+            description.set_start(name, Written::Text(size.clone()));
+        }
+        let mut plan = Plan::new(&description)?;
+        Ok(Self(plan.components.swap_remove(0)))
+    }
+
+    /// Its file.
+    pub fn file(&self) -> &Path {
+        &self.0.fmu.path
+    }
+
+    /// Whether the master integrates its equations.
+    pub fn integrates(&self) -> bool {
+        self.0.integrates()
+    }
+
+    /// Its name, and that of its file.
+    pub fn names(&self) -> (String, String) {
+        (self.0.name.clone(), self.0.fmu.file_name())
+    }
+
+    /// Its variables.
+    pub fn variables(&self) -> &[Variable] {
+        &self.0.fmu.variables
+    }
+
+    /// The numbers of a scalar or an element, or of all elements of an array.
+    ///
+    /// # Errors
+    /// There is no such variable; the error names similar ones.
+    pub fn find(&self, name: &str) -> Result<Range<usize>> {
+        let fmu = &self.0.fmu;
+        if let Ok(scalar) = fmu.find(name) {
+            return Ok(scalar..scalar + 1);
+        }
+        let mut scalars = 0..fmu.scalars.len();
+        match scalars.find(|scalar| fmu.variable(*scalar).name == name) {
+            Some(first) => Ok(fmu.array(first)),
+            None => fmu.find(name).map(|scalar| scalar..scalar + 1),
+        }
+    }
+
+    /// A value in the type of a variable.
+    ///
+    /// # Errors
+    /// It does not fit.
+    pub fn typed(&self, scalar: usize, value: &Written) -> Result<Value> {
+        value.typed(self.0.fmu.variable(scalar), &self.0.fmu.name(scalar))
+    }
+}
+
+/// A saved state, and that of the integration.
+struct Saved {
+    state: State,
+    time: f64,
+    exchange: Option<Box<Exchange<'static>>>,
+}
+
+/// An instance of an FMU.
+pub struct Single {
+    component: Component<'static>,
+    planned: Planned,
+    messages: Messages,
+    time: f64,
+    /// Whether it is initialized, and whether no call has failed.
+    runs: bool,
+    is_sound: bool,
+    saved: BTreeMap<u64, Saved>,
+    next: u64,
+}
+
+impl Single {
+    /// Instantiates an FMU, whose calls are recorded.
+    ///
+    /// # Errors
+    /// The binary cannot be loaded, or the FMU returns an error.
+    pub fn new(setup: &Setup, record: &Record) -> Result<Self> {
+        let Names(planned) = Names::open(setup)?;
+        let messages = Messages::recorded(record.clone());
+        Ok(Self {
+            component: Component::new(0, &planned, &[], &BTreeMap::new(), &messages)?,
+            planned,
+            messages,
+            time: setup.start,
+            runs: false,
+            is_sound: true,
+            saved: BTreeMap::new(),
+            next: 0,
+        })
+    }
+
+    /// Answers what it is asked.
+    ///
+    /// # Errors
+    /// The FMU returns an error, or cannot do this.
+    pub fn answer(&mut self, ask: &Ask) -> Result<Answer> {
+        let answer = self.try_answer(ask);
+        self.is_sound &= answer.is_ok();
+        answer
+    }
+
+    fn try_answer(&mut self, ask: &Ask) -> Result<Answer> {
+        if !self.runs && !matches!(ask, Ask::Initialize(_)) {
+            bail!("{} is not initialized", self.planned.name);
+        }
+        let called = match ask {
+            Ask::Initialize(starts) => self.initialize(starts),
+            Ask::Step(step) => self.step(*step),
+            Ask::Get(scalars) => return self.get(scalars).map(Answer::Values),
+            Ask::Set(values) => return self.set(values),
+            Ask::Save => return self.save().map(Answer::Saved),
+            Ask::Restore(number) => return self.restore(*number),
+            Ask::Forget(number) => match self.saved.remove(number) {
+                None => Ok(()),
+                Some(Saved { state, .. }) => {
+                    (self.component)
+                        .call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state))
+                }
+            },
+            Ask::States => {
+                return self.numbers("get_continuous_states", Instance::get_continuous_states);
+            }
+            Ask::Derivatives => {
+                return self.numbers(
+                    "get_continuous_state_derivatives",
+                    Instance::get_continuous_state_derivatives,
+                );
+            }
+            Ask::SetStates(states) => {
+                let count = self.states()?;
+                ensure!(states.len() == count, "{} states, expected {count}", states.len());
+                (self.component).call("set_continuous_states", "continuous states", |instance| {
+                    instance.set_continuous_states(states)
+                })
+            }
+            Ask::Directional(unknowns, knowns, seed) => {
+                let [unknowns, knowns] = [unknowns, knowns].map(|all| self.references(all));
+                let (unknowns, knowns) = (unknowns?, knowns?);
+                let mut values = vec![0.0; unknowns.len()];
+                let operation = "get_directional_derivative";
+                let called = self.component.call(operation, "directional derivative", |i| {
+                    i.get_directional_derivative(&unknowns, &knowns, seed, &mut values)
+                });
+                self.told(called)?;
+                return Ok(Answer::Numbers(values));
+            }
+        };
+        self.told(called)?;
+        Ok(Answer::Time(self.time))
+    }
+
+    /// Adds the time to a failure.
+    fn told<T>(&self, called: Called<T>) -> Result<T> {
+        let at = |failure: Box<crate::Failure>| match self.runs {
+            true => failure.at(self.time),
+            false => failure,
+        };
+        called.map_err(|failure| anyhow::Error::new(*at(failure)))
+    }
+
+    fn initialize(&mut self, starts: &[(usize, Value)]) -> Called {
+        let Planned { tolerance, .. } = self.planned;
+        let starts = starts.iter().map(|(scalar, value)| (*scalar, value));
+        let own = self.planned.starts.iter().map(|(scalar, value)| (*scalar, value));
+        let all = own.chain(starts).collect();
+        self.component.set_up((self.time, None), tolerance, all)?;
+        self.component.enter_initialization()?;
+        self.component.exit_initialization()?;
+        self.component.begin(None, tolerance, (self.time, f64::INFINITY))?;
+        if let Some(exchange) = &mut self.component.exchange {
+            exchange.is_fed = true;
+        }
+        self.runs = true;
+        self.messages.record().at(self.time);
+        Ok(())
+    }
+
+    fn step(&mut self, step: f64) -> Called {
+        self.messages.record().step(step);
+        self.component.step::<false>(self.time, step)?;
+        self.time += step;
+        self.messages.record().at(self.time);
+        Ok(())
+    }
+
+    fn get(&mut self, scalars: &[usize]) -> Result<Vec<Value>> {
+        let fmu = self.planned.fmu.clone();
+        let mut values: Vec<Value> = Vec::with_capacity(scalars.len());
+        let mut array = Vec::new();
+        let mut got: Option<u32> = None;
+        for &scalar in scalars {
+            let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
+            if got.replace(variable.reference) != Some(variable.reference) || variable.count() == 1
+            {
+                array = vec![Value::Boolean(false); variable.count()];
+                let reference = [variable.reference];
+                let called = match (kind, array.as_mut_slice()) {
+                    // The usual case needs no conversion.
+                    (Type::Float64, [value]) => {
+                        let mut number = [0.0];
+                        let called = self.call("get", kind, &variable.name, |instance| {
+                            instance.get_float64(&reference, &mut number)
+                        });
+                        *value = Value::Float64(number[0]);
+                        called
+                    }
+                    (_, array) => self.call("get", kind, &variable.name, |instance| {
+                        instance.get_values(kind, &reference, array)
+                    }),
+                };
+                self.told(called)?;
+            }
+            values.push(array[fmu.scalars[scalar].element].clone());
+        }
+        Ok(values)
+    }
+
+    fn call(
+        &mut self,
+        verb: &str,
+        kind: Type,
+        what: &str,
+        call: impl FnOnce(&mut Instance) -> fmu_host::Result,
+    ) -> Called {
+        self.component.call(&operation(verb, kind), what, call)
+    }
+
+    /// Sets values; of an array of which some elements are given, the others stay.
+    fn set(&mut self, values: &[(usize, Value)]) -> Result<Answer> {
+        let fmu = self.planned.fmu.clone();
+        for given in values.chunk_by(|(a, _), (b, _)| fmu.array(*a) == fmu.array(*b)) {
+            let scalar = given[0].0;
+            let (variable, kind) = (fmu.variable(scalar), fmu.access(scalar));
+            let mut array = match variable.count() {
+                1 => vec![Value::Boolean(false)],
+                _ => self.get(&Vec::from_iter(fmu.array(scalar)))?,
+            };
+            for (scalar, value) in given {
+                array[fmu.scalars[*scalar].element] = value.clone();
+            }
+            let reference = [variable.reference];
+            let set = |instance: &mut Instance| instance.set_values(kind, &reference, &array);
+            let waits = variable.causality == Causality::Input
+                && variable.variability != Variability::Continuous;
+            let called = match self.component.exchange.take() {
+                Some(mut exchange) if waits || variable.is_parameter() => {
+                    let event = exchange.at_event(&mut self.component.calling(), self.time, set);
+                    self.component.exchange = Some(exchange);
+                    let what = variable.name.clone();
+                    event.map_err(|trouble| self.component.troubled(trouble, what))
+                }
+                exchange => {
+                    self.component.exchange = exchange;
+                    let texts = array.iter().map(Value::to_string);
+                    let what = format!("{} = {}", variable.name, Vec::from_iter(texts).join(" "));
+                    self.call("set", kind, &what, set)
+                }
+            };
+            self.told(called)?;
+        }
+        Ok(Answer::Time(self.time))
+    }
+
+    fn save(&mut self) -> Result<u64> {
+        let mut state = None;
+        let called = self.component.call("get_fmu_state", "saving the state", |instance| {
+            state = Some(instance.get_fmu_state()?);
+            Ok(fmu_host::Success::Ok)
+        });
+        self.told(called)?;
+        let state = state.context("the FMU has no state")?;
+        let exchange = self.component.exchange.clone();
+        self.next += 1;
+        self.saved.insert(self.next, Saved { state, time: self.time, exchange });
+        Ok(self.next)
+    }
+
+    fn restore(&mut self, number: u64) -> Result<Answer> {
+        let saved = self.saved.get(&number).context("there is no such state")?;
+        let (time, exchange) = (saved.time, saved.exchange.clone());
+        let called = self.component.call("set_fmu_state", "restoring a state", |instance| {
+            instance.set_fmu_state(&saved.state)
+        });
+        self.told(called)?;
+        self.time = time;
+        self.component.exchange = exchange;
+        self.messages.record().at(self.time);
+        Ok(Answer::Time(time))
+    }
+
+    /// The number of continuous states.
+    fn states(&self) -> Result<usize> {
+        let exchange = self.component.exchange.as_ref();
+        let name = &self.planned.name;
+        let expected = "run it by model exchange for continuous states and derivatives";
+        exchange.map(|exchange| exchange.states()).with_context(|| format!("{name}: {expected}"))
+    }
+
+    fn numbers(
+        &mut self,
+        operation: &str,
+        get: impl FnOnce(&mut Instance, &mut [f64]) -> fmu_host::Result,
+    ) -> Result<Answer> {
+        let mut numbers = vec![0.0; self.states()?];
+        if !numbers.is_empty() {
+            let called = self.component.call(operation, "", |i| get(i, &mut numbers));
+            self.told(called)?;
+        }
+        Ok(Answer::Numbers(numbers))
+    }
+
+    /// The value references of scalars.
+    fn references(&self, scalars: &[usize]) -> Result<Vec<u32>> {
+        let fmu = &self.planned.fmu;
+        let references = scalars.iter().map(|scalar| {
+            let variable = fmu.variable(*scalar);
+            let name = &variable.name;
+            ensure!(variable.count() == 1, "{name} is an array, expected a scalar");
+            Ok(variable.reference)
+        });
+        references.collect()
+    }
+}
+
+impl Drop for Single {
+    /// Frees the saved states.
+    fn drop(&mut self) {
+        for Saved { state, .. } in std::mem::take(&mut self.saved).into_values() {
+            // The instance is freed in any case.
+            let _ = self
+                .component
+                .call("free_fmu_state", "end of a state", |i| i.free_fmu_state(state));
+        }
+        if self.runs && self.is_sound {
+            let _ = self.component.call("terminate", "end", Instance::terminate);
+        }
+    }
+}
+
+/// Answers another process, which has started this one for an FMU, until it has no more questions.
+///
+/// # Errors
+/// A question is damaged.
+pub fn work(service: &mut Service, setup: &Setup) -> Result<()> {
+    let failed = |error| Failed::new(Vec::new(), &error);
+    let mut single = match Single::new(setup, service.record()) {
+        Ok(single) => single,
+        Err(error) => {
+            service.reply(&Err::<Answer, _>(failed(error)));
+            return Ok(());
+        }
+    };
+    service.reply(&Ok::<_, Failed>(Answer::Time(single.time)));
+    while let Some(ask) = service.task()? {
+        let answer = single.answer(&ask);
+        single.messages.record().end_call();
+        service.reply(&answer.map_err(failed));
+    }
+    Ok(())
+}

@@ -1,0 +1,191 @@
+"""One FMU, stepped by hand."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from . import _native
+from ._command import WORKER
+from .result import called
+from .system import elements, texts
+
+
+class Variable(NamedTuple):
+    """A variable of an FMU, in the words of FMI."""
+
+    name: str
+    causality: str
+    variability: str
+    type: str
+    """The type of FMI 3.0, such as "Float64"."""
+    unit: str
+    start: Any
+    """Its start value, a list of them for an array, or None."""
+    description: str
+    dimensions: tuple[int, ...]
+
+
+class State:
+    """A saved state of an instance; see `Instance.save`."""
+
+    def __init__(self, native: _native.Instance, number: int, time: float):
+        self._native, self._number = native, number
+        self.time = time
+        """The time of the state [s]."""
+
+    def __del__(self):
+        with contextlib.suppress(RuntimeError):  # the instance was freed, and all its states
+            self._native.forget(self._number)
+
+
+class Instance:
+    """An instance of an FMU that is stepped by hand.
+
+    Parameters
+    ----------
+    filename
+        The FMU.
+    interface
+        "co-simulation" or "model-exchange"; by default the first of them that the FMU supports. By
+        model exchange, `step` integrates the equations and handles events.
+    start_values
+        Start values by name.
+    start_time
+        The start time [s].
+    tolerance
+        Relative tolerance of the integration.
+    in_process
+        Run in this process, in which a call takes about a microsecond. By default, the FMU runs in
+        a child process: a call takes some ten microseconds, and a crash is an `FmuError`.
+
+    The instance is initialized on first use. As a context manager it is freed at the end.
+
+    Examples
+    --------
+    >>> with Instance("target/fmu/Pendulum.fmu", start_values={"theta0": 0.1}) as plant:
+    ...     plant.set("u", 1.0)
+    ...     plant.step(0.001)
+    ...     theta = plant.get("theta")  # [rad]
+    """
+
+    def __init__(
+        self,
+        filename: str | os.PathLike[str],
+        interface: str | None = None,
+        start_values: Mapping[str, Any] | None = None,
+        start_time: float = 0.0,
+        *,
+        tolerance: float | None = None,
+        in_process: bool = False,
+    ):
+        file, program = Path(filename).absolute(), [] if in_process else WORKER
+        given = dict(start_values or {})
+        arguments = (file, interface, start_time, tolerance)
+        self._native = called(_native.Instance, *arguments, texts(given), program)
+        self._time: float = start_time
+        self._starts: dict[str, Any] = given
+        self._is_initialized = False
+        self._scalars: dict[str, list[int]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.free()
+
+    def free(self) -> None:
+        """End and free the FMU."""
+        self._native.free()
+
+    @cached_property
+    def variables(self) -> dict[str, Variable]:
+        """The variables of the FMU by name."""
+
+        def variable(name, causality, variability, kind, unit, start, description, dimensions):
+            value = start if dimensions else next(iter(start), None)
+            about = (unit, value, description, tuple(dimensions))
+            return Variable(name, causality, variability, kind, *about)
+
+        return {row[0]: variable(*row) for row in self._native.variables()}
+
+    @property
+    def time(self) -> float:
+        """The time that the FMU has reached [s]."""
+        return self._time
+
+    def initialize(self) -> None:
+        """Initialize the FMU with the start values, unless it is initialized."""
+        if not self._is_initialized:
+            values = self._values(dict(self._starts))
+            self._time = called(self._native.initialize, values)
+            self._is_initialized = True
+
+    def step(self, step_size: float) -> None:
+        """Step by a time [s]."""
+        self.initialize()
+        self._time = called(self._native.step, step_size)
+
+    def get(self, names: str | Iterable[str]) -> Any:
+        """Return the value of a variable, or an array of the values of several."""
+        self.initialize()
+        if isinstance(names, str):
+            values = called(self._native.get, self._numbers(names))
+            return values[0] if len(values) == 1 else np.array(values)
+        numbers = [number for name in names for number in self._numbers(name)]
+        return np.array(called(self._native.get, numbers))
+
+    def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
+        """Set a variable, or those of a mapping; before the initialization, start values."""
+        values = {name: value} if isinstance(name, str) else name
+        if not self._is_initialized:
+            self._starts |= values
+        else:
+            called(self._native.set, self._values(values))
+
+    def save(self) -> State:
+        """Save the state of the FMU, which can be restored any number of times."""
+        self.initialize()
+        return State(self._native, called(self._native.save), self._time)
+
+    def restore(self, state: State) -> None:
+        """Return to a saved state and its time."""
+        self._time = called(self._native.restore, state._number)
+
+    @property
+    def continuous_states(self) -> np.ndarray:
+        """The continuous states, by model exchange; they can be assigned."""
+        self.initialize()
+        return np.array(called(self._native.states))
+
+    @continuous_states.setter
+    def continuous_states(self, states: Sequence[float]) -> None:
+        self.initialize()
+        called(self._native.set_states, [float(state) for state in states])
+
+    def derivatives(self) -> np.ndarray:
+        """Return the derivatives of the continuous states, by model exchange."""
+        self.initialize()
+        return np.array(called(self._native.derivatives))
+
+    def directional_derivative(
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
+    ) -> np.ndarray:
+        """Return the derivative of the unknowns with the knowns changing as the seed."""
+        self.initialize()
+        scalars = [[self._numbers(n)[0] for n in names] for names in (unknowns, knowns)]
+        return np.array(called(self._native.directional, *scalars, [float(s) for s in seed]))
+
+    def _numbers(self, name: str) -> list[int]:
+        if name not in self._scalars:
+            self._scalars[name] = list(range(*called(self._native.find, name)))
+        return self._scalars[name]
+
+    def _values(self, values: Mapping[str, Any]) -> list[tuple[int, Any]]:
+        return [(self._numbers(name)[0], value) for name, value in elements(values)]

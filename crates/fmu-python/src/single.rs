@@ -1,0 +1,273 @@
+//! One FMU that Python steps by hand, in a worker process or in this one.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use cargo_fmu::session::Session;
+use fmu_description::{Value, Variable};
+use fmu_master::Written;
+use fmu_master::run::Failed;
+use fmu_master::single::{Answer, Ask, Names, Setup, Single};
+use fmu_worker::{Event, Record, Worker};
+use pyo3::prelude::*;
+
+use crate::columns::to_python;
+use crate::job::{Job, interface};
+use crate::run::{PERIOD, error, raised, start};
+
+/// Where the FMU is.
+enum Place {
+    Here(Box<Single>),
+    /// The session is dropped after the worker.
+    There(Box<Worker>, Session),
+}
+
+/// An instance of an FMU. Variables are scalars or elements, by their numbers.
+#[pyclass(module = "fmu_master._native")]
+pub struct Instance {
+    names: Names,
+    place: Mutex<Option<Place>>,
+}
+
+impl Instance {
+    fn place(&self) -> MutexGuard<'_, Option<Place>> {
+        self.place.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ask(&self, py: Python<'_>, ask: Ask) -> PyResult<Answer> {
+        let mut place = self.place();
+        match place.as_mut().context("the instance was freed").map_err(error)? {
+            // Not worth releasing the lock of Python, unless the FMU computes for long.
+            Place::Here(single) if !matches!(ask, Ask::Step(_) | Ask::Initialize(_)) => {
+                single.answer(&ask).map_err(error)
+            }
+            Place::Here(single) => py.detach(|| single.answer(&ask)).map_err(error),
+            Place::There(worker, _) => {
+                worker.send(&ask);
+                let answer = receive(py, worker, &self.names);
+                if answer.is_err() && matches!(worker.look(), Ok(Some(Event::Ended(_))) | Err(_)) {
+                    *place = None;
+                }
+                answer
+            }
+        }
+    }
+
+    fn numbers(&self, py: Python<'_>, ask: Ask) -> PyResult<Vec<f64>> {
+        match self.ask(py, ask)? {
+            Answer::Numbers(numbers) => Ok(numbers),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn time(&self, py: Python<'_>, ask: Ask) -> PyResult<f64> {
+        match self.ask(py, ask)? {
+            Answer::Time(time) => Ok(time),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn typed(&self, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<Vec<(usize, Value)>> {
+        let typed = values.into_iter().map(|(scalar, value)| {
+            let typed = self.names.typed(scalar, &written(&value)?).map_err(error)?;
+            Ok((scalar, typed))
+        });
+        typed.collect()
+    }
+}
+
+fn unexpected(answer: &Answer) -> PyErr {
+    error(anyhow::anyhow!("the worker process has sent a damaged answer: {answer:?}"))
+}
+
+/// Waits for the answer of a worker; Ctrl-C ends the worker.
+fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answer> {
+    py.detach(|| {
+        let mut looked = Instant::now();
+        loop {
+            match worker.look()? {
+                Some(Event::Replied) => {
+                    return worker.reply::<Result<Answer, Failed>>()?.map_err(raised);
+                }
+                Some(Event::Ended(ended)) => {
+                    return Err(raised(Failed::crashed(worker, &[names.names()], ended)));
+                }
+                None if looked.elapsed() >= PERIOD => {
+                    looked = Instant::now();
+                    if let Err(raised) = Python::attach(|py| py.check_signals()) {
+                        worker.kill()?;
+                        return Err(raised);
+                    }
+                }
+                None => worker.pause(),
+            }
+        }
+    })
+}
+
+fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
+    if let Ok(value) = value.extract() {
+        return Ok(Written::Boolean(value));
+    }
+    if let Ok(value) = value.extract() {
+        return Ok(Written::Integer(value));
+    }
+    match value.extract() {
+        Ok(value) => Ok(Written::Real(value)),
+        Err(_) => value.extract().map(Written::Text),
+    }
+}
+
+/// A variable as Python gets it: name, causality, variability, type, unit, start values, description, dimensions.
+type Described<'py> = (
+    String,
+    &'static str,
+    &'static str,
+    &'static str,
+    String,
+    Vec<Bound<'py, PyAny>>,
+    String,
+    Vec<usize>,
+);
+
+#[pymethods]
+impl Instance {
+    /// Instantiates an FMU, in this process unless `program` starts a worker process.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        file: PathBuf,
+        interface_name: Option<&str>,
+        start_time: f64,
+        tolerance: Option<f64>,
+        sizes: Vec<(String, String)>,
+        program: Vec<OsString>,
+    ) -> PyResult<Self> {
+        let interface = interface_name.map(interface).transpose().map_err(error)?;
+        let setup = Setup { file, interface, start: start_time, tolerance, sizes };
+        let (names, place) = py
+            .detach(|| {
+                let names = Names::open(&setup)?;
+                let place = match program.is_empty() {
+                    true => Place::Here(Box::new(Single::new(&setup, &Record::default())?)),
+                    false => {
+                        let session = Session::without_signals()?;
+                        let worker = start(&session, &program, &Job::Single(setup))?;
+                        Place::There(Box::new(worker), session)
+                    }
+                };
+                anyhow::Ok((names, place))
+            })
+            .map_err(error)?;
+        let mut place = place;
+        if let Place::There(worker, _) = &mut place {
+            receive(py, worker, &names)?;
+        }
+        Ok(Self { names, place: Mutex::new(Some(place)) })
+    }
+
+    /// The first number of a variable, and the one after its last.
+    fn find(&self, name: &str) -> PyResult<(usize, usize)> {
+        let found = self.names.find(name).map_err(error)?;
+        Ok((found.start, found.end))
+    }
+
+    /// Its variables.
+    fn variables<'py>(&self, py: Python<'py>) -> PyResult<Vec<Described<'py>>> {
+        let described = self.names.variables().iter().map(|variable| {
+            let Variable { name, causality, variability, of_type, unit, start, .. } = variable;
+            let start = start.iter().map(|value| to_python(py, value.clone()));
+            Ok((
+                name.clone(),
+                causality.as_str(),
+                variability.as_str(),
+                of_type.as_str(),
+                unit.clone().unwrap_or_default(),
+                start.collect::<PyResult<_>>()?,
+                variable.description.clone(),
+                variable.dimensions.clone(),
+            ))
+        });
+        described.collect()
+    }
+
+    /// Whether the master integrates its equations.
+    fn integrates(&self) -> bool {
+        self.names.integrates()
+    }
+
+    fn initialize(&self, py: Python<'_>, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<f64> {
+        self.time(py, Ask::Initialize(self.typed(values)?))
+    }
+
+    fn step(&self, py: Python<'_>, size: f64) -> PyResult<f64> {
+        self.time(py, Ask::Step(size))
+    }
+
+    fn get<'py>(&self, py: Python<'py>, scalars: Vec<usize>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        match self.ask(py, Ask::Get(scalars))? {
+            Answer::Values(values) => values.into_iter().map(|v| to_python(py, v)).collect(),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn set(&self, py: Python<'_>, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<f64> {
+        self.time(py, Ask::Set(self.typed(values)?))
+    }
+
+    fn save(&self, py: Python<'_>) -> PyResult<u64> {
+        match self.ask(py, Ask::Save)? {
+            Answer::Saved(number) => Ok(number),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn restore(&self, py: Python<'_>, state: u64) -> PyResult<f64> {
+        self.time(py, Ask::Restore(state))
+    }
+
+    fn forget(&self, py: Python<'_>, state: u64) -> PyResult<f64> {
+        self.time(py, Ask::Forget(state))
+    }
+
+    fn states(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
+        self.numbers(py, Ask::States)
+    }
+
+    fn set_states(&self, py: Python<'_>, states: Vec<f64>) -> PyResult<f64> {
+        self.time(py, Ask::SetStates(states))
+    }
+
+    fn derivatives(&self, py: Python<'_>) -> PyResult<Vec<f64>> {
+        self.numbers(py, Ask::Derivatives)
+    }
+
+    fn directional(
+        &self,
+        py: Python<'_>,
+        unknowns: Vec<usize>,
+        knowns: Vec<usize>,
+        seed: Vec<f64>,
+    ) -> PyResult<Vec<f64>> {
+        self.numbers(py, Ask::Directional(unknowns, knowns, seed))
+    }
+
+    fn free(&self, py: Python<'_>) {
+        let place = self.place().take();
+        py.detach(|| match place {
+            None => {}
+            Some(Place::Here(single)) => drop(single),
+            Some(Place::There(worker, session)) => {
+                // How it ends no longer matters.
+                let _ = worker.end(FAREWELL);
+                drop(session);
+            }
+        });
+    }
+}
+
+/// The time that a worker has to free the FMU.
+const FAREWELL: Duration = Duration::from_secs(2);
