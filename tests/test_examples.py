@@ -4,6 +4,7 @@ import subprocess
 import sys
 from math import sqrt
 from pathlib import Path
+from zipfile import ZipFile
 
 import fmpy
 import numpy as np
@@ -113,3 +114,40 @@ def test_an_oscillator_has_the_solution_of_scipy(simulated) -> None:
     x0, x1 = expected.sol(np.minimum(result["time"], 20))
     assert result["x0"] == pytest.approx(x0, abs=1e-5)
     assert result["x1"] == pytest.approx(x1, abs=1e-5)
+
+
+def test_an_array_of_structs_has_the_solution_of_scipy(simulated) -> None:
+    start_values = {"inflow": 0.5, "tank[2].area": 1.0, "tank[3].outlet": 0.25}
+    start_values |= {f"tank[{i}].height": 9.0 for i in (1, 2, 3)}  # none is full
+    result = simulated("Cascade", start_values=start_values, relative_tolerance=1e-10)
+
+    def equation(_time: float, x: np.ndarray) -> np.ndarray:
+        flows = [0.5, x[0], x[1], 0.25 * x[2]]
+        return -np.diff(flows) / [2, 1, 2]
+
+    expected = solve_ivp(equation, (0, 20), [0, 0, 0], "DOP853", dense_output=True, rtol=1e-12)
+    levels = expected.sol(np.minimum(result["time"], 20))
+    for i, level in enumerate(levels, 1):
+        assert result[f"tank[{i}].level"] == pytest.approx(level, abs=1e-5)
+    assert result["outflow"] == pytest.approx(0.25 * levels[2], abs=1e-5)
+
+
+@pytest.mark.parametrize("ending", ["", "_fmi3"])
+def test_messages_of_a_model_reach_the_logger(ending: str, equations: Path) -> None:
+    fmu, messages = equations / f"Cascade{ending}.fmu", []
+    with ZipFile(fmu) as archive:
+        assert b'"logModel"' in archive.read("modelDescription.xml")
+    for is_debugged in (True, False):
+        messages.clear()
+        fmpy.simulate_fmu(
+            fmu,
+            fmi_type="CoSimulation",
+            logger=lambda *arguments: messages.append(arguments[-3:]),
+            debug_logging=is_debugged,
+        )
+        said = [(status, name.decode()) for status, name, text in messages if b" t = " in text]
+        assert (1, "logStatusWarning") in said
+        assert ((0, "logModel") in said) == is_debugged
+        full = [text.decode() for _, _, text in messages if b"is full" in text]
+        assert full[0] == "at t = 3.219 s: tank 1 is full", "1 - exp(-t / 2) = 0.8"
+        assert [text[-14:-8] for text in full] == ["tank 1", "tank 2", "tank 3"]

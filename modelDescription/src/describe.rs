@@ -7,7 +7,8 @@ use crate::unit::{self, Unit};
 use crate::variable::Variable;
 use crate::xml::Element;
 use crate::{
-    Causality, Dynamics, FmiVersion, Initial, LOG_CATEGORIES, Type, Value, Variability, fmi2, fmi3,
+    Causality, Dynamics, FmiVersion, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Value,
+    Variability, fmi2, fmi3,
 };
 
 /// The interface of a model, read from its binary; see [`read_interfaces`](crate::read_interfaces). The copy in
@@ -22,6 +23,10 @@ pub struct Description {
     pub is_sampled: bool,
     /// Whether it is described by differential or algebraic equations, which a host can solve.
     pub is_continuous: bool,
+    /// Whether it has a log of its own.
+    pub has_log: bool,
+    /// Whether its state cannot be saved.
+    pub is_unsaved: bool,
     /// Stop time and step size of the default experiment (s), which starts at 0.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -101,7 +106,8 @@ impl Description {
             .with("stopTime", stop)
             .with("tolerance", tolerance)
             .with("stepSize", step);
-        let categories = LOG_CATEGORIES.map(|(name, description)| {
+        let known = |(name, _): &(_, _)| self.has_log || *name != MODEL_CATEGORY;
+        let categories = LOG_CATEGORIES.into_iter().filter(known).map(|(name, description)| {
             Element::new("Category")
                 .with("name", name.to_string_lossy())
                 .with("description", description)

@@ -89,8 +89,8 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
         .with("completedIntegratorStepNotNeeded", true)
         .with("canBeInstantiatedOnlyOncePerProcess", false)
         .with("canNotUseMemoryManagementFunctions", true)
-        .with("canGetAndSetFMUstate", true)
-        .with("canSerializeFMUstate", true)
+        .with("canGetAndSetFMUstate", !writer.model.is_unsaved)
+        .with("canSerializeFMUstate", !writer.model.is_unsaved)
         .with("providesDirectionalDerivative", model.has_all_derivatives());
     let interpolates = model.variables.iter().any(|v| v.exported.has_input_derivative);
     let co_simulation = Element::new("CoSimulation")
@@ -102,8 +102,8 @@ pub(crate) fn interfaces(writer: &Writer<'_>, root: Element<'static>) -> Element
         .with("canRunAsynchronuously", false)
         .with("canBeInstantiatedOnlyOncePerProcess", false)
         .with("canNotUseMemoryManagementFunctions", true)
-        .with("canGetAndSetFMUstate", true)
-        .with("canSerializeFMUstate", true)
+        .with("canGetAndSetFMUstate", !writer.model.is_unsaved)
+        .with("canSerializeFMUstate", !writer.model.is_unsaved)
         .with("providesDirectionalDerivative", model.has_all_derivatives());
     let is_for_exchange = model.is_for_model_exchange();
     root.with_some("numberOfEventIndicators", is_for_exchange.then(|| event_indicators.count()))

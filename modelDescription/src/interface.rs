@@ -19,6 +19,10 @@ pub struct Interface {
     pub is_sampled: bool,
     /// Whether it is described by differential or algebraic equations, which a host can solve.
     pub is_continuous: bool,
+    /// Whether it has a log of its own.
+    pub has_log: bool,
+    /// Whether its state cannot be saved.
+    pub is_unsaved: bool,
     /// Stop time and communication step size (s) of the default experiment.
     pub default_experiment: (f64, f64),
     /// Relative tolerance of its integrator, also part of the default experiment; 0 if it has none.
@@ -140,7 +144,7 @@ pub const GUID_LENGTH: usize = 38;
 /// The first bytes of a copy.
 pub(crate) const MAGIC: [u8; 16] = *b"\x7fFMU-INTERFACE\x7f\n";
 /// Version of the format of copies; increase it when the format changes.
-pub(crate) const VERSION: u32 = 7;
+pub(crate) const VERSION: u32 = 8;
 /// Size of the checksum at the end of a copy.
 pub(crate) const CHECKSUM: usize = size_of::<u128>();
 
@@ -315,6 +319,7 @@ impl<const N: usize> Writer<N> {
         self.text(interface.name.as_bytes());
         self.text(interface.description.as_bytes());
         self.raw(&[interface.is_sampled as u8, interface.is_continuous as u8]);
+        self.raw(&[interface.has_log as u8, interface.is_unsaved as u8]);
         let (stop_time, step_size) = interface.default_experiment;
         self.raw(&stop_time.to_le_bytes());
         self.raw(&step_size.to_le_bytes());

@@ -49,4 +49,4 @@ pub use variable::{DeclaredType, Exported, Item, Variable};
 #[doc(hidden)]
 pub use variables::derive;
 pub use variables::{AnyChoice, Choice, Damaged, Loader, Saver, Variables};
-pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, Type, Variability};
+pub use vocabulary::{Causality, Initial, LOG_CATEGORIES, MODEL_CATEGORY, Type, Variability};

@@ -24,6 +24,8 @@ pub unsafe trait Variables: Sized {
     const ROWS: &'static [Row];
     /// Number of scalar variables.
     const COUNT: usize = count(Self::ROWS);
+    /// Whether a field has the attribute `unsaved`.
+    const IS_UNSAVED: bool = false;
 
     /// The struct with default values in all fields; start values are not set.
     fn unset() -> Self;
@@ -38,14 +40,14 @@ pub unsafe trait Variables: Sized {
     /// to an input of a model that takes steps: the input was held over the last step.
     fn directional_derivative(&self, unknown: usize, known: usize) -> f64;
 
-    /// A copy of all fields.
+    /// A copy of all fields; those that are not saved have default values.
     fn copy(&self) -> Self {
         let mut copy = Self::unset();
         copy.copy_from(self);
         copy
     }
 
-    /// Copies all fields into this struct, whose memory is used again.
+    /// Copies all fields that are saved into this struct, whose memory is used again.
     fn copy_from(&mut self, from: &Self);
 
     /// Saves all fields.

@@ -135,14 +135,18 @@ macro_rules! types {
 
 /// Names and descriptions of the log categories of FMUs that `fmu-export` makes (FMI 2.0.5, section
 /// 2.2.4).
-pub const LOG_CATEGORIES: [(&CStr, &str); 6] = [
+pub const LOG_CATEGORIES: [(&CStr, &str); 7] = [
     (c"logStatusError", "calls and steps that failed"),
     (c"logStatusWarning", "calls that are unusual, but worked"),
     (c"logStatusDiscard", "steps that were discarded, and changed nothing"),
     (c"logStatusFatal", "failures after which the instance is dead"),
     (c"logEvents", "changes of the slave's state"),
+    (MODEL_CATEGORY, "what the model says"),
     (c"logAll", "all messages"),
 ];
+
+/// The category that only models with a log have.
+pub const MODEL_CATEGORY: &CStr = c"logModel";
 
 impl Initial {
     /// The default of a missing `initial` (FMI 2.0.5, section 2.2.7); `None` for inputs and the

@@ -26,6 +26,10 @@ pub enum Role {
     Derivative,
     EventIndicator,
     Nested,
+    /// The log of the model.
+    Log,
+    /// Not a variable, and not part of the state that a host saves.
+    Unsaved,
     /// Not a variable.
     Internal,
 }
@@ -35,7 +39,19 @@ use Role::{
     StructuralParameter,
 };
 
-const ROLES: [(&str, Role); 9] = [
+impl Role {
+    /// Whether the field is in the table.
+    pub fn has_rows(self) -> bool {
+        !matches!(self, Self::Log | Self::Unsaved | Self::Internal)
+    }
+
+    /// Whether it is part of the state that a host saves.
+    pub fn is_saved(self) -> bool {
+        !matches!(self, Self::Log | Self::Unsaved)
+    }
+}
+
+const ROLES: [(&str, Role); 11] = [
     ("input", Input),
     ("output", Output),
     ("parameter", Parameter),
@@ -45,6 +61,8 @@ const ROLES: [(&str, Role); 9] = [
     ("derivative", Derivative),
     ("event_indicator", EventIndicator),
     ("nested", Nested),
+    ("log", Role::Log),
+    ("unsaved", Role::Unsaved),
 ];
 
 /// An option: its name, and the function that reads its value.
@@ -133,7 +151,7 @@ impl Options {
             if found != Role::Internal {
                 return error(
                     attribute,
-                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator and nested",
+                    "a field has one role; expected only one of input, output, parameter, structural_parameter, local, constant, derivative, event_indicator, nested, log and unsaved",
                 );
             }
             found = *role;

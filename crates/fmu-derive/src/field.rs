@@ -52,9 +52,14 @@ impl Field {
             options,
         };
         match role {
-            Role::Internal => {}
-            Role::Nested if !matches!(ungrouped(&field.ty), Type::Path(_)) => {
+            _ if !role.has_rows() => {}
+            Role::Nested if !matches!(found.element_type(), Type::Path(_)) => {
                 return error(&field.ty, "expected a struct with #[derive(Variables)]");
+            }
+            Role::Nested if found.structs() == 0 => {
+                let what =
+                    "expected an array of one dimension with a literal length, such as [Motor; 3]";
+                return error(&field.ty, what);
             }
             Role::Nested => found.name = found.prefix()?,
             _ => {
@@ -73,7 +78,7 @@ impl Field {
     }
 
     pub fn is_variable(&self) -> bool {
-        !matches!(self.role, Role::Nested | Role::Internal)
+        self.role != Role::Nested && self.role.has_rows()
     }
 
     /// Whether it is a variable of this name.
@@ -120,10 +125,22 @@ impl Field {
         ty
     }
 
+    /// Number of rows: of nested structs in an array, otherwise one; 0 if they cannot be counted.
+    pub fn structs(&self) -> usize {
+        match (self.role, &*self.dimensions()) {
+            (Role::Nested, [length_of]) => length(length_of).map_or(0, |length| length as usize),
+            (Role::Nested, [_, _, ..]) => 0,
+            (role, _) => usize::from(role.has_rows()),
+        }
+    }
+
     fn prefix(&self) -> Result<LitStr> {
         match (self.options.text("prefix"), self.options.has("flatten")) {
             (Some(prefix), true) => error(prefix, "expected either `prefix` or `flatten`"),
             (Some(prefix), false) => structured(prefix.clone()),
+            (None, true) if !self.dimensions().is_empty() => {
+                error(&self.ident, "the elements of an array need a prefix; expected no `flatten`")
+            }
             (None, true) => Ok(LitStr::new("", self.span())),
             (None, false) => Ok(self.name.clone()),
         }

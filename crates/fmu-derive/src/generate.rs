@@ -40,6 +40,10 @@ impl Field {
     /// An item of the trait that resets, copies and saves an element.
     fn element(&self, item: &TokenStream) -> TokenStream {
         match (self.role, self.of_type) {
+            (Role::Log | Role::Unsaved, _) => {
+                let ty = self.element_type();
+                at(ty.span(), quote!(<#ty as ::core::default::Default>::default()))
+            }
             (Role::Nested, _) => self.of_trait(&quote!(Variables), item),
             (_, FmiType::Enumeration) => self.choice(item),
             _ => self.of_trait(&quote!(Internal), item),
@@ -57,17 +61,29 @@ impl Field {
         quote!(const { #krate::first(Self::ROWS, #row) })
     }
 
-    /// Its row; none if it is internal.
-    pub fn row(&self) -> Option<TokenStream> {
+    /// Its rows: of nested structs, one for each element of an array; none if it is internal.
+    pub fn rows(&self) -> Vec<TokenStream> {
+        let (Self { ident, krate, name, .. }, ty) = (self, self.element_type());
+        let Some(rows) = self.nested(&quote!(ROWS)) else {
+            return self.row().into_iter().collect();
+        };
+        let group = |i: usize| {
+            let prefix = match self.dimensions().is_empty() {
+                true => name.value(),
+                false => format!("{}[{}]", name.value(), i + 1),
+            };
+            let offset = quote!(::core::mem::offset_of!(Self, #ident) + #i * size_of::<#ty>());
+            quote!(#krate::Row::Group { prefix: #prefix, offset: #offset, rows: #rows })
+        };
+        (0..self.structs()).map(group).collect()
+    }
+
+    /// The row of a variable.
+    fn row(&self) -> Option<TokenStream> {
         let Self { ident, krate, name, description, options, .. } = self;
         let offset = quote!(::core::mem::offset_of!(Self, #ident));
-        if let Some(rows) = self.nested(&quote!(ROWS)) {
-            return Some(
-                quote!(#krate::Row::Group { prefix: #name, offset: #offset, rows: #rows }),
-            );
-        }
         let causality = match self.role {
-            Role::Internal => return None,
+            role if !role.has_rows() => return None,
             Role::Input => quote!(Input),
             Role::Output => quote!(Output),
             Role::Parameter => quote!(Parameter),
@@ -131,16 +147,38 @@ impl Field {
         })
     }
 
-    /// The arm of `input_derivative`.
-    pub fn input_derivative(&self) -> Option<TokenStream> {
+    /// Whether it makes the state of the struct one that cannot be saved; `None` if it never does.
+    pub fn is_unsaved(&self) -> Option<TokenStream> {
+        match self.role {
+            Role::Unsaved => Some(quote!(true)),
+            _ => self.nested(&quote!(IS_UNSAVED)),
+        }
+    }
+
+    /// For each nested struct of the field: its place, and the number of its first scalar.
+    fn places(&self) -> Vec<(TokenStream, TokenStream)> {
         let (ident, first) = (&self.ident, self.first());
+        if self.role != Role::Nested || self.dimensions().is_empty() {
+            return vec![(quote!(self.#ident), first)];
+        }
+        let count = self.element(&quote!(COUNT));
+        let place = |i: usize| (quote!(self.#ident[#i]), quote!(const { #i * #count + #first }));
+        (0..self.structs()).map(place).collect()
+    }
+
+    /// The arms of `input_derivative`.
+    pub fn input_derivative(&self) -> Option<TokenStream> {
+        let first = self.first();
         if let Some(derivative) = self.nested(&quote!(input_derivative)) {
             let count = self.element(&quote!(COUNT));
-            return Some(quote! {
-                _ if index.wrapping_sub(#first) < const { #count } => {
-                    #derivative(&mut self.#ident, index.wrapping_sub(#first))
+            let arms = self.places().into_iter().map(|(place, first)| {
+                quote! {
+                    _ if index.wrapping_sub(#first) < const { #count } => {
+                        #derivative(&mut #place, index.wrapping_sub(#first))
+                    }
                 }
             });
+            return Some(arms.collect());
         }
         let place = self.options.expression("derivative")?;
         Some(quote!(_ if index == #first => ::core::option::Option::Some(&mut #place),))
@@ -148,17 +186,20 @@ impl Field {
 
     /// The arms of `directional_derivative`, with respect to other fields of the struct.
     pub fn directional_derivatives(&self, others: &[Self]) -> TokenStream {
-        let (ident, first) = (&self.ident, self.first());
+        let first = self.first();
         if let Some(derivative) = self.nested(&quote!(directional_derivative)) {
             let count = self.element(&quote!(COUNT));
-            return quote! {
-                _ if unknown.wrapping_sub(#first) < const { #count }
-                    && known.wrapping_sub(#first) < const { #count } =>
-                {
-                    let (unknown, known) = (unknown - #first, known - #first);
-                    #derivative(&self.#ident, unknown, known)
+            let arms = self.places().into_iter().map(|(place, first)| {
+                quote! {
+                    _ if unknown.wrapping_sub(#first) < const { #count }
+                        && known.wrapping_sub(#first) < const { #count } =>
+                    {
+                        let (unknown, known) = (unknown - #first, known - #first);
+                        #derivative(&#place, unknown, known)
+                    }
                 }
-            };
+            });
+            return arms.collect();
         }
         let arms = self.options.derivatives().iter().filter_map(|(name, value)| {
             let known = others.iter().find(|other| other.is_named(name))?.first();
@@ -171,7 +212,8 @@ impl Field {
     pub fn add_outputs(&self, others: &[Self]) -> Option<TokenStream> {
         let (ident, krate) = (&self.ident, &self.krate);
         if let Some(add) = self.nested(&quote!(add_outputs)) {
-            return Some(quote!(let sum = #add(&self.#ident, sum);));
+            let places = self.places().into_iter().map(|(place, _)| place);
+            return Some(quote!(#(let sum = #add(&#places, sum);)*));
         }
         if self.role != Role::Output || !self.of_type.is_float() {
             return None;
@@ -201,6 +243,10 @@ impl Field {
     /// The statement that copies the field into the same field of this struct.
     pub fn copy_from(&self) -> TokenStream {
         let ident = &self.ident;
+        if self.role == Role::Nested && !self.dimensions().is_empty() {
+            let copy = self.element(&quote!(copy_from));
+            return quote!(for (to, from) in self.#ident.iter_mut().zip(&from.#ident) { #copy(to, from) });
+        }
         let copy = match self.dimensions().is_empty() {
             true => self.element(&quote!(copy_from)),
             false => at(self.span(), quote!(::core::clone::Clone::clone_from)),

@@ -80,7 +80,9 @@ use syn::{DeriveInput, Error, parse_macro_input};
         constant,
         derivative,
         event_indicator,
-        nested
+        nested,
+        log,
+        unsaved
     )
 )]
 pub fn model(input: TokenStream) -> TokenStream {
@@ -104,7 +106,9 @@ pub fn model(input: TokenStream) -> TokenStream {
 /// | `#[constant(start = ...)]` | local constant | nobody |
 /// | `#[derivative(of = x)]` | local variable `der(x)`, the time derivative of a state of the same struct | the model |
 /// | `#[event_indicator]` | local variable; where it changes its sign, an event happens | the model |
-/// | `#[nested]` | the variables of another struct, with the name of the field before theirs: `pid.kp` | |
+/// | `#[nested]` | the variables of another struct, with the name of the field before theirs: `pid.kp`; of an array of structs, `pid[1].kp` | |
+/// | `#[log]` | none: the `Log` of a model | |
+/// | `#[unsaved]` | none: an internal field that is no part of the state of the FMU, which then cannot be saved | |
 /// | none | none; the type implements `Default`, `Clone`, `Serialize` and `Deserialize` | the model |
 ///
 /// # Types
@@ -210,7 +214,9 @@ pub fn model(input: TokenStream) -> TokenStream {
         constant,
         derivative,
         event_indicator,
-        nested
+        nested,
+        log,
+        unsaved
     )
 )]
 pub fn variables(input: TokenStream) -> TokenStream {

@@ -35,7 +35,12 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
         let what = "only a continuous model names its step; expected `fn step` in `impl Simulate`";
         return error(step, what);
     }
-    let model = model(input, &options, Some((&name, &description)));
+    let mut logs = fields.iter().filter(|field| field.role == Role::Log);
+    let log = logs.next();
+    if let Some(second) = logs.next() {
+        return error(&second.ident, "a model has one log");
+    }
+    let model = model(input, &options, Some((&name, &description)), log);
     Ok(quote!(#variables #model))
 }
 
@@ -43,6 +48,12 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
 pub fn expand_variables(input: &DeriveInput) -> Result<TokenStream> {
     let options = Options::of(&input.attrs, VARIABLES)?;
     let fields = fields(input, &options)?;
+    if let Some(log) = fields.iter().find(|field| field.role == Role::Log) {
+        return error(
+            &log.ident,
+            "only a model has a log; pass it to the functions of this struct",
+        );
+    }
     Ok(variables(input, &options, Some(&fields)))
 }
 
@@ -57,12 +68,17 @@ pub fn stub_variables(input: &DeriveInput) -> TokenStream {
 pub fn stub(input: &DeriveInput) -> TokenStream {
     let options = Options::of(&input.attrs, MODEL).unwrap_or_default();
     let variables = variables(input, &options, None);
-    let model = model(input, &options, None);
+    let model = model(input, &options, None, None);
     quote!(#variables #model)
 }
 
 /// The implementation of `Model`; a stub has no name and description.
-fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String)>) -> TokenStream {
+fn model(
+    input: &DeriveInput,
+    options: &Options,
+    named: Option<(&LitStr, &String)>,
+    log: Option<&Field>,
+) -> TokenStream {
     let (ident, krate) = (&input.ident, options.krate());
     let is_stub = named.is_none();
     let (name, description) =
@@ -116,6 +132,15 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
             }
         },
     };
+    let has_log = log.is_some();
+    let log = log.map(|Field { ident, .. }| {
+        let log = at(ident.span(), quote!(&mut self.#ident));
+        quote! {
+            fn log(&mut self) -> ::core::option::Option<&mut #krate::Log> {
+                ::core::option::Option::Some(#log)
+            }
+        }
+    });
     let stepped = quote!(impl #generics #krate::Stepped for #ident #arguments #condition {});
     let stepped = (!is_continuous).then_some(stepped);
     // A constant, whose function is compiled in tests only.
@@ -139,6 +164,7 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
             const IS_INTEGRATED: bool = #is_integrated;
             const DEFAULT_EXPERIMENT: (f64, f64) = (#stop_time, #step_size);
             const TOLERANCE: f64 = #tolerance;
+            const HAS_LOG: bool = #has_log;
         }
 
         #[allow(unused_variables)]
@@ -150,6 +176,7 @@ fn model(input: &DeriveInput, options: &Options, named: Option<(&LitStr, &String
             #[inline(always)]
             fn on_step(&mut self, time: f64, step: f64) -> #result { #step }
             #more
+            #log
         }
     }
 }
@@ -160,7 +187,8 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
     let krate = &quote!(#krate::derive);
     let is_stub = fields.is_none();
     let fields = fields.unwrap_or_default();
-    let each = |of: fn(&Field) -> TokenStream| fields.iter().map(of).collect::<TokenStream>();
+    let saved = fields.iter().filter(|field| field.role.is_saved());
+    let each = |of: fn(&Field) -> TokenStream| saved.clone().map(of).collect::<TokenStream>();
     let unset = match options.has("default") {
         _ if is_stub => quote!(::core::unreachable!()),
         true => quote!(::core::default::Default::default()),
@@ -169,7 +197,8 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
             quote!(Self { #(#values),* })
         }
     };
-    let rows = fields.iter().filter_map(Field::row);
+    let rows = fields.iter().flat_map(Field::rows);
+    let is_unsaved = fields.iter().filter_map(Field::is_unsaved);
     let sums = fields.iter().filter_map(|field| field.add_outputs(fields));
     let input_derivatives = fields.iter().filter_map(Field::input_derivative);
     let derivatives = fields.iter().map(|field| field.directional_derivatives(fields));
@@ -185,6 +214,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
         // SAFETY: the compiler provides the offsets, and checks the start values against the types.
         unsafe impl #generics #krate::Variables for #ident #arguments #condition {
             const ROWS: &'static [#krate::Row] = &[#(#rows),*];
+            const IS_UNSAVED: bool = false #(|| #is_unsaved)*;
 
             fn unset() -> Self { #unset }
             #[inline(always)]
@@ -222,7 +252,7 @@ fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
     let mut row = 0;
     for field in &mut fields {
         field.row = row;
-        row += usize::from(field.role != Role::Internal);
+        row += field.structs();
     }
     check_names(&fields)?;
     Ok(fields)

@@ -7,6 +7,7 @@ use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Va
 
 use crate::clock::SampleClock;
 use crate::layout::{self, Array, Facts, Place, Tables, copy_settable};
+use crate::log::Log;
 use crate::model::{Behavior, Kind, Model, ModelError};
 
 /// A model with `N` scalar variables.
@@ -63,6 +64,8 @@ impl<M: Model, const N: usize> Bound<M, N> {
         has_directional_derivatives: M::IS_CONTINUOUS
             && matches!(Self::TABLES.directional_derivatives, (true, false)),
         structural_parameters: Self::TABLES.structural_parameters,
+        has_log: M::HAS_LOG,
+        is_unsaved: M::IS_UNSAVED,
     };
     pub(crate) const HAS_INPUT_DERIVATIVES: bool = Self::TABLES.has_input_derivatives;
     const HAS_STRUCTURAL_PARAMETERS: bool = Self::TABLES.structural_parameters.0;
@@ -306,6 +309,9 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
                 }
             }
         }
+        if let (Some(log), Some(own)) = (fresh.log(), self.model.log()) {
+            std::mem::swap(log, own);
+        }
         self.model = fresh;
     }
 
@@ -374,6 +380,13 @@ pub(crate) enum Numbers {
 }
 
 impl dyn AnyModel {
+    /// Connects the log of the model, if it has one.
+    pub(crate) fn connect(&mut self, to: &Log) {
+        if let Some(log) = self.behavior_mut().log() {
+            log.clone_from(to);
+        }
+    }
+
     /// Sets the start values of a variant. Returns whether it uses fewer elements of an array than the table.
     fn override_starts(&mut self, mut overrides: Overrides) -> bool {
         while let Some((start, rest)) = overrides.next() {

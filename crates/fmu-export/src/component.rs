@@ -163,8 +163,9 @@ impl<M: AnyModel> Component<M> {
         settings: Settings,
         hot: &'static Hot,
         (guid, overrides): (&'static Guid, Overrides),
-        model: M,
+        mut model: M,
     ) -> Self {
+        (&mut model as &mut dyn AnyModel).connect(&settings.log);
         let facts = model.facts();
         // providesIntermediateUpdate is false for the others.
         let intermediate_update = (settings.intermediate_update).filter(|_| facts.is_continuous);
@@ -307,7 +308,8 @@ impl Component {
     }
 
     pub(crate) fn switch_log(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
-        self.shared.settings.log.switch(on, categories)
+        let has_log = self.model.facts().has_log;
+        self.shared.settings.log.switch(on, categories, has_log)
     }
 
     /// Sets the times of the experiment, and the relative tolerance. A model that is not integrated here keeps
@@ -359,6 +361,7 @@ impl Component {
     pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
         let shared = &mut self.shared;
         self.model.reset(shared.overrides);
+        self.model.connect(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
         self.enter(State::Instantiated);
         Ok(())
@@ -583,11 +586,21 @@ impl Component {
     }
 
     /// The complete state of the instance.
-    pub(crate) fn snapshot(&self) -> Snapshot {
-        Snapshot {
+    pub(crate) fn snapshot(&self) -> Result<Snapshot, ModelError> {
+        self.check_saved()?;
+        Ok(Snapshot {
             guid: *self.shared.guid,
             lifecycle: self.shared.lifecycle,
             model: self.model.copy(),
+        })
+    }
+
+    fn check_saved(&self) -> Result<(), ModelError> {
+        match self.model.facts().is_unsaved {
+            false => Ok(()),
+            true => Err(ModelError::refuse(
+                "the model has fields that cannot be saved: canGetAndSetFMUState is false",
+            )),
         }
     }
 
@@ -628,6 +641,7 @@ impl Component {
 
     /// Deserializes a state of the model.
     pub(crate) fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot, ModelError> {
+        self.check_saved()?;
         let damaged = || ModelError::refuse("the bytes are damaged or not a serialized FMU state");
         let end = bytes.len().checked_sub(CHECKSUM).ok_or_else(damaged)?;
         let (content, sum) = bytes.split_at(end);

@@ -49,6 +49,8 @@ pub const fn interface<M: Model, const N: usize>(variant: Option<&'static str>) 
         description: M::DESCRIPTION,
         is_sampled: M::IS_SAMPLED,
         is_continuous: M::IS_CONTINUOUS,
+        has_log: M::HAS_LOG,
+        is_unsaved: M::IS_UNSAVED,
         default_experiment: M::DEFAULT_EXPERIMENT,
         tolerance: M::TOLERANCE,
         scalars,

@@ -220,6 +220,9 @@ pub(crate) struct Facts {
     pub(crate) step: f64,
     pub(crate) tolerance: f64,
     pub(crate) has_directional_derivatives: bool,
+    pub(crate) has_log: bool,
+    /// Whether its state cannot be saved.
+    pub(crate) is_unsaved: bool,
     /// Whether there are structural parameters, and whether any of them is tunable.
     pub(crate) structural_parameters: (bool, bool),
 }

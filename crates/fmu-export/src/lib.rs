@@ -94,6 +94,7 @@ pub use fmu_derive::{Choice, Model, Variables};
 pub use fmu_description::{Choice, Variables};
 #[doc(hidden)]
 pub use fmu_description::{derive, interface as embedded};
+pub use log::Log;
 #[doc(hidden)]
 pub use model::{Behavior, Stepped};
 pub use model::{Continuous, Model, ModelError, Simulate, Start};
@@ -106,7 +107,9 @@ pub use no_functions as functions_of_fmi3;
 
 /// What a model needs: `use fmu_export::prelude::*;`.
 pub mod prelude {
-    pub use crate::{Choice, Continuous, Model, ModelError, Simulate, Start, Variables, export};
+    pub use crate::{
+        Choice, Continuous, Log, Model, ModelError, Simulate, Start, Variables, export,
+    };
 }
 
 /// Turns the library into an FMU binary with one or more [`Model`]s, which the host selects by GUID,

@@ -2,12 +2,14 @@
 //! last panic happened.
 
 use std::any::Any;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_int};
+use std::fmt::{Arguments, Debug, Display, Formatter};
 use std::panic::Location;
+use std::rc::Rc;
 use std::sync::Once;
 
-use fmu_description::LOG_CATEGORIES;
+use fmu_description::{LOG_CATEGORIES, MODEL_CATEGORY};
 
 use crate::model::ModelError;
 
@@ -19,9 +21,10 @@ pub(crate) enum Category {
     Discard,
     Fatal,
     Events,
+    Model,
 }
 
-const EVERY: u8 = STATUSES | Category::Events.bit();
+const EVERY: u8 = STATUSES | Category::Events.bit() | Category::Model.bit();
 const STATUSES: u8 = Category::Events.bit() - 1;
 
 impl Category {
@@ -32,7 +35,7 @@ impl Category {
     /// The status that goes with a message, with the number that it has in both versions.
     pub(crate) fn status(self) -> c_int {
         match self {
-            Self::Events => 0,
+            Self::Events | Self::Model => 0,
             Self::Warning => 1,
             Self::Discard => 2,
             Self::Error => 3,
@@ -49,53 +52,121 @@ impl Category {
 /// Sends a message to the host.
 pub(crate) type Sink = Box<dyn Fn(Category, &str)>;
 
-/// The log of an instance.
-pub(crate) struct Log {
-    sink: Option<Sink>,
+/// The log of an instance: a model writes to it by a field with the attribute `log`, which the instance connects.
+/// The log of a struct without an instance is silent.
+///
+/// A message that nobody wants is not formatted. In [`Continuous::evaluate`](crate::Continuous::evaluate), a model
+/// may write messages for states that the solver only tries.
+///
+/// ```
+/// use fmu_export::prelude::*;
+///
+/// /// Valve that may be stuck
+/// #[derive(Model)]
+/// #[model(sample_time = 0.1)]
+/// pub struct Valve {
+///     /// opening
+///     #[input(unit = "%")]
+///     opening: f64,
+///     /// flow
+///     #[output(unit = "l/min")]
+///     flow: f64,
+///     #[log]
+///     log: Log,
+/// }
+///
+/// impl Simulate for Valve {
+///     fn step(&mut self, time: f64, _step: f64) -> Result<(), ModelError> {
+///         if self.opening < 1.0 {
+///             self.log.warning(format_args!("at t = {time} s: the valve is stuck"));
+///         }
+///         self.flow = 0.5 * self.opening;
+///         Ok(())
+///     }
+/// }
+/// ```
+#[derive(Clone, Default)]
+pub struct Log(Option<Rc<Open>>);
+
+/// A log that somebody reads.
+struct Open {
+    sink: Sink,
     /// Enabled categories, as a set of bits.
-    on: u8,
+    on: Cell<u8>,
+}
+
+impl Debug for Log {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str(if self.0.is_some() { "Log" } else { "Log (silent)" })
+    }
 }
 
 impl Log {
-    /// Creates a log with the status categories enabled until the host disables them; events are enabled if
-    /// `debug` is true.
-    pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
-        let on = if debug { EVERY } else { STATUSES };
-        Self { sink, on }
+    /// Says what happens: status OK, category `logModel`, which is enabled with debug logging only.
+    pub fn info(&self, message: impl Display) {
+        self.send(Category::Model, format_args!("{message}"));
     }
 
-    /// Enables exactly the named categories, or disables them; without names, all categories.
-    pub(crate) fn switch(&mut self, on: bool, categories: &[&CStr]) -> Result<(), ModelError> {
+    /// Says what is unusual: status warning, category `logStatusWarning`.
+    pub fn warning(&self, message: impl Display) {
+        self.send(Category::Warning, format_args!("{message}"));
+    }
+
+    /// Says what is wrong though the simulation goes on: status error, category `logStatusError`. A step that fails
+    /// returns a [`ModelError`] instead.
+    pub fn error(&self, message: impl Display) {
+        self.send(Category::Error, format_args!("{message}"));
+    }
+
+    /// Creates a log with the status categories enabled until the host disables them; the others are enabled if
+    /// `debug` is true.
+    pub(crate) fn new(sink: Option<Sink>, debug: bool) -> Self {
+        let on = Cell::new(if debug { EVERY } else { STATUSES });
+        Self(sink.map(|sink| Rc::new(Open { sink, on })))
+    }
+
+    /// Enables exactly the named categories, or disables them; without names, all categories. Only some models have
+    /// the category for their own messages.
+    pub(crate) fn switch(
+        &self,
+        on: bool,
+        categories: &[&CStr],
+        has_own: bool,
+    ) -> Result<(), ModelError> {
         let mut set = 0;
         for &category in categories {
             let mut known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
-            let index = known.position(|name| name == category);
-            set |= match index.ok_or_else(|| unknown(category))? {
-                index if index > Category::Events as usize => EVERY,
+            let index =
+                known.position(|name| name == category && (has_own || name != MODEL_CATEGORY));
+            set |= match index.ok_or_else(|| unknown(category, has_own))? {
+                index if index > Category::Model as usize => EVERY,
                 index => 1 << index,
             };
         }
-        self.on = match (on, categories.is_empty()) {
-            (true, true) => EVERY,
-            (true, false) => set,
-            (false, true) => 0,
-            (false, false) => self.on & !set,
-        };
+        if let Some(open) = &self.0 {
+            open.on.set(match (on, categories.is_empty()) {
+                (true, true) => EVERY,
+                (true, false) => set,
+                (false, true) => 0,
+                (false, false) => open.on.get() & !set,
+            });
+        }
         Ok(())
     }
 
     /// Sends a message. It is formatted only if its category is enabled.
-    pub(crate) fn send(&self, category: Category, message: std::fmt::Arguments<'_>) {
-        if let Some(sink) = &self.sink
-            && self.on & category.bit() != 0
+    pub(crate) fn send(&self, category: Category, message: Arguments<'_>) {
+        if let Some(open) = &self.0
+            && open.on.get() & category.bit() != 0
         {
-            sink(category, &message.to_string());
+            (open.sink)(category, &message.to_string());
         }
     }
 }
 
-fn unknown(category: &CStr) -> ModelError {
-    let known = LOG_CATEGORIES.map(|(name, _)| name.to_string_lossy());
+fn unknown(category: &CStr, has_own: bool) -> ModelError {
+    let known = LOG_CATEGORIES.iter().filter(|(name, _)| has_own || *name != MODEL_CATEGORY);
+    let known: Vec<_> = known.map(|(name, _)| name.to_string_lossy()).collect();
     let known = known.join(", ");
     ModelError::refuse(format_args!(
         "log category {category:?} is unknown; expected one of {known}"

@@ -10,6 +10,7 @@ use dormand_prince::solver::Failure;
 use fmu_description::Variables;
 
 use crate::layout::set_start_values;
+use crate::log::Log;
 use crate::resources::Folder;
 
 /// A model: a struct with variables, a name and a description, implemented by `#[derive(Model)]`.
@@ -28,6 +29,8 @@ pub trait Model: Variables + Behavior {
     const IS_CONTINUOUS: bool = false;
     /// Whether its equations are integrated in co-simulation: it has no step of its own.
     const IS_INTEGRATED: bool = false;
+    /// Whether it has a [`Log`].
+    const HAS_LOG: bool = false;
     /// Stop time and communication step size (s) of the default experiment.
     const DEFAULT_EXPERIMENT: (f64, f64);
     /// Relative tolerance of its integrator; 0 if it has none.
@@ -67,6 +70,10 @@ pub trait Behavior: Any {
     }
 
     fn on_next_event(&self, time: f64) -> Option<f64> {
+        None
+    }
+
+    fn log(&mut self) -> Option<&mut Log> {
         None
     }
 }

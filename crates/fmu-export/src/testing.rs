@@ -135,6 +135,7 @@ impl<M: Drive> Driver<M> {
             }
         };
         component.shared.settings.log = Log::new(Some(Box::new(sink)), true);
+        component.model.connect(&component.shared.settings.log);
         Self {
             component,
             log,

@@ -1,4 +1,4 @@
-//! Models with equations and events, after three of the Reference FMUs:
+//! Models with equations and events, three of them after the Reference FMUs:
 //!
 //! ```sh
 //! cargo fmu export --package equations --fmi 2.0,3.0 --out target/examples
@@ -8,7 +8,13 @@
 #![forbid(unsafe_code)]
 
 mod bouncing_ball;
+mod cascade;
 mod stair;
 mod van_der_pol;
 
-fmu_export::export!(bouncing_ball::BouncingBall, stair::Stair, van_der_pol::VanDerPol);
+fmu_export::export!(
+    bouncing_ball::BouncingBall,
+    cascade::Cascade,
+    stair::Stair,
+    van_der_pol::VanDerPol
+);

@@ -15,7 +15,7 @@ use fmu_description::{
     ModelDescription, Origin, Row, Type, Value, Variability, Variable, read_interfaces,
 };
 use fmu_export::prelude::*;
-use models::{Lists, Reservoir, Sizes, Spring};
+use models::{Gauges, Lists, Reservoir, Sizes, Spring};
 use proptest::prelude::*;
 
 /// Defines the interface and the copy of a model or a variant of it.
@@ -36,6 +36,7 @@ interfaces! {
     SIZES SIZES_COPY: Sizes, None;
     OTHER OTHER_COPY: Sizes, Some(OTHER_VARIANT);
     LISTS LISTS_COPY: Lists, None;
+    GAUGES GAUGES_COPY: Gauges, None;
     LONGER LONGER_COPY: Lists, Some("Lists=Longer;1:1:3");
 }
 
@@ -95,6 +96,20 @@ fn the_xml_of_each_version_has_all_that_the_struct_says() {
     let terminals = description(&TANK_COPY).terminals(true).unwrap().unwrap();
     assert_is_file("Tank_terminals.xml", &terminals.document().unwrap());
     assert_eq!(description(&LISTS_COPY).terminals(false).unwrap(), None);
+}
+
+#[test]
+fn a_model_with_a_log_and_without_saved_states_says_so() {
+    let model = description(&GAUGES_COPY);
+    for version in FmiVersion::ALL {
+        let text = xml(&model, version).to_lowercase();
+        for flag in ["cangetandsetfmustate", "canserializefmustate"] {
+            assert!(text.contains(&format!("{flag}=\"false\"")), "{text}");
+        }
+        assert!(text.contains("<category name=\"logmodel\""), "{text}");
+    }
+    let names = model.variables.iter().map(|v| &*v.name);
+    assert_eq!(names.collect::<Vec<_>>(), ["gauge[1].level", "gauge[2].level"]);
 }
 
 /// The valid variables of a document, without their elements.

@@ -190,3 +190,28 @@ pub struct Net {
     #[output(size = "nodes", initially_from("w", "nodes"))]
     levels: [f64; 3],
 }
+
+/// Two gauges whose connection cannot be saved, with a log
+#[derive(Model)]
+pub struct Gauges {
+    #[nested]
+    gauge: [Gauge; 2],
+    #[log]
+    log: Log,
+}
+
+#[derive(Variables)]
+struct Gauge {
+    /// level
+    #[output(unit = "m")]
+    level: f64,
+    #[unsaved]
+    connection: Option<std::fs::File>,
+}
+
+impl Simulate for Gauges {
+    fn step(&mut self, time: f64, _step: f64) -> Result<(), ModelError> {
+        self.gauge[1].level = time;
+        Ok(())
+    }
+}

@@ -68,7 +68,7 @@ impl Component {
     ) -> Result<(), ModelError> {
         let state = required(state)?;
         // SAFETY: the caller's promise.
-        unsafe { store(self.snapshot(), state) }
+        unsafe { store(self.snapshot()?, state) }
     }
 
     pub(super) unsafe fn set_fmu_state(&mut self, state: *mut c_void) -> Result<(), ModelError> {

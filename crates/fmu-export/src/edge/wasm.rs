@@ -609,7 +609,7 @@ unsafe extern "C" fn get_fmu_state(instance: Pointer) -> Values<u8> {
     call(instance, || unsafe {
         let mut state = list(&[]);
         let status = perform(instance, &calls::fmi3GetFMUState, |c| {
-            let bytes = c.serialize(&c.snapshot())?;
+            let bytes = c.serialize(&c.snapshot()?)?;
             let first = allocate::<u8>(bytes.len());
             first.copy_from(bytes.as_ptr(), bytes.len());
             state = List { first, length: bytes.len() };

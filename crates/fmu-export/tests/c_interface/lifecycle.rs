@@ -1,5 +1,6 @@
 //! Instances: how they are made, their logs, resources and variants, and many of them.
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::{null, null_mut};
@@ -114,6 +115,46 @@ fn provoke(f: &Instance) -> BTreeSet<CString> {
         f.step(0.4, 0.1);
     }
     f.messages().into_iter().map(|message| CString::new(message.category).unwrap()).collect()
+}
+
+#[test]
+fn a_model_logs_in_the_categories_that_the_host_wants() {
+    for kind in PLAIN {
+        let it = Arguments::of(kind, DEVICE).make(|arguments| arguments.debug = true).run(7.0);
+        ok([it.set(Device::U_1, 3.0), it.set(Device::U_2, 5.0)]);
+        let time = Cell::new(7.0);
+        let step = || {
+            it.steps(time.get(), 1.0);
+            time.set(time.get() + 1.0);
+        };
+        let said = |level: u8| {
+            it.forget_messages();
+            assert_eq!(it.set_all(Type::Int32, &[Device::LEVEL], &[level.into()]), OK);
+            step();
+            let own = it.messages().into_iter().filter(|m| !m.text.starts_with("state: "));
+            own.map(|m| (m.category, m.status, m.text)).collect::<Vec<_>>()
+        };
+        let message = |category: &str, status, text: &str| {
+            vec![(category.to_owned(), status, text.to_owned())]
+        };
+        assert_eq!(said(0), []);
+        assert_eq!(said(1), message("logModel", OK, "opened at 7"));
+        assert_eq!(said(2), message("logStatusWarning", WARNING, "read at 9"));
+        assert_eq!(said(3), message("logStatusError", ERROR, "lost"));
+        ok([it.switch_log(false, &[c"logModel"])]);
+        assert_eq!((said(1), said(3).len()), (vec![], 1));
+        ok([it.switch_log(true, &[c"logModel"])]);
+        assert_eq!((said(1).len(), said(3)), (1, vec![]));
+        let silent = allocation_counter::measure(step);
+        assert_eq!((silent.count_total, it.get([Device::Y])), (0, [16.0]));
+        // The log is still connected.
+        ok([it.reset(), it.switch_log(true, &[])]);
+        it.start(1.0, None);
+        time.set(1.0);
+        assert_eq!(said(1), message("logModel", OK, "opened at 1"));
+        let others = Instance::of(kind, EVERY);
+        others.refuses("\"logModel\" is unknown", |f| f.switch_log(true, &[c"logModel"]));
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use fmu_description::Type;
 use fmu_export::prelude::*;
 
-fmu_export::export!(Every, Sampled, Ball, Hopper, Valve);
+fmu_export::export!(Every, Sampled, Ball, Hopper, Valve, Device);
 
 // Indices of the models.
 pub const EVERY: usize = 0;
@@ -14,6 +14,7 @@ pub const SAMPLED: usize = 1;
 pub const BALL: usize = 2;
 pub const HOPPER: usize = 3;
 pub const VALVE: usize = 4;
+pub const DEVICE: usize = 5;
 
 /// Defines a constant for each value reference, in order: of the first element of an array with so many.
 macro_rules! references {
@@ -542,6 +543,54 @@ impl Continuous for Valve {
 
     fn event(&mut self, _time: f64) -> Result<(), ModelError> {
         self.closed |= self.level >= 1.0;
+        Ok(())
+    }
+}
+
+/// Reads a device, whose connection cannot be saved, through two filters, and writes to the log
+#[derive(Model)]
+#[rustfmt::skip]
+pub struct Device {
+    /** what it writes */ #[parameter(tunable, max = 3)] level: i32,
+    #[nested] filter: [Filter; 2],
+    /** sum of the filters */ #[output] y: f64,
+    #[log] log: Log,
+    #[unsaved] connection: Option<Connection>,
+}
+
+struct Connection(f64);
+
+/// A filter of an input whose slope the host may provide
+#[derive(Variables)]
+#[rustfmt::skip]
+pub struct Filter {
+    /** input */ #[input(derivative = self.slope)] u: f64,
+    /** weights */ #[parameter(start = [1, 2])] weight: [f64; 2],
+    slope: f64,
+}
+
+impl Device {
+    references! { LEVEL, U_1, WEIGHT_1 * 2, U_2, WEIGHT_2 * 2, Y }
+}
+
+impl Simulate for Device {
+    fn initialize(&mut self, start: &Start) -> Result<(), ModelError> {
+        self.connection = Some(Connection(start.time));
+        Ok(())
+    }
+
+    fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
+        let Some(Connection(opened)) = self.connection else {
+            return Err(ModelError::new("there is no connection"));
+        };
+        match self.level {
+            1 => self.log.info(format_args!("opened at {opened}")),
+            2 => self.log.warning(format_args!("read at {time}")),
+            3 => self.log.error("lost"),
+            _ => {}
+        }
+        let inputs = self.filter.iter().map(|f| f.weight[1] * (f.u + f.slope * step));
+        self.y = inputs.sum();
         Ok(())
     }
 }

@@ -311,3 +311,16 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_model_with_a_field_that_cannot_be_saved_refuses_to_be() {
+    for kind in PLAIN {
+        let it = Instance::running(kind, DEVICE);
+        let words = "the model has fields that cannot be saved: canGetAndSetFMUState is false";
+        let mut state = null_mut();
+        it.fails(ERROR, words, |f| f.get_state(&mut state));
+        it.fails(ERROR, words, |f| f.deserialize(b"", &mut state));
+        assert!(state.is_null());
+        it.steps(0.0, 1.0);
+    }
+}

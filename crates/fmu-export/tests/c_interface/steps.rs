@@ -862,6 +862,16 @@ fn a_ramp_applies_to_the_next_step_only() {
 }
 
 #[test]
+fn an_element_of_an_array_of_structs_has_input_derivatives() {
+    let it = Instance::running(PLAIN[0], DEVICE);
+    ok([it.set(Device::U_1, 1.0), it.set_input_derivatives(&[Device::U_2], &[1], &[4.0])]);
+    for (time, y) in [(0.0, 2.0 + 2.0 * 4.0 * 0.5), (0.5, 2.0)] {
+        it.steps(time, 0.5);
+        assert_eq!(it.get([Device::Y]), [y]);
+    }
+}
+
+#[test]
 fn invalid_input_derivatives_are_refused() {
     let it = Instance::running(PLAIN[0], EVERY);
     for (reference, order, slope, words) in [

@@ -20,7 +20,7 @@ struct Options {
     /** twice */ #[input(start = 1, start = 2)] twice: f64,
     /** without a magnitude */ #[input(nominal = 2)] flags: bool,
     /** not a magnitude */ #[input(nominal = -2)] magnitude: f64,
-    #[nested] groups: [Group; 2],
+    #[nested] groups: [[Group; 2]; 2], #[nested(flatten)] flat: [Group; 2],
     slope: f64,
 }
 
