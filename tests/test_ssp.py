@@ -437,6 +437,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def write_in_files(folder: Path, ending: str, fmu: str = "Relay.fmu") -> Path:
+    """Write a package with the nested system in a file of its own."""
+    head, outermost, before, system, inner = re.split("(<System name=.*>)", NESTED)
+    inner, end, outer = inner.partition("</System>")
+    connectors = inner[: inner.index("<ParameterBindings>")]
+    of_type = {"ssp": "package", "ssd": "definition"}[ending]
+    inner = f"{head}{system}{inner}{end}</SystemStructureDescription>"
+    component = f'<Component name="inner" type="application/x-ssp-{of_type}" source="in.{ending}">'
+    package, part = folder / "outer.ssp", folder / "in.ssp"
+    with zipfile.ZipFile(part, "w") as archive:
+        archive.writestr("SystemStructure.ssd", inner)
+        archive.write(folder / fmu, "resources/A relay.fmu")
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.writestr(
+            "SystemStructure.ssd",
+            f"{head}{outermost}{before}{component}{connectors}</Component>{outer}",
+        )
+        archive.writestr("values.ssv", VALUES)
+        archive.writestr("names.ssm", MAPPING)
+        archive.write(folder / "Relay.fmu", "resources/A relay.fmu")
+        archive.write(part, "in.ssp")
+        archive.writestr("in.ssd", inner)
+    return package
+
+
 def write_nested(folder: Path, structure=NESTED, values=VALUES, mapping=MAPPING) -> Path:
     """Write a package with the nested system."""
     package = folder / "nested.ssp"
@@ -472,7 +497,8 @@ def test_a_nested_package_gives_the_bits_of_the_same_components_on_one_level(fol
     package = write_nested(folder)
     with zipfile.ZipFile(package) as archive:
         archive.extractall(tmp_path)
-    for file in (package, tmp_path / "SystemStructure.ssd"):
+    parts = (write_in_files(folder, ending) for ending in ("ssd", "ssp"))
+    for file in (package, tmp_path / "SystemStructure.ssd", *parts):
         found = simulate(file, tmp_path, "--step", 0.125)
         names = ["time", *(name.removeprefix("inner.") for name in list(found)[1:])]
         assert names == list(expected)
@@ -493,7 +519,8 @@ def test_parameters_without_a_variable_are_ignored_with_a_warning(folder, tmp_pa
     ("old", "new", "message"),
     [
         ('"1.0" name="nested"', '"2.0" name="nested"', 'version "2.0" of SSP is not supported'),
-        ('"b" source', '"b" type="application/x-ssp-package" source', "the type"),
+        ('"b" source', '"b" type="application/x-fmu-source" source', "the type"),
+        ('"b" source', '"b" type="application/x-ssp-package" source', "A%20relay.fmu: it is not"),
         ('"b" source', '"b" implementation="Scheduled" source', "the implementation"),
         ("resources/A%20relay.fmu", "../Relay.fmu", "leaves its folder"),
         ("resources/A%20relay.fmu", "http://host/Relay.fmu", "the source"),
@@ -524,3 +551,12 @@ def test_what_is_not_supported_is_refused_by_name(folder, tmp_path, old, new, me
     text = refusal(tmp_path, "simulate", package)
     assert text.startswith(f"{package}: ")
     assert message in text
+
+
+def test_errors_name_the_file_in_a_package(folder, tmp_path):
+    content = (folder / "Relay.fmu").read_bytes()
+    (tmp_path / "Relay.fmu").write_bytes(content)
+    (tmp_path / "broken.fmu").write_bytes(content[:1000])
+    package = write_in_files(tmp_path, "ssp", "broken.fmu")
+    text = refusal(tmp_path, "simulate", package)
+    assert f"component inner.a: {package}/in.ssp/resources/A relay.fmu cannot be used" in text

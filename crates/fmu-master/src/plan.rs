@@ -49,6 +49,13 @@ impl Plan {
     /// Something does not fit; the error names it: a file, a variable, a causality, a type, a unit, a
     /// start value, the times, an algebraic loop.
     pub fn new(description: &Description) -> Result<Self> {
+        Self::load(description).map_err(|error| match &description.package {
+            Some(package) => package.named(&error),
+            None => error,
+        })
+    }
+
+    fn load(description: &Description) -> Result<Self> {
         description.experiment().steps()?;
         tolerance("tolerance", description.tolerance)?;
         ensure!(!description.components.is_empty(), "the system has no component");

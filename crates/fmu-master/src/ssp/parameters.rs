@@ -59,7 +59,7 @@ impl System<'_> {
         ensure!(base == "SSD", "the sourceBase {base:?} is not supported, expected SSD");
         match holder.attribute("source") {
             Some(source) => {
-                *text = self.files.text(source)?;
+                *text = self.files().text(source)?;
                 document(text, name).with_context(|| source.to_owned())
             }
             None => {

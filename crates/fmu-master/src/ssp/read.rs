@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use super::system::System;
 use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
-use crate::fmu::units;
+use crate::fmu::{Units, units};
 use crate::{Description, Order};
 
 /// The system structure of a package.
@@ -22,8 +22,23 @@ pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
 pub struct Source {
     /// What was left out, such as parameters without a variable.
     pub warnings: Vec<String>,
-    /// The files of a package, until the FMUs are loaded.
-    _unpacked: Option<TempDir>,
+    /// The files, until the FMUs are loaded.
+    opened: Vec<Files>,
+}
+
+impl Source {
+    /// A text with the names of packages in place of the folders to which they are unpacked.
+    pub(crate) fn named(&self, error: &Error) -> Error {
+        named(&self.opened, error)
+    }
+}
+
+fn named(opened: &[Files], error: &Error) -> Error {
+    let unpacked = opened.iter().rev().filter(|files| files.is_package());
+    Error::msg(unpacked.fold(format!("{error:#}"), |text, files| {
+        let [folder, file] = [&files.folder, &files.file].map(|path| path.display().to_string());
+        text.replace(&folder, &file)
+    }))
 }
 
 /// Whether a file is a package or a system structure, by its name.
@@ -43,30 +58,31 @@ fn has_extension(file: &Path, expected: &str) -> bool {
 /// The file cannot be read, is invalid, or has a part that is not supported.
 pub fn read(file: &Path) -> Result<Description> {
     let read = || {
-        if has_extension(file, "ssd") {
-            let folder = file.parent().unwrap_or(Path::new("")).to_owned();
-            let name = file.file_name().unwrap_or_default();
-            let files = Files { folder, is_package: false };
-            return describe(&files, Path::new(name), None);
+        let mut opened = vec![Files::open(file)?];
+        let mut description = describe(&mut opened).map_err(|error| named(&opened, &error))?;
+        if let Some(source) = description.package.as_mut().and_then(Arc::get_mut) {
+            source.opened = opened;
         }
-        let unpacked = tempfile::Builder::new().prefix("ssp-").tempdir()?;
-        Archive::open_sound(file)?.unpack("", unpacked.path())?;
-        let files = Files { folder: unpacked.path().to_owned(), is_package: true };
-        ensure!(
-            files.folder.join(STRUCTURE_FILE).exists(),
-            "it is not an SSP package: it has no {STRUCTURE_FILE} at its root"
-        );
-        describe(&files, Path::new(STRUCTURE_FILE), Some(unpacked))
+        anyhow::Ok(description)
     };
     read().with_context(|| file.display().to_string())
 }
 
-fn describe(files: &Files, name: &Path, unpacked: Option<TempDir>) -> Result<Description> {
-    let text = archive::read_xml(&files.folder.join(name))?;
+/// The units that a structure defines.
+pub fn units_of(structure: &Element<'_>) -> Units {
+    units(structure.list(vocabulary::UNITS, vocabulary::UNIT), vocabulary::BASE_UNIT)
+}
+
+/// The outermost system of a structure.
+pub fn system_of<'a>(structure: &'a Element<'a>) -> Result<&'a Element<'a>> {
+    structure.child(vocabulary::SYSTEM).context("it has no system")
+}
+
+fn describe(opened: &mut Vec<Files>) -> Result<Description> {
+    let text = opened[0].structure()?;
     let root = document(&text, vocabulary::STRUCTURE)?;
-    let defined = units(root.list(vocabulary::UNITS, vocabulary::UNIT), vocabulary::BASE_UNIT);
-    let mut system = System::new(files, defined);
-    system.add(root.child(vocabulary::SYSTEM).context("it has no system")?, "")?;
+    let mut system = System::new(opened, units_of(&root));
+    system.add(system_of(&root)?, "")?;
     let connections = system.connections()?;
     let time = |name| root.child(EXPERIMENT).and_then(|experiment| experiment.real(name));
     let start = time("startTime").unwrap_or(0.0);
@@ -88,7 +104,7 @@ fn describe(files: &Files, name: &Path, unpacked: Option<TempDir>) -> Result<Des
         outputs: Vec::new(),
         input: None,
         is_single: false,
-        package: Some(Arc::new(Source { warnings: system.warnings, _unpacked: unpacked })),
+        package: Some(Arc::new(Source { warnings: system.warnings, opened: Vec::new() })),
     })
 }
 
@@ -117,13 +133,50 @@ pub fn document<'a>(text: &'a str, root: &str) -> Result<Element<'a>> {
 }
 
 /// The files that a system structure refers to.
+#[derive(Debug)]
 pub struct Files {
+    /// The package or the structure.
+    file: PathBuf,
     folder: PathBuf,
-    /// Whether they must be inside the folder.
-    is_package: bool,
+    /// The folder of a package, which files must not leave.
+    unpacked: Option<TempDir>,
 }
 
 impl Files {
+    /// Opens a structure (.ssd) or unpacks a package.
+    ///
+    /// # Errors
+    /// It is not a package.
+    pub fn open(file: &Path) -> Result<Self> {
+        if has_extension(file, "ssd") {
+            let folder = file.parent().unwrap_or(Path::new("")).to_owned();
+            return Ok(Self { file: file.to_owned(), folder, unpacked: None });
+        }
+        let unpacked = tempfile::Builder::new().prefix("ssp-").tempdir()?;
+        Archive::open_sound(file)?.unpack("", unpacked.path())?;
+        let folder = unpacked.path().to_owned();
+        ensure!(
+            folder.join(STRUCTURE_FILE).exists(),
+            "it is not an SSP package: it has no {STRUCTURE_FILE} at its root"
+        );
+        Ok(Self { file: file.to_owned(), folder, unpacked: Some(unpacked) })
+    }
+
+    fn is_package(&self) -> bool {
+        self.unpacked.is_some()
+    }
+
+    /// The text of the structure.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn structure(&self) -> Result<String> {
+        match self.is_package() {
+            true => archive::read_xml(&self.folder.join(STRUCTURE_FILE)),
+            false => archive::read_xml(&self.file),
+        }
+    }
+
     /// The file at a URI.
     ///
     /// # Errors
@@ -134,7 +187,7 @@ impl Files {
         let Some(path) = decoded(uri).filter(|_| is_relative) else {
             bail!("the source {uri:?} is not supported, expected the relative path of a file");
         };
-        if self.is_package {
+        if self.is_package() {
             archive::relative(&path).map_err(Error::msg)?;
         }
         Ok(self.folder.join(path))

@@ -8,7 +8,7 @@ use fmu_description::ModelDescription;
 use fmu_description::xml::{self, Element};
 use fmu_file::archive::Archive;
 
-use super::read::Files;
+use super::read::{self, Files};
 use super::vocabulary::{self, COMPONENT, SYSTEM};
 use crate::fmu::{Units, units};
 use crate::{Component, Connection, Interface, Scale};
@@ -53,12 +53,14 @@ pub struct Model {
 struct Connector {
     /// Whether values leave its element here.
     is_output: bool,
-    unit: Option<String>,
+    unit: Option<Unit>,
 }
 
 /// The elements read so far. Their paths are names separated by dots.
 pub struct System<'a> {
-    pub files: &'a Files,
+    /// The opened packages and structures; the paths that are read belong to the one with this index.
+    pub opened: &'a mut Vec<Files>,
+    pub current: usize,
     pub units: Units,
     pub components: Vec<Component>,
     /// The FMUs of the components; `None` if one cannot be read, which is reported when it is loaded.
@@ -72,9 +74,10 @@ pub struct System<'a> {
 }
 
 impl<'a> System<'a> {
-    pub fn new(files: &'a Files, units: Units) -> Self {
+    pub fn new(opened: &'a mut Vec<Files>, units: Units) -> Self {
         Self {
-            files,
+            opened,
+            current: 0,
             units,
             components: Vec::new(),
             models: Vec::new(),
@@ -88,13 +91,50 @@ impl<'a> System<'a> {
     /// Adds a component, or a system with all that it contains. Bindings of outer systems come later, so that
     /// their values replace those of inner ones.
     pub fn add(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
+        let of_type = element.attribute("type").unwrap_or(vocabulary::FMU_TYPE);
+        let is_file = element.name == COMPONENT && vocabulary::SYSTEM_TYPES.contains(&of_type);
         let index = match element.name {
-            COMPONENT => Some(self.component(element, path)?),
-            SYSTEM => None,
+            COMPONENT if !is_file => Some(self.component(element, path)?),
+            COMPONENT | SYSTEM => None,
             other => bail!("line {}: {other} is not supported", element.line),
         };
         let is_new = self.elements.insert(path.to_owned(), index).is_none();
         ensure!(is_new, "line {}: two elements have the name {path}", element.line);
+        if is_file {
+            let source = element.attribute("source").unwrap_or_default();
+            self.file(source, path)
+                .with_context(|| format!("{}: component {path}", line(element)))?;
+        }
+        self.add_parts(element, path)
+    }
+
+    /// Adds the system of another package or structure.
+    fn file(&mut self, source: &str, path: &str) -> Result<()> {
+        const MOST: usize = 100;
+        ensure!(self.opened.len() <= MOST, "there are more than {MOST} packages in packages");
+        let opened = Files::open(&self.files().path(source)?).with_context(|| source.to_owned())?;
+        let text = opened.structure();
+        self.opened.push(opened);
+        let current = std::mem::replace(&mut self.current, self.opened.len() - 1);
+        let add = || {
+            let text = text?;
+            let root = read::document(&text, vocabulary::STRUCTURE)?;
+            let units = std::mem::replace(&mut self.units, read::units_of(&root));
+            self.add_parts(read::system_of(&root)?, path)?;
+            self.units = units;
+            anyhow::Ok(())
+        };
+        add().with_context(|| source.to_owned())?;
+        self.current = current;
+        Ok(())
+    }
+
+    /// The package or structure that is being read.
+    pub fn files(&self) -> &Files {
+        &self.opened[self.current]
+    }
+
+    fn add_parts(&mut self, element: &Element<'_>, path: &str) -> Result<()> {
         for connector in element.list(vocabulary::CONNECTORS, vocabulary::CONNECTOR) {
             self.connector(connector, path).with_context(|| line(connector))?;
         }
@@ -127,7 +167,7 @@ impl<'a> System<'a> {
                 "ModelExchange" => Some(Interface::ModelExchange),
                 other => bail!("the implementation {other:?} is not supported"),
             };
-            Ok((self.files.path(element.attribute("source").unwrap_or_default())?, interface))
+            Ok((self.files().path(element.attribute("source").unwrap_or_default())?, interface))
         };
         let read: Result<_> = read();
         let (fmu, interface) =
@@ -152,8 +192,11 @@ impl<'a> System<'a> {
             kind => bail!("the kind {kind:?} of the connector {name} is not supported"),
         };
         let unit = element.child(vocabulary::REAL).and_then(|real| real.attribute("unit"));
-        let connector = Connector { is_output, unit: unit.map(str::to_owned) };
-        self.connectors.insert((path.to_owned(), name.to_owned()), connector);
+        let unit = unit
+            .map(|unit| Unit { name: unit.to_owned(), definition: self.units.get(unit).cloned() });
+        // A component that is a package repeats the connectors of its system.
+        let port = (path.to_owned(), name.to_owned());
+        self.connectors.entry(port).or_insert(Connector { is_output, unit });
         Ok(())
     }
 
@@ -242,10 +285,13 @@ impl<'a> System<'a> {
         let model = self.model(&port.0);
         let of_variable = model.and_then(|model| model.variables.get(&port.1));
         let stated = self.connectors.get(port).and_then(|connector| connector.unit.clone());
-        let name = stated.or_else(|| of_variable?.clone())?;
-        let of_model = || model.and_then(|model| model.units.get(&name));
-        let definition = self.units.get(&name).or_else(of_model).cloned();
-        Some(Unit { name, definition })
+        let unit = stated.or_else(|| {
+            let name = of_variable?.clone()?;
+            Some(Unit { definition: self.units.get(&name).cloned(), name })
+        });
+        let Unit { name, definition } = unit?;
+        let of_model = || model.and_then(|model| model.units.get(&name).cloned());
+        Some(Unit { definition: definition.or_else(of_model), name })
     }
 
     fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {

@@ -19,6 +19,9 @@ pub const NAMESPACES: [(&str, &str); 6] = [
 /// The type of components that are FMUs.
 pub const FMU_TYPE: &str = "application/x-fmu-sharedlibrary";
 
+/// The types of components that are systems in a file of their own: a structure, and a package.
+pub const SYSTEM_TYPES: [&str; 2] = ["application/x-ssp-definition", "application/x-ssp-package"];
+
 macro_rules! elements {
     ($($name:ident = $text:literal;)*) => {
         $(pub const $name: &str = $text;)*
