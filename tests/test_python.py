@@ -1,9 +1,12 @@
 """The Python module `fmu_master`."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from fmu_master import FmuError, Instance, System, simulate
+from fmu_master import FmuError, Instance, System, python_component, simulate
 from native import LOOPS
 from native import simulate as by_command_line
 from test_crashes import FAULTS, faulty
@@ -155,3 +158,49 @@ def test_a_crash_of_an_instance_is_an_exception(faulty):
         assert caught.value.time == 0.5
         with pytest.raises(FmuError, match="was freed"):
             instance.step(0.25)
+
+
+def passing(loop: dict, **component: object) -> System:
+    """Return the loop of a system file with a component in Python between controller and plant."""
+    table = {"name": "actuator", "fmu": python_component(["u"], ["f"], **component)}
+    parts = {part["name"]: part for part in loop["component"]}
+    parts = [parts["source"], parts["controller"], table, parts["plant"]]
+    links = [link for link in loop["connections"] if "controller.u" not in link]
+    links += [("controller.u", "actuator.u"), ("actuator.f", "plant.u")]
+    return System({**loop, "component": parts, "connections": links, "stop": 0.5})
+
+
+@pytest.fixture
+def loop(fmus) -> dict:
+    """Return the loop of the PID, with absolute paths."""
+    loop = tomllib.loads((LOOPS / "pid.toml").read_text())
+    for component in loop["component"]:
+        component["fmu"] = fmus / Path(component["fmu"]).name
+    return loop
+
+
+def test_a_component_in_python_that_passes_its_input_on_keeps_the_bits(loop):
+    expected = System(LOOPS / "pid.toml").simulate(stop_time=0.5)
+    result = passing(loop, step=lambda t, u: u).simulate(in_process=True)
+    for name in expected:
+        np.testing.assert_array_equal(result[name], expected[name])
+    np.testing.assert_array_equal(result["actuator.f"], expected["controller.u"])
+    assert result.units["plant.theta"] == "rad"
+
+
+def test_a_component_in_python_is_called_at_its_samples_and_may_raise(loop):
+    times = []
+
+    def hold(time: float, force: float) -> float:
+        times.append(time)
+        if time > 0.1:
+            raise ZeroDivisionError
+        return force
+
+    with pytest.raises(ZeroDivisionError):
+        passing(loop, step=hold, sample_time=0.05).simulate(in_process=True)
+    assert times == pytest.approx([0.001, 0.051, 0.101])
+    connections = ["controller.u2 -> actuator.u", "actuator.f -> plant.u"]
+    system = System({**passing(loop, step=hold).description, "connections": connections})
+    with pytest.raises(FmuError, match=r"controller\.u2: controller has no output u2"):
+        system.simulate()

@@ -21,6 +21,8 @@ use crate::{Description, Interface, Messages, Plan, Written};
 pub struct Setup {
     /// The file.
     pub file: PathBuf,
+    /// The name of the instance; by default from the name of the file.
+    pub name: Option<String>,
     /// How it is run; by default by co-simulation, if it supports that.
     pub interface: Option<Interface>,
     /// The start time (s).
@@ -82,7 +84,9 @@ impl Names {
     pub fn open(setup: &Setup) -> Result<Self> {
         let mut description = Description::of_fmu(&setup.file)?;
         description.tolerance = setup.tolerance;
-        description.components[0].interface = setup.interface;
+        let component = &mut description.components[0];
+        component.interface = setup.interface;
+        component.name = setup.name.clone().unwrap_or(std::mem::take(&mut component.name));
         for (name, size) in &setup.sizes {
             description.set_start(name, Written::Text(size.clone()));
         }

@@ -20,7 +20,7 @@ mod _native {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::run::{run, times};
+    use super::run::{read, run, times};
 
     #[pymodule_export]
     use super::single::Instance;

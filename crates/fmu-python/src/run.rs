@@ -2,19 +2,21 @@
 
 use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
 use fmu_master::run::{Failed, Outcome, Watch, supervise};
+use fmu_master::table::{self, Series};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::columns::Columns;
+use crate::columns::{Columns, to_python};
 use crate::job::{Given, Job, System};
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
@@ -73,6 +75,21 @@ pub fn run<'py>(
     dict.set_item("fault", fault)?;
     Ok(dict)
 }
+
+/// The columns of a table that a sweep has written: name, unit and values, None where one is missing.
+#[pyfunction]
+pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<(String, String, Cells<'_>)>> {
+    let table = py.detach(|| table::read(&file)).map_err(error)?;
+    let columns = table.into_iter().map(|Series { name, unit, cells }| {
+        let cells =
+            cells.into_iter().map(|cell| cell.map(|value| to_python(py, value)).transpose());
+        Ok((name, unit, cells.collect::<PyResult<_>>()?))
+    });
+    columns.collect()
+}
+
+/// The values of a column.
+type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]

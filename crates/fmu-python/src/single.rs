@@ -137,9 +137,11 @@ type Described<'py> = (
 impl Instance {
     /// Instantiates an FMU, in this process unless `program` starts a worker process.
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "Python passes them by position")]
     fn new(
         py: Python<'_>,
         file: PathBuf,
+        name: Option<String>,
         interface_name: Option<&str>,
         start_time: f64,
         tolerance: Option<f64>,
@@ -147,7 +149,7 @@ impl Instance {
         program: Vec<OsString>,
     ) -> PyResult<Self> {
         let interface = interface_name.map(interface).transpose().map_err(error)?;
-        let setup = Setup { file, interface, start: start_time, tolerance, sizes };
+        let setup = Setup { file, name, interface, start: start_time, tolerance, sizes };
         let (names, place) = py
             .detach(|| {
                 let names = Names::open(&setup)?;

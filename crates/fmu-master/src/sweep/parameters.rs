@@ -59,12 +59,13 @@ impl Parameters {
     /// A column for every variable.
     pub fn columns(&self) -> impl Iterator<Item = Column> {
         self.all.iter().flat_map(|parameter| {
-            let kind = match &parameter.values {
+            let kind = |variable: usize| match &parameter.values {
                 Values::List(values) => values[0].of_type(),
+                Values::Together(lists) => lists[variable][0].of_type(),
                 _ => Type::Float64,
             };
-            let variables = parameter.variables.iter();
-            variables.map(move |name| Column::new(name, "", kind))
+            let variables = parameter.variables.iter().enumerate();
+            variables.map(move |(index, name)| Column::new(name, "", kind(index)))
         })
     }
 
@@ -88,10 +89,10 @@ impl Parameters {
             points_left /= parameter.count();
             let place = point / points_left;
             point %= points_left;
-            let value = parameter.value(place, || Draw { seed: self.seed, rank, draw });
+            let drawn = Draw { seed: self.seed, rank, draw };
             rank += u64::from(parameter.is_random());
-            for variable in &parameter.variables {
-                assignments.push((variable.as_str(), value.clone()));
+            for (index, variable) in parameter.variables.iter().enumerate() {
+                assignments.push((variable.as_str(), parameter.value(place, index, &drawn)));
             }
         }
         Ok(assignments)
@@ -134,7 +135,14 @@ pub struct Parameter {
 #[derive(Debug, Clone, PartialEq)]
 enum Values {
     List(Vec<Value>),
-    Spaced { from: f64, to: f64, count: u64, scale: Scale },
+    /// A list for each variable.
+    Together(Vec<Vec<Value>>),
+    Spaced {
+        from: f64,
+        to: f64,
+        count: u64,
+        scale: Scale,
+    },
     Uniform([f64; 2]),
     LogUniform([f64; 2]),
     Normal([f64; 2]),
@@ -150,13 +158,14 @@ enum Scale {
 impl Parameter {
     /// Whether the values are drawn rather than listed or spaced.
     fn is_random(&self) -> bool {
-        !matches!(self.values, Values::List(_) | Values::Spaced { .. })
+        !matches!(self.values, Values::List(_) | Values::Together(_) | Values::Spaced { .. })
     }
 
     /// The number of grid positions of the parameter, at least 1.
     fn count(&self) -> u64 {
         match &self.values {
             Values::List(values) => values.len() as u64,
+            Values::Together(lists) => lists[0].len() as u64,
             Values::Spaced { count, .. } => *count,
             _ => 1,
         }
@@ -170,10 +179,11 @@ impl Parameter {
         }
     }
 
-    /// The value at a grid position, or the random value of a draw.
-    fn value(&self, place: u64, draw: impl FnOnce() -> Draw) -> Value {
+    /// The value of a variable at a grid position, or the random value of a draw.
+    fn value(&self, place: u64, variable: usize, draw: &Draw) -> Value {
         Value::Float64(match self.values {
             Values::List(ref values) => return values[place as usize].clone(),
+            Values::Together(ref lists) => return lists[variable][place as usize].clone(),
             // The exact ends, without the rounding of logarithms and powers.
             Values::Spaced { from, .. } if place == 0 => from,
             Values::Spaced { to, count, .. } if place == count - 1 => to,
@@ -182,9 +192,9 @@ impl Parameter {
                 // Multiplying before dividing keeps integers exact and decimal fractions correctly rounded.
                 scale.between([from, to], |a, b| (a * (last - place) + b * place) / last)
             }
-            Values::Uniform(bounds) => Scale::Linear.drawn(bounds, draw().fraction()),
-            Values::LogUniform(bounds) => Scale::Log.drawn(bounds, draw().fraction()),
-            Values::Normal([mean, deviation]) => mean + deviation * draw().normal(),
+            Values::Uniform(bounds) => Scale::Linear.drawn(bounds, draw.fraction()),
+            Values::LogUniform(bounds) => Scale::Log.drawn(bounds, draw.fraction()),
+            Values::Normal([mean, deviation]) => mean + deviation * draw.normal(),
         })
     }
 }
@@ -214,6 +224,8 @@ struct Keys {
     variables: Option<Vec<String>>,
     #[serde(default, deserialize_with = "list")]
     values: Option<Vec<Value>>,
+    #[serde(default, deserialize_with = "together")]
+    together: Option<Vec<Vec<Value>>>,
     from: Option<f64>,
     to: Option<f64>,
     #[serde(default, deserialize_with = "count")]
@@ -242,6 +254,10 @@ impl TryFrom<Keys> for Parameter {
         };
         let values = keys.values();
         let values = values.map_err(|e| Error::msg(format!("{}: {e}", variables.join(", "))))?;
+        if let Values::Together(lists) = &values {
+            let (lists, names) = (lists.len(), variables.join(", "));
+            ensure!(lists == variables.len(), "{names}: {lists} lists, expected one for each");
+        }
         Ok(Self { variables, values })
     }
 }
@@ -271,6 +287,7 @@ impl Keys {
         };
         let all = [
             self.values.map(Values::List),
+            self.together.map(Values::Together),
             spaced,
             self.uniform.map(Values::Uniform),
             self.log_uniform.map(Values::LogUniform),
@@ -285,40 +302,53 @@ impl Keys {
     }
 }
 
-/// Reads listed values. Whole numbers are real numbers, too, unless one is too large for that.
 fn list<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Vec<Value>>, D::Error> {
+    converted(deserializer, |written| Ok(Some(listed(written)?)))
+}
+
+fn together<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<Vec<Vec<Value>>>, D::Error> {
+    converted(deserializer, |lists: Vec<Vec<Written>>| {
+        let lists = lists.into_iter().map(listed).collect::<Result<Vec<_>>>()?;
+        let are_same = lists.windows(2).all(|pair| pair[0].len() == pair[1].len());
+        ensure!(are_same && !lists.is_empty(), "together, expected lists of the same length");
+        Ok(Some(lists))
+    })
+}
+
+/// Listed values. Whole numbers are real numbers, too, unless one is too large for that.
+fn listed(written: Vec<Written>) -> Result<Vec<Value>> {
     let is_exact = |number: i64| (number as f64) as i128 == i128::from(number);
     let is_real = |value: &Written| !matches!(value, Written::Integer(n) if !is_exact(*n));
-    converted(deserializer, |listed: Vec<Written>| {
-        let are_real = listed.iter().all(is_real);
-        let values = listed.into_iter().map(|value| match value {
-            Written::Boolean(value) => Value::Boolean(value),
-            Written::Integer(number) if !are_real => Value::Int64(number),
-            Written::Integer(number) => Value::Float64(number as f64),
-            Written::Real(number) => Value::Float64(number),
-            Written::Text(text) => Value::String(text),
-        });
-        let values = Vec::from_iter(values);
-        let first = values.first();
-        let first = first.context("values = [], expected at least one")?;
-        for value in &values {
-            ensure!(
-                value.of_type() == first.of_type(),
-                "the value {value}, expected {} like the first one",
-                expected(first.of_type())
-            );
-            match value {
-                Value::Float64(number) if !number.is_finite() => {
-                    bail!("the value {number}, expected finite numbers")
-                }
-                Value::String(text) if text.contains(char::is_control) => {
-                    bail!("the value {text:?}, expected no control characters")
-                }
-                _ => {}
+    let are_real = written.iter().all(is_real);
+    let values = written.into_iter().map(|value| match value {
+        Written::Boolean(value) => Value::Boolean(value),
+        Written::Integer(number) if !are_real => Value::Int64(number),
+        Written::Integer(number) => Value::Float64(number as f64),
+        Written::Real(number) => Value::Float64(number),
+        Written::Text(text) => Value::String(text),
+    });
+    let values = Vec::from_iter(values);
+    let first = values.first();
+    let first = first.context("values = [], expected at least one")?;
+    for value in &values {
+        ensure!(
+            value.of_type() == first.of_type(),
+            "the value {value}, expected {} like the first one",
+            expected(first.of_type())
+        );
+        match value {
+            Value::Float64(number) if !number.is_finite() => {
+                bail!("the value {number}, expected finite numbers")
             }
+            Value::String(text) if text.contains(char::is_control) => {
+                bail!("the value {text:?}, expected no control characters")
+            }
+            _ => {}
         }
-        Ok(Some(values))
-    })
+    }
+    Ok(values)
 }
 
 fn count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
@@ -403,6 +433,22 @@ mod tests {
     fn numbers(text: &str) -> Vec<f64> {
         let values = values(&read(text).unwrap(), 0);
         values.iter().map(number).collect()
+    }
+
+    #[test]
+    fn variables_with_lists_of_their_own_vary_together() {
+        let parameters =
+            read("[]; variables = ['a', 'b']; together = [[1, 2], ['x', 'y']]").unwrap();
+        assert_eq!(parameters.runs, 2);
+        let second = parameters.run(1).unwrap();
+        let text = Value::String("y".into());
+        assert_eq!(second, [("a", Value::Float64(2.0)), ("b", text)]);
+        for (lists, reason) in
+            [("[[1, 2], [3]]", "same length"), ("[[1]]", "1 lists, expected one")]
+        {
+            let text = format!("[]; variables = ['a', 'b']; together = {lists}");
+            assert!(read(&text).unwrap_err().to_string().contains(reason));
+        }
     }
 
     #[test]

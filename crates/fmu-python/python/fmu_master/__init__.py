@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .by_hand import PythonComponent, python_component
     from .instance import Instance, State, Variable
     from .result import FmuError, Message, Result
     from .system import System, simulate
@@ -22,15 +23,28 @@ _MODULES = {
     "FmuError": "result",
     "Instance": "instance",
     "Message": "result",
+    "PythonComponent": "by_hand",
     "Result": "result",
     "State": "instance",
     "System": "system",
     "Variable": "instance",
+    "python_component": "by_hand",
     "simulate": "system",
 }
 """The modules of the names, which are imported on first use: the command line needs no NumPy."""
 
-__all__ = ["FmuError", "Instance", "Message", "Result", "State", "System", "Variable", "simulate"]
+__all__ = [
+    "FmuError",
+    "Instance",
+    "Message",
+    "PythonComponent",
+    "Result",
+    "State",
+    "System",
+    "Variable",
+    "python_component",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> Any:

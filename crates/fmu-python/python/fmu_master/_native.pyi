@@ -14,6 +14,7 @@ class Instance:
     def __init__(
         self,
         file: Path,
+        name: str | None,
         interface_name: str | None,
         start_time: float,
         tolerance: float | None,

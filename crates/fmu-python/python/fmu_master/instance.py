@@ -13,8 +13,8 @@ import numpy as np
 
 from . import _native
 from ._command import WORKER
+from ._values import elements, texts
 from .result import called
-from .system import elements, texts
 
 
 class Variable(NamedTuple):
@@ -61,9 +61,12 @@ class Instance:
         The start time [s].
     tolerance
         Relative tolerance of the integration.
+    name
+        Its name in errors, by default that of the file.
     in_process
-        Run in this process, in which a call takes about a microsecond. By default, the FMU runs in
-        a child process: a call takes some ten microseconds, and a crash is an `FmuError`.
+        Run in this process, in which a call takes about a microsecond, but a crash ends Python. By
+        default, the FMU runs in a child process: a call takes some ten microseconds, and a crash is
+        an `FmuError`.
 
     The instance is initialized on first use. As a context manager it is freed at the end.
 
@@ -83,11 +86,12 @@ class Instance:
         start_time: float = 0.0,
         *,
         tolerance: float | None = None,
+        name: str | None = None,
         in_process: bool = False,
     ):
         file, program = Path(filename).absolute(), [] if in_process else WORKER
         given = dict(start_values or {})
-        arguments = (file, interface, start_time, tolerance)
+        arguments = (file, name, interface, start_time, tolerance)
         self._native = called(_native.Instance, *arguments, texts(given), program)
         self._time: float = start_time
         self._starts: dict[str, Any] = given
@@ -134,12 +138,16 @@ class Instance:
 
     def get(self, names: str | Iterable[str]) -> Any:
         """Return the value of a variable, or an array of the values of several."""
-        self.initialize()
         if isinstance(names, str):
-            values = called(self._native.get, self._numbers(names))
+            values = self.get_list((names,))
             return values[0] if len(values) == 1 else np.array(values)
+        return np.array(self.get_list(names))
+
+    def get_list(self, names: Iterable[str]) -> list[Any]:
+        """Return the values of variables, in their types."""
+        self.initialize()
         numbers = [number for name in names for number in self._numbers(name)]
-        return np.array(called(self._native.get, numbers))
+        return called(self._native.get, numbers)
 
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
         """Set a variable, or those of a mapping; before the initialization, start values."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -86,6 +86,14 @@ class Result(Mapping[str, np.ndarray]):
         self.notes: list[str] = about.get("notes", [])
         self.ended: str | None = about.get("ended")
         self.duration: float = about.get("duration", 0.0)
+
+    @classmethod
+    def of(cls, columns: Mapping[str, Any], units: Mapping[str, str]) -> Self:
+        """Return a result of columns of numbers by name, "time" first."""
+        result = cls(())
+        result._columns = {name: np.asarray(column) for name, column in columns.items()}
+        result.units = dict(units)
+        return result
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self._columns:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import tempfile
 import tomllib
@@ -14,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from . import _native
+from . import _native, by_hand
 from ._command import WORKER
+from ._values import elements, texts, toml
+from .by_hand import PythonComponent
 from .result import FmuError, Result, called
 
 Input = Any
@@ -33,7 +34,8 @@ class System:
         the keys of a system file.
     **keys
         The same keys as keyword arguments. `components` maps names to files, or to dicts with the
-        keys `fmu`, `start`, `interface`, `sampled` and `tolerance`; `connections` has pairs
+        keys `fmu`, `start`, `interface`, `sampled` and `tolerance`, or to a `python_component`;
+        `connections` has pairs
         (output, input), texts "component.output -> component.input" or dicts; `start`, `stop` and
         `step` are in s; `order` is "sequential" or "parallel".
 
@@ -69,9 +71,9 @@ class System:
         if self.description is None:
             return _read(self.file)
         tables = self.description.get("component", [])
-        lines = [f"{k} = {_toml(v)}" for k, v in self.description.items() if k != "component"]
+        lines = [f"{k} = {toml(v)}" for k, v in self.description.items() if k != "component"]
         for table in tables:
-            lines += ["[[component]]", *(f"{key} = {_toml(part)}" for key, part in table.items())]
+            lines += ["[[component]]", *(f"{key} = {toml(part)}" for key, part in table.items())]
         return "\n".join([*lines, ""])
 
     def simulate(
@@ -118,6 +120,20 @@ class System:
             The system does not fit, or an FMU fails or ends its process; its `result` has the
             rows so far.
         """
+        description = self.description or {}
+        if any(isinstance(c["fmu"], PythonComponent) for c in description.get("component", ())):
+            if input is not None:
+                raise FmuError("input: expected a component in Python, as the system has others")
+            changes = {
+                "start": start_time,
+                "stop": stop_time,
+                "step": step_size,
+                "order": order,
+                "tolerance": tolerance,
+            }
+            system = {**description, **{k: v for k, v in changes.items() if v is not None}}
+            names = output or description.get("outputs", ())
+            return by_hand.run(system, start_values or {}, names, in_process)
         given = {
             "file": self.file,
             "text": None if self.description is None else self.toml,
@@ -206,41 +222,6 @@ def _normal(description: Mapping[str, Any]) -> dict[str, Any]:
     return normal
 
 
-def _toml(value: Any) -> str:
-    """Return a value as TOML."""
-    match value:
-        case bool() | np.bool_():
-            return "true" if value else "false"
-        case Mapping():
-            pairs = ", ".join(f"{_toml(key)} = {_toml(part)}" for key, part in value.items())
-            return f"{{ {pairs} }}"
-        case list() | tuple():
-            return f"[{', '.join(map(_toml, value))}]"
-        case int() | np.integer():
-            return str(int(value))
-        case float() | np.floating():
-            return repr(float(value))
-        case str() | os.PathLike():
-            return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
-    raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
-
-
-def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Return start values by name; those of arrays by the names of the elements."""
-    for name, value in values.items():
-        if np.ndim(value) == 0:
-            yield name, value
-            continue
-        for index, element in np.ndenumerate(value):
-            yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
-
-
-def texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return start values as texts."""
-    pairs = elements(values)
-    return [(n, v if isinstance(v, str) else _toml(v)) for n, v in pairs]
-
-
 @contextlib.contextmanager
 def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
     """Write inputs to a temporary CSV file."""
@@ -255,7 +236,7 @@ def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
     else:
         columns = {"time": given["time"], **{n: given[n] for n in names if n != "time"}}
     lists = [np.asarray(column).tolist() for column in columns.values()]
-    lines = [",".join(columns), *(",".join(map(_toml, row)) for row in zip(*lists, strict=True))]
+    lines = [",".join(columns), *(",".join(map(toml, row)) for row in zip(*lists, strict=True))]
     with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
         file = Path(folder, "input.csv")
         file.write_text("\n".join([*lines, ""]), encoding="utf-8")

@@ -1,0 +1,45 @@
+"""Values as texts, as a system file has them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+
+def toml(value: Any) -> str:
+    """Return a value as TOML."""
+    match value:
+        case bool() | np.bool_():
+            return "true" if value else "false"
+        case Mapping():
+            pairs = ", ".join(f"{toml(key)} = {toml(part)}" for key, part in value.items())
+            return f"{{ {pairs} }}"
+        case list() | tuple():
+            return f"[{', '.join(map(toml, value))}]"
+        case int() | np.integer():
+            return str(int(value))
+        case float() | np.floating():
+            return repr(float(value))
+        case str() | os.PathLike():
+            return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
+    raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
+
+
+def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Return start values by name; those of arrays by the names of the elements."""
+    for name, value in values.items():
+        if np.ndim(value) == 0:
+            yield name, value
+            continue
+        for index, element in np.ndenumerate(value):
+            yield f"{name}[{','.join(str(i + 1) for i in index)}]", element
+
+
+def texts(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return start values as texts."""
+    pairs = elements(values)
+    return [(n, v if isinstance(v, str) else toml(v)) for n, v in pairs]
