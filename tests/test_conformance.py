@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pendulum_fmus.project import ROOT
-from test_validate import Fmu, cargo_fmu, check, findings, write
+from test_validate import Fmu, cargo_fmu, check, findings, read, write
 
 pytestmark = pytest.mark.usefixtures("program")
 
@@ -88,6 +88,14 @@ def conformance(
 @pytest.mark.parametrize("kind", [CS, ME, BOTH])
 def test_the_correct_fmu_has_no_findings(conformance: Callable[..., Path], kind: str) -> None:
     assert findings(conformance(kind=kind)) == []
+
+
+def test_one_instance_is_enough_if_the_fmu_allows_no_more(conformance: Callable[..., Path]) -> None:
+    fmu = conformance("SECOND_INSTANCE_REFUSED")
+    files = read(fmu)
+    flags = b'canBeInstantiatedOnlyOncePerProcess="true" canSerializeFMUstate'
+    text = files["modelDescription.xml"].replace(b"canSerializeFMUstate", flags)
+    assert findings(write(fmu, {**files, "modelDescription.xml": text})) == []
 
 
 @pytest.mark.parametrize("defect", FOUND if ALL else FEW)

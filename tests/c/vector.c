@@ -13,7 +13,7 @@ enum { W = 1, C = 2, N = 3, TIME = 4, U = 5, Y = 6, COUNT = 7 };
 typedef struct {
     uint64_t n;
     double w[MOST], c[MOST], time, u;
-    bool is_running, event_mode;
+    bool is_running, is_late, event_mode;
     int steps, count;
     void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
     void *environment;
@@ -22,7 +22,7 @@ typedef struct {
 typedef const unsigned *References;
 
 static void restart(Vector *v) {
-    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, v->event_mode, 0, 0, v->update, v->environment};
+    const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
 #ifdef RESET
     const double kept = v->w[1];
     *v = start;
@@ -59,6 +59,9 @@ int fmi3EnterInitializationMode(Vector *v, bool has_tolerance, double tolerance,
 #ifdef START_TIME
     start = 0;
 #endif
+#ifdef LATE_START
+    v->is_late = start > 0;
+#endif
     v->time = start;
     return OK;
 }
@@ -70,6 +73,7 @@ int fmi3Terminate(Vector *v) { return (void)v, OK; }
 int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, bool *terminate, bool *early,
                double *last) {
     (void)final;
+    if (v->is_late) return ERROR;
     if (!(step >= 0 && step < 1e3) || time < v->time - 1e-6 || time > v->time + 1e-6) return ERROR;
     for (size_t i = 0; i < v->n; i++) v->w[i] += step * v->c[i];
     *terminate = *early = false;

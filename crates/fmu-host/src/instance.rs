@@ -187,7 +187,7 @@ unsafe extern "C" {
     fn free(memory: *mut c_void);
 }
 
-/// The results of a step (FMI 3.0.2, section 4.2.1.2).
+/// The results of a step (FMI 3.0.2, section 4.2.1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stepped {
     /// `eventHandlingNeeded`

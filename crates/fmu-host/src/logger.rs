@@ -33,7 +33,7 @@ pub struct Logged {
 /// Receives the log messages of an instance, possibly on a thread that the FMU has started.
 type Sink = dyn Fn(Logged) + Send + Sync;
 
-/// What an FMU tells during a step (FMI 3.0.2, section 4.2.1.4).
+/// What an FMU tells during a step (FMI 3.0.2, section 4.2.2).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intermediate {
     /// The time that the FMU has reached (s).

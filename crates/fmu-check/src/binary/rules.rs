@@ -99,11 +99,11 @@ rules! {
         DAMAGED_STATE: Warning, "damaged-state",
             Practice("a state of another version or a truncated file is taken as a sound one"),
             "Bytes that are not a serialized state are refused.";
-        DIRECTIONAL: Error, "directional-derivatives", Standard("section 2.1.9", "section 2.2.12.1"),
+        DIRECTIONAL: Error, "directional-derivatives", Standard("section 2.1.9", "section 2.2.11"),
             "If providesDirectionalDerivative is true, derivatives are those of the outputs.";
         INPUT_DERIVATIVES: Error, "input-derivatives", Fmi2("section 4.2.1"),
             "If canInterpolateInputs is true, derivatives of inputs are accepted.";
-        OUTPUT_DERIVATIVES: Error, "output-derivatives", Standard("section 4.2.1", "section 4.1.2"),
+        OUTPUT_DERIVATIVES: Error, "output-derivatives", Standard("section 4.2.1", "section 2.2.12"),
             "If maxOutputDerivativeOrder is not 0, derivatives of outputs are available.";
         DEPENDENCIES: Error, "true-dependencies", Standard("section 2.2.8", "section 2.4.8"),
             "An output depends directly on no input other than those that its dependencies list.";
@@ -165,7 +165,7 @@ rules! {
             "Structural parameters can have every value between min and max, and size arrays.";
         ADJOINT: Error, "adjoint-derivatives", Fmi3("section 2.2.11"),
             "If providesAdjointDerivatives is true, they are those of the directional derivatives.";
-        EVENT_MODE: Error, "event-mode", Fmi3("sections 4.2 and 4.3"),
+        EVENT_MODE: Error, "event-mode", Fmi3("sections 4.2.1 and 4.4"),
             "If hasEventMode is true, the FMU runs in co-simulation with event mode.";
         EVENT_FLAGS: Error, "events-signalled", Fmi3("sections 4.2.1 and 4.4"),
             "A step that is not for event mode asks for no event handling; with event mode, discrete variables change at events only.";
@@ -182,7 +182,9 @@ rules! {
         STATE_VARIABLES: Error, "state-variables", Standard("section 2.2.8", "section 2.4.8"),
             "The continuous states and their derivatives have the values and the order of the variables in the XML.";
         START_TIME: Error, "start-time", Standard("section 2.1.6", "section 2.3.2"),
-            "A run can start at another time than the default experiment.";
+            "The independent variable begins at the start time that the host passes.";
+        START_REFUSED: Warning, "start-time-steps", Standard("section 2.1.6", "section 2.3.2"),
+            "An FMU that begins within the default experiment takes steps from there.";
         TUNABLE_EFFECT: Warning, "tunable-effect", Standard("section 2.2.7", "section 2.4.7.4"),
             "A tunable parameter that is set in a run has an effect, if it has one before the run.";
         EVENTS: Error, "event-iteration", Standard("section 3.2.2", "section 2.3.5"),

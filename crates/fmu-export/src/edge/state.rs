@@ -1,4 +1,4 @@
-//! Saved states behind pointers of a host (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.10).
+//! Saved states behind pointers of a host (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.7.4).
 
 use std::ffi::c_void;
 

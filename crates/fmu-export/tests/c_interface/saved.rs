@@ -1,4 +1,4 @@
-//! FMU states (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.10): contents, ownership, serialization, and
+//! FMU states (FMI 2.0.5, section 2.1.8; FMI 3.0.2, section 2.2.7.4): contents, ownership, serialization, and
 //! damaged or forged bytes.
 
 use std::ffi::c_void;
