@@ -275,6 +275,12 @@ def test_the_plant_by_model_exchange_equals_cvode(version, tmp_path):
         assert ours[name] == pytest.approx(cvode[name], abs=1e-6)
 
 
+def test_what_has_no_equations_is_refused(tmp_path):
+    options = ("--interface=model-exchange", "--set=dynamics=transfer_function")
+    message = refusal(tmp_path, "simulate", FMUS / "Pendulum.fmu", *options)
+    assert "dynamics = transfer_function is a difference equation without derivatives" in message
+
+
 FORCE = np.array([(0.05, 1), (0.25, 3), (0.37, 2), (0.37, -4), (0.6, 5), (0.6, 0), (1, 1)])
 """Slopes and jumps between and at communication points."""
 

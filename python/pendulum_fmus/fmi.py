@@ -66,9 +66,6 @@ class Component(AbstractContextManager):
         at t. False for a plant or a source: they are the values at t+h.
     """
 
-    KIND, CLASS = "coSimulation", "Slave"
-    """The kind of FMU: the attribute of FMPy's descriptions, and the end of FMPy's classes."""
-
     def __init__(
         self,
         name: str,
@@ -91,7 +88,7 @@ class Component(AbstractContextManager):
 
     def _instantiate(self, stack: ExitStack) -> None:
         """Unzip and instantiate; closing `stack` undoes it."""
-        version, interface = self.description.fmiVersion, getattr(self.description, self.KIND)
+        version, interface = self.description.fmiVersion, self.description.coSimulation
         if version not in VERSIONS:
             raise MasterError(f"{self.path} is of FMI {version}; FMI 2.0 or 3.0 is expected")
         self.module, self.real = VERSIONS[version]
@@ -104,7 +101,7 @@ class Component(AbstractContextManager):
             logger = {"logMessage": lambda _, *event: _log(_, name, *event)}
         try:
             fmpy.extract(self.path, folder)
-            self.slave = getattr(self.module, f"FMU{version[0]}{self.CLASS}")(
+            self.slave = getattr(self.module, f"FMU{version[0]}Slave")(
                 guid=self.description.guid,
                 unzipDirectory=folder,
                 modelIdentifier=interface.modelIdentifier,
