@@ -1,7 +1,7 @@
 //! Derivatives of variables: with respect to other variables, and to time.
 
 use fmi_abi::state::State;
-use fmu_description::table::Field;
+use fmu_description::table::{Bounds, Field};
 use fmu_description::{Causality, Dynamics, Type, Value};
 
 use crate::bound::AnyModel;
@@ -98,6 +98,10 @@ impl Component {
             false => "an input or a state",
         };
         for &reference in knowns {
+            // Initial values may depend on the start time.
+            if is_initial && self.is_time(reference) {
+                continue;
+            }
             self.check_part(reference, expected, &|variable| {
                 let is_state = matches!(variable.dynamics, Dynamics::State);
                 let is_parameter = variable.causality == Causality::Parameter;
@@ -148,13 +152,18 @@ impl Component {
     /// The derivative of an initial value with respect to a start value: the quotient of differences between
     /// initializations, central unless the start value is at a bound.
     fn initial_derivative(&mut self, unknown: u32, known: u32) -> Result<f64, ModelError> {
-        let (Some(of), Some(by)) = (self.model.find(unknown), self.model.find(known)) else {
+        let Some(of) = self.model.find(unknown) else {
             return Ok(0.0);
         };
-        let start = self.model.get(&by).as_real().unwrap_or_default();
+        // Without it, the known is the time.
+        let by = self.model.find(known);
+        let start = match &by {
+            Some(by) => self.model.get(by).as_real().unwrap_or_default(),
+            None => self.shared.lifecycle.start_time,
+        };
         // A power of two near the cube root of the rounding error, so that a linear function has its exact slope.
         let step = libm::exp2(libm::floor(libm::log2(start.abs().max(1e-3)))) * 2f64.powi(-17);
-        let bounds = by.variable.bounds;
+        let bounds = by.map_or(Bounds::None, |by| by.variable.bounds);
         let [low, high] = [start - step, start + step].map(|value| {
             let allowed = bounds.contain(&Value::Float64(value));
             if allowed { value } else { start }
@@ -162,7 +171,10 @@ impl Component {
         let saved = self.model.copy();
         let lifecycle = self.shared.lifecycle;
         let mut at = |value| {
-            self.model.set(&by, Value::Float64(value));
+            match &by {
+                Some(by) => self.model.set(by, Value::Float64(value)),
+                None => self.shared.lifecycle.start_time = value,
+            }
             let result = self.initialize();
             let result = result.map(|()| self.model.get(&of).as_real().unwrap_or_default());
             self.model.assign(saved.as_ref());

@@ -120,7 +120,7 @@ impl Component {
 
     /// Whether a value reference belongs to the independent variable, which comes after all others. FMI
     /// 2.0 has none.
-    fn is_time(&self, reference: u32) -> bool {
+    pub(crate) fn is_time(&self, reference: u32) -> bool {
         self.shared.settings.edge.version == Version::Fmi3
             && reference as usize == self.model.facts().count
     }
