@@ -127,7 +127,7 @@ def test_workers_elsewhere_need_nothing_of_the_project_and_a_lost_scheduler_is_r
         assert process.stdout.readline() == f"no worker yet; `dask worker {address}` starts one\n"
         with dask(elsewhere, "worker", address, "--nworkers", "2", "--nthreads", "1"):
             assert process.wait() == 0
-            assert not list(elsewhere.rglob("cargo-fmu")), "not removed"
+            assert not list(elsewhere.rglob("_native*")), "not removed"
     assert out.read_bytes() == expected(sweep)
 
 

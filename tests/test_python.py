@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dask.distributed import Client
 
-from fmu_master import FmuError, Instance, System, python_component, simulate
+from fmu_master import FmuError, Instance, Sweep, System, python_component, simulate, sweep
 from native import LOOPS
 from native import simulate as by_command_line
 from test_crashes import FAULTS, faulty
@@ -204,3 +205,33 @@ def test_a_component_in_python_is_called_at_its_samples_and_may_raise(loop):
     system = System({**passing(loop, step=hold).description, "connections": connections})
     with pytest.raises(FmuError, match=r"controller\.u2: controller has no output u2"):
         system.simulate()
+
+
+SIGNALS = {
+    "reference": "source.r",
+    "output": "plant.theta",
+    "error": "controller.e",
+    "control": "controller.u",
+}
+
+
+def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
+    """The integral of |e| is that of the samples, by the left rectangle."""
+    gains, masses = [200.0, 300.0, 250.0], [1.0, 1.1, 1.2]
+    out = tmp_path / "out.csv"
+    system = System({**loop, "stop": 1.0})
+    plan = {"controller.pid.kp": gains, "plant.M": masses}
+    runs = sweep(plan, system, out, signals=SIGNALS)
+    assert runs["controller.pid.kp"].tolist() == gains
+    assert runs["plant.M"].tolist() == masses
+    for index, (gain, mass) in enumerate(zip(gains, masses, strict=True)):
+        result = system.simulate({"controller.pid.kp": gain, "plant.M": mass})
+        integral = np.sum(np.abs(result["controller.e"])) * 1e-3
+        assert runs["iae"][index] == pytest.approx(integral, rel=2e-3)
+    assert out.read_text().startswith("index,controller.pid.kp,plant.M,")
+    with Client(processes=False, dashboard_address=None) as client:
+        distributed = Sweep(plan, system, signals=SIGNALS).dask(client)
+    for name in runs:
+        np.testing.assert_array_equal(distributed[name], runs[name])
+    with pytest.raises(FmuError, match="has no variable kp"):
+        sweep({"controller.kp": gains}, system, signals=SIGNALS)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .by_hand import PythonComponent, python_component
     from .instance import Instance, State, Variable
     from .result import FmuError, Message, Result
+    from .sweeps import Sweep, sweep
     from .system import System, simulate
 
 _MODULES = {
@@ -26,10 +27,12 @@ _MODULES = {
     "PythonComponent": "by_hand",
     "Result": "result",
     "State": "instance",
+    "Sweep": "sweeps",
     "System": "system",
     "Variable": "instance",
     "python_component": "by_hand",
     "simulate": "system",
+    "sweep": "sweeps",
 }
 """The modules of the names, which are imported on first use: the command line needs no NumPy."""
 
@@ -40,10 +43,12 @@ __all__ = [
     "PythonComponent",
     "Result",
     "State",
+    "Sweep",
     "System",
     "Variable",
     "python_component",
     "simulate",
+    "sweep",
 ]
 
 

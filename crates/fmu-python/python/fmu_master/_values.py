@@ -16,8 +16,8 @@ def toml(value: Any) -> str:
         case bool() | np.bool_():
             return "true" if value else "false"
         case Mapping():
-            pairs = ", ".join(f"{toml(key)} = {toml(part)}" for key, part in value.items())
-            return f"{{ {pairs} }}"
+            pairs = (f"{toml(key)} = {toml(part)}" for key, part in value.items())
+            return f"{{ {', '.join(pairs)} }}"
         case list() | tuple():
             return f"[{', '.join(map(toml, value))}]"
         case int() | np.integer():
@@ -27,6 +27,14 @@ def toml(value: Any) -> str:
         case str() | os.PathLike():
             return json.dumps(os.fspath(value), ensure_ascii=False).replace("\x7f", "\\u007F")
     raise TypeError(f"{value!r} is no value of a system, expected a number, bool or str")
+
+
+def document(keys: Mapping[str, Any], tables: str) -> str:
+    """Return a TOML file, in which one key has a list of tables."""
+    lines = [f"{key} = {toml(value)}" for key, value in keys.items() if key != tables]
+    for table in keys.get(tables, ()):
+        lines += [f"[[{tables}]]", *(f"{key} = {toml(part)}" for key, part in table.items())]
+    return "\n".join([*lines, ""])
 
 
 def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

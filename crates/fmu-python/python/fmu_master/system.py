@@ -15,7 +15,7 @@ import numpy as np
 
 from . import _native, by_hand
 from ._command import WORKER
-from ._values import elements, texts, toml
+from ._values import document, elements, texts, toml
 from .by_hand import PythonComponent
 from .result import FmuError, Result, called
 
@@ -63,18 +63,14 @@ class System:
                 text = _read(self.file)
                 description = tomllib.loads(text)
         if description is None or isinstance(description, Mapping):
-            self.description = _normal({**(description or {}), **keys})
+            self.description = _normal({**(description or {}), **keys}, self.file.parent)
 
     @property
     def toml(self) -> str:
         """The text of the system file."""
         if self.description is None:
             return _read(self.file)
-        tables = self.description.get("component", [])
-        lines = [f"{k} = {toml(v)}" for k, v in self.description.items() if k != "component"]
-        for table in tables:
-            lines += ["[[component]]", *(f"{key} = {toml(part)}" for key, part in table.items())]
-        return "\n".join([*lines, ""])
+        return document(self.description, "component")
 
     def simulate(
         self,
@@ -204,8 +200,8 @@ def _read(file: Path) -> str:
     return file.read_text(encoding="utf-8")
 
 
-def _normal(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description with the keys of a system file."""
+def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a description with the keys of a system file, and absolute paths."""
     normal = dict(description)
     components = normal.pop("components", None)
     if components is not None:
@@ -216,7 +212,12 @@ def _normal(description: Mapping[str, Any]) -> dict[str, Any]:
         normal["component"] = tables
     pairs = normal.get("connections", ())
     normal["connections"] = [" -> ".join(p) if isinstance(p, tuple | list) else p for p in pairs]
-    for table in normal.get("component", ()):
+    if "input" in normal:
+        normal["input"] = folder / normal["input"]
+    normal["component"] = [dict(table) for table in normal.get("component", ())]
+    for table in normal["component"]:
+        if not isinstance(table["fmu"], PythonComponent):
+            table["fmu"] = folder / table["fmu"]
         if "start" in table:
             table["start"] = dict(elements(table["start"]))
     return normal

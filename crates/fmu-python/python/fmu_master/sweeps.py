@@ -1,0 +1,178 @@
+"""Sweeps: many runs of a system with different start values, on all cores or by Dask."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import _native
+from ._command import COMMAND
+from ._values import document
+from .result import FmuError, Result, called
+from .system import System
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+class Sweep:
+    """A sweep that is ready to run.
+
+    Parameters
+    ----------
+    plan
+        A sweep file, a dict with its keys, or start values by `component.variable`, one for each
+        run: a mapping to arrays, or a data frame.
+    system
+        The system: a `System`, or what it is made of. A sweep file names its own.
+    out
+        The table that is written, `.csv` or `.parquet`. A sweep with a table resumes when it was
+        interrupted.
+    signals
+        The variables from which the metrics are computed: `reference`, `output`, `error` and
+        `control`, if the plan does not have them.
+    **keys
+        Other keys of a sweep file, such as `stop` [s], `seed` or `metrics`.
+    """
+
+    def __init__(
+        self,
+        plan: Any,
+        system: Any = None,
+        out: str | os.PathLike[str] | None = None,
+        *,
+        signals: Mapping[str, str] | None = None,
+        **keys: Any,
+    ):
+        self.out = None if out is None else Path(out).absolute()
+        self.file: Path | None = None
+        self.plan: dict[str, Any] = {}
+        if isinstance(plan, str | os.PathLike):
+            self.file = Path(plan).absolute()
+        else:
+            self.plan = _plan(plan) | keys
+            if signals is not None:
+                self.plan["signals"] = dict(signals)
+        if system is None and "system" in self.plan:
+            system = self.plan.pop("system")
+        if system is None and self.file is None:
+            raise TypeError("expected a system")
+        self.system = system if system is None or isinstance(system, System) else System(system)
+
+    @contextlib.contextmanager
+    def files(self) -> Iterator[list[str]]:
+        """Write the files to a temporary folder; yield the arguments that name them."""
+        with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
+            file, system = self.file, []
+            if self.system is not None:
+                path = self.system.file
+                if self.system.description is not None:
+                    path = Path(folder, "system.toml")
+                    path.write_text(self.system.toml, encoding="utf-8")
+                system = ["--system", str(path)]
+            if file is None:
+                file = Path(folder, "sweep.toml")
+                # The program reads the key, but uses the option.
+                keys = {"system": "system.toml"} | self.plan
+                file.write_text(document(keys, "parameter"), encoding="utf-8")
+            yield [str(file), *system]
+
+    @contextlib.contextmanager
+    def table(self) -> Iterator[Path]:
+        """Yield the table to write, a temporary one if none is given."""
+        if self.out is not None:
+            yield self.out
+            return
+        with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
+            yield Path(folder, "out.csv")
+
+    def run(self, processes: int = 0) -> Result:
+        """Run the sweep in worker processes, by default one for each core; return the table."""
+        with self.files() as arguments, self.table() as out:
+            command = [
+                *COMMAND,
+                "sweep",
+                *arguments,
+                "--out",
+                str(out),
+                "--threads",
+                str(processes),
+            ]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise FmuError(done.stderr.strip().removeprefix("error: "))
+            return read(out)
+
+    def dask(self, client: Client) -> Result:
+        """Run the sweep on the workers of a Dask cluster, which need nothing of this package.
+
+        They must have the platform of this machine and Python 3.11 or newer.
+        """
+        from ._dask import distribute
+
+        with self.files() as arguments, self.table() as out:
+            arguments = [*arguments, "--out", str(out)]
+            code, _, errors = distribute(arguments, lambda: contextlib.nullcontext(client))
+            if code:
+                raise FmuError(errors.strip().removeprefix("error: "))
+            return read(out)
+
+
+def sweep(
+    plan: Any,
+    system: Any = None,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    signals: Mapping[str, str] | None = None,
+    processes: int = 0,
+    **keys: Any,
+) -> Result:
+    """Run a system many times, on all cores; see `Sweep`.
+
+    Returns columns by name, one row for each run: its index, parameters and metrics, and why it
+    failed. A run that fails or crashes does not end the sweep.
+
+    Examples
+    --------
+    >>> runs = sweep(
+    ...     {"controller.pid.kp": [200.0, 300.0, 400.0]},
+    ...     system="examples/closed-loop/pid.toml",
+    ...     signals={
+    ...         "reference": "source.r",
+    ...         "output": "plant.theta",
+    ...         "error": "controller.e",
+    ...         "control": "controller.u",
+    ...     },
+    ... )
+    >>> best = runs["controller.pid.kp"][runs["iae"].argmin()]
+    """
+    return Sweep(plan, system, out, signals=signals, **keys).run(processes)
+
+
+def _plan(plan: Any) -> dict[str, Any]:
+    """Return the keys of a sweep file for a dict with them, or for start values."""
+    names = list(getattr(plan, "columns", plan))
+    if "parameter" in names:
+        return dict(plan)
+    lists = [np.asarray(plan[name]).tolist() for name in names]
+    return {"parameter": [{"variables": names, "together": lists}]}
+
+
+def read(file: Path) -> Result:
+    """Return the columns of a table; NaN stands for a number that is missing."""
+    columns = called(_native.read, file)
+    units = {name: unit for name, unit, _ in columns}
+    return Result.of({name: _column(cells) for name, _, cells in columns}, units)
+
+
+def _column(cells: Sequence[Any]) -> np.ndarray:
+    if all(cell is None or isinstance(cell, str) for cell in cells):
+        return np.array(cells, object)
+    return np.array([np.nan if cell is None else cell for cell in cells])
