@@ -16,24 +16,26 @@ const SEPARATOR: &str = "\x1f";
 const RELEASE: &str = "release";
 
 /// An FMU binary is small and fast, without the symbols of Rust. What a host calls at every step is
-/// compiled with the model; the rest of its libraries is optimized for size.
-const DEFAULTS: [(&str, &str); 7] = [
-    ("lto", "\"fat\""),
-    ("codegen-units", "1"),
-    ("strip", "\"symbols\""),
-    ("opt-level", "3"),
-    ("package.fmu-export.opt-level", "\"s\""),
-    ("package.fmu-description.opt-level", "\"s\""),
-    ("package.postcard.opt-level", "\"s\""),
+/// compiled with the model; the rest of its libraries is optimized for size. The second value is for
+/// components, in which a call costs more than inlining saves.
+const DEFAULTS: [(&str, [&str; 2]); 7] = [
+    ("lto", ["'fat'"; 2]),
+    ("codegen-units", ["1"; 2]),
+    ("strip", ["'symbols'"; 2]),
+    ("opt-level", ["3", "'s'"]),
+    ("package.fmu-export.opt-level", ["'s'", "'z'"]),
+    ("package.fmu-description.opt-level", ["'s'", "'z'"]),
+    ("package.postcard.opt-level", ["'s'", "'z'"]),
 ];
 
-/// Arguments of cargo's option `--config` for a release: what the workspace does not set itself.
+/// Arguments of cargo's option `--config` for a release, of libraries and of components: what the workspace does
+/// not set itself.
 ///
 /// # Errors
 /// The manifest of the workspace cannot be read.
-pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<Vec<String>> {
+pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<[Vec<String>; 2]> {
     if profile != RELEASE {
-        return Ok(Vec::new());
+        return Ok(Default::default());
     }
     let manifest = metadata.workspace_root.join("Cargo.toml");
     let cannot = || format!("cannot read {manifest}");
@@ -42,11 +44,12 @@ pub fn profile_settings(profile: &str, metadata: &Metadata) -> Result<Vec<String
     let profiles = table.get("profile");
     let own = profiles.and_then(|profiles| profiles.get(RELEASE));
     let is_set = |key: &str| own.and_then(|own| key.split('.').try_fold(own, toml::Value::get));
-    Ok(DEFAULTS
-        .into_iter()
-        .filter(|(key, _)| is_set(key).is_none())
-        .map(|(key, value)| format!("profile.{RELEASE}.{key}={value}"))
-        .collect())
+    let missing = DEFAULTS.into_iter().filter(|(key, _)| is_set(key).is_none());
+    let settings = |i: usize| {
+        let setting = |(key, values): (_, [_; 2])| format!("profile.{RELEASE}.{key}={}", values[i]);
+        missing.clone().map(setting).collect()
+    };
+    Ok([0, 1].map(settings))
 }
 
 /// What happens during an export, as text.

@@ -123,8 +123,8 @@ struct Builder<'a> {
     metadata: &'a Metadata,
     /// The output folder.
     out: &'a Path,
-    /// Settings of the profile that the workspace does not make itself.
-    profile: &'a [String],
+    /// Settings of the profile that the workspace does not make itself, for libraries and components.
+    profile: &'a [Vec<String>; 2],
     version: FmiVersion,
     targets: Vec<Target>,
     prebuilt: Vec<Binary<'a>>,
@@ -275,11 +275,12 @@ impl<'a> Builder<'a> {
     ) -> Result<Vec<u8>> {
         // As the only crate type, a `cdylib` gets LTO, which is not possible together with an rlib.
         let mut build = recipe.cargo_rustc(&format!("building {}", library.package));
+        let profile = &self.profile[usize::from(recipe.is_for_component())];
         build
             .args(["--lib", "--crate-type", "cdylib"])
             .args(["--package", &library.package])
             .args(self.options.selection.cargo_arguments())
-            .args(self.profile.iter().flat_map(|setting| ["--config", setting]))
+            .args(profile.iter().flat_map(|setting| ["--config", setting]))
             .without_local_paths(self.metadata, recipe.sources().as_deref());
         if let Some(feature) = library.feature(self.version)? {
             build.args(["--features", &feature]);

@@ -148,9 +148,14 @@ impl Recipe {
         build
     }
 
+    /// Whether its binary becomes a component.
+    pub fn is_for_component(&self) -> bool {
+        self.target == WASM
+    }
+
     /// What a panic does. WebAssembly has no unwinder.
     fn panic(&self) -> &'static str {
-        match self.target == WASM {
+        match self.is_for_component() {
             true => "abort",
             false => "unwind",
         }

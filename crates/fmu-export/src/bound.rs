@@ -2,6 +2,7 @@
 
 use std::any::Any;
 
+use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::table::{self, Scalar};
 use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
@@ -35,6 +36,8 @@ pub(crate) trait AnyModel: Any {
     fn check_outputs(&mut self) -> Result<(), ModelError>;
     fn sample_time(&self) -> f64;
     fn step(&mut self, time: f64, step: f64) -> Result<(), ModelError>;
+    /// Integrates the equations over a step.
+    fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError>;
     /// What the author has written.
     fn behavior(&self) -> &dyn Behavior;
     fn behavior_mut(&mut self) -> &mut dyn Behavior;
@@ -344,6 +347,14 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         self.model.on_step(time, step)
     }
 
+    fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
+        // Without equations in any of its models, a library has no solver.
+        match M::IS_CONTINUOUS {
+            true => solver::advance(&mut Equations(self), with, step),
+            false => Err(ModelError::refuse("the model has no equations")),
+        }
+    }
+
     fn behavior(&self) -> &dyn Behavior {
         &self.model
     }
@@ -589,4 +600,47 @@ pub(crate) fn take_samples<M: AnyModel + ?Sized>(
         remaining -= 1;
     }
     Ok(())
+}
+
+/// The equations of a model, as the solver sees them.
+struct Equations<'a>(&'a mut (dyn AnyModel + 'static));
+
+impl solver::System for Equations<'_> {
+    type Error = ModelError;
+
+    fn nominal(&self, state: usize) -> f64 {
+        self.0.facts().states[state].nominal
+    }
+
+    fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {
+        self.0.read(Numbers::States, states);
+        Ok(())
+    }
+
+    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
+        self.0.set_states(states);
+        self.0.behavior_mut().on_evaluate(time)?;
+        Ok(self.0.check_equations().is_ok())
+    }
+
+    fn derivatives(&mut self, derivatives: &mut [f64]) {
+        self.0.read(Numbers::Derivatives, derivatives);
+    }
+
+    fn is_positive(&mut self, indicator: usize) -> bool {
+        self.0.event_indicator(indicator) > 0.0
+    }
+
+    fn not_finite(&mut self) -> ModelError {
+        let checked = self.0.check_equations();
+        checked.err().unwrap_or_else(|| ModelError::new("the states became too large"))
+    }
+
+    fn event(&mut self, time: f64) -> Result<(), ModelError> {
+        self.0.behavior_mut().on_event(time)
+    }
+
+    fn next_event(&self, time: f64) -> Option<f64> {
+        self.0.behavior().on_next_event(time)
+    }
 }

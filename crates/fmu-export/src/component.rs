@@ -574,7 +574,7 @@ impl Component {
             events,
             follows_event: !matches!(events, Events::Here(_)) && handled == shared.lifecycle.time,
         };
-        let advanced = solver::advance(&mut Equations(model), &mut shared.workspace, &step);
+        let advanced = model.advance(&mut shared.workspace, &step);
         match (&advanced, events) {
             (Ok(advanced), Events::Here(_)) => {
                 shared.lifecycle.integration.handled = advanced.handled;
@@ -814,49 +814,6 @@ fn tolerance(of_host: Option<f64>, of_model: f64) -> Result<f64, ModelError> {
         // A model with a step of its own may have none.
         None if of_model == 0.0 => Ok(1e-6),
         None => Ok(of_model),
-    }
-}
-
-/// The equations of a model, as the solver sees them.
-struct Equations<'a>(&'a mut (dyn AnyModel + 'static));
-
-impl solver::System for Equations<'_> {
-    type Error = ModelError;
-
-    fn nominal(&self, state: usize) -> f64 {
-        self.0.facts().states[state].nominal
-    }
-
-    fn states(&mut self, states: &mut [f64]) -> Result<(), ModelError> {
-        self.0.read(Numbers::States, states);
-        Ok(())
-    }
-
-    fn evaluate(&mut self, time: f64, states: &[f64]) -> Result<bool, ModelError> {
-        self.0.set_states(states);
-        self.0.behavior_mut().on_evaluate(time)?;
-        Ok(self.0.check_equations().is_ok())
-    }
-
-    fn derivatives(&mut self, derivatives: &mut [f64]) {
-        self.0.read(Numbers::Derivatives, derivatives);
-    }
-
-    fn is_positive(&mut self, indicator: usize) -> bool {
-        self.0.event_indicator(indicator) > 0.0
-    }
-
-    fn not_finite(&mut self) -> ModelError {
-        let checked = self.0.check_equations();
-        checked.err().unwrap_or_else(|| ModelError::new("the states became too large"))
-    }
-
-    fn event(&mut self, time: f64) -> Result<(), ModelError> {
-        self.0.behavior_mut().on_event(time)
-    }
-
-    fn next_event(&self, time: f64) -> Option<f64> {
-        self.0.behavior().on_next_event(time)
     }
 }
 
