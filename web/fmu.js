@@ -4,6 +4,8 @@
 const CS = "fmi:fmi3/co-simulation@3.0.0";
 const STATUS = ["ok", "warning", "discard", "error", "fatal"];
 
+const unpacked = (text) => Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
+
 // The files of a zip archive, each as a function that returns its content.
 function filesOf(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -45,16 +47,9 @@ function coreModule(component) {
   throw new Error("the component has no module");
 }
 
-// An FMU: its variables by name, and its compiled module.
-async function readFmu(bytes) {
-  const files = filesOf(bytes);
-  const content = files.get("modelDescription.xml");
-  if (!content) throw new Error("it has no modelDescription.xml");
-  const text = new TextDecoder().decode(await content());
+// What the page needs of modelDescription.xml.
+function describe(text) {
   const xml = new DOMParser().parseFromString(text, "text/xml").documentElement;
-  const id = xml.querySelector("CoSimulation")?.getAttribute("modelIdentifier");
-  const binary = files.get(`binaries/wasm32-wasip2/${id}.wasm`);
-  if (!binary) throw new Error("it has no WebAssembly component for co-simulation; export it with --fmi 3.0 --target wasm");
   const variables = {};
   for (const variable of xml.querySelectorAll("ModelVariables > *")) {
     variables[variable.getAttribute("name")] = {
@@ -62,13 +57,24 @@ async function readFmu(bytes) {
       causality: variable.getAttribute("causality"),
     };
   }
-  const module = await WebAssembly.compile(coreModule(await binary()));
-  return { name: xml.getAttribute("modelName"), token: xml.getAttribute("instantiationToken"), variables, module };
+  const id = xml.querySelector("CoSimulation")?.getAttribute("modelIdentifier");
+  return { name: xml.getAttribute("modelName"), token: xml.getAttribute("instantiationToken"), id, variables };
+}
+
+// An FMU: its description, and its compiled module.
+async function readFmu(bytes, read = describe) {
+  const files = filesOf(bytes);
+  const content = files.get("modelDescription.xml");
+  if (!content) throw new Error("it has no modelDescription.xml");
+  const fmu = read(new TextDecoder().decode(await content()));
+  const binary = files.get(`binaries/wasm32-wasip2/${fmu.id}.wasm`);
+  if (!binary) throw new Error("it has no WebAssembly component for co-simulation; export it with --fmi 3.0 --target wasm");
+  return { ...fmu, module: await WebAssembly.compile(coreModule(await binary())) };
 }
 
 // An instance for co-simulation, with the functions of FMI 3.0.
 class Instance {
-  constructor(fmu, setUp = () => {}) {
+  constructor(fmu, setUp = () => {}, start = 0) {
     this.fmu = fmu;
     this.messages = [];
     const text = (at, n) => new TextDecoder().decode(new Uint8Array(this.core.memory.buffer, at, n));
@@ -84,21 +90,28 @@ class Instance {
       (imports[module] ??= {})[name] = provided[name];
     }
     this.core = new WebAssembly.Instance(fmu.module, imports).exports;
-    // Either as the encoders of components name the functions, or by their own names.
-    const named = (name) => this.core[`${CS}#[method]co-simulation-instance.${name}`] ?? this.core[name.replaceAll("-", "_")];
-    this.methods = Object.fromEntries(
-      ["get-float64", "set-float64", "do-step"].map((name) => [name, named(name)]),
-    );
-    this.named = named;
-    const args = [...this.text("it"), ...this.text(fmu.token), 0, 0, 0, 0, 0, 0];
+    this.memory = new DataView(this.core.memory.buffer);
+    [this.getFloat64, this.setFloat64, this.doStep] = ["get-float64", "set-float64", "do-step"].map((name) => this.named(name));
     const create = "instantiate-co-simulation";
-    const made = (this.core[`${CS}#[static]co-simulation-instance.${create}`] ?? named(create))(...args);
-    const view = new DataView(this.core.memory.buffer);
-    if (!view.getUint8(made)) throw new Error(this.failure(create));
-    this.pointer = view.getUint32(made + 4, true);
+    const made = this.named(create, "static")(...this.text("it"), ...this.text(fmu.token), 0, 0, 0, 0, 0, 0);
+    if (!this.view.getUint8(made)) throw new Error(this.failure(create));
+    this.pointer = this.view.getUint32(made + 4, true);
     setUp(this);
-    this.check(named("enter-initialization-mode")(this.pointer, 0, 0, 0, 0, 0), "enter-initialization-mode");
-    this.check(named("exit-initialization-mode")(this.pointer), "exit-initialization-mode");
+    this.check(this.named("enter-initialization-mode")(this.pointer, 0, 0, start, 0, 0), "enter-initialization-mode");
+    this.check(this.named("exit-initialization-mode")(this.pointer), "exit-initialization-mode");
+  }
+
+  // A function of the module: under its name in the interface, or under its own, if the component has another one
+  // for hosts.
+  named(name, kind = "method") {
+    return this.core[`${CS}#[${kind}]co-simulation-instance.${name}`] ?? this.core[name.replaceAll("-", "_")];
+  }
+
+  // The memory of the module, which is another buffer when it has grown.
+  get view() {
+    const { buffer } = this.core.memory;
+    if (this.memory.buffer !== buffer) this.memory = new DataView(buffer);
+    return this.memory;
   }
 
   text(value) {
@@ -116,49 +129,46 @@ class Instance {
     if (status > 1) throw new Error(this.failure(name));
   }
 
-  reference(name) {
+  // A list with the value reference of a variable.
+  references(name) {
     const variable = this.fmu.variables[name];
     if (!variable) throw new Error(`${this.fmu.name} has no variable ${name}`);
-    return variable.reference;
-  }
-
-  references(name) {
     const at = this.core.cabi_realloc(0, 0, 4, 4);
-    new DataView(this.core.memory.buffer).setUint32(at, this.reference(name), true);
+    this.view.setUint32(at, variable.reference, true);
     return at;
   }
 
-  // All elements of a variable.
-  getAll(name) {
-    const answer = this.methods["get-float64"](this.pointer, this.references(name), 1);
-    const view = new DataView(this.core.memory.buffer);
+  // The list of the elements of a variable: its place and its length.
+  read(name) {
+    const answer = this.getFloat64(this.pointer, this.references(name), 1), view = this.view;
     if (view.getUint8(answer)) throw new Error(this.failure("get-float64"));
-    const [at, n] = [view.getUint32(answer + 4, true), view.getUint32(answer + 8, true)];
-    return Array.from({ length: n }, (_, i) => view.getFloat64(at + 8 * i, true));
+    return [view.getUint32(answer + 4, true), view.getUint32(answer + 8, true)];
   }
 
   get(name) {
-    return this.getAll(name)[0];
+    return this.view.getFloat64(this.read(name)[0], true);
+  }
+
+  getAll(name) {
+    const [at, n] = this.read(name);
+    return Array.from({ length: n }, (_, i) => this.view.getFloat64(at + 8 * i, true));
   }
 
   set(name, value) {
-    const references = this.references(name);
-    const at = this.core.cabi_realloc(0, 0, 8, 8);
-    new DataView(this.core.memory.buffer).setFloat64(at, value, true);
-    this.check(this.methods["set-float64"](this.pointer, references, 1, at, 1), "set-float64");
+    const references = this.references(name), at = this.core.cabi_realloc(0, 0, 8, 8);
+    this.view.setFloat64(at, value, true);
+    this.check(this.setFloat64(this.pointer, references, 1, at, 1), "set-float64");
   }
 
   // Sets a Boolean or an enumeration.
   setWhole(name, type, value) {
-    const references = this.references(name);
-    const at = this.core.cabi_realloc(0, 0, 8, 8);
-    new DataView(this.core.memory.buffer).setBigInt64(at, BigInt(value), true);
+    const references = this.references(name), at = this.core.cabi_realloc(0, 0, 8, 8);
+    this.view.setBigInt64(at, BigInt(value), true);
     this.check(this.named(`set-${type}`)(this.pointer, references, 1, at, 1), `set-${type}`);
   }
 
   step(time, size) {
-    const answer = this.methods["do-step"](this.pointer, time, size, 1);
-    const view = new DataView(this.core.memory.buffer);
-    if (view.getUint8(answer)) throw new Error(this.failure("do-step"));
+    const answer = this.doStep(this.pointer, time, size, 1);
+    if (this.view.getUint8(answer)) throw new Error(this.failure("do-step"));
   }
 }

@@ -343,7 +343,7 @@ async function start() {
   }
   const packed = JSON.parse(element("fmus").textContent);
   for (const [name, text] of Object.entries(packed)) {
-    fmus[name] = await readFmu(Uint8Array.from(atob(text), (char) => char.charCodeAt(0)));
+    fmus[name] = await readFmu(unpacked(text));
   }
   for (const name of Object.keys(COLOURS)) addController(name);
   SETTINGS.forEach(addSlider);
