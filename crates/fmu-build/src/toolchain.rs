@@ -18,6 +18,8 @@ const ZIGBUILD: &str = "cargo-zigbuild";
 const GLIBC: &str = "2.17";
 /// A component has the imports of its interface only, so none of a system.
 const WASM: &str = "wasm32-unknown-unknown";
+/// The linker of components, where the toolchain has none.
+const WASM_LD: &str = "wasm-ld";
 /// The first macOS for ARM.
 const MACOS: &str = "11.0";
 
@@ -103,6 +105,10 @@ impl Recipe {
                 )
             })?;
         check_linker(target, triple, by_zig)?;
+        ensure!(
+            triple != WASM || toolchain.has_lld() || runs(WASM_LD),
+            "the target {triple} is linked by {WASM_LD}, which is missing; install LLD (Debian package lld)"
+        );
         Ok(Self { target: target.to_owned(), is_named: true, toolchain, std_from_source, by_zig })
     }
 
@@ -133,6 +139,9 @@ impl Recipe {
         build.rustflags([format!("-Cpanic={}", self.panic())]);
         if self.has_unwinder_in_library() {
             build.rustflags(["--cfg=fmu_export_no_backtrace".to_owned()]);
+        }
+        if self.is_for_component() && !self.toolchain.has_lld() {
+            build.rustflags([format!("-Clinker={WASM_LD}")]);
         }
         if self.std_from_source {
             // Smaller without the backtrace symbolizer, which is not needed to catch panics.
@@ -266,6 +275,13 @@ impl Toolchain {
     fn sources(&self) -> Option<PathBuf> {
         let sysroot: PathBuf = self.rustc(&["--print", "sysroot"])?.into();
         Some(sysroot.join("lib/rustlib/src/rust"))
+    }
+
+    /// Whether it has LLD, which toolchains of Linux distributions take from another package.
+    fn has_lld(&self) -> bool {
+        let lld = host().map(|host| format!("lib/rustlib/{host}/bin/rust-lld{EXE_SUFFIX}"));
+        let sysroot = self.rustc(&["--print", "sysroot"]);
+        sysroot.zip(lld.ok()).is_some_and(|(sysroot, lld)| Path::new(&sysroot).join(lld).is_file())
     }
 
     fn has_sources(&self) -> bool {
