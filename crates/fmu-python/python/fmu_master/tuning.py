@@ -1,0 +1,194 @@
+"""Finds parameters of a system, such as the gains of a controller, by simulation."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .result import FmuError, Result
+from .system import System
+
+Starts = Mapping[str, Any]
+"""Start values by name."""
+
+
+class Tuned(NamedTuple):
+    """What `tune` has found."""
+
+    values: dict[str, float]
+    """The best parameters, in the units of the variables."""
+    objective: float
+    """Their objective; infinite if nothing was found that `accepts`."""
+    evaluations: int
+    """The number of candidates that were simulated or read from the journal."""
+
+
+def integral_of_absolute(result: Mapping[str, np.ndarray], name: str) -> float:
+    """Return the integral of the absolute value of a column, in its unit times s.
+
+    It is that of the rectangle rule.
+
+    A column that is not finite makes it infinite.
+    """
+    values = np.abs(np.asarray(result[name], float)[:-1])
+    integral = float(np.sum(values * np.diff(result["time"])))
+    return integral if math.isfinite(integral) else math.inf
+
+
+def tune(
+    system: System | str | os.PathLike[str],
+    parameters: Mapping[str, tuple[float, float]],
+    objective: Callable[[list[Result]], float],
+    *,
+    cases: Sequence[Starts] = ({},),
+    plants: Sequence[Starts] = (),
+    accepts: Callable[[Result], bool] = lambda _: True,
+    guess: Mapping[str, float] | None = None,
+    output: Sequence[str] | None = None,
+    stop_time: float | None = None,
+    generations: int = 20,
+    seed: int = 0,
+    journal: str | os.PathLike[str] | None = None,
+    in_process: bool = False,
+) -> Tuned:
+    """Search the parameters with the smallest objective, by differential evolution, on all cores.
+
+    The same arguments give the same result, however many cores there are.
+
+    Parameters
+    ----------
+    system
+        The system or its file.
+    parameters
+        The smallest and the largest value of each parameter, by name, in the unit of the
+        variable. Those above 0 are searched on a logarithmic scale.
+    objective
+        Receives the results of all cases and returns a number; infinite for what must not be.
+    cases
+        The start values of each case, such as signals.
+    plants
+        Start values of other plants. `accepts` must be true for each of them.
+    accepts
+        Receives the result of a run with one of the `plants`, in the first case, and says
+        whether it is good enough.
+    guess
+        Parameters to begin with.
+    output, stop_time
+        The variables that `objective` and `accepts` need, and the end of each run [s].
+    generations
+        How often the candidates, ten for each parameter, are improved.
+    seed
+        The seed of the search.
+    journal
+        A file that keeps what was evaluated: the same call continues there after an interruption.
+    in_process
+        Run the FMUs in this process, which is faster; an FMU that crashes ends Python.
+
+    Raises
+    ------
+    ValueError
+        The journal belongs to another search, or a range or guess is invalid.
+    """
+    from scipy.optimize import differential_evolution
+
+    system = system if isinstance(system, System) else System(system)
+    names = list(parameters)
+    for name, (low, high) in parameters.items():
+        if not -math.inf < low < high < math.inf:
+            raise ValueError(
+                f"{name}: ({low}, {high}), expected two numbers, the smaller one first"
+            )
+        if guess and not low <= guess[name] <= high:
+            raise ValueError(f"{name}: the guess {guess[name]} is not from {low} to {high}")
+    are_log = [low > 0 for low, _ in parameters.values()]
+    scaled = [
+        math.log(value) if is_log else value
+        for bounds, is_log in zip(parameters.values(), are_log, strict=True)
+        for value in bounds
+    ]
+    best = math.inf
+
+    def named(x: Sequence[float]) -> dict[str, float]:
+        bounded = zip(names, x, are_log, strict=True)
+        values = {name: math.exp(v) if is_log else float(v) for name, v, is_log in bounded}
+        return {n: min(max(v, parameters[n][0]), parameters[n][1]) for n, v in values.items()}
+
+    def run(values: Mapping[str, float], *others: Starts) -> Result:
+        starts = {key: value for other in (*others, values) for key, value in other.items()}
+        return system.simulate(starts, stop_time=stop_time, output=output, in_process=in_process)
+
+    def evaluate(x: np.ndarray) -> float:
+        values = named(x)
+        key = json.dumps([value.hex() for value in values.values()])
+        if key not in known:
+            known[key] = value = judge(values)
+            note(key, value)
+        return known[key]
+
+    def judge(values: Mapping[str, float]) -> float:
+        try:
+            value = float(objective([run(values, case) for case in cases]))
+            # Other plants take time; they matter for what would be the best only.
+            if value < best and not all(accepts(run(values, cases[0], p)) for p in plants):
+                return math.inf
+        except FmuError:
+            return math.inf
+        return math.inf if math.isnan(value) else value
+
+    def improved(intermediate_result: Any) -> None:
+        nonlocal best
+        best = float(intermediate_result.fun)
+
+    about = [{n: list(b) for n, b in parameters.items()}, dict(guess or {}), seed, list(cases)]
+    known, note = _journal(journal, json.dumps([*about, list(plants), system.toml, stop_time]))
+    start = None
+    if guess is not None:
+        logs = zip(names, are_log, strict=True)
+        start = [math.log(guess[name]) if is_log else guess[name] for name, is_log in logs]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = differential_evolution(
+            evaluate,
+            np.reshape(scaled, (-1, 2)),
+            x0=start,
+            popsize=10,
+            maxiter=generations,
+            tol=0,
+            rng=seed,
+            callback=improved,
+            polish=False,
+            updating="deferred",
+            workers=pool.map,
+        )
+    return Tuned(named(found.x), float(found.fun), int(found.nfev))
+
+
+def _journal(
+    file: str | os.PathLike[str] | None, about: str
+) -> tuple[dict[str, float], Callable[[str, float], None]]:
+    """Return what a journal has, and a function that adds to it."""
+    known: dict[str, float] = {}
+    if file is None:
+        return known, lambda key, value: None
+    path = Path(file)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+    if lines and lines[0] != f"{about}\n":
+        raise ValueError(f"{path} is the journal of another search, expected one of this search")
+    # The last line of an interrupted search may be incomplete.
+    complete = [line for line in lines if line.endswith("\n")]
+    for line in complete[1:]:
+        key, value = line.rstrip("\n").split("\t")
+        known[key] = float.fromhex(value)
+    path.write_text("".join(complete or [f"{about}\n"]), encoding="utf-8")
+
+    def note(key: str, value: float) -> None:
+        with path.open("a", encoding="utf-8") as journal:
+            journal.write(f"{key}\t{float(value).hex()}\n")
+
+    return known, note
