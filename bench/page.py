@@ -1,5 +1,6 @@
 """The text and the pictures of docs/speed.md that depend on measurements."""
 
+import json
 import operator
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,6 +48,11 @@ class Ratio:
     to: str
     other: Sequence[float]
     aim: str = ""
+
+    @property
+    def name(self) -> str:
+        """What is compared with what."""
+        return f"{self.what}, relative to {self.to}"
 
     @property
     def rounds(self) -> list[float]:
@@ -120,6 +126,44 @@ def host_ratios(costs: Costs) -> Ratios:
     }
 
 
+# --- earlier publications -------------------------------------------------------------------
+
+EARLIER = Path(__file__).with_name("earlier.json")
+"""The ratios of each publication, with the machine, one a line."""
+
+WORSE = 1.03
+"""A ratio that is worse by more than this factor is reported."""
+
+
+def published(results: Mapping) -> dict[str, Any]:
+    """Return what is kept of a publication. Ratios to threads only describe the machine."""
+    machine, costs = results["machine"], results["costs"]
+    kinds = (find(costs) for find in (cycle_ratios, version_ratios, host_ratios))
+    ratios = [ratio for kind in kinds for ratio in kind.values() if "thread" not in ratio.to]
+    return {
+        "processor": machine["processor"],
+        "vectors": machine["vectors"],
+        "ratios": {r.name: round(r.both[0], 3) for r in ratios if r.ours is not r.other},
+    }
+
+
+def earlier() -> list[dict[str, Any]]:
+    """Return the publications so far, the oldest first."""
+    return [json.loads(line) for line in EARLIER.read_text(encoding="utf-8").splitlines()]
+
+
+def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
+    """Return which ratios are worse than those of an earlier publication."""
+    found = []
+    for name, ratio in now["ratios"].items():
+        old = before["ratios"].get(name)
+        # Speed, relative to something slower, is to be high, and a cost is to be low.
+        is_speed = name.startswith("the same step in FMPy") or name.endswith("processes")
+        if old and (old / ratio if is_speed else ratio / old) > WORSE:
+            found.append(f"{name}: {number(ratio)}, before {number(old)}")
+    return found
+
+
 def node_costs(costs: Costs, inputs: str) -> list[tuple[int, float]]:
     """Return the cost (ns) of a sample, by number of nodes in ascending order."""
     names = [name.removeprefix("nodes/").split() for name in costs if name.startswith("nodes/")]
@@ -147,6 +191,8 @@ def render(results: Mapping) -> str:
         "missed": [r for ratios in kinds for r in ratios.values() if r.verdict in MISSED],
         "nodes": [],
         "python": None,
+        "before": earlier()[-1],
+        "worse": worse(published(results), earlier()[-1]),
         "noise": [
             noise(costs, [f"cycle/{name}" for name in (REFERENCE.name, "PidRbf")], INPUTS),
             noise(costs, ["pair/own"], [""]),

@@ -8,11 +8,12 @@ target/bench: results.json, speed.md and the pictures.
 import argparse
 import json
 import shutil
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from measure import Bench
-from page import draw, render
+from page import EARLIER, draw, earlier, published, render, worse
 from pendulum_fmus.project import ROOT
 
 PAGE = ROOT / "docs" / "speed.md"
@@ -45,8 +46,13 @@ def main() -> None:
     text, pictures = render(results), draw(results, out)
     (out / "speed.md").write_text(text, encoding="utf-8")
     print(*(line for line in text.splitlines() if line.startswith("|")), sep="\n")
+    for line in worse(published(results), earlier()[-1]):
+        print(f"worse than published: {line}", file=sys.stderr)
     if options.publish:
         options.publish.write_text(text, encoding="utf-8")
+        if options.publish == PAGE and published(results) != earlier()[-1]:
+            with EARLIER.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(published(results)) + "\n")
         for picture in pictures:
             if picture.parent != options.publish.parent.resolve():
                 shutil.copy(picture, options.publish.parent)

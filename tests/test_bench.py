@@ -1,5 +1,6 @@
 """The benchmarks: the C host steps as documented, and the page gets what was measured."""
 
+import importlib
 import re
 import shutil
 import subprocess
@@ -67,6 +68,18 @@ def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
         assert f"| `{model}`" in texts["cycle"]
     assert texts["versions"].count("at most") == 10
     assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
+
+
+def test_what_is_worse_than_published_is_named(measure) -> None:
+    page = importlib.import_module("page")
+    before = page.earlier()[-1]
+    assert page.worse(before, before) == []
+    step = "a step of the coupled pair, natively, relative to a master in C"
+    speed = "the same step in FMPy, relative to the native one"
+    for factor, worse in ((1.1, step), (0.9, speed)):
+        ratios = {name: factor * before["ratios"][name] for name in (step, speed)}
+        (line,) = page.worse({"ratios": ratios}, before)
+        assert line.startswith(f"{worse}: ")
 
 
 def test_numbers_of_the_page_are_measured() -> None:
