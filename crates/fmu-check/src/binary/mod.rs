@@ -11,7 +11,7 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -29,10 +29,11 @@ use crate::finding::Findings;
 use crate::rule::Rule;
 pub use probes::run as probe;
 use probes::{MISTAKES, OTHERS, Probe};
-use rules::SURVIVES_MISUSE;
 use rules::{
     BEHAVIOUR, FILES, INDEPENDENT, INITIALISED, NOT_RUN, NOT_TESTED, OUTPUT, REPRODUCIBLE,
+    SURVIVES_MISUSE,
 };
+use run::lock;
 use values::{Difference, EXCITATIONS, MAX_ELEMENTS, Row, Trajectory};
 
 /// How to start a test process, and how much to test.
@@ -416,30 +417,20 @@ impl Checker<'_> {
 
     /// Makes tests, several at the same time, and adds what they find in their order.
     fn tests(&mut self, jobs: &[Job<'_>]) -> Result<Vec<Outcome>> {
-        let (next, this) = (AtomicUsize::new(0), &*self);
+        let mut outcomes: Vec<_> = jobs.iter().map(|_| Ok(Outcome::default())).collect();
+        let (this, queue) = (&*self, Mutex::new(jobs.iter().zip(&mut outcomes)));
+        let next = || lock(&queue).next();
         let work = |worker| {
-            let mut outcomes = Vec::new();
-            loop {
-                let number = next.fetch_add(1, Relaxed);
-                match jobs.get(number) {
-                    Some(job) => outcomes.push((number, this.attempt(*job, worker))),
-                    None => return outcomes,
-                }
+            while let Some((job, outcome)) = next() {
+                *outcome = this.attempt(*job, worker);
             }
         };
-        let mut outcomes = thread::scope(|scope| {
-            let others = 1..self.workers.min(jobs.len());
-            let others: Vec<_> = others.map(|worker| scope.spawn(move || work(worker))).collect();
-            let mut outcomes = work(0);
-            for thread in others {
-                outcomes.extend(thread.join().expect("the supervisor does not panic"));
+        thread::scope(|scope| {
+            for worker in 0..self.workers.min(jobs.len()) {
+                scope.spawn(move || work(worker));
             }
-            outcomes
         });
-        outcomes.sort_by_key(|(number, _)| *number);
-        let outcomes: Result<Vec<Outcome>> =
-            outcomes.into_iter().map(|(_, outcome)| outcome).collect();
-        let outcomes = outcomes?;
+        let outcomes: Vec<Outcome> = outcomes.into_iter().collect::<Result<_>>()?;
         for ((probe, _), outcome) in jobs.iter().zip(&outcomes) {
             self.left_out.extend(outcome.left_out.then_some(probe.name));
             for (rule, text) in &outcome.found {
