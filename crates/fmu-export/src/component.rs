@@ -336,7 +336,6 @@ impl Component {
         lifecycle.start_time = start;
         lifecycle.stop_time = stop.unwrap_or(f64::MAX);
         lifecycle.tolerance = tolerance;
-        lifecycle.stale = true;
         Ok(())
     }
 

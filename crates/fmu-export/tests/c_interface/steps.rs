@@ -442,6 +442,31 @@ fn a_failure_after_a_part_of_a_step_reports_how_far_it_came() {
     ok([it.enter_event_mode()]);
     assert_eq!(it.try_update().0, ERROR);
     assert_eq!(samples(&it).0, 2.0, "the one at 0.5 s was taken");
+    let it = eventful(Events, SAMPLED, true, 0.5);
+    ok([it.set(Sampled::U, 0.0)]);
+    it.steps(0.0, 0.5);
+    ok([it.enter_event_mode()]);
+    it.fails(ERROR, "y became inf", |f| f.try_update().0);
+}
+
+#[test]
+fn events_that_a_step_passed_are_handled_after_it_up_to_a_limit() {
+    for (period, step, status, changes) in [
+        (2e-4, 0.2001, OK, 1000.0),
+        (2e-4, 0.2003, ERROR, 1000.0),
+        // The end of a step reaches an event up to rounding, and no more.
+        (0.3, 0.3 - 1e-8, OK, 1.0),
+        (0.3, 0.3 - 1e-6, OK, 0.0),
+    ] {
+        let it = Instance::of(EVENTS, HOPPER);
+        ok([it.set(Hopper::PERIOD, period)]);
+        let it = it.run(0.0);
+        it.steps(0.0, step);
+        ok([it.enter_event_mode()]);
+        assert_eq!(it.try_update().0, status);
+        assert!(status == OK || it.last_message().contains("more than 1000 events are due"));
+        assert!(status != OK || it.read(Type::Int32, [Hopper::CHANGES]) == [changes], "{step}");
+    }
 }
 
 // --- integration --------------------------------------------------------------------------------

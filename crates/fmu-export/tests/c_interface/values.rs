@@ -182,6 +182,25 @@ fn only_inputs_and_tunable_parameters_can_be_set_at_any_time() {
 }
 
 #[test]
+fn what_can_be_set_depends_on_the_state() {
+    for kind in EXCHANGED {
+        let it = Instance::of(kind, BALL);
+        let refuses = |words: &str, of, reference, value| {
+            it.refuses(words, |f| f.set_all(of, &[reference], &[value]));
+        };
+        refuses("h is an output", Type::Float64, Ball::H, 0.0);
+        it.start(0.0, None);
+        ok([it.set(Ball::H, 1.0), it.set(Ball::RESTITUTION, 0.5), it.set(Ball::H0, 1.0)]);
+        it.update();
+        it.go_on();
+        ok([it.set(Ball::H, 1.0), it.set(Ball::H0, 1.0)]);
+        refuses("restitution is not a continuous input", Type::Float64, Ball::RESTITUTION, 0.5);
+    }
+    let plain = Instance::running(PLAIN[0], BALL);
+    plain.refuses("h is an output", |f| f.set(Ball::H, 1.0));
+}
+
+#[test]
 fn unknown_references_and_wrong_types_are_refused() {
     use Type::*;
     // In FMI 2.0, the other numbers are accessed by the functions of the first.
