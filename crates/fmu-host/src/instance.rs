@@ -4,11 +4,14 @@
 use std::ffi::{CString, c_int, c_void};
 use std::ptr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use fmi_abi::fmi2::*;
 use fmi_abi::fmi3::*;
 use fmi_abi::{Version, fmi2_functions, fmi3_functions};
 
+#[cfg(feature = "sandbox")]
+use crate::library::Binary;
 use crate::library::{Kind, Library};
 use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
 use crate::outcome::{Cause, Failure, Result, Success};
@@ -50,6 +53,17 @@ pub struct Instantiation<'a> {
     pub on_intermediate: Option<OnIntermediate>,
     /// How the arguments are treated.
     pub treatment: Treatment,
+    /// The limits of an instance of a WebAssembly component.
+    pub limits: Limits,
+}
+
+/// The limits of an instance of a WebAssembly component; a call that exceeds one ends with a trap.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Limits {
+    /// The time of each call.
+    pub call: Option<Duration>,
+    /// The memory in bytes.
+    pub memory: Option<usize>,
 }
 
 /// How [`Library::instantiate`] treats the arguments. All but the first test an FMU.
@@ -100,6 +114,12 @@ impl Library {
         let registered = Registered::new(Arc::new(sink), on_intermediate);
         let environment = registered.environment();
         let mut instance = Instance::new(self, registered, has_logger.then(logger));
+        #[cfg(feature = "sandbox")]
+        if let Binary::Component(component) = &self.binary {
+            self.trace(function);
+            instance.component = component.instantiate(arguments, environment)?;
+            return Ok(instance.component.is_some().then_some(instance));
+        }
         let on = arguments.logging_on;
         // SAFETY: the types follow the standard; the instance keeps the strings and the callbacks
         // until it is freed, and the FMU copies the value references.
@@ -151,6 +171,9 @@ pub struct Instance {
     /// What the version of FMI calls a component or an instance.
     pub(crate) pointer: fmi2Component,
     pub(crate) version: Version,
+    /// What is called instead, if the FMU is a WebAssembly component.
+    #[cfg(feature = "sandbox")]
+    component: Option<Box<crate::sandbox::Instance>>,
     /// The FMU keeps a pointer to them. Allocated as a box, and freed with the instance. FMI 3.0 has none.
     callbacks: Option<*mut fmi2CallbackFunctions>,
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
@@ -171,7 +194,7 @@ type Experiment = ((bool, f64), f64, (bool, f64));
 
 /// A saved FMU state, to be freed with [`Instance::free_fmu_state`].
 #[repr(transparent)]
-pub struct State(*mut c_void);
+pub struct State(pub(crate) *mut c_void);
 
 // SAFETY: only the functions of the instance use the pointer, which any thread may call, as for `Instance`.
 unsafe impl Send for State {}
@@ -353,6 +376,8 @@ impl Instance {
             library: Arc::clone(library),
             pointer: ptr::null_mut(),
             version: library.version(),
+            #[cfg(feature = "sandbox")]
+            component: None,
             callbacks: (library.version() == Version::Fmi2).then(callbacks),
             experiment: Experiment::default(),
             is_saved: false,
@@ -512,6 +537,11 @@ impl Instance {
 
     /// Gets and sets no variables of type Float64, with NULL for all arrays.
     pub fn get_and_set_nothing(&mut self) -> Result {
+        #[cfg(feature = "sandbox")]
+        if self.component.is_some() {
+            self.get_float64(&[], &mut [])?;
+            return self.set_float64(&[], &[]);
+        }
         let (library, i) = (&*self.library, self.pointer);
         let (none, out) = (ptr::null(), ptr::null_mut());
         let name = |get_2, get_3| match self.version {
@@ -773,29 +803,31 @@ macro_rules! functions {
     (
         $inline:ident $version:ident $functions:ident
         Free { $($_0:tt)* }
-        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($_3:ident)|+;)* })*
+        $($_1:ident { $($name:ident($($arg:ident: $kind:tt),*) => $operation:ident in $($states:ident)|+;)* })*
     ) => {
         #[allow(dead_code, clippy::too_many_arguments, clippy::useless_conversion, reason = "as in the standard")]
         impl $version<'_> {
-            $($(method!($inline $version $functions $name $operation [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
+            $($(method!($inline $version $functions $name $operation $($states)|+; [] [$($arg: $kind,)*] $($arg: $kind,)*);)*)*
         }
     };
 }
 
 macro_rules! method {
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name $op $done [$($rest)*] $($all)*);
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; $done:tt [$n:ident: [len], $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op $($s)|+; $done [$($rest)*] $($all)*);
     };
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
-        method!($inline $v $f $name $op [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; [$($done:tt)*] [$arg:ident: $kind:tt, $($rest:tt)*] $($all:tt)*) => {
+        method!($inline $v $f $name $op $($s)|+; [$($done)* $arg: rust_type!($kind),] [$($rest)*] $($all)*);
     };
-    ($inline:ident $v:ident $f:ident $name:ident $op:ident [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
+    ($inline:ident $v:ident $f:ident $name:ident $op:ident $($s:ident)|+; [$($param:ident: $type:ty,)*] [] $($arg:ident: $kind:tt,)*) => {
         #[inline($inline)]
         pub(crate) fn $op(self, $($param: $type),*) -> Result {
             let instance = self.0;
             if instance.version != Version::$v {
                 return Err(Failure::new(stringify!($name), Cause::OtherVersion));
             }
+            #[cfg(feature = "sandbox")]
+            component!(instance $v $name $op $($s)|+; $($param),*);
             $(prepare!($arg $kind);)*
             $(measure!($arg $kind);)*
             let library = &*instance.library;
@@ -807,6 +839,27 @@ macro_rules! method {
                 function(instance.pointer, $(c_value!($arg $kind)),*)
             };
             library.outcome(stringify!($name), status.0)
+        }
+    };
+}
+
+/// Calls the component, if the FMU is one. The host does not call the functions that are allowed nowhere, but for
+/// those of clocks.
+#[cfg(feature = "sandbox")]
+macro_rules! component {
+    ($instance:ident Fmi2 $($rest:tt)*) => {};
+    ($instance:ident Fmi3 fmi3GetClock $op:ident NOWHERE; $($param:ident),*) => {
+        component!($instance Fmi3 fmi3GetClock $op; $($param),*);
+    };
+    ($instance:ident Fmi3 fmi3SetClock $op:ident NOWHERE; $($param:ident),*) => {
+        component!($instance Fmi3 fmi3SetClock $op; $($param),*);
+    };
+    ($instance:ident Fmi3 $name:ident $op:ident NOWHERE; $($param:ident),*) => {};
+    ($instance:ident Fmi3 $name:ident $op:ident $($_0:ident)|*; $($param:ident),*) => {
+        if let Some(component) = &mut $instance.component {
+            $instance.library.trace(stringify!($name));
+            let status = component.$op($($param),*);
+            return $instance.library.outcome(stringify!($name), status.0);
         }
     };
 }

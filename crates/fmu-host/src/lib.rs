@@ -5,6 +5,8 @@
 //! call of a function that the version does not have, or the binary, is a [`Failure`]. Statuses are read as
 //! integers, and log messages are formatted and passed to a callback per instance.
 //!
+//! With the feature `sandbox`, a library can also be a WebAssembly component, which wasmtime runs.
+//!
 //! A foreign binary may violate the standard: it may crash, hang or exit. Load untrusted binaries in a
 //! separate process, as `cargo fmu validate` does.
 
@@ -15,11 +17,15 @@ mod library;
 mod logger;
 mod outcome;
 mod resources;
+#[cfg(feature = "sandbox")]
+mod sandbox;
 mod shared_memory;
 
 pub use access::operation;
 pub use fmi_abi::{Version, fmi2, fmi3};
-pub use instance::{Completed, Instance, Instantiation, Number, State, Stepped, Treatment, Update};
+pub use instance::{
+    Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
+};
 pub use library::{Kind, Library, LoadError};
 pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};

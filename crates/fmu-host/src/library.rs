@@ -13,6 +13,8 @@ use fmi_abi::{Interface, Version, fmi2, fmi2_functions, fmi3, fmi3_functions};
 use crate::logger::text;
 use crate::outcome::{Cause, Failure, Result, Status, Success};
 use crate::resources::{resource_path, uri};
+#[cfg(feature = "sandbox")]
+use crate::sandbox::{self, Compiled};
 
 /// The two kinds of FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,9 +26,9 @@ pub enum Kind {
     CoSimulation,
 }
 
-/// An FMU binary of one version of FMI. It is unloaded when neither the caller nor an instance uses it.
+/// An FMU binary of one version of FMI, or a WebAssembly component. It is unloaded when neither the caller nor an instance uses it.
 pub struct Library {
-    binary: libloading::Library,
+    pub(crate) binary: Binary,
     pub(crate) version: Version,
     /// Those of its version. All are empty if calls are traced, which then take the slow path, so that the
     /// fast path has no overhead.
@@ -34,6 +36,30 @@ pub struct Library {
     pub(crate) fmi3: fmi3::Functions,
     trace: Option<Box<Trace>>,
     lost: AtomicBool,
+}
+
+/// Where the functions of a library are.
+pub(crate) enum Binary {
+    Native(libloading::Library),
+    #[cfg(feature = "sandbox")]
+    Component(Box<Compiled>),
+}
+
+impl Binary {
+    /// The function of a name.
+    ///
+    /// # Safety
+    /// `F` is its type.
+    unsafe fn get<F: Copy>(&self, name: &str) -> Option<F> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self {
+                Self::Native(library) => library.get(name).ok().map(|found| *found),
+                #[cfg(feature = "sandbox")]
+                Self::Component(_) => None,
+            }
+        }
+    }
 }
 
 /// Receives the name of each function before it is called.
@@ -61,8 +87,8 @@ macro_rules! look_up {
         // standard.
         unsafe {
             $version::Functions {
-                $($free: $binary.get(stringify!($free)).ok().map(|found| *found),)*
-                $($($name: $binary.get(stringify!($name)).ok().map(|found| *found),)*)*
+                $($free: $binary.get(stringify!($free)),)*
+                $($($name: $binary.get(stringify!($name)),)*)*
             }
         }
     };
@@ -84,7 +110,8 @@ impl Library {
         Ok(Arc::new(library))
     }
 
-    /// Like [`Library::load`]; `trace` receives the name of each function before it is called.
+    /// Like [`Library::load`]; `trace` receives the name of each function before it is called. A component that
+    /// traps ends the process, as native code that crashes does.
     ///
     /// # Errors
     /// The dynamic loader's reason.
@@ -97,7 +124,7 @@ impl Library {
         Ok(Arc::new(Self { trace: Some(Box::new(trace)), ..Self::new(open(file)?, version) }))
     }
 
-    fn new(binary: libloading::Library, version: Version) -> Self {
+    fn new(binary: Binary, version: Version) -> Self {
         Self {
             binary,
             version,
@@ -121,8 +148,13 @@ impl Library {
         }
     }
 
-    /// The functions required for an FMU of this kind that the binary does not have.
+    /// The functions required for an FMU of this kind that the binary does not have. A component that lacks one
+    /// cannot be instantiated.
     pub fn missing(&self, kind: Kind) -> Vec<&'static str> {
+        #[cfg(feature = "sandbox")]
+        if let Binary::Component(_) = &self.binary {
+            return Vec::new();
+        }
         let own = match kind {
             Kind::ModelExchange => Interface::ModelExchange,
             Kind::CoSimulation => Interface::CoSimulation,
@@ -132,16 +164,8 @@ impl Library {
             .filter(|call| call.interface == Interface::All || call.interface == own)
             .map(|call| call.name)
             // SAFETY: the symbol is looked up but not used.
-            .filter(|name| unsafe { self.symbol::<*const c_void>(name) }.is_none())
+            .filter(|name| unsafe { self.binary.get::<*const c_void>(name) }.is_none())
             .collect()
-    }
-
-    /// # Safety
-    /// `F` is the type of the symbol.
-    unsafe fn symbol<F: Copy>(&self, name: &str) -> Option<F> {
-        // SAFETY: the caller's promise.
-        let found = unsafe { self.binary.get::<F>(name) };
-        found.ok().map(|symbol| *symbol)
     }
 
     /// Whether a call returned a status after which the FMU must not be called again, not even to free
@@ -173,12 +197,17 @@ impl Library {
     #[cold]
     unsafe fn look_up<F: Copy>(&self, name: &'static str) -> Result<F> {
         // SAFETY: the caller's promise.
-        let function = unsafe { self.symbol(name) };
+        let function = unsafe { self.binary.get(name) };
         let function = function.ok_or_else(|| Failure::new(name, Cause::Missing))?;
+        self.trace(name);
+        Ok(function)
+    }
+
+    /// Says that a function is about to be called.
+    pub(crate) fn trace(&self, name: &'static str) {
         if let Some(trace) = &self.trace {
             trace(name);
         }
-        Ok(function)
     }
 
     /// The outcome of a call.
@@ -192,6 +221,15 @@ impl Library {
 
     #[cold]
     fn not_ok(&self, function: &'static str, status: Status) -> Result {
+        #[cfg(feature = "sandbox")]
+        if let (Binary::Component(_), Status::Unknown(status)) = (&self.binary, status)
+            && let Some(cause) = sandbox::cause(status)
+        {
+            if cause == Cause::Trapped && self.trace.is_some() {
+                std::process::abort();
+            }
+            return Err(Failure::new(function, cause));
+        }
         match status {
             Status::Ok => return Ok(Success::Ok),
             Status::Warning => return Ok(Success::Warning(function)),
@@ -209,6 +247,10 @@ impl Library {
     /// # Errors
     /// A function is missing or returned NULL.
     pub fn texts(&self) -> Result<Vec<(&'static str, String)>> {
+        #[cfg(feature = "sandbox")]
+        if let Binary::Component(component) = &self.binary {
+            return Ok(vec![("fmi3GetVersion", component.version()?)]);
+        }
         let (fmi2, fmi3) = (&self.fmi2, &self.fmi3);
         let functions = match self.version {
             Version::Fmi2 => vec![
@@ -232,6 +274,10 @@ impl Library {
     /// # Errors
     /// The function is missing.
     pub fn free_null(&self) -> Result<()> {
+        #[cfg(feature = "sandbox")]
+        if let Binary::Component(_) = &self.binary {
+            return Ok(());
+        }
         // SAFETY: the type follows the standard, which allows NULL.
         unsafe { self.free_function()?(ptr::null_mut()) };
         Ok(())
@@ -248,11 +294,28 @@ impl Library {
     }
 }
 
-fn open(file: &Path) -> std::result::Result<libloading::Library, LoadError> {
-    match dlopen(file) {
+fn open(file: &Path) -> std::result::Result<Binary, LoadError> {
+    if file.extension().is_some_and(|extension| extension == "wasm") {
+        return open_component(file);
+    }
+    let opened = match dlopen(file) {
         Err(LoadError(reason)) if needs_python(&reason) && load_python() => dlopen(file),
         other => other,
-    }
+    };
+    opened.map(Binary::Native)
+}
+
+#[cfg(feature = "sandbox")]
+fn open_component(file: &Path) -> std::result::Result<Binary, LoadError> {
+    let compiled = Compiled::load(file).map_err(LoadError)?;
+    Ok(Binary::Component(Box::new(compiled)))
+}
+
+#[cfg(not(feature = "sandbox"))]
+fn open_component(_: &Path) -> std::result::Result<Binary, LoadError> {
+    let reason =
+        "it is a WebAssembly component, and this program was built without the feature `sandbox`";
+    Err(LoadError(reason.to_owned()))
 }
 
 fn dlopen(file: &Path) -> std::result::Result<libloading::Library, LoadError> {

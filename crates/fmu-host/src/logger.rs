@@ -148,7 +148,7 @@ pub(crate) unsafe extern "C" fn log_3(
 }
 
 /// Passes a message to the sink of an instance; does not unwind.
-fn deliver(environment: *mut c_void, logged: impl FnOnce() -> Logged) {
+pub(crate) fn deliver(environment: *mut c_void, logged: impl FnOnce() -> Logged) {
     let Some(Callbacks { sink, .. }) = registered(environment) else {
         STRAY.fetch_add(1, Ordering::Relaxed);
         return;
@@ -179,11 +179,7 @@ pub(crate) unsafe extern "C" fn intermediate_update(
     let [set_requested, get_allowed, step_finished, can_return_early] =
         [set_requested, get_allowed, step_finished, can_return_early].map(|flag| flag != fmi3False);
     let update = Intermediate { time, set_requested, get_allowed, step_finished, can_return_early };
-    let callback = registered(environment).and_then(|callbacks| callbacks.intermediate);
-    let request = callback.and_then(|callback| {
-        // C code must not be unwound.
-        catch_unwind(AssertUnwindSafe(move || callback(update))).unwrap_or(None)
-    });
+    let request = update_of(environment, update);
     // SAFETY: not NULL by the check; the rest is the caller's promise.
     unsafe {
         if !early_return_requested.is_null() {
@@ -193,6 +189,13 @@ pub(crate) unsafe extern "C" fn intermediate_update(
             *early_return_time = time;
         }
     }
+}
+
+/// Passes an update to its receiver, and returns the time (s) of the early return that it requests; does not unwind.
+pub(crate) fn update_of(environment: *mut c_void, update: Intermediate) -> Option<f64> {
+    let callback = registered(environment)?.intermediate?;
+    // C code must not be unwound.
+    catch_unwind(AssertUnwindSafe(move || callback(update))).unwrap_or(None)
 }
 
 // On Windows, the `printf` family is inline in the headers of the C library; this library has it.

@@ -82,6 +82,8 @@ pub enum Cause {
     Missing,
     /// The function returned a failure status.
     Returned(Status),
+    /// A WebAssembly component has ended in the function, or exceeded a limit. The message that it logs has the reason.
+    Trapped,
     /// The function returned success but violated the standard.
     Broke(&'static str),
     /// A string argument contains a zero byte.
@@ -123,6 +125,7 @@ impl fmt::Display for Cause {
                 f.write_str("returned fmi2Pending, and asynchronous steps are not supported")
             }
             Self::Returned(status) => write!(f, "returned {status}"),
+            Self::Trapped => f.write_str("ended with a trap"),
             Self::Broke(how) => f.write_str(how),
             Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),
             Self::OtherVersion => {
