@@ -74,7 +74,7 @@ impl Platform {
     pub fn of_target(triple: &str, version: FmiVersion) -> Result<Vec<Self>> {
         if triple == TARGET_WASM {
             let none = "WebAssembly components are for FMI 3.0; write --fmi 3.0";
-            return Ok(vec![Self::named("wasm32-wasip2", version).context(none)?]);
+            return Ok(vec![Self::component(version).context(none)?]);
         }
         let processor = triple.split('-').next().unwrap_or_default();
         let (processor, bits) = match processor {
@@ -108,6 +108,11 @@ impl Platform {
             .map(|folder| Self::named(folder, version))
             .collect::<Result<_>>()
             .with_context(none)
+    }
+
+    /// The platform of WebAssembly components, if this version of FMI has it.
+    pub fn component(version: FmiVersion) -> Option<Self> {
+        platforms(version).find(Self::is_wasm)
     }
 
     /// The platform of this machine, if this version of FMI has a folder for it.

@@ -6,6 +6,7 @@ use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use fmu_description::{Type, Value, Variable};
@@ -56,6 +57,20 @@ pub struct Description {
     /// Where the system comes from if not from a TOML file.
     #[serde(skip)]
     pub package: Option<Arc<Source>>,
+    /// How WebAssembly components run.
+    #[serde(skip)]
+    pub sandbox: Sandbox,
+}
+
+/// How WebAssembly components run.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct Sandbox {
+    /// Whether native binaries are refused; by default, FMUs that have one do not run as components.
+    pub is_required: bool,
+    /// The time limit of each call.
+    pub call: Option<Duration>,
+    /// The maximum memory of each instance in bytes.
+    pub memory: Option<u64>,
 }
 
 /// The times of a simulation (s).
@@ -277,6 +292,7 @@ pub struct Changes {
     pub fmus: Option<PathBuf>,
     /// Start values by `component.variable`, as text; see [`Plan::set`](crate::Plan::set).
     pub sets: Vec<(String, String)>,
+    pub sandbox: Sandbox,
 }
 
 impl Description {
@@ -350,11 +366,13 @@ impl Description {
             input: None,
             is_single: true,
             package: None,
+            sandbox: Sandbox::default(),
         })
     }
 
     /// Applies changes, but for the start values.
     pub fn change(&mut self, changes: &Changes) {
+        self.sandbox = changes.sandbox;
         let of = |changed: Option<f64>, own: f64| changed.unwrap_or(own);
         self.start = of(changes.start, self.start);
         self.stop = of(changes.stop, self.stop);

@@ -11,11 +11,11 @@ use fmu_description::xml::{self, Element};
 use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Value, Variable};
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
-use fmu_host::{Instance, Instantiation, Kind, Library, LoadError};
+use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError};
 use fmu_worker::Function;
 use tempfile::TempDir;
 
-use crate::{Interface, Messages};
+use crate::{Interface, Messages, Sandbox};
 
 /// An FMU for co-simulation or model exchange.
 pub struct Fmu {
@@ -50,6 +50,7 @@ pub struct Fmu {
     folder: TempDir,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
+    limits: Limits,
 }
 
 /// A scalar variable, or an element of an array.
@@ -66,12 +67,22 @@ impl Fmu {
     ///
     /// # Errors
     /// The file is not a valid FMU of FMI 2.0 or 3.0 with this interface and a binary for this machine.
-    pub(crate) fn open(path: &Path, wanted: Option<Interface>, sizes: &Sizes) -> Result<Self> {
-        let read = Self::read(path, wanted, sizes);
+    pub(crate) fn open(
+        path: &Path,
+        wanted: Option<Interface>,
+        sizes: &Sizes,
+        sandbox: Sandbox,
+    ) -> Result<Self> {
+        let read = Self::read(path, wanted, sizes, sandbox);
         read.with_context(|| format!("{} cannot be used", path.display()))
     }
 
-    fn read(path: &Path, wanted: Option<Interface>, sizes: &Sizes) -> Result<Self> {
+    fn read(
+        path: &Path,
+        wanted: Option<Interface>,
+        sizes: &Sizes,
+        sandbox: Sandbox,
+    ) -> Result<Self> {
         let mut archive = Archive::open_sound(path)?;
         let text = archive.model_description()?;
         let mut root = xml::parse(&text).with_context(|| MODEL_DESCRIPTION)?;
@@ -79,7 +90,7 @@ impl Fmu {
         let model = ModelDescription::read(&root)?;
         let (kind, interface) = interface(&model, wanted)?;
         let identifier = interface.attribute("modelIdentifier").unwrap_or_default();
-        let binary = binary(&archive, identifier, model.version)?;
+        let binary = binary(&archive, identifier, model.version, sandbox.is_required)?;
         let only_once = interface.is_true("canBeInstantiatedOnlyOncePerProcess");
 
         let folder = tempfile::Builder::new().prefix("fmu-").tempdir()?;
@@ -128,7 +139,16 @@ impl Fmu {
             library: OnceLock::new(),
             folder,
             only_once,
+            limits: Limits {
+                call: sandbox.call,
+                memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
+            },
         })
+    }
+
+    /// Whether it runs as a WebAssembly component.
+    pub(crate) fn is_component(&self) -> bool {
+        self.binary.ends_with(".wasm")
     }
 
     /// Its file name.
@@ -250,6 +270,7 @@ impl Fmu {
             guid: &self.token,
             resources: &library.location(&resources),
             logging_on: true,
+            limits: self.limits,
             ..Instantiation::default()
         };
         let (instance, log) = (name.to_owned(), messages.clone());
@@ -338,21 +359,33 @@ fn interface<'a>(
     Ok(found)
 }
 
-fn binary(archive: &Archive, identifier: &str, version: FmiVersion) -> Result<String> {
-    let platform = Platform::of_this_machine(version)
-        .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
-    let binary = platform.binary(identifier);
-    // The names in an archive are safe, but the binary must also be in the folder of the platform.
-    if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
-        return Ok(binary);
+/// The binary for this machine, or the WebAssembly component if there is none, or if it is `required`.
+fn binary(
+    archive: &Archive,
+    identifier: &str,
+    version: FmiVersion,
+    required: bool,
+) -> Result<String> {
+    let native = Platform::of_this_machine(version);
+    let component = Platform::component(version);
+    for platform in [native.filter(|_| !required), component].into_iter().flatten() {
+        let binary = platform.binary(identifier);
+        // The names in an archive are safe, but the binary must also be in the folder of the platform.
+        if archive.names.contains(&binary) && !identifier.contains(['/', '\\']) {
+            return Ok(binary);
+        }
     }
+    ensure!(!required, "it has no WebAssembly component, and native binaries were refused");
+    let platform = native
+        .with_context(|| format!("FMI {} does not define this platform", version.as_str()))?;
     let other = archive.names.iter().find(|name| {
         let file = Path::new(name).file_stem().unwrap_or_default();
         file.to_str().is_some_and(|file| **name == platform.binary(file))
     });
     match other {
         Some(other) => bail!(
-            "its binary {other} is not named after the model identifier {identifier:?}, expected {binary}"
+            "its binary {other} is not named after the model identifier {identifier:?}, expected {}",
+            platform.binary(identifier)
         ),
         None => bail!("it has no binary for this machine ({})", platform.folder),
     }

@@ -56,8 +56,8 @@ pub mod table;
 mod wiring;
 
 pub use description::{
-    Changes, Component, Connection, Description, Experiment, Interface, Order, Scale, Written,
-    is_fmu, locate,
+    Changes, Component, Connection, Description, Experiment, Interface, Order, Sandbox, Scale,
+    Written, is_fmu, locate,
 };
 pub use failure::{Call, Failure};
 pub use fault::Fault;

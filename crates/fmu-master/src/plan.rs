@@ -1,7 +1,7 @@
 //! A loaded and checked system, ready to simulate.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,8 +13,8 @@ use crate::input::Input;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
 use crate::{
-    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Scale,
-    Written,
+    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Sandbox,
+    Scale, Written,
 };
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -74,7 +74,7 @@ impl Plan {
                 "two components have the name {name}"
             );
             tolerance(&format!("tolerance of {name}"), component.tolerance)?;
-            let new = Planned::new(component, description.tolerance, &mut fmus)?;
+            let new = Planned::new(component, description, &mut fmus)?;
             if let Some(other) = components.iter().find(|c| c.fmu.path == new.fmu.path) {
                 ensure!(
                     !new.fmu.only_once,
@@ -277,9 +277,9 @@ impl Port {
 type Fmus = HashMap<(PathBuf, Option<Interface>, Sizes), Arc<Fmu>>;
 
 impl Planned {
-    fn new(component: &Component, tolerance: Option<f64>, fmus: &mut Fmus) -> Result<Self> {
+    fn new(component: &Component, system: &Description, fmus: &mut Fmus) -> Result<Self> {
         let mut open = |sizes| {
-            open(&component.fmu, component.interface, sizes, fmus)
+            open(component, system.sandbox, sizes, fmus)
                 .with_context(|| format!("component {}", component.name))
         };
         let full = |name: &str| format!("{}.{name}", component.name);
@@ -308,7 +308,7 @@ impl Planned {
             prefix: format!("{}.", component.name),
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
             is_guess: component.sampled.is_none(),
-            tolerance: component.tolerance.or(tolerance).or(fmu.tolerance),
+            tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts: starts.collect::<Result<_>>()?,
             fmu,
         })
@@ -354,16 +354,16 @@ impl Planned {
 }
 
 fn open(
-    path: &Path,
-    interface: Option<Interface>,
+    component: &Component,
+    sandbox: Sandbox,
     sizes: Sizes,
     fmus: &mut Fmus,
 ) -> Result<Arc<Fmu>> {
-    let key = (path.to_owned(), interface, sizes);
+    let key = (component.fmu.clone(), component.interface, sizes);
     if let Some(fmu) = fmus.get(&key) {
         return Ok(fmu.clone());
     }
-    let fmu = Arc::new(Fmu::open(path, interface, &key.2)?);
+    let fmu = Arc::new(Fmu::open(&component.fmu, component.interface, &key.2, sandbox)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
 }
@@ -463,6 +463,11 @@ fn notes(components: &[Planned], recorded: &[Port]) -> Vec<String> {
             "sampled, because all outputs are discrete: {}; --sampled false records the outputs before each step, not after it",
             guessed.join(", ")
         ));
+    }
+    let in_sandbox = components.iter().filter(|c| c.fmu.is_component()).map(|c| c.name.as_str());
+    let in_sandbox = Vec::from_iter(in_sandbox);
+    if !in_sandbox.is_empty() {
+        notes.push(format!("run as WebAssembly components: {}", in_sandbox.join(", ")));
     }
     if recorded.is_empty() {
         let mut all =

@@ -29,6 +29,7 @@ Example:\n  cargo fmu validate target/fmu/*.fmu")]
             "Model of this workspace, or system file, whose FMUs are all of this workspace"
         )),
         mut_arg("fmus", |arg| arg.hide(true)),
+        mut_arg("sandbox", |arg| arg.hide(true)),
         mut_arg("profile", |arg| arg.default_value("dev")),
         after_help = "The FMUs are for FMI 2.0, and are deleted at the end.
 

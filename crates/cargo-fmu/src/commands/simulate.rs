@@ -202,6 +202,7 @@ impl SimulateArgs {
             sampled: self.sampled,
             fmus: self.fmus.clone(),
             sets: self.sets.clone(),
+            sandbox: self.limited.sandbox(),
         }
     }
 

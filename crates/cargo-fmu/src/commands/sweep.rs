@@ -66,7 +66,9 @@ fn runs(text: &str) -> Result<Range<u64>> {
 /// # Errors
 /// A file is invalid or cannot be written, or an FMU rejects a start value.
 pub fn run(args: &SweepArgs, out: &mut impl Write) -> Result<ExitCode> {
-    let open = || Study::open(&args.sweep, args.system.as_deref(), args.fmus.as_deref());
+    let sandbox = args.limited.sandbox();
+    let (system, fmus) = (args.system.as_deref(), args.fmus.as_deref());
+    let open = || Study::open(&args.sweep, system, fmus, sandbox);
     if let Some(mut service) = Service::of_this_process()? {
         open()?.work(&mut service)?;
         return Ok(ExitCode::SUCCESS);

@@ -29,6 +29,9 @@ pub struct ValidateArgs {
     /// Do not run the binaries
     #[arg(long)]
     no_run: bool,
+    /// Refuse native binaries; run WebAssembly components only
+    #[arg(long)]
+    sandbox: bool,
     /// Time limit for each call of a binary
     #[arg(long, value_name = "SECONDS", default_value_t = 20)]
     time_limit: u32,
@@ -63,6 +66,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
                 arguments: words,
                 time_limit: Duration::from_secs(args.time_limit.into()),
                 is_quick: args.quick,
+                sandbox: args.sandbox,
             })
         }
     };

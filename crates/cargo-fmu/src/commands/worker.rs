@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use fmu_master::Sandbox;
 use fmu_worker::{Limits, available_memory};
 
 use crate::style::WARNING;
@@ -17,9 +18,29 @@ pub struct Limited {
     /// Maximum memory of all FMUs together [default: 90 % of the memory of the machine]
     #[arg(long, value_name = "GB")]
     memory_limit: Option<f64>,
+    /// Refuse native binaries; run WebAssembly components only
+    #[arg(long)]
+    sandbox: bool,
 }
 
+/// The time that a process has after the time limit of a call, if it runs components only.
+const GRACE: Duration = Duration::from_secs(5);
+
 impl Limited {
+    /// How WebAssembly components run.
+    pub fn sandbox(&self) -> Sandbox {
+        // The process that starts the workers reports an invalid limit.
+        let memory = self.limits(1).ok().and_then(|limits| limits.memory);
+        Sandbox { is_required: self.sandbox, call: self.call_limit(), memory }
+    }
+
+    /// The time limit of each call.
+    fn call_limit(&self) -> Option<Duration> {
+        // More than some centuries is no limit either.
+        let limit = Duration::try_from_secs_f64(self.call_timeout).ok();
+        limit.filter(|limit| !limit.is_zero())
+    }
+
     /// The limits of each of several worker processes.
     ///
     /// # Errors
@@ -41,10 +62,10 @@ impl Limited {
             }
         };
         Ok(Limits {
-            // More than some centuries is no limit either.
-            call: Duration::try_from_secs_f64(self.call_timeout)
-                .ok()
-                .filter(|limit| !limit.is_zero()),
+            // A component ends by itself.
+            call: self
+                .call_limit()
+                .map(|limit| limit + if self.sandbox { GRACE } else { Duration::ZERO }),
             memory: memory.map(|bytes| bytes / workers.max(1) as u64),
             ..Limits::default()
         })

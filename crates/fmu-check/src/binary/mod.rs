@@ -47,6 +47,8 @@ pub struct Probes {
     pub time_limit: Duration,
     /// Whether to run only a few tests, with inputs at their start values.
     pub is_quick: bool,
+    /// Whether to run WebAssembly components only; by default, they are run if there is no binary for this machine.
+    pub sandbox: bool,
 }
 
 /// Number of steps of a quick test, and maximum number of a short run.
@@ -67,7 +69,8 @@ const WORK: &str = "work";
 /// The sizes of files, and the times of their last changes.
 type Files = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
-/// Runs the binaries built for this machine, if there are any, until the deadline. `text` is the model description.
+/// Runs the binaries built for this machine or the WebAssembly components, if there are any, until the deadline. `text`
+/// is the model description.
 pub fn check(
     text: &str,
     model: &ModelDescription<'_>,
@@ -76,24 +79,28 @@ pub fn check(
     deadline: Instant,
     findings: &mut Findings,
 ) {
-    let Some(platform) = Platform::of_this_machine(model.version) else {
-        return;
-    };
+    let native = Platform::of_this_machine(model.version).filter(|_| !probes.sandbox);
+    let component = Platform::component(model.version).filter(|_| cfg!(feature = "sandbox"));
+    let platforms = Vec::from_iter(native.into_iter().chain(component));
     let interfaces = [model.co_simulation(), model.model_exchange()];
-    let binaries: Vec<(&Element<'_>, String)> = (interfaces.into_iter().flatten())
-        .filter_map(|e| Some((e, platform.binary(e.attribute("modelIdentifier")?))))
-        .filter(|(_, binary)| archive.names.contains(binary))
-        .collect();
-    if binaries.is_empty() {
+    let binaries = |platform: &Platform| -> Vec<(&Element<'_>, String)> {
+        (interfaces.into_iter().flatten())
+            .filter_map(|e| Some((e, platform.binary(e.attribute("modelIdentifier")?))))
+            .filter(|(_, binary)| archive.names.contains(binary))
+            .collect()
+    };
+    let all = platforms.iter().map(|platform| (*platform, binaries(platform)));
+    let Some((platform, binaries)) = all.into_iter().find(|(_, found)| !found.is_empty()) else {
         // An FMU without binaries has sources, or the lack of both has been reported.
         let mut names = archive.names.iter();
         if names.any(|name| name.starts_with("binaries/")) {
-            let folder = platform.folder;
+            let folders = Vec::from_iter(platforms.iter().map(|platform| platform.folder));
+            let folder = folders.join(", ");
             let text = format!("there is none for this machine ({folder}); no binary was run");
             findings.add(&NOT_RUN, "binaries", text);
         }
         return;
-    }
+    };
     for (_, binary) in &binaries {
         let head = archive.head(binary, Platform::HEAD);
         if head.is_ok_and(|head| !is_for_this_processor(&head)) {

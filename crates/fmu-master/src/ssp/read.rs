@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use super::system::System;
 use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
 use crate::fmu::{Units, units};
-use crate::{Description, Order};
+use crate::{Description, Order, Sandbox};
 
 /// The system structure of a package.
 pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
@@ -104,6 +104,7 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
         outputs: Vec::new(),
         input: None,
         is_single: false,
+        sandbox: Sandbox::default(),
         package: Some(Arc::new(Source { warnings: system.warnings, opened: Vec::new() })),
     })
 }

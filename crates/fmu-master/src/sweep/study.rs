@@ -19,7 +19,7 @@ use super::pool::{Outcome, Pool, Workers};
 use crate::failure::Crash;
 use crate::table::{self, Cell, Column};
 use crate::{
-    Description, Failure, Messages, Order, Place, Plan, Simulation, Start, Written, locate,
+    Description, Failure, Messages, Order, Place, Plan, Sandbox, Simulation, Start, Written, locate,
 };
 
 /// The contents of a sweep file.
@@ -165,11 +165,17 @@ impl Study {
     ///
     /// # Errors
     /// A file cannot be read, or its contents do not fit.
-    pub fn open(sweep: &Path, system: Option<&Path>, fmus: Option<&Path>) -> Result<Self> {
+    pub fn open(
+        sweep: &Path,
+        system: Option<&Path>,
+        fmus: Option<&Path>,
+        sandbox: Sandbox,
+    ) -> Result<Self> {
         let text = fs::read_to_string(sweep)
             .with_context(|| format!("cannot read {}", sweep.display()))?;
         let file: File = toml::from_str(&text).with_context(|| sweep.display().to_string())?;
-        Self::load(sweep, &text, file, system, fmus).map_err(|error| locate(error, sweep, &text))
+        Self::load(sweep, &text, file, system, fmus, sandbox)
+            .map_err(|error| locate(error, sweep, &text))
     }
 
     fn load(
@@ -178,6 +184,7 @@ impl Study {
         file: File,
         system: Option<&Path>,
         fmus: Option<&Path>,
+        sandbox: Sandbox,
     ) -> Result<Self> {
         let beside = || sweep.with_file_name("").join(&file.system);
         let system = system.map_or_else(beside, Path::to_owned);
@@ -185,6 +192,7 @@ impl Study {
         if let Some(folder) = fmus {
             description.take_fmus_from(folder);
         }
+        description.sandbox = sandbox;
         description.start = file.start.unwrap_or(description.start);
         description.stop = file.stop.unwrap_or(description.stop);
         description.step = file.step.unwrap_or(description.step);
