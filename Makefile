@@ -34,7 +34,7 @@ GROUPS := test importers lint portable bench judge wheel setup
 apt = command -v $(1) >/dev/null || { apt-get update && apt-get install --yes $(2); }
 
 .PHONY: help demo paper plot check test lint msrv report bench program fmus module native ssp judge importers portable cross \
-	merged wasm page system valgrind elsewhere conformance package wheel semver fuzz lock clean
+	merged wasm sandbox page system valgrind elsewhere conformance package wheel semver fuzz lock clean
 .DEFAULT_GOAL := demo
 
 ## help: list the jobs
@@ -139,6 +139,12 @@ wasm: program
 		|| test -d /usr/$(RUST_SOURCES) || rustup target add wasm32-unknown-unknown \
 		|| { apt-get update && apt-get install --yes rustc-web cargo-web rust-web-src lld; }
 	$(FMU) export --fmi 3.0 --target wasm --out target/wasm
+
+## sandbox: build the command line with wasmtime, and test how it runs components
+sandbox: wasm fmus $(VENV)/.test
+	cargo build --locked $(RUST) --features cargo-fmu/sandbox --bin cargo-fmu
+	mkdir -p target/sandbox && cp target/debug/cargo-fmu target/sandbox/
+	$(RUN) -m pytest -m sandbox --numprocesses auto tests/test_wasm.py
 
 ## page: write a page that runs the FMUs in the browser, one file without server: target/page/index.html
 page: wasm

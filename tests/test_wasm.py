@@ -1,6 +1,12 @@
-"""WebAssembly components, run by a host of others: the wheel of wasmtime."""
+"""WebAssembly components, run by a host of others, the wheel of wasmtime, and by the program.
 
+The tests of the program need the feature `sandbox`: `make sandbox`.
+"""
+
+import os
+import re
 import shutil
+import subprocess
 import zipfile
 from pathlib import Path
 
@@ -11,11 +17,12 @@ import wasmtime.component
 from fmpy import read_model_description
 from lxml import etree
 
-from native import new_package
+from native import LOOPS, SECONDS, new_package
 from pendulum_fmus.project import ROOT
 
 WASM = ROOT / "target" / "wasm"
 PACKAGE = "fmi:fmi3"
+CACHE = WASM / "cache"
 EXTRA = "extra/org.modelica.fmi-ls-wasm/manifest.xml"
 
 
@@ -73,6 +80,16 @@ class Fmu:
     def set(self, name: str, value: object, of: str = "float64") -> str:
         """Set a scalar variable; return the status."""
         return self.method(f"set-{of}", [self.references[name]], [value])
+
+
+def program(*arguments: object, cache: Path = CACHE) -> tuple[int, str, str]:
+    """Run the program with the feature `sandbox`; return its exit code and what it prints."""
+    file = ROOT / "target" / "sandbox" / "cargo-fmu"
+    if not file.exists():
+        pytest.fail(f"{file} is missing: `make sandbox` builds it", pytrace=False)
+    command, given = [file, *map(str, arguments)], os.environ | {"XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run(command, env=given, capture_output=True, text=True, timeout=SECONDS)
+    return done.returncode, done.stdout, done.stderr
 
 
 def binary(path: Path) -> bytes:
@@ -208,3 +225,100 @@ def test_texts_and_bytes_pass_and_a_panic_ends_the_component_with_a_message(pani
     name, status, category, text = fmu.messages[-1]
     assert (name, status, category) == ("it", "fatal", "logStatusFatal")
     assert text.endswith("the model panicked, and the component ends: u is -1.0")
+
+
+@pytest.mark.sandbox
+@pytest.mark.parametrize("disturbance", [0.0, 1.0])
+@pytest.mark.parametrize("example", ["pid", "pid-rbf", "ipid-rbf", "supervised"])
+def test_the_program_runs_all_loops_with_the_bits_of_the_native_fmus(
+    example, disturbance, components, fmus, tmp_path
+):
+    system = tmp_path / "system.toml"
+    text = (LOOPS / f"{example}.toml").read_text(encoding="utf-8")
+    system.write_text(re.sub(r"(\w+)\.fmu", r"\1_fmi3.fmu", text), encoding="utf-8")
+    tables = []
+    for folder in (fmus, components):
+        table = tmp_path / "table.csv"
+        options = ["--set", f"source.disturbance.amplitude={disturbance}", "--csv", table]
+        code, said, problems = program("simulate", system, "--fmus", folder, *options)
+        assert code == 0, problems
+        assert ("run as WebAssembly components: " in said) == (folder == components)
+        tables.append(table.read_bytes())
+    assert tables[0] == tables[1]
+    assert tables[0].count(b"\n") > 20000
+
+
+@pytest.mark.sandbox
+def test_a_native_binary_is_run_unless_it_is_refused(components, fmus, tmp_path):
+    both, name = tmp_path / "both.fmu", "Pendulum_fmi3.fmu"
+    assert program("merge", fmus / name, components / name, "-o", both)[0] == 0
+    tables = []
+    for options in ([], ["--sandbox"]):
+        options += ["--interface", "model-exchange", "--stop", "1", "--csv", tmp_path / "table.csv"]
+        code, said, _ = program("simulate", both, "--set", "theta0=0.1", *options)
+        assert code == 0
+        assert ("run as WebAssembly components: both" in said) == ("--sandbox" in options)
+        tables.append((tmp_path / "table.csv").read_bytes())
+    assert tables[0] == tables[1]
+    code, _, problems = program("simulate", fmus / name, "--sandbox")
+    assert code == 1
+    assert "it has no WebAssembly component, and native binaries were refused" in problems
+
+
+@pytest.mark.sandbox
+@pytest.mark.parametrize(
+    ("u", "reason"),
+    [
+        ("-1", "the model panicked, and the component ends: u is -1.0"),
+        ("2", "not done after 0.5 s"),
+        ("3", "forcing trap when growing memory to 16"),
+    ],
+)
+def test_a_trap_is_reported_with_function_time_and_reason(u, reason, panicking):
+    options = ["--sandbox", "--call-timeout", "0.5", "--memory-limit", "1", "--step", "0.1"]
+    # Compiling the component may take longer than the limit of a call.
+    assert program("simulate", panicking, "--stop", "0.1")[0] == 0
+    code, _, problems = program("simulate", panicking, "--set", f"u={u}", *options)
+    assert code == 1
+    what = "step of 0.1 s at t = 0.0 s: fmi3DoStep ended with a trap: "
+    assert f"(Panicking_fmi3.fmu), {what}" in problems
+    assert reason in problems
+
+
+@pytest.mark.sandbox
+def test_compiled_code_is_kept_and_damage_to_it_is_repaired(panicking, tmp_path):
+    run = ["simulate", panicking, "--sandbox", "--set", "text=θ", "--output", "echo"]
+    for _ in range(2):
+        code, said, problems = program(*run, cache=tmp_path)
+        assert code == 0, problems
+        assert "θ" in said
+        sizes = {file: file.stat().st_size for file in (tmp_path / "cargo-fmu").iterdir()}
+        assert sizes
+        assert all(sizes.values())
+        for file in sizes:
+            file.write_bytes(b"")
+
+
+@pytest.mark.sandbox
+def test_a_component_that_imports_more_than_the_draft_is_refused(components, tmp_path):
+    foreign = tmp_path / "foreign.fmu"
+    text = '(component (import "wasi:cli/environment@0.2.0" (instance)))'
+    with zipfile.ZipFile(components / "Pid_fmi3.fmu") as old, zipfile.ZipFile(foreign, "w") as new:
+        for name in old.namelist():
+            is_binary = name.startswith("binaries/")
+            new.writestr(name, wasmtime.wat2wasm(text) if is_binary else old.read(name))
+    code, _, problems = program("simulate", foreign)
+    assert code == 1
+    assert "it imports wasi:cli/environment@0.2.0, expected imports of fmi:fmi3 only" in problems
+
+
+@pytest.mark.sandbox
+def test_the_validator_runs_components(components, panicking):
+    for name in ("IpidRbf_fmi3.fmu", "Pendulum_fmi3.fmu"):
+        code, said, _ = program("validate", "--quick", components / name)
+        assert code == 0, said
+        assert "no error, no warning" in said
+    code, said, _ = program("validate", panicking)
+    assert code == 1
+    assert "binaries/wasm32-wasip2/Panicking.wasm: " in said
+    assert "fmi3DoStep" in said

@@ -1,8 +1,8 @@
-//! A model with a bug and with texts and bytes, as an FMU.
+//! A model with bugs and with texts and bytes, as an FMU.
 
 use fmu_export::prelude::*;
 
-/// y = u, and a panic if u is negative
+/// y = u, but a panic if u is negative, no end if it is 2, and much memory if it is 3
 #[derive(Model)]
 pub struct Panicking {
     /// what must not be negative
@@ -28,6 +28,12 @@ pub struct Panicking {
 impl Simulate for Panicking {
     fn step(&mut self, _time: f64, _step: f64) -> Result<(), ModelError> {
         assert!(self.u >= 0.0, "u is {:?}", self.u);
+        while self.u == 2.0 {
+            std::hint::black_box(&self.u);
+        }
+        if self.u == 3.0 {
+            self.copy = vec![1; 3 << 29];
+        }
         self.y = self.u;
         self.echo.clone_from(&self.text);
         self.copy.clone_from(&self.data);
