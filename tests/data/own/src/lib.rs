@@ -12,6 +12,7 @@ pub struct Own {
     /// the sum
     #[output(unit = "m")]
     y: f64,
+    #[cfg_attr(feature = "doubled", local(name = "model", description = "from the file"))]
     offset: f64,
 }
 
