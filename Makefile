@@ -80,7 +80,7 @@ msrv:
 	cargo +$(MSRV) check --locked --all-targets
 
 ## report: reproduce the paper, and judge it, as a page in REPORT=target/report; PUBLISH=1 updates docs
-report: fmus $(VENV)/.test
+report: fmus module $(VENV)/.test
 	$(RUN) -m pendulum_fmus.report --out $(REPORT) $(if $(PUBLISH),--docs docs)
 
 ## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md

@@ -28,5 +28,7 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
+        if error.name and error.name.startswith("fmu_master"):
+            sys.exit("error: fmu_master is missing; `make module` builds it")
         where = f"'{ROOT}[{name}]'" if ROOT is _sources else f"'pendulum-fmus[{name}]'"
         sys.exit(f"error: {error.name} is missing; `pip install {where}` installs it")

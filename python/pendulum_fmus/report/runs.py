@@ -3,11 +3,6 @@
 The native master computes the same bits as that on FMPy, but faster.
 """
 
-import csv
-import json
-import math
-import subprocess
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
+import fmu_master
+from fmu_master import FmuError, System
+
 from .. import table1
 from ..loop import TS, Columns, Loop, run_all
 from ..master import MasterError
-from ..project import FMUS, PROGRAM, SENSOR
+from ..project import FMUS, SENSOR
 
 SIGNALS = ("step", "sine", "square")
 
@@ -177,20 +175,13 @@ def simulate(
     shape (steps,), or (last,) if only the last samples are asked for. A loop that diverges is an
     error, or has no columns if it `may_diverge`.
     """
-    names = loop.recorded(only)
-    with tempfile.TemporaryDirectory(prefix="loop-") as folder:
-        system = Path(folder) / "system.toml"
-        system.write_text(_system(loop, fmus, names), encoding="utf-8")
-        try:
-            # Rather than a file, which would have to reach the disk; a summary follows the rows
-            text = _run(repr(loop), "simulate", system, "--csv", "/dev/stdout")
-        except MasterError as error:
-            if may_diverge and "the simulation diverges" in str(error):
-                return {}
-            raise
-    lines = text.split("\n", loop.steps + 1)[1:-1]
-    rows = np.loadtxt(lines[-last:], delimiter=",", ndmin=2)
-    return dict(zip(["time", *names], np.ascontiguousarray(rows.T), strict=True))
+    try:
+        result = _system(loop, fmus).simulate(output=loop.recorded(only))
+    except FmuError as error:
+        if may_diverge and "the simulation diverges" in str(error):
+            return {}
+        raise MasterError(f"{loop!r}: {error}") from error
+    return {name: column[-last:] for name, column in result.items()}
 
 
 def alone(kind: str, **changes: Any) -> Loop:
@@ -219,45 +210,27 @@ def sweep(
     """
     signals = {"reference": "source.r", "output": "plant.theta"}
     signals |= {"error": "controller.e", "control": "controller.u"}
-    lines = ['system = "system.toml"', "seed = 1", f"draws = {draws}"]
-    lines += [f"signals = {_toml(signals)}", f"metrics = {{ limit = {limit!r} }}"]
-    for parameter in parameters:
-        lines += ["[[parameter]]", *(f"{key} = {_toml(part)}" for key, part in parameter.items())]
-    with tempfile.TemporaryDirectory(prefix="sweep-") as name:
-        folder = Path(name)
-        (folder / "system.toml").write_text(_system(loop, fmus), encoding="utf-8")
-        (folder / "sweep.toml").write_text("\n".join(lines), encoding="utf-8")
-        out = folder / "out.csv"
-        _run(f"the sweep of {loop}", "sweep", folder / "sweep.toml", "--out", out)
-        with out.open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    words = {"": math.nan, "false": 0.0, "true": 1.0}
-    names = [name for name in rows[0] if name != "failure"]
-    return {n: np.array([float(words.get(row[n], row[n])) for row in rows]) for n in names}
+    plan = {"parameter": list(parameters), "seed": 1, "draws": draws, "metrics": {"limit": limit}}
+    try:
+        runs = fmu_master.sweep(plan, _system(loop, fmus), signals=signals)
+    except FmuError as error:
+        raise MasterError(f"the sweep of {loop}: {error}") from error
+    return {name: column.astype(float) for name, column in runs.items() if name != "failure"}
 
 
-def _run(what: str, *arguments: str | Path) -> str:
-    """Run the program; return what it prints."""
-    if not PROGRAM.is_file():
-        raise MasterError(f"{PROGRAM} does not exist; run `make fmus` first")
-    run = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)
-    if run.returncode:
-        raise MasterError(f"{what}: {run.stderr.strip().removeprefix('error: ')}")
-    return run.stdout
-
-
-def _system(loop: Loop, fmus: Path, outputs: Sequence[str] = ()) -> str:
-    """Return the file of a system; without `outputs` it records all."""
-    settings = {"start": TS, "stop": TS * loop.steps, "step": TS, "order": loop.order}
-    settings["connections"] = [f"{output} -> {input_}" for output, input_ in loop.connections()]
-    if outputs:
-        settings["outputs"] = outputs
-    lines = [f"{key} = {_toml(value)}" for key, value in settings.items()]
+def _system(loop: Loop, fmus: Path) -> System:
     starts = loop.starts()
-    for name, model in loop.models().items():
-        component = {"name": name, "fmu": str(_fmu(model, fmus)), "start": starts[name]}
-        lines += ["[[component]]", *(f"{key} = {_toml(part)}" for key, part in component.items())]
-    return "\n".join(lines)
+    return System(
+        components={
+            name: {"fmu": _fmu(model, fmus), "start": starts[name]}
+            for name, model in loop.models().items()
+        },
+        connections=list(loop.connections()),
+        start=TS,
+        stop=TS * loop.steps,
+        step=TS,
+        order=loop.order,
+    )
 
 
 def _fmu(model: str, fmus: Path) -> Path:
@@ -268,11 +241,3 @@ def _fmu(model: str, fmus: Path) -> Path:
     if not path.is_file():
         raise MasterError(f"{path} does not exist; run `{command}` first")
     return path.resolve()
-
-
-def _toml(value: Any) -> str:
-    """Format a value as TOML, which except for tables is JSON."""
-    if isinstance(value, Mapping):
-        pairs = ", ".join(f"{json.dumps(key)} = {_toml(part)}" for key, part in value.items())
-        return f"{{ {pairs} }}"
-    return json.dumps(value)
