@@ -17,14 +17,18 @@ pytestmark = pytest.mark.publish
 VERSION = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
 
 
+def python_of(environment: Path) -> Path:
+    """Return the Python of a virtual environment."""
+    return Path(sysconfig.get_path("scripts", "venv", {"base": str(environment)})) / "python"
+
+
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Install the wheel to a new virtual environment; return its folder."""
     (wheel,) = (ROOT / "target" / "wheels").glob("fmu_master-*.whl")
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, with_pip=True)
-    python = Path(sysconfig.get_path("scripts", "venv", {"base": str(folder)})) / "python"
-    install = [python, "-m", "pip", "install", "--quiet", "--no-index", wheel]
+    install = [python_of(folder), "-m", "pip", "install", "--quiet", wheel]
     subprocess.run(install, cwd=folder, check=True)
     return folder
 
@@ -47,6 +51,16 @@ def test_the_command_line_runs(environment: Path, command: str, line: str) -> No
     run = [shutil.which(program, path=env["PATH"]), *arguments]
     done = subprocess.run(run, cwd=environment, env=env, capture_output=True, text=True, check=True)
     assert line in done.stdout.splitlines()
+
+
+def test_the_module_runs_an_fmu_in_a_worker_process(environment: Path) -> None:
+    """The binary of this FMU is a text."""
+    shutil.copy(ROOT / "fuzz" / "corpus" / "archive.fmu", environment / "Decay.fmu")
+    code = "import fmu_master; fmu_master.simulate('Decay.fmu')"
+    command = [python_of(environment), "-c", code]
+    done = subprocess.run(command, cwd=environment, capture_output=True, text=True, check=False)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("fmu_master.result.FmuError: component Decay: ")
 
 
 def test_it_carries_the_licences(environment: Path) -> None:
