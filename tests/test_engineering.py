@@ -1,14 +1,18 @@
 """What engineers do with the module: the example test suite, linearization, comparison, tuning."""
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.linalg
 
+import fmu_master.linear
 from fmu_master import System
+from fmu_master.linear import Linear, linearize
 from fmu_master.tuning import Tuned, tune
 from native import LOOPS, replaced
 from pendulum_fmus.project import ROOT
@@ -138,3 +142,74 @@ def test_tune_finds_only_what_all_plants_accept(fmus):
     assert 0.9 * limit < reached <= limit
     with pytest.raises(ValueError, match=r"plant.theta0: the guess 2.0 is not from 0.01 to 0.1"):
         tuned(fmus, guess={"plant.theta0": 2.0})
+
+
+# --- linearization --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fmu", ["Pendulum", "Pendulum_fmi3"])
+def test_linearize_gives_the_linear_plant(fmus, fmu):
+    model = linearize(fmus / f"{fmu}.fmu", outputs=["theta"])
+    assert model.states == ("theta", "omega", "x", "v")
+    assert (model.inputs, model.outputs, model.time) == (("u",), ("theta",), 0)
+    np.testing.assert_allclose(model.A, PLANT, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(model.B, FORCE_ON_PLANT, rtol=1e-12)
+    np.testing.assert_array_equal(model.C, [[1, 0, 0, 0]])
+    np.testing.assert_array_equal(model.D, [[0]])
+    expected = sorted(np.roots([1, *np.poly(PLANT)[1:]]).real, reverse=True)
+    np.testing.assert_allclose(model.poles, expected, atol=1e-6)
+
+
+def test_linearize_at_a_point_of_a_run_differentiates_the_nonlinear_plant(fmus, monkeypatch):
+    """With the force 2 N, the Jacobian of (7), (8) at the state that SciPy integrates."""
+
+    def slopes(_: float, state: np.ndarray, u: float = 2.0) -> np.ndarray:
+        theta, omega, _, v = state
+        force = u - COUPLING * omega**2 * np.sin(theta) - FRICTION * v
+        mass = [[CART + ROD, -COUPLING * np.cos(theta)], [-COUPLING * np.cos(theta), PIVOT]]
+        a, alpha = np.linalg.solve(mass, [force, COUPLING * GRAVITY * np.sin(theta)])
+        return np.array([omega, alpha, v, a])
+
+    start = {"theta0": 0.3, "dynamics": "nonlinear"}
+    options = {"start_values": start, "input": {"u": lambda t: 2.0}, "outputs": ["theta", "v"]}
+    model = linearize(fmus / "Pendulum.fmu", 0.4, **options)
+    options_of_scipy = {"rtol": 1e-11, "atol": 1e-12}
+    run = scipy.integrate.solve_ivp(slopes, (0, 0.4), [0.3, 0, 0, 0], **options_of_scipy)
+    state, h = run.y[:, -1], 1e-6
+    A = [(slopes(0, state + h * e) - slopes(0, state - h * e)) / (2 * h) for e in np.eye(4)]
+    B = (slopes(0, state, 2.0 + h) - slopes(0, state, 2.0 - h)) / (2 * h)
+    np.testing.assert_allclose(model.A, np.transpose(A), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(model.B[:, 0], B, rtol=1e-5)
+    assert model.time == pytest.approx(0.4)
+    # Without directional derivatives, from differences.
+    monkeypatch.setattr("fmu_master.linear._directional", fmu_master.linear._differences)
+    other = linearize(fmus / "Pendulum.fmu", 0.4, **options)
+    np.testing.assert_allclose(other.A, model.A, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(other.B, model.B, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(other.C, model.C, atol=1e-9)
+
+
+def test_the_linear_model_reaches_scipy_and_python_control(fmus):
+    model = linearize(fmus / "Pendulum.fmu", outputs=["theta"])
+    frequency = 3.0
+    expected = COUPLING / Q * 1j * frequency / np.polyval(np.poly(PLANT)[:4], 1j * frequency)
+    of_scipy = model.to_scipy()
+    response = of_scipy.C @ np.linalg.solve(1j * frequency * np.eye(4) - of_scipy.A, of_scipy.B)
+    assert response[0, 0] == pytest.approx(expected, rel=1e-9)
+    assert model.to_control()(1j * frequency) == pytest.approx(expected, rel=1e-9)
+    assert model.bode([0.1, 1.0, 10.0]).axes
+
+
+def test_margins_are_those_of_the_closed_form():
+    """The phase of 10 / (s (s + 1) (s + 5)) is -180 degrees at the square root of 5."""
+    A = np.array([[0, 1, 0], [0, 0, 1], [0, -5, -6]])
+    names = (("x1", "x2", "x3"), ("u",), ("y",))
+    loop = Linear(A, np.array([[0], [0], [10]]), np.eye(3)[:1], np.zeros((1, 1)), *names, 0.0)
+    gain, phase, at_180, at_1 = loop.margins()
+    assert (gain, at_180) == pytest.approx((3, 5**0.5))
+    response = 10 / (1j * at_1 * (1j * at_1 + 1) * (1j * at_1 + 5))
+    assert abs(response) == pytest.approx(1)
+    assert phase == pytest.approx(np.degrees(np.angle(-response)))
+    two = dataclasses.replace(loop, B=np.zeros((3, 2)), inputs=("u", "d"))
+    with pytest.raises(ValueError, match="2 inputs and 1 outputs, expected one of each"):
+        two.margins()
