@@ -15,6 +15,7 @@ use crate::library::Binary;
 use crate::library::{Kind, Library};
 use crate::logger::{Logged, OnIntermediate, Registered, intermediate_update, log_3, logger, text};
 use crate::outcome::{Cause, Failure, Result, Success};
+use crate::quick::Unusual;
 
 /// Calls the function that performs an operation: of the instance's version, or of the only version that has
 /// it.
@@ -179,7 +180,7 @@ pub struct Instance {
     /// The arguments of [`Instance::setup_experiment`], which FMI 3.0 passes with the next call.
     experiment: Experiment,
     /// Whether a state was saved, so that a step must not say that none will be restored.
-    is_saved: bool,
+    pub(crate) is_saved: bool,
     /// The strings of the instantiation, to which some FMUs keep pointers although they must not.
     strings: Vec<Vec<u8>>,
     _registered: Registered,
@@ -630,28 +631,33 @@ impl Instance {
 
     /// `fmi2DoStep`, `fmi3DoStep`, with `noSetFMUStatePriorToCurrentPoint` true unless a state was saved. A step
     /// that ends early or asks to end the simulation has failed.
-    #[inline(always)]
     pub fn do_step(&mut self, time: f64, step: f64) -> Result {
         match self.version {
             Version::Fmi2 => {
                 let no_set_state = !self.is_saved;
                 Fmi2(self).do_step(time, step, no_set_state)
             }
-            Version::Fmi3 => self.step_to_the_end(time, step),
+            Version::Fmi3 => {
+                self.step_to_the_end(time, step).map_or(Ok(Success::Ok), |other| *other)
+            }
         }
     }
 
     #[inline(never)]
-    fn step_to_the_end(&mut self, time: f64, step: f64) -> Result {
-        let (done, stepped) = self.step(time, step, !self.is_saved)?;
+    pub(crate) fn step_to_the_end(&mut self, time: f64, step: f64) -> Unusual {
+        let (done, stepped) = match self.step(time, step, !self.is_saved) {
+            Ok(done) => done,
+            Err(failure) => return Some(Box::new(Err(failure))),
+        };
         let cause = match stepped {
             Stepped { terminate: true, .. } => Cause::Terminated(stepped.last_successful_time),
             Stepped { early_return: true, .. } => {
                 Cause::ReturnedEarly(stepped.last_successful_time)
             }
-            _ => return Ok(done),
+            _ if done == Success::Ok => return None,
+            _ => return Some(Box::new(Ok(done))),
         };
-        Err(Failure::new("fmi3DoStep", cause))
+        Some(Box::new(Err(Failure::new("fmi3DoStep", cause))))
     }
 
     /// `fmi2DoStep`, `fmi3DoStep`; the flag is `noSetFMUStatePriorToCurrentPoint`.

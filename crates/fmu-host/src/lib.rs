@@ -16,6 +16,7 @@ mod instance;
 mod library;
 mod logger;
 mod outcome;
+mod quick;
 mod resources;
 #[cfg(feature = "sandbox")]
 mod sandbox;
@@ -29,5 +30,6 @@ pub use instance::{
 pub use library::{Kind, Library, LoadError};
 pub use logger::{Intermediate, Logged, OnIntermediate, stray_messages};
 pub use outcome::{Cause, Failure, Result, Status, Success};
+pub use quick::Unusual;
 pub use resources::{resource_path, uri};
 pub use shared_memory::{Origin, SharedMemory};

@@ -12,7 +12,7 @@ use crate::exchange::{self, Calling, Exchange, Functions, Trouble};
 use crate::input::Signals;
 use crate::plan::Planned;
 use crate::wiring::{Ports, Source, Store, Wired, number};
-use crate::{Failure, Fmu, Messages, Place};
+use crate::{Failure, Fmu, Messages};
 
 /// The outcome of a call.
 pub(crate) type Called<T = ()> = Result<T, Box<Failure>>;
@@ -164,9 +164,9 @@ impl<'a> Component<'a> {
                 .map_err(|trouble| self.troubled(trouble, format!("step of {step:?} s")));
         }
         self.calls.begin(self.do_step);
-        match self.instance.do_step(time, step) {
-            Ok(Success::Ok) => Ok(()),
-            outcome => self.explain_step(outcome, time, step),
+        match self.instance.do_step_quickly(time, step) {
+            None => Ok(()),
+            Some(outcome) => self.explain_step(*outcome, time, step),
         }
     }
 
@@ -242,27 +242,31 @@ impl<'a> Component<'a> {
     /// Reads its outputs, each once.
     #[inline(always)]
     pub(crate) fn read(&mut self, outputs: &mut Store) -> Called {
-        for ports in self.ports {
-            match ports.first {
-                Place::Real(first) if ports.outputs.are_all => {
-                    let values = &mut outputs.reals[first..][..ports.outputs.elements];
-                    self.calls.begin(ports.get);
-                    match self.instance.get_float64(&ports.outputs.references, values) {
-                        Ok(Success::Ok) => {}
-                        outcome => self.explain_reading(outcome, &ports.outputs)?,
-                    }
-                }
-                _ => self.read_values(ports, outputs)?,
+        let mut ports = self.ports;
+        if let Some((reals, others)) = ports.split_first()
+            && let Some(first) = reals.whole
+        {
+            let values = &mut outputs.reals[first..][..reals.outputs.elements];
+            self.calls.begin(reals.get);
+            let unusual = self.instance.get_float64_quickly(&reals.outputs.references, values);
+            if let Some(outcome) = unusual {
+                self.explain_reading(*outcome, &reals.outputs)?;
             }
+            ports = others;
         }
-        Ok(())
+        match ports.is_empty() {
+            true => Ok(()),
+            false => self.read_others(ports, outputs),
+        }
     }
 
     #[inline(never)]
-    fn read_values(&mut self, ports: &Ports, outputs: &mut Store) -> Called {
-        let values = self.get(ports, &ports.outputs)?;
-        for (index, value) in values.into_iter().enumerate() {
-            outputs.set(ports.first.plus(index), value);
+    fn read_others(&mut self, others: &[Ports], outputs: &mut Store) -> Called {
+        for ports in others {
+            let values = self.get(ports, &ports.outputs)?;
+            for (index, value) in values.into_iter().enumerate() {
+                outputs.set(ports.first.plus(index), value);
+            }
         }
         Ok(())
     }
@@ -310,12 +314,10 @@ impl<'a> Component<'a> {
                 }
             };
             self.calls.begin(reals.set);
-            match self.instance.set_float64(&inputs.references, values) {
-                Ok(Success::Ok) => {}
-                outcome => {
-                    let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
-                    self.explain_writing(outcome, inputs, &values)?;
-                }
+            let unusual = self.instance.set_float64_quickly(&inputs.references, values);
+            if let Some(outcome) = unusual {
+                let values = Vec::from_iter(values.iter().map(|value| Value::Float64(*value)));
+                self.explain_writing(*outcome, inputs, &values)?;
             }
         }
         match others.is_empty() {

@@ -31,7 +31,7 @@ pub struct Simulation<'a> {
 pub struct Row {
     /// The communication point (s).
     pub time: f64,
-    store: Store,
+    pub(crate) store: Store,
 }
 
 impl Row {
@@ -61,15 +61,10 @@ impl Row {
         places(columns.iter().map(|column| column.kind))
     }
 
-    /// Writes all values as numbers: those of the type Float64, then the others.
-    #[inline]
-    pub(crate) fn numbers(&self, to: &mut [f64]) {
+    /// All values as numbers: those of the type Float64, then the others.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
         let Store { reals, others } = &self.store;
-        let (real, other) = to.split_at_mut(reals.len());
-        real.copy_from_slice(reals);
-        for (to, value) in other.iter_mut().zip(others) {
-            *to = number(value);
-        }
+        reals.iter().copied().chain(others.iter().map(number))
     }
 }
 

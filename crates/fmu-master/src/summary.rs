@@ -1,12 +1,13 @@
 //! What a run did, gathered row by row: the extremes and the RMS of each number, and what is alarming.
 
 use std::array::from_fn;
+use std::ops::Range;
 
 use fmu_description::Type;
 use serde::{Deserialize, Serialize};
 
 use crate::simulation::Row;
-use crate::wiring::Place;
+use crate::wiring::{Place, Store, number};
 use crate::{Column, Plan};
 
 /// The values of a column over all rows.
@@ -47,18 +48,36 @@ const PARTS: usize = 10;
 pub(crate) struct Gathering<'a> {
     plan: &'a Plan,
     rows: u64,
-    now: Vec<f64>,
-    min: Vec<f64>,
-    max: Vec<f64>,
-    squares: Vec<f64>,
+    extremes: Vec<Extremes>,
     /// The time (s) of the first value that is not finite.
     lost: Vec<Option<f64>>,
-    /// The values at the start, and at the end of each part.
+    /// The values at the start, and at the end of each part, and the row of the next ones.
     parts: Vec<Vec<f64>>,
+    next_part: u64,
     steps: u64,
-    /// The number of rows of a window; 0 if the run is too short.
+    /// The number of rows of a window, 0 if the run is too short, and the rows of all windows.
     window: u64,
+    windows: Range<u64>,
     turns: Vec<Turns>,
+}
+
+/// The extremes of a column, and the sum of its squares.
+#[derive(Clone, Copy)]
+struct Extremes {
+    min: f64,
+    max: f64,
+    squares: f64,
+}
+
+impl Extremes {
+    /// Adds a value; returns whether it is finite, and so were all before it.
+    #[inline(always)]
+    fn add(&mut self, x: f64) -> bool {
+        self.min = if x < self.min { x } else { self.min };
+        self.max = if x > self.max { x } else { self.max };
+        self.squares += x * x;
+        self.squares < f64::INFINITY
+    }
 }
 
 /// How a column turns at the end of a run.
@@ -119,17 +138,18 @@ impl<'a> Gathering<'a> {
         let count = plan.columns.len();
         // Checked when the plan was made.
         let steps = plan.experiment.steps().unwrap_or(0);
+        let none = Extremes { min: f64::INFINITY, max: f64::NEG_INFINITY, squares: 0.0 };
+        let window = steps / 10 / WINDOWS;
         Self {
             plan,
             rows: 0,
-            now: vec![0.0; count],
-            min: vec![f64::INFINITY; count],
-            max: vec![f64::NEG_INFINITY; count],
-            squares: vec![0.0; count],
+            extremes: vec![none; count],
             lost: vec![None; count],
             parts: Vec::with_capacity(PARTS + 1),
+            next_part: 0,
             steps,
-            window: steps / 10 / WINDOWS,
+            window,
+            windows: steps - window * WINDOWS..steps,
             turns: vec![Turns::default(); count],
         }
     }
@@ -137,40 +157,46 @@ impl<'a> Gathering<'a> {
     /// Adds a row.
     #[inline]
     pub(crate) fn add(&mut self, row: &Row) {
-        row.numbers(&mut self.now);
-        let mut is_finite = true;
-        let all = self.min.iter_mut().zip(&mut self.max).zip(&mut self.squares);
-        for (&x, ((min, max), squares)) in self.now.iter().zip(all) {
-            *min = if x < *min { x } else { *min };
-            *max = if x > *max { x } else { *max };
-            *squares += x * x;
-            is_finite &= *squares < f64::INFINITY;
+        let Store { reals, others } = &row.store;
+        let mut extremes = self.extremes.iter_mut();
+        // Not chained, as each is fast on its own.
+        let mut is_finite =
+            reals.iter().zip(extremes.by_ref()).fold(true, |all, (x, e)| all & e.add(*x));
+        for (extremes, value) in extremes.zip(others) {
+            is_finite &= extremes.add(number(value));
         }
         if !is_finite {
-            self.lose(row.time);
+            self.lose(row);
         }
-        if self.rows * PARTS as u64 >= self.steps.saturating_sub(1) * self.parts.len() as u64 {
-            self.parts.push(self.now.clone());
+        if self.rows >= self.next_part {
+            self.end_part(row);
         }
-        if self.steps - self.rows <= self.window * WINDOWS {
-            self.turn();
+        if self.windows.contains(&self.rows) {
+            self.turn(row);
         }
         self.rows += 1;
     }
 
     #[cold]
-    fn lose(&mut self, time: f64) {
-        for (lost, x) in self.lost.iter_mut().zip(&self.now) {
+    fn lose(&mut self, row: &Row) {
+        for (lost, x) in self.lost.iter_mut().zip(row.numbers()) {
             if !x.is_finite() {
-                lost.get_or_insert(time);
+                lost.get_or_insert(row.time);
             }
         }
     }
 
+    #[cold]
+    fn end_part(&mut self, row: &Row) {
+        self.parts.push(row.numbers().collect());
+        let rows = self.steps.saturating_sub(1) * self.parts.len() as u64;
+        self.next_part = rows.div_ceil(PARTS as u64);
+    }
+
     /// Follows the oscillations at the end of the run.
-    fn turn(&mut self) {
+    fn turn(&mut self, row: &Row) {
         let is_last = (self.steps - self.rows - 1).is_multiple_of(self.window);
-        for (turns, &x) in self.turns.iter_mut().zip(&self.now) {
+        for (turns, x) in self.turns.iter_mut().zip(row.numbers()) {
             let now = &mut turns.now;
             if x != turns.last {
                 let rises = x > turns.last;
@@ -203,8 +229,8 @@ impl<'a> Gathering<'a> {
                 statistics.push(None);
                 continue;
             }
-            let (min, max) = (self.min[index], self.max[index]);
-            let rms = (self.squares[index] / self.rows as f64).sqrt();
+            let Extremes { min, max, squares } = self.extremes[index];
+            let rms = (squares / self.rows as f64).sqrt();
             statistics.push(Some(Statistic { min, max, rms }));
             if let Some(time) = self.lost[index] {
                 lost.push(format!("{} from t = {time:?} s", column.name));
@@ -228,12 +254,8 @@ impl<'a> Gathering<'a> {
                 oscillating
                     .push(format!("{} by {range}, with a turn every {rows:.1} steps", column.name));
             }
-            if self.leaves(index) {
-                leaving.push(format!(
-                    "{}, which ends at {}",
-                    column.name,
-                    with_unit(self.now[index], column)
-                ));
+            if let Some(end) = self.leaves(index) {
+                leaving.push(format!("{}, which ends at {}", column.name, with_unit(end, column)));
             }
         }
         let alarms = [
@@ -252,16 +274,15 @@ impl<'a> Gathering<'a> {
         Summarized { statistics, alarms }
     }
 
-    /// Whether a column moves in one direction in all parts of the run, in each further than in the one
-    /// before.
-    fn leaves(&self, index: usize) -> bool {
-        if self.parts.len() <= PARTS {
-            return false;
-        }
+    /// The last value of a column that moves in one direction in all parts of the run, in each further than in
+    /// the one before.
+    fn leaves(&self, index: usize) -> Option<f64> {
+        let end = self.parts.get(PARTS)?[index];
         let moves: [f64; PARTS] =
             from_fn(|part| self.parts[part + 1][index] - self.parts[part][index]);
-        let far = moves[PARTS - 1].abs() > VISIBLE * self.now[index].abs();
-        far && moves.windows(2).all(|pair| pair[0] != 0.0 && pair[1] / pair[0] > 1.0)
+        let far = moves[PARTS - 1].abs() > VISIBLE * end.abs();
+        let leaves = far && moves.windows(2).all(|pair| pair[0] != 0.0 && pair[1] / pair[0] > 1.0);
+        leaves.then_some(end)
     }
 }
 

@@ -144,6 +144,8 @@ pub(crate) struct Ports {
     /// The variables that are connected or recorded, once each, and the place of the first.
     pub(crate) outputs: Wired,
     pub(crate) first: Place,
+    /// The first of these outputs if they are Float64 and all elements: their values need not be distributed.
+    pub(crate) whole: Option<usize>,
 }
 
 /// The output, or the column of the input file, that feeds an input.
@@ -169,6 +171,7 @@ impl Ports {
             run: None,
             outputs: Wired::default(),
             first: Place::Other(0),
+            whole: None,
         }
     }
 
@@ -269,6 +272,10 @@ impl Wiring {
         }
         for reals in wired.iter_mut().map(|all| &mut all[0]) {
             reals.run = run(&reals.sources).filter(|_| reals.inputs.are_all);
+            reals.whole = match reals.first {
+                Place::Real(first) if reals.outputs.are_all => Some(first),
+                _ => None,
+            };
         }
         Self { components: wired, counts, before, after, lines, fed }
     }
