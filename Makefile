@@ -150,6 +150,10 @@ sandbox: wasm fmus $(VENV)/.test
 page: wasm
 	$(PYTHON) web/build.py
 
+## picture: record the page for the README, and measure it for docs/web.md
+picture: page fmus $(VENV)/.test
+	$(RUN) web/record.py
+
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums
 merged: program
 	rm -rf $(MERGED) && mkdir -p $(MERGED)

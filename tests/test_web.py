@@ -150,21 +150,58 @@ def test_controls_change_what_they_say(page):
     for mass in ("M", "m", "l"):
         page.locator(f"#{mass}").fill("0.5")
         assert page.evaluate("(name) => loops[0].plant.get(name)", mass) == pytest.approx(0.5)
-    assert "kp=100&" in page.evaluate("location.hash")
+    for setting, variable in (("ki", "pid.ki"), ("kd", "pid.kd")):
+        page.locator(f"#{setting}").fill("10")
+        assert page.evaluate("(name) => loops[0].controller.get(name)", variable) == 10.0
+    page.locator("#dynamics").select_option("2")
+    page.locator("#speed").select_option("0.25")
+    page.locator("#delay").fill("5")
+    page.locator("#r").fill("10")
+    page.locator("#d").fill("1")
+    page.evaluate("advance(10)")
+    of = "(name) => loops[0].controller.get(name) * 180 / Math.PI"
+    assert [page.evaluate(of, name) for name in "rd"] == pytest.approx([10.0, 1.0])
+    assert page.evaluate("loops[0].measured.length") == 6
+    page.locator("#push").fill("30")
+    page.locator("#left").click()
+    assert page.evaluate("push") == -30
+    page.locator("#scene").press("ArrowRight")
+    assert page.evaluate("push") == 30
+    page.locator("#reset").click()
+    assert page.evaluate("time") == 0
+    known = page.evaluate("location.hash")
+    assert all(f"{text}&" in f"{known}&" for text in ("kp=100", "dynamics=2", "speed=0.25"))
     page.reload()
     page.wait_for_function("loops.length > 0")
     assert page.locator("#kp").input_value() == "100"
 
 
+DROP = """([name, text]) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([unpacked(text)], name));
+    document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true }));
+}"""
+
+
 def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
-    page.locator("#file").set_input_files(WASM / "Pid_fmi3.fmu")
+    def drop(name: str, content: bytes) -> None:
+        page.evaluate(DROP, [name, base64.b64encode(content).decode()])
+
+    drop("Pid_fmi3.fmu", (WASM / "Pid_fmi3.fmu").read_bytes())
     page.wait_for_function("loops.some((loop) => loop.name === 'Pid (yours)')")
-    broken = tmp_path / "broken.fmu"
-    broken.write_bytes(b"PK")
-    page.locator("#file").set_input_files(broken)
+    drop("broken.fmu", b"PK")
     page.wait_for_selector("#message.error")
     message = page.locator("#message").inner_text()
     assert message == "broken.fmu cannot be used: it is not a zip archive, as an FMU is"
     page.locator("#file").set_input_files(WASM / "Source_fmi3.fmu")
     page.wait_for_function("document.getElementById('message').textContent.includes('Source')")
     assert page.locator("#message").inner_text().endswith("it has no input r")
+
+
+def test_a_push_is_told_and_the_fmus_can_be_saved(page):
+    page.locator("#on-PidRbf").check()
+    page.locator("#right").click()
+    page.wait_for_function("document.getElementById('effect').textContent.includes('PID-RBF')")
+    with page.expect_download() as saved:
+        page.locator("#downloads a", has_text="PidRbf").first.click()
+    assert Path(saved.value.path()).read_bytes() == (WASM / "PidRbf_fmi3.fmu").read_bytes()

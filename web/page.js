@@ -3,6 +3,7 @@
 
 const STEP = 0.001;
 const SPAN = 8; // seconds in a plot
+const PUSH = 0.1; // duration of a push in seconds
 const COLOURS = { Pid: "#2a78d6", PidRbf: "#e0622b", IpidRbf: "#1f9e6e" };
 const LABELS = { Pid: "PID", PidRbf: "PID-RBF", IpidRbf: "IPID-RBF" };
 const OWN = "#9a5fd1";
@@ -95,7 +96,7 @@ class Loop {
 }
 
 function restart() {
-  time = 0;
+  time = pushUntil = 0;
   try {
     loops = settings.on.split(",").filter((name) => fmus[name]).map((name) => new Loop(name));
   } catch (error) {
@@ -120,6 +121,15 @@ function advance(steps) {
     time += STEP;
   }
   for (const loop of loops) loop.read(r);
+}
+
+// Says how far the pendulums have swung since the last push.
+function compare() {
+  const swung = loops.map(({ name, history }) => {
+    const angles = history.filter(({ t }) => t >= pushUntil - PUSH).map(({ angle }) => Math.abs(angle[0]));
+    return `${LABELS[name] ?? name} ${Math.max(0, ...angles).toFixed(2)}°`;
+  });
+  element("effect").textContent = `Largest angle since the last push: ${swung.join(", ")}`;
 }
 
 function canvas(id) {
@@ -210,6 +220,7 @@ function drawPlot(id) {
 function draw() {
   drawScene();
   for (const id of ["angle", "error", "force", "weights", "activations"]) drawPlot(id);
+  compare();
   element("time").textContent = `${time.toFixed(2)} s`;
 }
 
@@ -227,7 +238,7 @@ function frame(now) {
 
 function shove(force) {
   push = force;
-  pushUntil = time + 0.1;
+  pushUntil = time + PUSH;
 }
 
 function remember() {
@@ -288,6 +299,14 @@ async function take(file) {
   }
 }
 
+function addDownload(name, bytes) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([bytes]));
+  link.download = `${name}_fmi3.fmu`;
+  link.textContent = name;
+  element("downloads").append(link, " ");
+}
+
 function addSlider([name, label, unit, min, max, step]) {
   const node = document.createElement("label");
   node.className = "slider";
@@ -346,6 +365,7 @@ async function start() {
     fmus[name] = await readFmu(unpacked(text));
   }
   for (const name of Object.keys(COLOURS)) addController(name);
+  for (const [name, text] of Object.entries(packed)) addDownload(name, unpacked(text));
   SETTINGS.forEach(addSlider);
   bind();
   restart();
