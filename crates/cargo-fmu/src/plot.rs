@@ -21,11 +21,18 @@ const MOST_RUNS: usize = 20_000;
 #[derive(Debug, Args)]
 pub struct Page {
     /// Draw the results on a page for the browser
-    #[arg(long = "plot", value_name = "FILE.html")]
+    #[arg(long = "plot", value_name = "FILE.html", value_parser = page)]
     pub file: Option<PathBuf>,
     /// Show the page
     #[arg(long, requires = "file")]
     pub open: bool,
+}
+
+/// The file of a page, whose name must not be that of a table.
+fn page(file: &str) -> Result<PathBuf, String> {
+    let file = PathBuf::from(file);
+    let is_page = file.extension().is_none_or(|ending| ending != "csv" && ending != "parquet");
+    is_page.then_some(file).ok_or_else(|| "expected the name of a page, such as loop.html".into())
 }
 
 impl Page {

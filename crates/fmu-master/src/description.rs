@@ -327,8 +327,12 @@ impl Description {
     /// It is not a valid description.
     pub fn parse(text: &str, file: &Path) -> Result<Self> {
         let parsed = toml::from_str(text);
-        let mut description: Self =
-            parsed.map_err(|error| anyhow!("{}", error.to_string().trim_end()))?;
+        let mut description: Self = parsed.map_err(|error| {
+            let text = error.to_string();
+            let is_sweep = text.contains("unknown field `parameter`");
+            let hint = if is_sweep { "\nit is a sweep, expected `cargo fmu sweep`" } else { "" };
+            anyhow!("{}{hint}", text.trim_end())
+        })?;
         for component in &mut description.components {
             component.fmu = file.with_file_name(&component.fmu);
         }

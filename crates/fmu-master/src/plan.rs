@@ -402,12 +402,19 @@ pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
         };
         return Ok(Port { component: index, scalar: scalar? });
     }
-    let (component, _) = name
-        .split_once('.')
-        .with_context(|| format!("{name:?} is not of the form component.variable"))?;
+    // The end of a name, as pid.kp of controller.pid.kp.
+    let end = format!(".{name}");
+    let longer = all(components).map(|port| port.name(components));
+    let longer = Vec::from_iter(longer.filter(|longer| longer.ends_with(&end)).take(3));
+    let did_you_mean = format!("did you mean {}?", longer.join(" or "));
+    let Some((component, _)) = name.split_once('.') else {
+        let hint = if longer.is_empty() { String::new() } else { format!("; {did_you_mean}") };
+        bail!("{name:?} is not of the form component.variable{hint}");
+    };
     let names = Vec::from_iter(components.iter().map(|c| c.name.as_str()));
     let known = match similar(component, names.iter().copied()).first() {
         Some(name) => format!("did you mean {name}?"),
+        None if !longer.is_empty() => did_you_mean,
         None => format!("the components are {}", names.join(", ")),
     };
     bail!("{name}: there is no component {component:?}; {known}")

@@ -6,7 +6,7 @@ use std::io::BufRead;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use fmu_description::hash::checksum;
 use fmu_description::{Type, Value};
 use fmu_worker::{Record, Service};
@@ -173,7 +173,11 @@ impl Study {
     ) -> Result<Self> {
         let text = fs::read_to_string(sweep)
             .with_context(|| format!("cannot read {}", sweep.display()))?;
-        let file: File = toml::from_str(&text).with_context(|| sweep.display().to_string())?;
+        let file: File = toml::from_str(&text).map_err(|error| {
+            let is_system = error.message().contains("unknown field `component`");
+            let hint = if is_system { "it is a system, expected `cargo fmu simulate`" } else { "" };
+            anyhow!("{}: {error}{hint}", sweep.display())
+        })?;
         Self::load(sweep, &text, file, system, fmus, sandbox)
             .map_err(|error| locate(error, sweep, &text))
     }
