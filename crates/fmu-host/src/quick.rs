@@ -6,10 +6,18 @@ use std::ffi::c_int;
 use fmi_abi::Version;
 
 use crate::instance::Instance;
-use crate::outcome::Result;
+use crate::outcome::{Result, Success};
 
 /// Nothing after plain success, else the result of the call.
 pub type Unusual = Option<Box<Result>>;
+
+/// The result of a call that is not quick, as of a WebAssembly component.
+fn slowly(result: Result) -> Unusual {
+    match result {
+        Ok(Success::Ok) => None,
+        other => Some(Box::new(other)),
+    }
+}
 
 impl Instance {
     /// [`Instance::get_float64`] for steps.
@@ -24,7 +32,7 @@ impl Instance {
             match (library.fmi2.fmi2GetReal, library.fmi3.fmi3GetFloat64) {
                 (Some(get), _) => get(instance, from, n.min(count), to).0,
                 (_, Some(get)) => get(instance, from, n, to, count).0,
-                _ => return Some(Box::new(self.get_float64(references, values))),
+                _ => return slowly(self.get_float64(references, values)),
             }
         };
         self.unusual(["fmi2GetReal", "fmi3GetFloat64"], status)
@@ -41,7 +49,7 @@ impl Instance {
             match (library.fmi2.fmi2SetReal, library.fmi3.fmi3SetFloat64) {
                 (Some(set), _) => set(instance, to, n.min(count), from).0,
                 (_, Some(set)) => set(instance, to, n, from, count).0,
-                _ => return Some(Box::new(self.set_float64(references, values))),
+                _ => return slowly(self.set_float64(references, values)),
             }
         };
         self.unusual(["fmi2SetReal", "fmi3SetFloat64"], status)
