@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.linalg
+from gymnasium.utils.env_checker import check_env
 
 import fmu_master.linear
 from fmu_master import System
+from fmu_master.gym import FmuEnv
 from fmu_master.linear import Linear, linearize
 from fmu_master.tuning import Tuned, tune
 from native import LOOPS, replaced
@@ -213,3 +215,38 @@ def test_margins_are_those_of_the_closed_form():
     two = dataclasses.replace(loop, B=np.zeros((3, 2)), inputs=("u", "d"))
     with pytest.raises(ValueError, match="2 inputs and 1 outputs, expected one of each"):
         two.margins()
+
+
+# --- reinforcement learning -----------------------------------------------------------------------
+
+
+def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus):
+    env = FmuEnv(
+        fmus / "Pendulum.fmu",
+        actions={"u": (-100.0, 100.0)},
+        observations={"theta": (-0.2, 0.2), "omega": (-5.0, 5.0)},
+        reward=lambda observation, action: -(observation[0] ** 2),
+        step_size=0.01,
+        stop_time=0.5,
+        start=lambda random: {"theta0": random.uniform(-0.05, 0.05)},
+        in_process=True,
+    )
+    check_env(env, skip_render_check=True)
+    first, _ = env.reset(seed=5)
+    np.testing.assert_array_equal(env.reset(seed=5)[0], first)
+    state, force = env.reset(options={"theta0": 0.1})[0], 2.0
+    assert state == pytest.approx([0.1, 0])
+    both = np.block([[PLANT, FORCE_ON_PLANT], [np.zeros((1, 5))]])
+    ends = []
+    for k in range(1, 51):
+        state, reward, terminated, truncated, info = env.step(np.array([force]))
+        expected = scipy.linalg.expm(both * 0.01 * k) @ [0.1, 0, 0, 0, force]
+        np.testing.assert_allclose(state, expected[:2], rtol=1e-9)
+        assert reward == pytest.approx(-(expected[0] ** 2))
+        assert terminated == bool(abs(expected[0]) > 0.2 or abs(expected[1]) > 5)
+        ends.append(truncated)
+    assert ends == [False] * 49 + [True]
+    assert info["time"] == pytest.approx(0.5)
+    env.close()
+    with pytest.raises(RuntimeError, match="expected a call of reset first"):
+        env.step(np.array([0.0]))
