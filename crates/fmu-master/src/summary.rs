@@ -3,7 +3,7 @@
 use std::array::from_fn;
 use std::ops::Range;
 
-use fmu_description::Type;
+use fmu_description::{Type, Value};
 use serde::{Deserialize, Serialize};
 
 use crate::simulation::Row;
@@ -73,11 +73,22 @@ impl Extremes {
     /// Adds a value; returns whether it is finite, and so were all before it.
     #[inline(always)]
     fn add(&mut self, x: f64) -> bool {
-        self.min = if x < self.min { x } else { self.min };
-        self.max = if x > self.max { x } else { self.max };
+        // Branches, as most values are no extremes.
+        if x < self.min {
+            self.min = x;
+        }
+        if x > self.max {
+            self.max = x;
+        }
         self.squares += x * x;
         self.squares < f64::INFINITY
     }
+}
+
+#[inline(never)]
+fn add_others(extremes: &mut [Extremes], others: &[Value]) -> bool {
+    let pairs = extremes.iter_mut().zip(others);
+    pairs.fold(true, |is_finite, (extremes, value)| is_finite & extremes.add(number(value)))
 }
 
 /// How a column turns at the end of a run.
@@ -158,12 +169,13 @@ impl<'a> Gathering<'a> {
     #[inline]
     pub(crate) fn add(&mut self, row: &Row) {
         let Store { reals, others } = &row.store;
-        let mut extremes = self.extremes.iter_mut();
-        // Not chained, as each is fast on its own.
-        let mut is_finite =
-            reals.iter().zip(extremes.by_ref()).fold(true, |all, (x, e)| all & e.add(*x));
-        for (extremes, value) in extremes.zip(others) {
-            is_finite &= extremes.add(number(value));
+        let (extremes, of_others) = self.extremes.split_at_mut(reals.len());
+        let mut is_finite = true;
+        for (extremes, x) in extremes.iter_mut().zip(reals) {
+            is_finite &= extremes.add(*x);
+        }
+        if !others.is_empty() {
+            is_finite &= add_others(of_others, others);
         }
         if !is_finite {
             self.lose(row);
