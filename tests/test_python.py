@@ -1,5 +1,7 @@
 """The Python module `fmu_master`."""
 
+import _thread
+import threading
 import tomllib
 from pathlib import Path
 
@@ -235,3 +237,13 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
         np.testing.assert_array_equal(distributed[name], runs[name])
     with pytest.raises(FmuError, match="has no variable kp"):
         sweep({"controller.kp": gains}, system, signals=SIGNALS)
+
+
+def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    hang = {"fault": FAULTS.index("HANG"), "at": 0.5}
+    timer = threading.Timer(0.5, _thread.interrupt_main)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        simulate(faulty, stop_time=1.0, step_size=0.125, start_values=hang)
+    assert list(tmp_path.iterdir()) == []
