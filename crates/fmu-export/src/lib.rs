@@ -37,6 +37,20 @@
 //! `cargo fmu export` builds it and writes the FMU. The author's crate needs no `unsafe` and no other
 //! dependency.
 //!
+//! # Where to look
+//!
+//! | To | See |
+//! |---|---|
+//! | choose sample time, name, tolerance, equations | the options of [`derive@Model`] |
+//! | declare inputs, outputs, parameters, states, units and arrays | the attributes and options of [`derive@Variables`] |
+//! | use an enum | [`derive@Choice`] |
+//! | compute steps or samples, or solve equations | [`Simulate`], [`Continuous`] |
+//! | read files in the initialization | [`Start`] |
+//! | refuse, discard or end a step | [`ModelError`] |
+//! | write messages to the host's logger | [`Log`] |
+//! | test a model without a host | [`testing::Driver`] |
+//! | have several sample times | [`SampleClock`] |
+//!
 //! # How it works
 //!
 //! A call passes through two layers. The entry points in [`fmi2`] and [`fmi3`] convert pointers to slices and
