@@ -29,6 +29,7 @@ from pathlib import Path
 from pendulum_fmus.project import extra
 
 with extra("dask"):
+    import dask  # noqa: F401 - named if it is missing
     from dask.distributed import Client, KilledWorker
     from distributed.comm import CommClosedError
 
