@@ -11,6 +11,8 @@ from .. import loop, table1
 from ..project import extra
 
 with extra("report"):
+    import fmu_master  # noqa: F401, the loops need it
+
     from . import page, printed, traps
     from .runs import Data, lasting_loops, paper_loops, simulate_all
     from .statements import beyond_part, headline, paper_parts, texts

@@ -12,9 +12,6 @@ from typing import Any
 
 import numpy as np
 
-import fmu_master
-from fmu_master import FmuError, System
-
 from .. import table1
 from ..loop import TS, Columns, Loop, run_all
 from ..master import MasterError
@@ -175,9 +172,11 @@ def simulate(
     shape (steps,), or (last,) if only the last samples are asked for. A loop that diverges is an
     error, or has no columns if it `may_diverge`.
     """
+    import fmu_master  # here, because the demo draws a figure of the report without it
+
     try:
         result = _system(loop, fmus).simulate(output=loop.recorded(only))
-    except FmuError as error:
+    except fmu_master.FmuError as error:
         if may_diverge and "the simulation diverges" in str(error):
             return {}
         raise MasterError(f"{loop!r}: {error}") from error
@@ -208,19 +207,23 @@ def sweep(
     A run has diverged if |e| is above the limit [rad]. Returns the metrics by name, each of shape
     (runs,); NaN where a run has no value.
     """
+    import fmu_master
+
     signals = {"reference": "source.r", "output": "plant.theta"}
     signals |= {"error": "controller.e", "control": "controller.u"}
     plan = {"parameter": list(parameters), "seed": 1, "draws": draws, "metrics": {"limit": limit}}
     try:
         runs = fmu_master.sweep(plan, _system(loop, fmus), signals=signals)
-    except FmuError as error:
+    except fmu_master.FmuError as error:
         raise MasterError(f"the sweep of {loop}: {error}") from error
     return {name: column.astype(float) for name, column in runs.items() if name != "failure"}
 
 
-def _system(loop: Loop, fmus: Path) -> System:
+def _system(loop: Loop, fmus: Path) -> Any:
+    import fmu_master
+
     starts = loop.starts()
-    return System(
+    return fmu_master.System(
         components={
             name: {"fmu": _fmu(model, fmus), "start": starts[name]}
             for name, model in loop.models().items()
