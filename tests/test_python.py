@@ -1,10 +1,12 @@
 """The Python module `fmu_master`."""
 
 import _thread
+import signal
 import threading
 import tomllib
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from dask.distributed import Client
@@ -28,6 +30,19 @@ def test_a_run_has_the_bits_of_the_command_line(fmus, tmp_path, in_process):
     for name, column in result.items():
         np.testing.assert_array_equal(column, expected[name])
     assert result.units["plant.theta"] == "rad"
+
+
+@pytest.mark.parametrize("name", ["PidRbf_fmi3", "Pendulum"])
+def test_a_run_of_one_fmu_has_the_bits_of_fmpy(fmus, name):
+    options = {
+        "PidRbf_fmi3": {"start_values": {"r": 0.1}, "output": ["rbf.w", "u"]},  # an array
+        "Pendulum": {"start_values": {"theta0": 0.1}, "start_time": 0.5},
+    }[name]
+    fmu = fmus / f"{name}.fmu"
+    expected = fmpy.simulate_fmu(fmu, stop_time=1.0, **options)
+    result = simulate(fmu, stop_time=1.0, **options)
+    for column in expected.dtype.names:
+        np.testing.assert_array_equal(result[column], expected[column])
 
 
 def test_a_system_of_keywords_is_that_of_a_file(fmus):
@@ -242,8 +257,11 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     hang = {"fault": FAULTS.index("HANG"), "at": 0.5}
+    # A job in the background of a shell ignores the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
     with pytest.raises(KeyboardInterrupt):
         simulate(faulty, stop_time=1.0, step_size=0.125, start_values=hang)
+    signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == []

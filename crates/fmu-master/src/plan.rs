@@ -443,14 +443,28 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     }
     let mut ports = Vec::new();
     for name in names {
-        let port = port(components, name)?;
-        if let Some(reason) = unrecordable(components, &port) {
-            bail!("{name} cannot be recorded: {reason}");
+        for port in one_or_elements(components, name)? {
+            if let Some(reason) = unrecordable(components, &port) {
+                bail!("{name} cannot be recorded: {reason}");
+            }
+            ensure!(!ports.contains(&port), "{name} is recorded twice");
+            ports.push(port);
         }
-        ensure!(!ports.contains(&port), "{name} is recorded twice");
-        ports.push(port);
     }
     Ok(ports)
+}
+
+/// Finds a variable, or all elements of an array.
+fn one_or_elements(components: &[Planned], name: &str) -> Result<Vec<Port>> {
+    let is_named = |port: &Port| {
+        let of_component = name.strip_prefix(&components[port.component].prefix);
+        of_component == Some(port.of(components).name.as_str())
+    };
+    let ports = Vec::from_iter(all(components).filter(is_named));
+    match ports.is_empty() {
+        true => Ok(vec![port(components, name)?]),
+        false => Ok(ports),
+    }
 }
 
 /// The number of variables that a note names.

@@ -33,9 +33,7 @@ class Tuned(NamedTuple):
 def integral_of_absolute(result: Mapping[str, np.ndarray], name: str) -> float:
     """Return the integral of the absolute value of a column, in its unit times s.
 
-    It is that of the rectangle rule.
-
-    A column that is not finite makes it infinite.
+    The rule is that of left rectangles. A column that is not finite makes the integral infinite.
     """
     values = np.abs(np.asarray(result[name], float)[:-1])
     integral = float(np.sum(values * np.diff(result["time"])))
