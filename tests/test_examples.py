@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from ctypes import byref
 from math import sqrt
 from pathlib import Path
 from zipfile import ZipFile
@@ -10,11 +9,10 @@ from zipfile import ZipFile
 import fmpy
 import numpy as np
 import pytest
-from fmpy.logging import addLoggerProxy
 from scipy.integrate import solve_ivp
 
 from native import ROOT, run, simulate
-from pendulum_fmus.fmi import CALLBACKS
+from pendulum_fmus.fmi import take_logger
 
 OWN = ROOT / "examples" / "own-fmu"
 
@@ -148,9 +146,7 @@ def test_messages_of_a_model_reach_the_logger(ending: str, equations: Path) -> N
             logger=lambda *arguments: messages.append(arguments[-3:]),
             debug_logging=is_debugged,
         )
-        addLoggerProxy(
-            byref(CALLBACKS)
-        )  # FMPy calls the last logger, which has ended, for all FMUs
+        take_logger()
         said = [(status, name.decode()) for status, name, text in messages if b" t = " in text]
         assert (1, "logStatusWarning") in said
         assert ((0, "logModel") in said) == is_debugged

@@ -43,10 +43,17 @@ def _log(_environment, instance: bytes, _status, _category, message: bytes) -> N
 
 CALLBACKS = fmi2.fmi2CallbackFunctions()
 """The callbacks of all FMUs of FMI 2.0, as FMPy's proxy supports only one logger."""
-CALLBACKS.logger = fmi2.fmi2CallbackLoggerTYPE(_log)
 CALLBACKS.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
 CALLBACKS.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
-addLoggerProxy(byref(CALLBACKS))  # formats variadic messages
+
+
+def take_logger() -> None:
+    """Receive the messages of FMUs of FMI 2.0, also after another logger of this process has."""
+    CALLBACKS.logger = fmi2.fmi2CallbackLoggerTYPE(_log)
+    addLoggerProxy(byref(CALLBACKS))  # formats variadic messages
+
+
+take_logger()
 
 
 class Component(AbstractContextManager):
