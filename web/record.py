@@ -2,8 +2,6 @@
 
 import io
 import os
-import platform
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +13,8 @@ from playwright.sync_api import Page, sync_playwright
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 sys.path.append(str(ROOT / "bench"))
+
+import measure  # noqa: E402
 
 PICTURES, PER_PICTURE = 60, 50
 """The picture shows 3 s of the loops, in steps of 50 ms."""
@@ -63,8 +63,6 @@ def record(page: Page) -> None:
 
 def native() -> list[float]:
     """Return the shortest cycles of the native FMUs in a C host [ns]."""
-    import measure
-
     with TemporaryDirectory() as folder:
         cases = [measure.in_fmi3(case) for case in list(measure.MODELS.values())[: len(MODELS)]]
         lines = measure.Host(Path(folder)).measure("cycle", 20000, 20, cases)
@@ -82,18 +80,14 @@ def measured(page: Page) -> str:
     frames, after = page.evaluate(FRAMES, 10)
     cycles = zip(MODELS, native(), (page.evaluate(CYCLE, name) for name in MODELS), strict=True)
     version = page.context.browser.version
-    text = f"On {processor()}, in headless Chromium {version} without a graphics card:\n"
+    machine = measure.machine()
+    on = f"{machine['processor']} with {machine['cores']} cores"
+    text = f"On {on}, in headless Chromium {version} without a graphics card:\n"
     text += f"{frames:.0f} frames per second with three loops at 1 ms, over 10 s, in which the\n"
     text += f"loops advanced by {after - before:.1f} s; the load of the machine was "
     text += f"{os.getloadavg()[0]:.0f}.\n\n"
     text += "| Cycle: set, step, get | native, in C | component, in Chromium |\n|---|---|---|\n"
     return text + "".join(f"| `{name}` | {a:.0f} ns | {b:.0f} ns |\n" for name, a, b in cycles)
-
-
-def processor() -> str:
-    """Return the name of the processor, and the number of its cores."""
-    names = re.findall(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-    return f"{names[0] if names else platform.machine()} with {os.cpu_count()} cores"
 
 
 def main() -> None:

@@ -50,6 +50,10 @@ pub struct Fmu {
     folder: TempDir,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
+    /// The names of the continuous states and their derivatives.
+    pub(crate) states: Vec<[String; 2]>,
+    /// Whether it provides directional derivatives when it is run in this way.
+    pub(crate) is_directional: bool,
     limits: Limits,
 }
 
@@ -139,6 +143,11 @@ impl Fmu {
             library: OnceLock::new(),
             folder,
             only_once,
+            states: states(&model),
+            is_directional: interface.is_true(match model.version {
+                FmiVersion::Fmi2 => "providesDirectionalDerivative",
+                FmiVersion::Fmi3 => "providesDirectionalDerivatives",
+            }),
             limits: Limits {
                 call: sandbox.call,
                 memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
@@ -209,18 +218,33 @@ impl Fmu {
             return Ok(index);
         }
         let names = Vec::from_iter((0..self.scalars.len()).map(|scalar| self.name(scalar)));
-        let mut scalars = 0..names.len();
-        let array = scalars.find(|scalar| self.variable(*scalar).name == name);
         let similar = similar(name, names.iter().map(String::as_str));
-        let hint = match (array, similar.as_slice()) {
-            (Some(first), _) => {
-                let last = self.array(first).end - 1;
-                format!("; its elements are {} to {}", names[first], names[last])
+        let hint = match (self.elements(name), similar.as_slice()) {
+            (Some(Range { start, end }), _) => {
+                format!("; its elements are {} to {}", names[start], names[end - 1])
             }
             (_, []) => format!("; `cargo fmu info {}` lists its variables", self.file_name()),
             (_, names) => format!("; did you mean {}?", names.join(" or ")),
         };
         bail!("{} has no variable {name}{hint}", self.file_name())
+    }
+
+    /// The indices of a scalar, or of all elements of an array.
+    ///
+    /// # Errors
+    /// As [`Self::find`].
+    pub(crate) fn find_all(&self, name: &str) -> Result<Range<usize>> {
+        match self.elements(name) {
+            Some(elements) if !self.index.contains_key(name) => Ok(elements),
+            _ => self.find(name).map(|scalar| scalar..scalar + 1),
+        }
+    }
+
+    /// The indices of the elements of an array, if there is one of this name.
+    fn elements(&self, name: &str) -> Option<Range<usize>> {
+        let mut scalars = 0..self.scalars.len();
+        let first = scalars.find(|scalar| self.variable(*scalar).name == name)?;
+        Some(self.array(first))
     }
 
     /// The definition of a unit in base units, if the FMU has one: exponents, factor and offset by name,
@@ -389,6 +413,16 @@ fn binary(
         ),
         None => bail!("it has no binary for this machine ({})", platform.folder),
     }
+}
+
+/// The names of the continuous states and their derivatives.
+fn states(model: &ModelDescription<'_>) -> Vec<[String; 2]> {
+    let names = model.derivatives.iter().filter_map(|unknown| {
+        let derivative = model.variable(unknown.index)?;
+        let state = model.referred(derivative.value, "derivative")?;
+        Some([state.name.clone(), derivative.name.clone()])
+    });
+    names.collect()
 }
 
 fn feedthrough(model: &ModelDescription<'_>) -> Vec<(usize, Arc<[usize]>)> {

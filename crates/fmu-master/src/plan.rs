@@ -392,15 +392,25 @@ fn start(fmu: &Fmu, scalar: usize, name: &str, value: &Written) -> Result<Value>
 
 /// Finds `component.variable`, or the variable of a single FMU.
 pub(crate) fn port(components: &[Planned], name: &str) -> Result<Port> {
+    let (component, scalar) = resolve(components, name, Fmu::find)?;
+    Ok(Port { component, scalar })
+}
+
+/// Finds the component of a name, and in its FMU what the name stands for.
+fn resolve<T>(
+    components: &[Planned],
+    name: &str,
+    find: impl Fn(&Fmu, &str) -> Result<T>,
+) -> Result<(usize, T)> {
     let owners = (0..components.len()).filter(|i| name.starts_with(&components[*i].prefix));
     if let Some(index) = owners.max_by_key(|i| components[*i].prefix.len()) {
         let Planned { prefix, fmu, .. } = &components[index];
-        let scalar = fmu.find(&name[prefix.len()..]);
-        let scalar = match prefix.is_empty() {
-            true => scalar,
-            false => scalar.with_context(|| name.to_owned()),
+        let found = find(fmu, &name[prefix.len()..]);
+        let found = match prefix.is_empty() {
+            true => found,
+            false => found.with_context(|| name.to_owned()),
         };
-        return Ok(Port { component: index, scalar: scalar? });
+        return Ok((index, found?));
     }
     // The end of a name, as pid.kp of controller.pid.kp.
     let end = format!(".{name}");
@@ -443,7 +453,9 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
     }
     let mut ports = Vec::new();
     for name in names {
-        for port in one_or_elements(components, name)? {
+        let (component, scalars) = resolve(components, name, Fmu::find_all)?;
+        for scalar in scalars {
+            let port = Port { component, scalar };
             if let Some(reason) = unrecordable(components, &port) {
                 bail!("{name} cannot be recorded: {reason}");
             }
@@ -452,19 +464,6 @@ fn recorded(components: &[Planned], names: &[String]) -> Result<Vec<Port>> {
         }
     }
     Ok(ports)
-}
-
-/// Finds a variable, or all elements of an array.
-fn one_or_elements(components: &[Planned], name: &str) -> Result<Vec<Port>> {
-    let is_named = |port: &Port| {
-        let of_component = name.strip_prefix(&components[port.component].prefix);
-        of_component == Some(port.of(components).name.as_str())
-    };
-    let ports = Vec::from_iter(all(components).filter(is_named));
-    match ports.is_empty() {
-        true => Ok(vec![port(components, name)?]),
-        false => Ok(ports),
-    }
 }
 
 /// The number of variables that a note names.

@@ -99,12 +99,17 @@ impl Names {
         &self.0.fmu.path
     }
 
-    /// Whether the master integrates its equations.
-    pub fn integrates(&self) -> bool {
-        self.0.integrates()
+    /// The names of the continuous states and their derivatives.
+    pub fn states(&self) -> &[[String; 2]] {
+        &self.0.fmu.states
     }
 
-    /// Its name, and that of its file.
+    /// Whether it provides directional derivatives.
+    pub fn is_directional(&self) -> bool {
+        self.0.fmu.is_directional
+    }
+
+    /// Its name, and the name of its file.
     pub fn names(&self) -> (String, String) {
         (self.0.name.clone(), self.0.fmu.file_name())
     }
@@ -119,15 +124,7 @@ impl Names {
     /// # Errors
     /// There is no such variable; the error names similar ones.
     pub fn find(&self, name: &str) -> Result<Range<usize>> {
-        let fmu = &self.0.fmu;
-        if let Ok(scalar) = fmu.find(name) {
-            return Ok(scalar..scalar + 1);
-        }
-        let mut scalars = 0..fmu.scalars.len();
-        match scalars.find(|scalar| fmu.variable(*scalar).name == name) {
-            Some(first) => Ok(fmu.array(first)),
-            None => fmu.find(name).map(|scalar| scalar..scalar + 1),
-        }
+        self.0.fmu.find_all(name)
     }
 
     /// A value in the type of a variable.

@@ -196,9 +196,9 @@ impl Instance {
         described.collect()
     }
 
-    /// Whether the master integrates its equations.
-    fn integrates(&self) -> bool {
-        self.names.integrates()
+    /// The names of its continuous states and their derivatives, and whether it has directional derivatives.
+    fn equations(&self) -> (Vec<[String; 2]>, bool) {
+        (self.names.states().to_vec(), self.names.is_directional())
     }
 
     fn initialize(&self, py: Python<'_>, values: Vec<(usize, Bound<'_, PyAny>)>) -> PyResult<f64> {

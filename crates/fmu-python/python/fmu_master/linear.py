@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -137,7 +134,10 @@ def linearize(
         fmu.set({name: function(fmu.time) for name, function in (input or {}).items()})
         names = [_continuous(fmu, "input") if inputs is None else list(inputs)]
         names.append(_continuous(fmu, "output") if outputs is None else list(outputs))
-        states, derivatives, are_directional = _structure(Path(filename))
+        pairs, are_directional = fmu._native.equations()
+        states, derivatives = ([pair[k] for pair in pairs] for k in (0, 1))
+        if any(fmu.variables[name].dimensions for name in states):
+            raise FmuError(f"{filename}: a state is an array, which linearize does not support")
         model = _directional if are_directional else _differences
         matrix = model(fmu, states, derivatives, *names)
         n = len(states)
@@ -155,30 +155,6 @@ def _continuous(fmu: Instance, causality: str) -> list[str]:
         and v.type.startswith("Float")
         and not v.dimensions
     ]
-
-
-def _structure(file: Path) -> tuple[list[str], list[str], bool]:
-    """Return the names of states and derivatives, and whether there are directional ones."""
-    with zipfile.ZipFile(file) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    exchange, variables = root.find("ModelExchange"), list(root.iterfind("ModelVariables/*"))
-    if root.get("fmiVersion", "").startswith("2"):
-        by_index = {str(k): variable for k, variable in enumerate(variables, start=1)}
-        unknowns = root.iterfind("ModelStructure/Derivatives/Unknown")
-        derivatives = [by_index[unknown.get("index", "")] for unknown in unknowns]
-        states = [by_index[variable[0].get("derivative", "")] for variable in derivatives]
-        capability = "providesDirectionalDerivative"
-    else:
-        by_reference = {variable.get("valueReference"): variable for variable in variables}
-        unknowns = root.iterfind("ModelStructure/ContinuousStateDerivative")
-        derivatives = [by_reference[unknown.get("valueReference")] for unknown in unknowns]
-        states = [by_reference[variable.get("derivative")] for variable in derivatives]
-        capability = "providesDirectionalDerivatives"
-    named = [[variable.get("name", "") for variable in group] for group in (states, derivatives)]
-    has_them = exchange is not None and exchange.get(capability) == "true"
-    if any(variable.find("Dimension") is not None for variable in states):
-        raise FmuError(f"{file}: a state is an array, which linearize does not support")
-    return named[0], named[1], has_them
 
 
 def _directional(
