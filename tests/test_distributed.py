@@ -45,10 +45,14 @@ def acting(folder: Path, action: str, runs: str = "") -> Path:
     return program
 
 
-def killing(folder: Path, number: str) -> Path:
-    """Write a program that sends a signal to the process whose id the file `pid` has."""
-    pid = folder / "pid"
-    wait = f"until [ -s {pid} ]; do sleep 0.1; done"
+def killing(out: Path, number: str) -> Path:
+    """Write a program that sends a signal to the process whose id the file `pid` has.
+
+    It waits until a row of the sweep is kept.
+    """
+    folder, pid = out.parent, out.with_name("pid")
+    has_rows = f"[ -s {journal_of(out)} ] && tail -n +3 {journal_of(out)} | grep -q ."
+    wait = f"until [ -s {pid} ] && {has_rows}; do sleep 0.1; done"
     return acting(folder, f"{wait}; kill -{number} $(cat {pid}); sleep 20", "20..")
 
 
@@ -76,7 +80,7 @@ def test_finished_runs_are_not_repeated_and_a_killed_worker_loses_no_rows(sweep,
 def test_a_sweep_whose_coordinator_ends_is_resumed(sweep, tmp_path, number, group):
     """Ctrl-C reaches all processes."""
     out = tmp_path / "out.csv"
-    process = start(sweep, out, "--program", killing(tmp_path, number))
+    process = start(sweep, out, "--program", killing(out, number))
     (tmp_path / "pid").write_text(f"{group}{process.pid}")
     _, errors = process.communicate()
     if number == "INT":
@@ -118,7 +122,7 @@ def test_workers_elsewhere_need_nothing_of_the_project_and_a_lost_scheduler_is_r
     out, elsewhere = tmp_path / "out.csv", tmp_path / "elsewhere"
     with scheduler(tmp_path / "lost") as (process, address):
         (tmp_path / "pid").write_text(str(process.pid))
-        given = ["--scheduler", address, "--program", killing(tmp_path, "9")]
+        given = ["--scheduler", address, "--program", killing(out, "9")]
         with dask(tmp_path / "lost", "worker", address), start(sweep, out, *given) as sweeping:
             _, errors = sweeping.communicate()
     assert sweeping.returncode == 1
