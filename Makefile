@@ -47,9 +47,10 @@ demo:
 	@$(MAKE) --no-print-directory --jobs=2 paper plot
 	@$(RUN) -m pendulum_fmus.demo --out $(REPORT)
 
-# The FMUs of FMI 2.0, by a program that is built much faster than the command line.
+# The FMUs of FMI 2.0, by a program that is built much faster than the command line. The Python module would add the
+# features that it needs.
 paper:
-	@cargo build --quiet --locked $(RUST) --no-default-features --example export
+	@cargo build --quiet --locked $(RUST) --exclude fmu-python --no-default-features --example export
 	@target/debug/examples/export
 
 plot: $(VENV)/.plot
