@@ -47,10 +47,10 @@ demo:
 	@$(MAKE) --no-print-directory --jobs=2 paper plot
 	@$(RUN) -m pendulum_fmus.demo --out $(REPORT)
 
-# The FMUs of FMI 2.0, by a program that is built much faster than the command line. The Python module would add the
-# features that it needs.
+# The FMUs of FMI 2.0, by a program that is built much faster than the command line. It is built alone, because other
+# packages need features that take longer to compile.
 paper:
-	@cargo build --quiet --locked $(RUST) --exclude fmu-python --no-default-features --example export
+	@cargo build --quiet --locked --package fmu-build --no-default-features --example export
 	@target/debug/examples/export
 
 plot: $(VENV)/.plot
