@@ -4,6 +4,8 @@ import _thread
 import signal
 import threading
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import fmpy
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 from dask.distributed import Client
 
-from fmu_master import FmuError, Instance, Sweep, System, python_component, simulate, sweep
+from fmu_master import FmuError, Instance, Result, Sweep, System, python_component, simulate, sweep
 from native import LOOPS
 from native import simulate as by_command_line
 from test_crashes import FAULTS, faulty
@@ -30,6 +32,39 @@ def test_a_run_has_the_bits_of_the_command_line(fmus, tmp_path, in_process):
     for name, column in result.items():
         np.testing.assert_array_equal(column, expected[name])
     assert result.units["plant.theta"] == "rad"
+
+
+@pytest.mark.parametrize("in_process", [False, True])
+def test_runs_of_a_loaded_system_have_the_bits_of_others(fmus, in_process):
+    system, start = System(fmus / "PidRbf_fmi3.fmu"), {"r": 0.1}
+    gain, size = {"pid.kp": 200.0}, {"rbf.nodes": 3}
+    changes = [{}, gain, size, size | gain, {"m0": 1.0}, {}]
+    options = {"stop_time": 0.1, "output": ["u"], "in_process": in_process}
+
+    def forces(system: System, change: dict) -> list[float] | str:
+        try:
+            return system.simulate(start | change, **options)["u"].tolist()
+        except FmuError as error:
+            return str(error)
+
+    expected = [forces(system, change) for change in changes]
+    with system.loaded() as loaded, ThreadPoolExecutor(3) as pool:
+        for change, one in zip(changes, expected, strict=True):
+            assert list(pool.map(partial(forces, loaded), [change] * 5)) == [one] * 5
+    assert "has no variable m0" in expected[4]
+    assert len(set(map(str, expected))) == 5
+
+
+def test_a_loaded_system_runs_again_after_a_crash(faulty):
+    def run(at: float) -> Result:
+        start = {"fault": FAULTS.index("CRASH"), "at": at}
+        return loaded.simulate(start, stop_time=1.0, step_size=0.125)
+
+    with System(faulty).loaded() as loaded:
+        for _ in range(2):
+            assert len(run(2.0)["time"]) == 9
+            with pytest.raises(FmuError, match="signal 11"):
+                run(0.5)
 
 
 @pytest.mark.parametrize("name", ["PidRbf_fmi3", "Pendulum"])

@@ -63,7 +63,7 @@ pub struct Description {
 }
 
 /// How WebAssembly components run.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sandbox {
     /// Whether native binaries are refused; by default, FMUs that have one do not run as components.
     pub is_required: bool,
@@ -273,7 +273,7 @@ impl Written {
 }
 
 /// What the user changes of a description; by default nothing.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the fields are those of a description")]
 pub struct Changes {
     pub start: Option<f64>,

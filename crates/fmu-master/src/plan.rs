@@ -142,18 +142,29 @@ impl Plan {
         mut description: Description,
         sets: &[(String, String)],
     ) -> Result<(Self, Vec<Start>)> {
-        let (sizes, others): (Vec<_>, Vec<_>) =
-            sets.iter().partition(|(name, _)| self.is_structural(name));
+        let sizes = self.sizes(sets);
         if !sizes.is_empty() {
             for (name, value) in sizes {
                 description.set_start(name, Written::Text(value.clone()));
             }
             self = Self::new(&description)?;
         }
-        let starts =
-            others.iter().map(|(name, value)| self.start(name, &Written::Text(value.clone())));
-        let starts = starts.collect::<Result<_>>()?;
+        let starts = self.texts(sets)?;
         Ok((self, starts))
+    }
+
+    /// The start values of structural parameters in a list for [`Plan::set`].
+    pub fn sizes<'a>(&self, sets: &'a [(String, String)]) -> Vec<&'a (String, String)> {
+        sets.iter().filter(|(name, _)| self.is_structural(name)).collect()
+    }
+
+    /// The other start values in such a list, for [`Plan::simulate`].
+    ///
+    /// # Errors
+    /// As [`Plan::set`].
+    pub fn texts(&self, sets: &[(String, String)]) -> Result<Vec<Start>> {
+        let others = sets.iter().filter(|(name, _)| !self.is_structural(name));
+        others.map(|(name, value)| self.start(name, &Written::Text(value.clone()))).collect()
     }
 
     /// The names of the components and of their files, for [`Failure::recorded`](crate::Failure::recorded).

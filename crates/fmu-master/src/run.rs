@@ -1,6 +1,6 @@
 //! One run of a system in a worker process, whose rows this process writes to a file.
 
-use std::borrow::Cow;
+use std::borrow::{Borrow, Cow};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -49,16 +49,17 @@ pub struct Ready {
 
 /// Does the run that a supervisor has started this process for; see [`supervise`]. `plan` makes the plan and
 /// its start values; the rows are only sent if `records`.
-pub fn work(
+pub fn work<P: Borrow<Plan>>(
     service: &mut Service,
     records: bool,
-    plan: impl FnOnce() -> Result<(Plan, Vec<Start>)>,
+    plan: impl FnOnce() -> Result<(P, Vec<Start>)>,
 ) -> Result<()> {
     let messages = Messages::recorded(service.record().clone());
-    let (plan, starts) = match plan() {
-        Ok(planned) => planned,
+    let planned = plan();
+    let (plan, starts) = match &planned {
+        Ok((plan, starts)) => (plan.borrow(), starts),
         Err(error) => {
-            service.reply(&Report::Failed(Failed::new(Vec::new(), &error)));
+            service.reply(&Report::Failed(Failed::new(Vec::new(), error)));
             return Ok(());
         }
     };
@@ -75,8 +76,8 @@ pub fn work(
     };
     // Loading the binaries and initializing the FMUs do not count as simulating.
     let mut begin = Instant::now();
-    let mut gathering = Gathering::new(&plan);
-    let finished = plan.simulate(&starts, &messages).and_then(|simulation| {
+    let mut gathering = Gathering::new(plan);
+    let finished = plan.simulate(starts, &messages).and_then(|simulation| {
         begin = Instant::now();
         simulation.run(|row| {
             gathering.add(row);
@@ -102,6 +103,8 @@ pub fn work(
 pub struct Watch<'a> {
     /// Whether to keep the rows of a run that does not reach its end.
     pub keeps_rows: bool,
+    /// Whether the worker is to do other runs after one that has not ended its process.
+    pub keeps_worker: bool,
     /// Whether to stop, asked again and again.
     pub is_cancelled: &'a dyn Fn() -> bool,
     /// Receives warnings: of each call that does not return for long, and of a process that an FMU has forked.
@@ -179,7 +182,7 @@ const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// The file cannot be written, or the system does not tell the state of the worker.
-pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
+pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) -> Result<Outcome> {
     let kept = file.filter(|_| watch.keeps_rows);
     let mut ready: Option<Ready> = None;
     let mut rows: Option<Rows> = None;
@@ -193,7 +196,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 return Ok(match cancelled {
                     Some(when) => Outcome::Cancelled(when + &rows),
                     None => {
-                        let mut failed = Failed::crashed(&worker, &components, ended);
+                        let mut failed = Failed::crashed(worker, &components, ended);
                         failed.text += &rows;
                         Outcome::Failed(failed)
                     }
@@ -209,7 +212,7 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
             }
             None => {
                 if let Some(ready) = &ready {
-                    warn_of(&mut worker, &ready.components, watch.warn);
+                    warn_of(worker, &ready.components, watch.warn);
                     let time = worker.record().time();
                     time.iter().for_each(|time| (watch.progress)(ready, *time));
                 }
@@ -247,11 +250,13 @@ pub fn supervise(mut worker: Worker, file: Option<&Path>, watch: &Watch<'_>) -> 
                 };
                 rows.map(Rows::place).transpose()?;
                 let ready = ready.context("the run has not begun")?;
-                warn_of(&mut worker, &ready.components, watch.warn);
+                warn_of(worker, &ready.components, watch.warn);
                 let last = last.into_owned();
-                let crash = match worker.end(FAREWELL)? {
-                    Ended::Exited(status) if status.code().is_some() => None,
-                    ended => Some(ended),
+                let crash = match watch.keeps_worker {
+                    true => None,
+                    false => Some(worker.end(FAREWELL)?).filter(
+                        |ended| !matches!(ended, Ended::Exited(status) if status.code().is_some()),
+                    ),
                 };
                 return Ok(Outcome::Finished(Box::new(Summary {
                     ready,

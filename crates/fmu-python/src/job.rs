@@ -23,10 +23,37 @@ pub enum Job {
 /// # Errors
 /// The job is damaged.
 pub fn work(service: &mut Service) -> Result<()> {
-    match service.task()? {
-        None => Ok(()),
-        Some(Job::Run(system)) => run::work(service, true, || system.plan()),
-        Some(Job::Single(setup)) => single::work(service, &setup),
+    let mut loaded = Loaded::default();
+    loop {
+        match service.task()? {
+            None => return Ok(()),
+            Some(Job::Run(system)) => run::work(service, true, || loaded.plan(system))?,
+            Some(Job::Single(setup)) => return single::work(service, &setup),
+        }
+    }
+}
+
+/// The system that was run last, with its FMUs.
+#[derive(Default)]
+pub struct Loaded(Option<(System, Plan)>);
+
+impl Loaded {
+    /// The plan of a system and its start values. The FMUs stay loaded while only the start values change.
+    ///
+    /// # Errors
+    /// As [`System::plan`].
+    pub fn plan(&mut self, system: System) -> Result<(&Plan, Vec<Start>)> {
+        let is_same = |(last, plan): &(System, Plan)| {
+            let System { file, text, changes, sets } = last;
+            (file, text, changes) == (&system.file, &system.text, &system.changes)
+                && plan.sizes(sets) == plan.sizes(&system.sets)
+        };
+        let plan = match self.0.take().filter(is_same) {
+            Some((_, plan)) => plan,
+            None => system.plan()?.0,
+        };
+        let (system, plan) = self.0.insert((system, plan));
+        Ok((plan, plan.texts(&system.sets)?))
     }
 }
 
@@ -36,6 +63,7 @@ pub struct System {
     file: PathBuf,
     text: Option<String>,
     changes: Changes,
+    sets: Vec<(String, String)>,
 }
 
 impl System {
@@ -53,7 +81,7 @@ impl System {
             (Err(error), None) if !is_fmu(&self.file) => Err(locate(error, &self.file, "")),
             (plan, _) => plan,
         };
-        plan?.set(description, &self.changes.sets)
+        plan?.set(description, &self.sets)
     }
 }
 
@@ -96,9 +124,9 @@ impl TryFrom<Given> for System {
                 outputs: given.outputs,
                 input: given.input,
                 interface: given.interface.as_deref().map(interface).transpose()?,
-                sets: given.sets,
                 ..Changes::default()
             },
+            sets: given.sets,
         })
     }
 }

@@ -20,7 +20,7 @@ mod _native {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::run::{read, run, times};
+    use super::run::{Runner, read, times};
 
     #[pymodule_export]
     use super::single::Instance;

@@ -4,6 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -17,7 +18,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::columns::{Columns, to_python};
-use crate::job::{Given, Job, System};
+use crate::job::{Given, Job, Loaded, System};
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
 pub const PERIOD: Duration = Duration::from_millis(50);
@@ -39,27 +40,68 @@ struct Done {
     fault: Option<Failed>,
 }
 
-/// Runs a system; returns a dict with the columns and what else there is to tell. `program` starts a worker
-/// process; without it, the run is in this process. `progress` receives the time, the start and the stop time (s).
-#[pyfunction]
-pub fn run<'py>(
-    py: Python<'py>,
-    system: Given,
+/// Runs systems, in worker processes or in this one.
+#[pyclass(module = "fmu_master._native", frozen)]
+pub struct Runner {
     program: Vec<OsString>,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let done = py.detach(|| {
-        let system = System::try_from(system).map_err(error)?;
-        let host = Host { progress, looked: Cell::new(Instant::now()), raised: RefCell::default() };
-        let done = match program.is_empty() {
-            false => in_worker(system, &program, &host),
-            true => in_this_process(&system, &host),
-        };
-        match host.raised.take() {
-            Some(raised) => Err(raised),
-            None => done.map_err(error),
-        }
-    })?;
+    keeps: bool,
+    idle: Mutex<Vec<Kept>>,
+}
+
+/// What is kept of a run for the next one.
+#[derive(Default)]
+struct Kept {
+    /// The session is dropped after the worker.
+    worker: Option<(Worker, Session)>,
+    loaded: Loaded,
+}
+
+#[pymethods]
+impl Runner {
+    /// `program` starts a worker process; if it is empty, runs are in this process. If the runner `keeps` FMUs,
+    /// they stay loaded while the same system is run, once for each run at the same time.
+    #[new]
+    fn new(program: Vec<OsString>, keeps: bool) -> Self {
+        Self { program, keeps, idle: Mutex::default() }
+    }
+
+    /// Runs a system; returns a dict with the columns and what else there is to tell. `progress` receives the
+    /// time, the start and the stop time (s).
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        system: Given,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let done = py.detach(|| {
+            let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+            let system = System::try_from(system).map_err(error)?;
+            let looked = Cell::new(Instant::now());
+            let host = Host { progress, looked, raised: RefCell::default() };
+            let mut kept = idle().pop().unwrap_or_default();
+            let done = match self.program.is_empty() {
+                false => in_worker(system, &self.program, self.keeps, &mut kept.worker, &host),
+                true => in_this_process(system, &mut kept.loaded, &host),
+            };
+            if self.keeps {
+                idle().push(kept);
+            }
+            match host.raised.take() {
+                Some(raised) => Err(raised),
+                None => done.map_err(error),
+            }
+        })?;
+        into_python(py, done)
+    }
+
+    /// Ends the worker processes and frees the FMUs.
+    fn free(&self, py: Python<'_>) {
+        py.detach(|| self.idle.lock().unwrap_or_else(PoisonError::into_inner).clear());
+    }
+}
+
+/// What has come of a run, as a dict.
+fn into_python(py: Python<'_>, done: Done) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("columns", done.rows.into_python(py, &done.columns)?)?;
     let message = |m: Message| (m.instance, m.warning, m.text, m.times);
@@ -157,18 +199,34 @@ pub fn start(session: &Session, program: &[OsString], job: &Job) -> Result<Worke
     Ok(worker)
 }
 
-/// Runs a system in a worker process.
-fn in_worker(system: System, program: &[OsString], host: &Host) -> Result<Done> {
-    let session = Session::without_signals()?;
-    let worker = start(&session, program, &Job::Run(system))?;
+/// Runs a system in a worker process, the one of the run before if it was kept.
+fn in_worker(
+    system: System,
+    program: &[OsString],
+    keeps: bool,
+    kept: &mut Option<(Worker, Session)>,
+    host: &Host,
+) -> Result<Done> {
+    let job = Job::Run(system);
+    let mut process = match kept.take() {
+        Some((mut worker, session)) => {
+            worker.send(&job);
+            (worker, session)
+        }
+        None => {
+            let session = Session::without_signals()?;
+            (start(&session, program, &job)?, session)
+        }
+    };
     let rows = RefCell::new(Columns::default());
     let (columns, warnings) = (RefCell::<Vec<Column>>::default(), RefCell::new(Vec::new()));
     let times = Cell::new(None);
     let outcome = supervise(
-        worker,
+        &mut process.0,
         None,
         &Watch {
             keeps_rows: false,
+            keeps_worker: keeps,
             is_cancelled: &|| host.look(times.get()),
             warn: &|text| warnings.borrow_mut().push(text.to_owned()),
             progress: &|ready, time| {
@@ -182,6 +240,9 @@ fn in_worker(system: System, program: &[OsString], host: &Host) -> Result<Done> 
             },
         },
     )?;
+    if keeps && matches!(process.0.look(), Ok(None)) {
+        *kept = Some(process);
+    }
     let done = Done {
         rows: rows.into_inner(),
         columns: columns.into_inner(),
@@ -212,10 +273,10 @@ fn in_worker(system: System, program: &[OsString], host: &Host) -> Result<Done> 
 }
 
 /// Runs a system in this process.
-fn in_this_process(system: &System, host: &Host) -> Result<Done> {
+fn in_this_process(system: System, loaded: &mut Loaded, host: &Host) -> Result<Done> {
     let messages = Messages::default();
     let mut rows = Columns::default();
-    let (plan, starts) = match system.plan() {
+    let (plan, starts) = match loaded.plan(system) {
         Ok(planned) => planned,
         Err(error) => {
             let fault = Some(Failed::new(Vec::new(), &error));

@@ -262,7 +262,7 @@ impl Instance {
         py.detach(|| match place {
             None => {}
             Some(Place::Here(single)) => drop(single),
-            Some(Place::There(worker, session)) => {
+            Some(Place::There(mut worker, session)) => {
                 // How it ends no longer matters.
                 let _ = worker.end(FAREWELL);
                 drop(session);

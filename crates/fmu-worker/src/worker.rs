@@ -264,7 +264,7 @@ impl Worker {
     ///
     /// # Errors
     /// The system does not tell the state of the process.
-    pub fn end(mut self, grace: Duration) -> io::Result<Ended> {
+    pub fn end(&mut self, grace: Duration) -> io::Result<Ended> {
         self.dismiss();
         self.limits.task = Some(grace);
         loop {

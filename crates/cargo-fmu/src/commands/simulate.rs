@@ -135,10 +135,11 @@ pub fn supervise(
     out: &mut impl Write,
 ) -> Result<ExitCode> {
     let limits = args.limited.limits(1)?;
-    let worker = Worker::start(worker, session.folder(), limits)?;
+    let mut worker = Worker::start(worker, session.folder(), limits)?;
     let progress = Progress::new()?;
     let watch = Watch {
         keeps_rows: args.csv.is_some(),
+        keeps_worker: false,
         is_cancelled: &|| session.signal().is_some(),
         warn: &worker::warn,
         progress: &|ready, time| progress.show(ready.experiment, time),
@@ -149,7 +150,7 @@ pub fn supervise(
         (None, Some(_)) => Some(unsaved.as_path()),
         (csv, _) => csv.as_deref(),
     };
-    let outcome = run::supervise(worker, rows, &watch)?;
+    let outcome = run::supervise(&mut worker, rows, &watch)?;
     progress.bar.finish_and_clear();
     match outcome {
         Outcome::Finished(finished) => {

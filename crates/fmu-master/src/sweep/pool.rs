@@ -169,7 +169,7 @@ impl<T> Drop for Pool<'_, T> {
         for busy in &mut self.busy {
             busy.worker.dismiss();
         }
-        for busy in self.busy.drain(..) {
+        for mut busy in self.busy.drain(..) {
             let rest = deadline.saturating_duration_since(Instant::now());
             // How it ends no longer matters.
             let _ = busy.worker.end(rest);

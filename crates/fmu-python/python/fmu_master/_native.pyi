@@ -4,11 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-def run(
-    system: Mapping[str, Any],
-    program: Sequence[str],
-    progress: Callable[[float, float, float], object] | None,
-) -> dict[str, Any]: ...
+class Runner:
+    def __init__(self, program: Sequence[str], keeps: bool) -> None: ...
+    def run(
+        self,
+        system: Mapping[str, Any],
+        progress: Callable[[float, float, float], object] | None,
+    ) -> dict[str, Any]: ...
+    def free(self) -> None: ...
 
 class Instance:
     def __init__(

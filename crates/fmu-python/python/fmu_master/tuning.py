@@ -120,7 +120,7 @@ def tune(
 
     def run(values: Mapping[str, float], *others: Starts) -> Result:
         starts = {key: value for other in (*others, values) for key, value in other.items()}
-        return system.simulate(starts, stop_time=stop_time, output=output, in_process=in_process)
+        return loaded.simulate(starts, stop_time=stop_time, output=output, in_process=in_process)
 
     def evaluate(x: np.ndarray) -> float:
         values = named(x)
@@ -150,7 +150,7 @@ def tune(
     if guess is not None:
         logs = zip(names, are_log, strict=True)
         start = [math.log(guess[name]) if is_log else guess[name] for name, is_log in logs]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with system.loaded() as loaded, ThreadPoolExecutor(os.cpu_count()) as pool:
         found = differential_evolution(
             evaluate,
             np.reshape(scaled, (-1, 2)),
