@@ -138,10 +138,12 @@ def test_the_loops_of_table_1_have_the_bits_of_the_native_fmus(
 def test_controls_change_what_they_say(page):
     page.locator("#run").click()
     assert page.locator("#run").inner_text() == "Run"
+    page.locator("#run").click()
+    page.locator("#once").click()
     before = page.evaluate("time")
     page.locator("#once").click()
     assert page.evaluate("time") == pytest.approx(before + 0.001)
-    page.locator("#on-PidRbf").check()
+    page.locator("#on-IpidRbf").check()
     assert page.evaluate("loops.map((loop) => loop.name)") == ["Pid", "PidRbf", "IpidRbf"]
     for setting, variable in (("kp", "pid.kp"), ("eta", "rbf.eta"), ("umax", "u_max")):
         page.locator(f"#{setting}").fill("100" if setting == "kp" else "1")
@@ -165,15 +167,21 @@ def test_controls_change_what_they_say(page):
     page.locator("#push").fill("30")
     page.locator("#left").click()
     assert page.evaluate("push") == -30
-    page.locator("#scene").press("ArrowRight")
+    page.keyboard.press("ArrowRight")
     assert page.evaluate("push") == 30
+    page.locator("#scene").click()  # a little to the right of the cart
+    assert page.evaluate("push") == -30
     page.locator("#reset").click()
     assert page.evaluate("time") == 0
     known = page.evaluate("location.hash")
     assert all(f"{text}&" in f"{known}&" for text in ("kp=100", "dynamics=2", "speed=0.25"))
     page.reload()
     page.wait_for_function("loops.length > 0")
-    assert page.locator("#kp").input_value() == "100"
+    shown = [page.locator(name).input_value() for name in ("#kp", "#dynamics", "#speed")]
+    assert shown == ["100", "2", "0.25"]
+    page.locator("#defaults").click()
+    assert page.evaluate("loops[0].controller.get('pid.kp')") == 300.0
+    assert page.evaluate("settings.dynamics") == "3"
 
 
 DROP = """([name, text]) => {
@@ -189,6 +197,12 @@ def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
 
     drop("Pid_fmi3.fmu", (WASM / "Pid_fmi3.fmu").read_bytes())
     page.wait_for_function("loops.some((loop) => loop.name === 'Pid (yours)')")
+    # Without the input d, the disturbance is in what is measured.
+    page.evaluate("delete fmus['Pid (yours)'].variables.d; settings.d = 1; restart(); advance(100)")
+    own, other = page.evaluate(
+        "['Pid (yours)', 'Pid'].map((name) => loops.find((loop) => loop.name === name).state.theta)"
+    )
+    assert own == other != 0.0
     drop("broken.fmu", b"PK")
     page.wait_for_selector("#message.error")
     message = page.locator("#message").inner_text()
@@ -199,9 +213,21 @@ def test_an_fmu_of_ones_own_runs_and_a_broken_one_is_reported(page, tmp_path):
 
 
 def test_a_push_is_told_and_the_fmus_can_be_saved(page):
-    page.locator("#on-PidRbf").check()
+    page.evaluate("running = false; restart(); shove(60)")
+    angles = [
+        page.evaluate("advance(1); loops.map((loop) => loop.state.theta)") for _ in range(300)
+    ]
+    page.evaluate("advance(1); draw()")  # which looks at the angle before it
+    alone, with_network = np.degrees(np.max(angles, axis=0))
+    assert alone > 1.5 * with_network
+    told = [text.split() for text in page.locator(".swing").all_inner_texts()]
+    assert told == [["PID", f"{alone:.2f}°"], ["PID-RBF", f"{with_network:.2f}°"]]
+    page.locator("#run").click()
+    page.locator("#push").fill("150")
     page.locator("#right").click()
-    page.wait_for_function("document.getElementById('effect').textContent.includes('PID-RBF')")
+    page.wait_for_function("element('swung').textContent.startsWith('All fell over')")
+    page.locator("#reset").click()
+    assert not any(page.evaluate("loops.map((loop) => loop.hasFallen)"))
     with page.expect_download() as saved:
         page.locator("#downloads a", has_text="PidRbf").first.click()
     assert Path(saved.value.path()).read_bytes() == (WASM / "PidRbf_fmi3.fmu").read_bytes()

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -16,6 +17,11 @@ def main() -> None:
     page = (web / "page.html").read_text(encoding="utf-8")
     for name in ("fmu.js", "page.js"):
         page = page.replace(f"{{{{{name}}}}}", (web / name).read_text(encoding="utf-8"))
+    package = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"][
+        "package"
+    ]
+    link = f'<a href="{package["repository"]}">the repository</a>'
+    page = page.replace("{{repository}}", link if package["repository"] else "the repository")
     page = page.replace("{{fmus}}", fmus)
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / "index.html.partial"

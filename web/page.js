@@ -8,16 +8,18 @@ const COLOURS = { Pid: "#2a78d6", PidRbf: "#e0622b", IpidRbf: "#1f9e6e" };
 const LABELS = { Pid: "PID", PidRbf: "PID-RBF", IpidRbf: "IPID-RBF" };
 const OWN = "#9a5fd1";
 const element = (id) => document.getElementById(id);
+const degrees = (radians) => (radians * 180) / Math.PI;
+const radians = (degrees) => (degrees * Math.PI) / 180;
 
 // Name, label, unit, minimum, maximum, step, start, and the variable, if it is one of an FMU.
 const SETTINGS = [
   ["r", "Set-point", "°", -20, 20, 0.5, 0],
   ["d", "Disturbance of the measurement", "°", -5, 5, 0.1, 0],
-  ["push", "Strength of a push", "N", 1, 60, 1, 20],
+  ["push", "Strength of a push of 0.1 s", "N", 1, 150, 1, 60],
   ["delay", "Delay of the measurement", "ms", 0, 30, 1, 0],
-  ["kp", "Proportional gain", "", 0, 1000, 10, 300, "pid.kp"],
-  ["ki", "Integral gain", "", 0, 2000, 10, 500, "pid.ki"],
-  ["kd", "Derivative gain", "", 0, 300, 1, 100, "pid.kd"],
+  ["kp", "Proportional gain", "N/rad", 0, 1000, 10, 300, "pid.kp"],
+  ["ki", "Integral gain", "N/(rad s)", 0, 2000, 10, 500, "pid.ki"],
+  ["kd", "Derivative gain", "N s/rad", 0, 300, 1, 100, "pid.kd"],
   ["eta", "Learning rate of the network", "", 0, 2, 0.05, 0.3, "rbf.eta"],
   ["umax", "Limit of the force", "N", 1, 200, 1, 100, "u_max"],
   ["M", "Mass of the cart", "kg", 0.2, 5, 0.001, 1.096, "M"],
@@ -25,11 +27,12 @@ const SETTINGS = [
   ["l", "Half the length of the pendulum", "m", 0.1, 1, 0.01, 0.25, "l"],
 ];
 const settings = Object.fromEntries(SETTINGS.map(([name, , , , , , start]) => [name, start]));
-Object.assign(settings, { dynamics: "3", on: "Pid,IpidRbf", speed: "1" });
+Object.assign(settings, { dynamics: "3", on: "Pid,PidRbf", speed: "1" });
 
 const fmus = {};
 let loops = [];
 let time = 0, running = true, push = 0, pushUntil = 0;
+let pushes = []; // the times at which they began
 
 function say(text, isError = false) {
   element("message").textContent = text;
@@ -63,15 +66,22 @@ class Loop {
     this.time = this.plantTime = 0;
     this.state = { theta: 0, omega: 0, x: 0, v: 0 };
     this.history = [];
+    this.swing = 0; // the largest angle since the last push in radians
+    this.hasFallen = false;
   }
 
   step(r, d, force) {
     const { controller, plant } = this;
-    this.measured.push(plant.get("theta"));
+    const theta = plant.get("theta");
+    this.swing = Math.max(this.swing, Math.abs(theta));
+    this.hasFallen = this.swing > Math.PI / 2;
+    if (this.hasFallen) return;
+    this.measured.push(theta);
     while (this.measured.length > settings.delay + 1) this.measured.shift();
     controller.set("r", r);
-    if (controller.fmu.variables.d) controller.set("d", d);
-    controller.set("y", this.measured[0]);
+    const adds = controller.fmu.variables.d; // or the disturbance is in what it measures
+    if (adds) controller.set("d", d);
+    controller.set("y", this.measured[0] + (adds ? 0 : d));
     controller.step(this.time, STEP);
     const u = controller.get("u");
     plant.set("u", u + force);
@@ -85,10 +95,9 @@ class Loop {
   read(r) {
     for (const name of ["theta", "omega", "x", "v"]) this.state[name] = this.plant.get(name);
     const of = (name) => (this.controller.fmu.variables[name] ? this.controller.getAll(name) : []);
-    const degrees = 180 / Math.PI;
     const { theta } = this.state;
     this.history.push({
-      t: time, angle: [theta * degrees], error: [(r - theta) * degrees], force: [this.u ?? 0],
+      t: time, angle: [degrees(theta)], error: [degrees(r - theta)], force: [this.u ?? 0],
       weights: of("rbf.w"), activations: of("rbf.h"),
     });
     while (this.history[0].t < time - SPAN) this.history.shift();
@@ -97,17 +106,20 @@ class Loop {
 
 function restart() {
   time = pushUntil = 0;
+  pushes = [];
   try {
     loops = settings.on.split(",").filter((name) => fmus[name]).map((name) => new Loop(name));
   } catch (error) {
     loops = [];
     say(error.message, true);
   }
+  for (const loop of loops) loop.read(radians(settings.r));
+  element("effect").replaceChildren(...loops.map(swingOf));
 }
 
 // Advances all loops; one that fails is taken out, and its error shown.
 function advance(steps) {
-  const [r, d] = [settings.r, settings.d].map((degrees) => (degrees * Math.PI) / 180);
+  const [r, d] = [radians(settings.r), radians(settings.d)];
   for (let i = 0; i < steps; i++) {
     const force = time < pushUntil ? push : 0;
     for (const loop of [...loops]) {
@@ -120,16 +132,28 @@ function advance(steps) {
     }
     time += STEP;
   }
-  for (const loop of loops) loop.read(r);
+  for (const loop of loops.filter(({ hasFallen }) => !hasFallen)) loop.read(r);
 }
 
-// Says how far the pendulums have swung since the last push.
+// A row that says how far the pendulum of a loop has swung since the last push.
+function swingOf({ name, colour }) {
+  const row = document.createElement("div");
+  row.className = "swing";
+  row.innerHTML = "<span></span><i></i><span></span>";
+  row.firstChild.textContent = LABELS[name] ?? name;
+  row.children[1].style.background = colour;
+  return row;
+}
+
 function compare() {
-  const swung = loops.map(({ name, history }) => {
-    const angles = history.filter(({ t }) => t >= pushUntil - PUSH).map(({ angle }) => Math.abs(angle[0]));
-    return `${LABELS[name] ?? name} ${Math.max(0, ...angles).toFixed(2)}°`;
+  const none = loops.length > 0 && loops.every(({ hasFallen }) => hasFallen);
+  element("swung").textContent = none ? "All fell over: Reset sets them up again" : "Largest angle since the last push";
+  const largest = Math.max(...loops.map(({ swing }) => swing), 1e-9);
+  loops.forEach(({ swing, hasFallen }, i) => {
+    const [, bar, text] = element("effect").children[i].children;
+    bar.style.width = `${(100 * swing) / largest}%`;
+    text.textContent = hasFallen ? "fell over" : `${degrees(swing).toFixed(2)}°`;
   });
-  element("effect").textContent = `Largest angle since the last push: ${swung.join(", ")}`;
 }
 
 function canvas(id) {
@@ -148,73 +172,98 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 
 function drawScene() {
   const { c, width, height } = canvas("scene");
-  const metre = Math.min((0.62 * height) / (2 * settings.l), width / 2.5);
-  const ground = height - 46;
-  // The picture follows the first cart.
-  const centre = loops[0]?.state.x ?? 0;
+  const metre = Math.min((0.68 * height) / (2 * settings.l), width / 1.6);
+  const ground = height - 22;
+  const [cart, wheel, half] = [0.06, 0.016, 0.09].map((length) => length * metre);
+  const pivot = ground - 2 * wheel - cart;
+  // The picture follows the first cart whose pendulum stands.
+  const centre = (loops.find(({ hasFallen }) => !hasFallen) ?? loops[0])?.state.x ?? 0;
   c.strokeStyle = c.fillStyle = colour("--soft");
   c.lineWidth = 1;
   c.beginPath();
-  c.moveTo(0, ground + 30);
-  c.lineTo(width, ground + 30);
-  const tick = metre > 240 ? 0.25 : metre > 120 ? 0.5 : 1;
-  for (let x = Math.ceil((centre - width / 2 / metre) / tick) * tick; x < centre + width / 2 / metre; x += tick) {
-    const at = width / 2 + (x - centre) * metre;
-    c.moveTo(at, ground + 30);
-    c.lineTo(at, ground + 35);
-    c.fillText(`${x.toFixed(2)} m`, at + 3, ground + 44);
+  c.moveTo(0, ground);
+  c.lineTo(width, ground);
+  c.textAlign = "center";
+  const tick = ticksOf(0, width / metre, width / 80).step;
+  for (let n = Math.ceil((centre - width / 2 / metre) / tick); n * tick < centre + width / 2 / metre; n++) {
+    const at = width / 2 + (n * tick - centre) * metre;
+    c.moveTo(at, ground);
+    c.lineTo(at, ground + 5);
+    c.fillText(`${+(n * tick).toFixed(2)} m`, at, ground + 17);
   }
   c.stroke();
-  for (const loop of [...loops].reverse()) {
+  c.textAlign = "left";
+  for (const [i, loop] of [...loops.entries()].reverse()) {
     const at = width / 2 + (loop.state.x - centre) * metre;
-    const [top, side] = [2 * settings.l * Math.cos(loop.state.theta), 2 * settings.l * Math.sin(loop.state.theta)];
-    c.globalAlpha = loop === loops[0] ? 1 : 0.75;
+    const [up, side] = [Math.cos(loop.state.theta), Math.sin(loop.state.theta)].map((part) => 2 * settings.l * metre * part);
+    c.globalAlpha = i ? 0.75 : 1;
     c.fillStyle = c.strokeStyle = loop.colour;
-    c.fillRect(at - 34, ground, 68, 22);
-    for (const wheel of [-20, 20]) {
+    c.fillRect(at - half, pivot, 2 * half, cart);
+    for (const place of [at - half / 2, at + half / 2]) {
       c.beginPath();
-      c.arc(at + wheel, ground + 24, 6, 0, 7);
+      c.arc(place, ground - wheel, wheel, 0, 7);
       c.fill();
     }
     c.lineWidth = 7;
     c.lineCap = "round";
     c.beginPath();
-    c.moveTo(at, ground);
-    c.lineTo(at + side * metre, ground - top * metre);
+    c.moveTo(at, pivot);
+    c.lineTo(at + side, pivot - up);
     c.stroke();
+    // A cart beside the picture
+    const away = `${LABELS[loop.name] ?? loop.name} ${Math.abs(loop.state.x - centre).toFixed(1)} m`;
+    if (at < -half) c.fillText(`◀ ${away}`, 4, 20 + 18 * i);
+    if (at > width + half) c.fillText(`${away} ▶`, width - 4 - c.measureText(`${away} ▶`).width, 20 + 18 * i);
   }
   c.globalAlpha = 1;
-  if (time < pushUntil) {
+  if (pushes.length && time < pushes.at(-1) + 4 * PUSH) {
     c.fillStyle = colour("--text");
-    c.fillText(push > 0 ? "push ▶" : "◀ push", width / 2 + (push > 0 ? -90 : 50), ground + 14);
+    c.font = "600 15px system-ui, sans-serif";
+    c.textAlign = push > 0 ? "right" : "left";
+    c.fillText(push > 0 ? "push ▶" : "◀ push", width / 2 - Math.sign(push) * (half + 12), ground - 10);
   }
+}
+
+// Round numbers in a range, a few: their distance, the first and the last as its multiples.
+function ticksOf(low, high, count) {
+  const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((n) => n * power).find((size) => size >= rough);
+  return { step, first: Math.ceil(low / step - 1e-6), last: Math.floor(high / step + 1e-6) };
 }
 
 function drawPlot(id) {
   const { c, width, height } = canvas(id);
-  const all = loops.flatMap((loop) => loop.history.flatMap((row) => row[id]));
+  const start = Math.max(0, time - SPAN), bottom = height - 20;
+  const curves = loops.map(({ history }) => history.filter(({ t }) => t >= start));
+  const all = curves.flatMap((rows) => rows.flatMap((row) => row[id]));
   let [low, high] = [Math.min(0, ...all), Math.max(0, ...all)];
   if (high - low < 1e-9) [low, high] = [-1, 1];
-  const y = (value) => height - 6 - ((value - low) / (high - low)) * (height - 12);
-  const x = (t) => 48 + ((t - time + SPAN) / SPAN) * (width - 52);
-  c.fillStyle = colour("--soft");
-  c.strokeStyle = colour("--line");
-  for (const value of [low, 0, high]) {
-    c.beginPath();
-    c.moveTo(48, y(value));
-    c.lineTo(width, y(value));
-    c.stroke();
-    c.fillText(String(+value.toPrecision(3)), 0, Math.min(height - 2, Math.max(11, y(value) + 4)));
+  const x = (t) => 48 + ((t - start) / SPAN) * (width - 52);
+  const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - 8);
+  c.fillStyle = c.strokeStyle = colour("--line");
+  for (const t of pushes) c.fillRect(Math.max(48, x(t)), 8, x(t + PUSH) - x(t), bottom - 8);
+  const rows = ticksOf(low, high, 4);
+  c.beginPath();
+  for (let n = rows.first; n <= rows.last; n++) {
+    c.moveTo(48, y(n * rows.step));
+    c.lineTo(width, y(n * rows.step));
   }
-  for (const loop of loops) {
+  c.stroke();
+  c.fillStyle = colour("--soft");
+  c.textAlign = "right";
+  for (let n = rows.first; n <= rows.last; n++) c.fillText(+(n * rows.step).toPrecision(3), 42, y(n * rows.step) + 4);
+  c.textAlign = "center";
+  for (let t = 2 * Math.ceil(start / 2); t < start + SPAN; t += 2) c.fillText(`${t} s`, Math.max(56, x(t)), height - 4);
+  if (!all.length) c.fillText("No network among the controllers", width / 2, height / 2);
+  c.lineWidth = 1.5;
+  loops.forEach((loop, k) => {
     c.strokeStyle = loop.colour;
-    c.lineWidth = 1.5;
-    for (let i = 0; i < (loop.history.at(-1)?.[id].length ?? 0); i++) {
+    for (let i = 0; i < (curves[k].at(-1)?.[id].length ?? 0); i++) {
       c.beginPath();
-      for (const row of loop.history) c.lineTo(x(row.t), y(row[id][i] ?? 0));
+      for (const row of curves[k]) c.lineTo(x(row.t), y(row[id][i] ?? 0));
       c.stroke();
     }
-  }
+  });
 }
 
 function draw() {
@@ -239,6 +288,8 @@ function frame(now) {
 function shove(force) {
   push = force;
   pushUntil = time + PUSH;
+  pushes = [...pushes.filter((t) => t > time - SPAN), time];
+  for (const loop of loops) loop.swing = 0;
 }
 
 function remember() {
@@ -265,8 +316,8 @@ function change(name, value) {
 
 function addController(name) {
   const label = document.createElement("label");
+  label.className = "controller";
   label.innerHTML = '<input type="checkbox"> <span class="key"></span>';
-  label.style.display = "block";
   const box = label.querySelector("input");
   box.id = `on-${name}`;
   box.checked = settings.on.split(",").includes(name);
@@ -314,7 +365,10 @@ function addSlider([name, label, unit, min, max, step]) {
   node.querySelector("span").textContent = label;
   const [input, output] = [node.querySelector("input"), node.querySelector("output")];
   Object.assign(input, { id: name, min, max, step, value: settings[name] });
-  const show = () => { output.textContent = `${+input.value} ${unit}`; };
+  const show = () => {
+    output.textContent = `${+input.value} ${unit}`;
+    input.setAttribute("aria-valuetext", output.textContent);
+  };
   input.oninput = () => {
     show();
     change(name, +input.value);
@@ -323,13 +377,17 @@ function addSlider([name, label, unit, min, max, step]) {
   element("sliders").append(node);
 }
 
+function go(on) {
+  running = on;
+  element("run").textContent = running ? "Pause" : "Run";
+}
+
 function bind() {
-  element("run").onclick = () => {
-    running = !running;
-    element("run").textContent = running ? "Pause" : "Run";
-    element("run").setAttribute("aria-pressed", running);
+  element("run").onclick = () => go(!running);
+  element("once").onclick = () => {
+    go(false);
+    advance(1);
   };
-  element("once").onclick = () => advance(1);
   element("reset").onclick = restart;
   element("left").onclick = () => shove(-settings.push);
   element("right").onclick = () => shove(settings.push);
@@ -337,18 +395,38 @@ function bind() {
     element(name).value = settings[name];
     element(name).onchange = () => change(name, element(name).value);
   }
-  element("scene").onpointerdown = (event) => {
-    const middle = event.target.getBoundingClientRect();
-    shove(event.clientX < middle.left + middle.width / 2 ? settings.push : -settings.push);
+  element("defaults").onclick = () => {
+    for (const [name, , , , , , start] of SETTINGS) {
+      element(name).value = start;
+      element(name).oninput();
+    }
+    element("dynamics").value = "3";
+    change("dynamics", "3");
   };
-  element("scene").onkeydown = ({ key }) => {
-    if (key === "ArrowLeft") shove(-settings.push);
-    if (key === "ArrowRight") shove(settings.push);
+  // It pushes the cart from the side of the click.
+  element("scene").onclick = ({ clientX, target }) => {
+    const { left, width } = target.getBoundingClientRect();
+    shove(clientX < left + width / 2 ? settings.push : -settings.push);
   };
+  addEventListener("keydown", (event) => {
+    const { key, target, altKey, ctrlKey, metaKey } = event;
+    const way = { ArrowLeft: -1, ArrowRight: 1 }[key];
+    if (!way || altKey || ctrlKey || metaKey || target.matches("input, select")) return;
+    event.preventDefault();
+    shove(way * settings.push);
+  });
+  // Another address, entered on the page
+  addEventListener("hashchange", () => location.reload());
   element("file").onchange = () => element("file").files[0] && take(element("file").files[0]);
-  addEventListener("dragover", (event) => event.preventDefault());
+  const mark = (on) => document.body.classList.toggle("drag", on);
+  addEventListener("dragover", (event) => {
+    event.preventDefault();
+    mark(true);
+  });
+  addEventListener("dragleave", (event) => event.relatedTarget ?? mark(false));
   addEventListener("drop", (event) => {
     event.preventDefault();
+    mark(false);
     const [file] = event.dataTransfer.files;
     if (file) take(file);
   });
@@ -358,7 +436,8 @@ async function start() {
   for (const [name, value] of new URLSearchParams(location.hash.slice(1))) {
     const known = SETTINGS.find(([setting]) => setting === name);
     if (known && value.trim() && +value >= known[3] && +value <= known[4]) settings[name] = +value;
-    if (name === "on" || (name === "dynamics" && /^[23]$/.test(value))) settings[name] = value;
+    const choices = [...(element(name)?.options ?? [])].map((option) => option.value);
+    if (name === "on" || choices.includes(value)) settings[name] = value;
   }
   const packed = JSON.parse(element("fmus").textContent);
   for (const [name, text] of Object.entries(packed)) {
@@ -367,8 +446,13 @@ async function start() {
   for (const name of Object.keys(COLOURS)) addController(name);
   for (const [name, text] of Object.entries(packed)) addDownload(name, unpacked(text));
   SETTINGS.forEach(addSlider);
+  for (const plot of document.querySelectorAll(".plot")) {
+    plot.setAttribute("role", "img");
+    plot.setAttribute("aria-label", plot.previousSibling.textContent);
+  }
   bind();
   restart();
+  go(!matchMedia("(prefers-reduced-motion: reduce)").matches);
   shove(settings.push);
   requestAnimationFrame(frame);
 }

@@ -96,7 +96,7 @@ def main() -> None:
     with sync_playwright() as playwright:
         chromium = shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=chromium, args=flags)
-        size = {"width": 900, "height": 800}
+        size = {"width": 900, "height": 1000}
         page = browser.new_page(viewport=size, bypass_csp=True)
         page.goto((ROOT / "target/page/index.html").as_uri() + "#on=Pid,PidRbf,IpidRbf")
         page.wait_for_function("loops.length === 3")
