@@ -285,9 +285,12 @@ FORCE = np.array([(0.05, 1), (0.25, 3), (0.37, 2), (0.37, -4), (0.6, 5), (0.6, 0
 """Slopes and jumps between and at communication points."""
 
 
-def driven(fmu: Path, folder: Path, name: str, *options: str) -> dict[str, np.ndarray]:
-    """Run an FMU by model exchange in steps of 0.1 s, with an input from the table."""
-    np.savetxt(folder / "input.csv", FORCE, delimiter=",", header=f"time,{name}", comments="")
+def driven(
+    fmu: Path, folder: Path, names: str, *options: str, table: np.ndarray = FORCE
+) -> dict[str, np.ndarray]:
+    """Run an FMU by model exchange in steps of 0.1 s, with inputs from a table."""
+    head = {"header": f"time,{names}", "comments": ""}
+    np.savetxt(folder / "input.csv", table, delimiter=",", fmt="%.17g", **head)
     exchange = ("--interface=model-exchange", "--tolerance=1e-10", "--stop=1", "--step=0.1")
     return simulate(fmu, folder, *exchange, "--input", folder / "input.csv", *options)
 
@@ -365,6 +368,59 @@ def test_in_parallel_order_samples_arrive_one_step_late_except_the_first(kinds, 
         alone = ("--set=theta0=0.1", f"--set=u={columns['controller.u'][0]}", "--stop=0.001")
         plant = simulate(FMUS / "Pendulum.fmu", tmp_path, *alone)
         assert columns["plant.omega"][1] == pytest.approx(plant["omega"][1], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def hopper(tmp_path_factory) -> Path:
+    """Return the FMU of tests/c/hopper.c."""
+    folder = tmp_path_factory.mktemp("hopper")
+    xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
+    return pack(folder / "Hopper.fmu", xml, compiled(folder, source="hopper.c"), "x86_64-linux")
+
+
+def check_kick(columns: dict[str, np.ndarray], kick: float, prefix: str = "") -> None:
+    """Check that a ball lands 2e-4 s after its kick, which starts z again from 1e-9."""
+    times = columns["time"]
+    late = times > kick + 1e-9
+    same(columns[f"{prefix}landings"], late)
+    same(columns[f"{prefix}h"], 0)
+    expected = np.cos(10 * (times[late] - kick))
+    assert 1e9 * columns[f"{prefix}z"][late] == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("kick", [0, 0.3, 0.35])
+def test_a_kick_changes_nominals_and_an_indicator_that_is_zero(kick, hopper, tmp_path):
+    check_kick(driven(hopper, tmp_path, "n", table=np.array([(0, kick == 0), (kick, 1)])), kick)
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "kicks"),
+    [("abc", "sequential", (0.3, 0.3)), ("abc", "parallel", (0.4, 0.5)),
+     ("cba", "sequential", (0.4, 0.5))],
+)  # fmt: skip
+def test_an_event_reaches_other_components_at_a_communication_point(
+    names, order, kicks, hopper, tmp_path
+):
+    """A ball that lands kicks the next one."""
+    system = write_system(
+        hopper.parent, {name: {} for name in names}, ["a.landings -> b.n", "b.landings -> c.n"],
+        "Hopper", step=0.1, order=order,
+    )  # fmt: skip
+    ours = driven(system, tmp_path, "a.n", table=np.array([(0, 0), (0.35, 1)]))
+    for name, kick in zip("abc", (0.35, *kicks), strict=True):
+        check_kick(ours, kick, f"{name}.")
+
+
+def test_discrete_inputs_of_fmi_2_follow_a_table(tmp_path):
+    """The FMU takes them in event mode only: m is n + 3, and c is b."""
+    xml = (SOURCES / "conformance.xml").read_text(encoding="utf-8")
+    fmu = tmp_path / "Conformance.fmu"
+    pack(fmu, xml, compiled(tmp_path, source="conformance.c"))
+    table = np.array([(0, 1, 0), (0.25, -4, 1), (0.6, 7, 0), (0.85, 7, 1)])
+    ours = driven(fmu, tmp_path, "n,b", table=table)
+    rows = np.searchsorted(table[:, 0], ours["time"] + 1e-9) - 1
+    same(ours["m"], table[rows, 1] + 3)
+    same(ours["c"], table[rows, 2])
 
 
 # --- options and output ---------------------------------------------------------------------------

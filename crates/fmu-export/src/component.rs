@@ -549,8 +549,7 @@ impl Component {
 
     /// Integrates the equations over a step and handles the events in it.
     pub(crate) fn integrate(&mut self, time: f64, size: f64) -> Result<(), ModelError> {
-        let events = Events::Here(self.shared.lifecycle.integration.handled);
-        self.integrate_to(time, size, events).map(drop)
+        self.integrate_to(time, size, Events::Here).map(drop)
     }
 
     /// Integrates the equations over a step, which changes nothing if it fails.
@@ -571,15 +570,12 @@ impl Component {
             tolerance,
             longest: model.facts().step.max(1e-3 * size),
             events,
-            follows_event: !matches!(events, Events::Here(_)) && handled == shared.lifecycle.time,
+            handled,
         };
         let advanced = model.advance(&mut shared.workspace, &step);
-        match (&advanced, events) {
-            (Ok(advanced), Events::Here(_)) => {
-                shared.lifecycle.integration.handled = advanced.handled;
-            }
-            (Ok(_), _) => {}
-            (Err(_), _) => _ = model.assign(before.as_ref()),
+        match &advanced {
+            Ok(advanced) => shared.lifecycle.integration.handled = advanced.handled,
+            Err(_) => _ = model.assign(before.as_ref()),
         }
         advanced
     }

@@ -90,7 +90,7 @@ pub(crate) struct Lifecycle {
 pub(crate) struct Integration {
     /// Relative tolerance.
     pub(crate) tolerance: f64,
-    /// The time until which time events are handled (s).
+    /// The time until which events are handled (s).
     pub(crate) handled: f64,
 }
 

@@ -231,6 +231,8 @@ pub struct Update {
     pub again: bool,
     /// `terminateSimulation`
     pub terminate: bool,
+    /// `nominalsOfContinuousStatesChanged`
+    pub nominals_changed: bool,
     /// `valuesOfContinuousStatesChanged`
     pub states_changed: bool,
     /// `nextEventTime`, if it is defined.
@@ -701,7 +703,7 @@ impl Instance {
 
     /// `fmi2NewDiscreteStates`, `fmi3UpdateDiscreteStates`
     pub fn update_discrete_states(&mut self) -> Result<Update> {
-        let (flags, next) = match self.version {
+        let ([again, terminate, nominals, states, is_defined], next) = match self.version {
             Version::Fmi2 => {
                 let mut info = fmi2EventInfo {
                     newDiscreteStatesNeeded: UNWRITTEN,
@@ -715,6 +717,7 @@ impl Instance {
                 let flags = [
                     info.newDiscreteStatesNeeded,
                     info.terminateSimulation,
+                    info.nominalsOfContinuousStatesChanged,
                     info.valuesOfContinuousStatesChanged,
                     info.nextEventTimeDefined,
                 ];
@@ -724,17 +727,17 @@ impl Instance {
                 let (mut flags, mut next) = ([UNWRITTEN as fmi3Boolean; 5], 0.0);
                 let [a, t, n, s, d] = &mut flags;
                 Fmi3(self).update_discrete_states(a, t, n, s, d, &mut next)?;
-                let [a, t, _, s, d] = flags;
-                ([a, t, s, d].map(|value| flag(value.cast_signed())), next)
+                (flags.map(|value| flag(value.cast_signed())), next)
             }
         };
-        let [again, terminate, states_changed, is_defined] = flags.map(|flag| flag == Some(true));
+        let is_set = |flag: Option<bool>| flag == Some(true);
         Ok(Update {
-            again,
-            terminate,
-            states_changed,
-            next_event: is_defined.then_some(next),
-            is_written: !flags.contains(&None),
+            again: is_set(again),
+            terminate: is_set(terminate),
+            nominals_changed: is_set(nominals),
+            states_changed: is_set(states),
+            next_event: is_set(is_defined).then_some(next),
+            is_written: ![again, terminate, states, is_defined].contains(&None),
         })
     }
 

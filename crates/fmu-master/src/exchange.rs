@@ -167,23 +167,6 @@ impl Calling<'_> {
         let cause = Cause::Terminated(time);
         Trouble::Call(fmu_host::Failure { function, cause }, String::new())
     }
-
-    /// Handles an event in event mode, and returns the time of the next time event (s).
-    fn update(&mut self, time: f64) -> Result<Option<f64>> {
-        for _ in 0..MAX_EVENTS {
-            let operation = Operation::Update;
-            let update = self.call(operation, Instance::update_discrete_states)?;
-            if update.terminate {
-                return Err(self.terminated(operation, time));
-            }
-            if !update.again {
-                let operation = Operation::ContinuousMode;
-                self.warned(operation, Instance::enter_continuous_time_mode)?;
-                return Ok(update.next_event);
-            }
-        }
-        Err(too_many_events())
-    }
 }
 
 impl<'a> Exchange<'a> {
@@ -209,18 +192,6 @@ impl<'a> Exchange<'a> {
                 [states, indicators]
             }
         };
-        let next = calling.update(start)?;
-        let mut nominals = vec![1.0; states];
-        if states > 0 {
-            calling.warned(Operation::Nominals, |instance| {
-                instance.get_nominals_of_continuous_states(&mut nominals)
-            })?;
-        }
-        for nominal in
-            nominals.iter_mut().filter(|nominal| **nominal == 0.0 || !nominal.is_finite())
-        {
-            *nominal = 1.0;
-        }
         let inputs = || ports.iter().flat_map(|ports| ports.inputs.scalars.iter());
         let is_discrete =
             |scalar: &usize| fmu.variable(*scalar).variability != Variability::Continuous;
@@ -228,16 +199,18 @@ impl<'a> Exchange<'a> {
             workspace: Workspace::new(states, indicators),
             tolerance: tolerance.unwrap_or(TOLERANCE),
             longest: fmu.step.unwrap_or(step).min(step),
-            nominals,
+            nominals: vec![1.0; states],
             derivatives: vec![0.0; states],
             indicators: vec![0.0; indicators],
             signals,
             is_fed: ports.iter().any(|p| p.sources.iter().any(|s| s.component.is_some())),
             is_discrete: inputs().any(is_discrete),
-            next,
+            next: None,
             handled: start,
             left: f64::INFINITY,
         };
+        exchange.update(calling, start)?;
+        exchange.read_nominals(calling)?;
         exchange.signals.iter_mut().for_each(|signals| signals.begin(start));
         Equations { calling, exchange: &mut exchange }.evaluate_here(start)?;
         if exchange.is_discrete {
@@ -260,8 +233,39 @@ impl<'a> Exchange<'a> {
     ) -> Result {
         calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
         calling.warned(Operation::Update, set)?;
-        self.next = calling.update(time)?;
-        self.handled = time;
+        self.update(calling, time)
+    }
+
+    /// Handles an event in event mode.
+    fn update(&mut self, calling: &mut Calling<'_>, time: f64) -> Result {
+        let mut nominals_changed = false;
+        for _ in 0..MAX_EVENTS {
+            let operation = Operation::Update;
+            let update = calling.call(operation, Instance::update_discrete_states)?;
+            if update.terminate {
+                return Err(calling.terminated(operation, time));
+            }
+            nominals_changed |= update.nominals_changed;
+            if !update.again {
+                let operation = Operation::ContinuousMode;
+                calling.warned(operation, Instance::enter_continuous_time_mode)?;
+                self.next = update.next_event;
+                self.handled = time;
+                return if nominals_changed { self.read_nominals(calling) } else { Ok(()) };
+            }
+        }
+        Err(too_many_events())
+    }
+
+    fn read_nominals(&mut self, calling: &mut Calling<'_>) -> Result {
+        let nominals = &mut self.nominals;
+        if !nominals.is_empty() {
+            calling.warned(Operation::Nominals, |instance| {
+                instance.get_nominals_of_continuous_states(nominals)
+            })?;
+        }
+        let is_unusable = |nominal: &&mut f64| **nominal == 0.0 || !nominal.is_finite();
+        nominals.iter_mut().filter(is_unusable).for_each(|nominal| *nominal = 1.0);
         Ok(())
     }
 
@@ -279,24 +283,18 @@ impl<'a> Exchange<'a> {
         let (mut workspace, next) = (std::mem::take(&mut self.workspace), self.next);
         let mut equations = Equations { calling, exchange: self };
         if equations.exchange.is_discrete {
-            equations.update(next.filter(|_| is_due).map_or(time, |next| next.max(time)))?;
+            let time = next.filter(|_| is_due).map_or(time, |next| next.max(time));
+            equations.exchange.update(equations.calling, time)?;
         } else if let Some(next) = next.filter(|_| is_due) {
             equations.event(next.max(time))?;
         } else if equations.exchange.has_inputs() && equations.has_crossed(time)? {
             equations.event(time)?;
         }
         let Exchange { tolerance, longest, handled, .. } = *equations.exchange;
-        let step = Step {
-            time,
-            size,
-            tolerance,
-            longest,
-            events: Events::Here(handled.max(time)),
-            follows_event: handled >= time - rounding,
-        };
+        let step = Step { time, size, tolerance, longest, events: Events::Here, handled };
         let advanced = solver::advance(&mut equations, &mut workspace, &step);
         self.workspace = workspace;
-        self.handled = advanced?.handled;
+        advanced?;
         if self.is_discrete {
             calling.warned(Operation::EventMode, Instance::enter_event_mode)?;
         }
@@ -335,13 +333,6 @@ impl Equations<'_, '_, '_> {
         self.evaluate_here(time)?;
         let mut pairs = before.iter().zip(&self.exchange.indicators);
         Ok(pairs.any(|(before, now)| (*before > 0.0) != (*now > 0.0)))
-    }
-
-    /// Handles an event in event mode.
-    fn update(&mut self, time: f64) -> Result {
-        self.exchange.next = self.calling.update(time)?;
-        self.exchange.handled = time;
-        Ok(())
     }
 }
 
@@ -410,7 +401,7 @@ impl System for Equations<'_, '_, '_> {
             self.calling.feed(signals, time, true)?;
             signals.begin(time);
         }
-        self.update(time)
+        self.exchange.update(self.calling, time)
     }
 
     fn next_event(&self, _time: f64) -> Option<f64> {
