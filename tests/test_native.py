@@ -19,7 +19,7 @@ import fmpy
 import numpy as np
 import pyarrow.parquet
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 from native import (
     LOOPS,
@@ -391,6 +391,19 @@ def check_kick(columns: dict[str, np.ndarray], kick: float, prefix: str = "") ->
 @pytest.mark.parametrize("kick", [0, 0.3, 0.35])
 def test_a_kick_changes_nominals_and_an_indicator_that_is_zero(kick, hopper, tmp_path):
     check_kick(driven(hopper, tmp_path, "n", table=np.array([(0, kick == 0), (kick, 1)])), kick)
+
+
+def test_elements_of_an_array_follow_a_table_within_a_step(hopper, tmp_path):
+    """The other element keeps its start value."""
+    table = np.insert(FORCE, 1, 20_000, axis=1)
+    ours = driven(hopper, tmp_path, "n,a[2]", "--set=a[1]=-5", table=table)
+    points = {"points": np.unique(FORCE[:, 0]), "epsabs": 1e-12}
+
+    def rise(t: float) -> float:
+        return quad(lambda s: (t - s) * (-5 + 2 * np.interp(s, *FORCE.T)), 0, t, **points)[0]
+
+    expected = [20 * t + rise(t) for t in ours["time"]]
+    assert ours["h"] == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -400,7 +400,7 @@ impl Drop for Component<'_> {
 
 /// The values of inputs before any is connected: of arrays, the start values, since an array is set as a
 /// whole.
-fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value>) -> Vec<Value> {
+pub(crate) fn initial(inputs: &Wired, fmu: &Fmu, starts: &BTreeMap<usize, &Value>) -> Vec<Value> {
     let mut values = vec![Value::Boolean(false); inputs.elements];
     let mut last = None;
     for (scalar, position) in inputs.scalars.iter().zip(&inputs.positions) {

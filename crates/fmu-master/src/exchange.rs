@@ -148,9 +148,9 @@ impl Calling<'_> {
 
     /// Sets inputs of a table, before or after an event.
     fn feed(&mut self, signals: &Signals<'_>, time: f64, after: bool) -> Result {
-        for (kind, reference, value) in signals.values(time, after) {
+        for (kind, reference, values) in signals.values(time, after) {
             self.calls.begin(Function::of(self.version, &operation("set", kind)));
-            let set = self.instance.set_values(kind, &[reference], &[value]);
+            let set = self.instance.set_values(kind, &[reference], &values);
             if let Success::Warning(function) =
                 set.map_err(|failure| Trouble::Call(failure, String::new()))?
             {

@@ -1,15 +1,16 @@
 //! Values of inputs over time, from a CSV file.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use fmu_description::{Causality, Type, Value, Variability};
 
+use crate::component::initial;
 use crate::plan::{Link, Planned, Port, port};
 use crate::table::{self, Column};
-use crate::wiring::{Store, number};
+use crate::wiring::{Ports, Store, Wired, number};
 use crate::{Fmu, Place, plan};
 
 /// A table with a row for each time. Between rows, continuous inputs of the type Float64 or Float32 are
@@ -142,12 +143,21 @@ impl Input {
     }
 }
 
-/// The scalar inputs of a component of model exchange that have values from a table, during a step.
+/// An input, or elements of one that is an array, with the values of all elements.
+#[derive(Clone)]
+struct Signal<'a> {
+    kind: Type,
+    reference: u32,
+    values: Vec<Value>,
+    /// The columns of the table, and the elements that they give.
+    columns: Vec<(&'a Fed, usize)>,
+}
+
+/// The inputs of a component of model exchange that have values from a table, during a step.
 #[derive(Clone)]
 pub(crate) struct Signals<'a> {
     input: &'a Input,
-    /// Their columns, types and value references.
-    columns: Vec<(&'a Fed, Type, u32)>,
+    all: Vec<Signal<'a>>,
     /// The row that holds since the last event, and the one of the next event: a jump, or a new value of an
     /// input that is not interpolated.
     held: usize,
@@ -155,15 +165,42 @@ pub(crate) struct Signals<'a> {
 }
 
 impl<'a> Signals<'a> {
-    /// Those of a component, by its index, if there are any.
-    pub(crate) fn new(input: &'a Input, component: usize, fmu: &Fmu) -> Option<Self> {
-        let columns = input.columns.iter().filter_map(|column| {
-            let Port { component: fed, scalar } = column.port;
-            let is_own = fed == component && fmu.array(scalar).len() == 1;
-            is_own.then(|| (column, fmu.access(scalar), fmu.variable(scalar).reference))
+    /// Those of a component, by its index, if there are any; elements without a column have these start values.
+    /// An array that is partly fed by another component is left out.
+    pub(crate) fn new(
+        input: &'a Input,
+        component: usize,
+        fmu: &Fmu,
+        ports: &[Ports],
+        starts: &BTreeMap<usize, &Value>,
+    ) -> Option<Self> {
+        let fed = ports.iter().flat_map(|ports| ports.inputs.scalars.iter().zip(&ports.sources));
+        let fed = fed.filter(|(_, source)| source.component.is_some());
+        let fed: HashSet<_> = fed.map(|(scalar, _)| fmu.array(*scalar)).collect();
+        let mut columns: BTreeMap<usize, Vec<_>> = BTreeMap::new();
+        for column in input.columns.iter().filter(|column| column.port.component == component) {
+            let array = fmu.array(column.port.scalar);
+            if !fed.contains(&array) {
+                let element = fmu.scalars[column.port.scalar].element;
+                columns.entry(array.start).or_default().push((column, element));
+            }
+        }
+        let all = columns.into_iter().map(|(first, columns)| {
+            let mut variable = Wired::default();
+            variable.push(fmu, first);
+            Signal {
+                kind: fmu.access(first),
+                reference: fmu.variable(first).reference,
+                values: initial(&variable, fmu, starts),
+                columns,
+            }
         });
-        let columns = Vec::from_iter(columns);
-        (!columns.is_empty()).then_some(Self { input, columns, held: 0, next: 0 })
+        let all = Vec::from_iter(all);
+        (!all.is_empty()).then_some(Self { input, all, held: 0, next: 0 })
+    }
+
+    fn columns(&self) -> impl Iterator<Item = &'a Fed> {
+        self.all.iter().flat_map(|signal| signal.columns.iter().map(|(fed, _)| *fed))
     }
 
     /// Goes on from a communication point or an event (s).
@@ -171,8 +208,7 @@ impl<'a> Signals<'a> {
         let times = &self.input.times;
         self.held = self.input.rows(time).0;
         let is_event = |row: &usize| {
-            let is_held = |fed: &&Fed| fed.interpolated.is_none();
-            let mut held = self.columns.iter().map(|(fed, ..)| *fed).filter(is_held);
+            let mut held = self.columns().filter(|fed| fed.interpolated.is_none());
             times.get(row + 1) == Some(&times[*row])
                 || (*row > 0 && held.any(|fed| fed.values[*row] != fed.values[row - 1]))
         };
@@ -194,17 +230,22 @@ impl<'a> Signals<'a> {
         &self,
         time: f64,
         after: bool,
-    ) -> impl Iterator<Item = (Type, u32, Value)> {
+    ) -> impl Iterator<Item = (Type, u32, Vec<Value>)> {
         let times = &self.input.times;
         let next = times.partition_point(|t| *t <= time).max(self.held + 1).min(self.next);
         let rows = match after {
             true => self.input.rows(time),
             false => (next.saturating_sub(1), (1..times.len()).contains(&next).then_some(next)),
         };
-        let columns =
-            self.columns.iter().filter(move |(fed, ..)| after || fed.interpolated.is_some());
-        columns.map(move |(fed, kind, reference)| {
-            (*kind, *reference, self.input.value(fed, time, rows))
+        let is_set = move |signal: &&Signal<'_>| {
+            after || signal.columns.iter().any(|(fed, _)| fed.interpolated.is_some())
+        };
+        self.all.iter().filter(is_set).map(move |signal| {
+            let mut values = signal.values.clone();
+            for (fed, element) in &signal.columns {
+                values[*element] = self.input.value(fed, time, rows);
+            }
+            (signal.kind, signal.reference, values)
         })
     }
 }
@@ -234,13 +275,16 @@ mod tests {
         let values = [0, 0, 7, 7].map(Value::Int32).to_vec();
         let columns = vec![Fed { port, interpolated: None, values }];
         let input = Input { times: vec![0.5, 1.0, 1.5, 2.0], columns };
-        let columns = vec![(&input.columns[0], Type::Int32, 3)];
-        let mut signals = Signals { input: &input, columns, held: 0, next: 0 };
+        let columns = vec![(&input.columns[0], 0)];
+        let values = vec![Value::Int32(0)];
+        let all = vec![Signal { kind: Type::Int32, reference: 3, values, columns }];
+        let mut signals = Signals { input: &input, all, held: 0, next: 0 };
         for (time, next) in [(0.0, Some(1.5)), (1.0, Some(1.5)), (1.5, None)] {
             signals.begin(time);
             assert_eq!(signals.next(), next, "at {time} s");
         }
         assert_eq!(signals.values(1.5, false).count(), 0);
-        assert_eq!(signals.values(1.5, true).next(), Some((Type::Int32, 3, Value::Int32(7))));
+        let values = vec![Value::Int32(7)];
+        assert_eq!(signals.values(1.5, true).next(), Some((Type::Int32, 3, values)));
     }
 }

@@ -131,8 +131,10 @@ impl Simulation<'_> {
         let begun = exited.and_then(|()| {
             let components = self.components.iter_mut().zip(&plan.components);
             components.enumerate().try_for_each(|(index, (component, planned))| {
-                let input = plan.input.as_ref();
-                let signals = input.and_then(|input| Signals::new(input, index, &planned.fmu));
+                let (fmu, starts) = (&planned.fmu, plan.starts(index, starts));
+                let ports = &plan.wiring.components[index];
+                let signals = plan.input.as_ref();
+                let signals = signals.and_then(|i| Signals::new(i, index, fmu, ports, &starts));
                 component.begin(signals, planned.tolerance, (start, plan.experiment.step))
             })
         });
