@@ -53,7 +53,7 @@ Example:\n  cargo fmu new my-controller"
                                        with a binary built elsewhere
   cargo fmu export Pid --name FastPid --set pid.kp=400 --set ts=0.0005
                                        a variant with other start values")]
-    Export(export::ExportArgs),
+    Export(fmu_build::Options),
     /// Show the variables, capabilities and platforms of FMUs
     #[command(after_help = "Example:\n  cargo fmu info target/fmu/Pid.fmu")]
     Info(info::InfoArgs),
@@ -110,9 +110,9 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
     let out = &mut anstream::stdout();
     match command {
         Command::New(args) => new::run(&args, out)?,
-        Command::Export(args) => {
+        Command::Export(options) => {
             let _session = Session::end_when_interrupted()?;
-            export::run(args, out)?;
+            export::run(&options, out)?;
         }
         Command::Info(args) => info::run(&args, out)?,
         Command::Merge(args) => {

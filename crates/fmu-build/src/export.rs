@@ -8,6 +8,8 @@ use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::Metadata;
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use fmu_description::hash::checksum;
 use fmu_description::{Description, FmiVersion, read_interfaces};
 use fmu_file::archive::{self, Compression, MODEL_DESCRIPTION, Packed};
@@ -22,29 +24,46 @@ use crate::library::{Library, Selection};
 use crate::model::{self, Model, Variant};
 use crate::toolchain::{self, Recipe, Target, macho};
 
-/// What to export, and for which platforms.
-#[derive(Debug, Default)]
+/// What to export, and for which platforms; the options of `cargo fmu export`.
+#[derive(Debug, Default, Args)]
 pub struct Options {
-    /// Which packages to build, and how.
-    pub selection: Selection,
-    /// Names of the models; all if empty.
+    /// Models to export [default: all]
+    #[arg(value_name = "MODEL")]
     pub models: Vec<String>,
     /// Other name and start values for the only model.
+    #[command(flatten)]
     pub variant: Variant,
-    /// Versions of FMI, each with its own FMUs; FMI 2.0 if empty.
+    /// Version of FMI; may be repeated. Files for FMI 3.0 are named MODEL_fmi3.fmu
+    #[arg(long = "fmi", value_name = "VERSION", value_delimiter = ',', default_value = "2.0", value_parser = version())]
     pub versions: Vec<FmiVersion>,
-    /// Whether to leave out the variables that a version of FMI cannot express, instead of refusing the model.
+    /// Leave out variables of types that FMI 2.0 lacks, instead of refusing the model
+    #[arg(long)]
     pub omit_unsupported: bool,
-    /// Output folder; by default `fmu` in cargo's target folder.
+    /// Output folder for the FMUs [default: fmu in cargo's target folder]
+    #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Whether to build for any Linux with glibc 2.17 or newer, for this machine's processor.
+    /// Build for any Linux with glibc 2.17 or newer, using cargo-zigbuild
+    #[arg(long)]
     pub portable: bool,
-    /// Rust targets to build for; this machine's target if empty.
+    /// Rust target to build for; may be repeated [default: this machine]. universal2-apple-darwin
+    /// builds for both macOS architectures, x86_64-unknown-linux-gnu.2.28 for Linux with glibc 2.28, wasm
+    /// (with --fmi 3.0) a WebAssembly component
+    #[arg(long = "target", value_name = "TRIPLE")]
     pub targets: Vec<String>,
-    /// Prebuilt shared libraries.
+    /// Add a shared library built elsewhere, for linux64, win64, ...
+    #[arg(long = "binary", value_name = "PLATFORM=FILE")]
     pub binaries: Vec<Prebuilt>,
-    /// Compression of the binaries.
-    pub compression: Compression,
+    /// Compress with zopfli: 3.5 % smaller, but slow
+    #[arg(long)]
+    pub small: bool,
+    /// Which packages to build, and how.
+    #[command(flatten)]
+    pub selection: Selection,
+}
+
+fn version() -> impl TypedValueParser<Value = FmiVersion> {
+    let numbers = PossibleValuesParser::new(FmiVersion::ALL.map(FmiVersion::as_str));
+    numbers.map(|number| FmiVersion::named(Some(&number)).unwrap_or_default())
 }
 
 /// An FMU that was written.
@@ -188,7 +207,11 @@ impl<'a> Builder<'a> {
         }
         let cache = self.metadata.target_directory.join("fmu-packed");
         fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
-        let pack = |binary: &Binary<'_>| binary.pack(self.options.compression, cache.as_std_path());
+        let compression = match self.options.small {
+            true => Compression::Zopfli,
+            false => Compression::Deflate,
+        };
+        let pack = |binary: &Binary<'_>| binary.pack(compression, cache.as_std_path());
         // This machine's binary is built to read the models, even if it is not packed.
         let is_replaced = |binary: &Binary<'_>| {
             let mut replaced = self.prebuilt.iter().flat_map(|other| &other.platforms);

@@ -16,7 +16,6 @@ pub mod table;
 mod toolchain;
 
 pub use fmu_description::FmiVersion;
-pub use fmu_file::archive::Compression;
 
 pub use cargo::Progress;
 pub use export::{Options, Written, export};

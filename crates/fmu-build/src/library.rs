@@ -5,24 +5,32 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use cargo_metadata::{CrateType, Metadata, MetadataCommand, Package, Target};
+use clap::Args;
 use fmu_description::{FmiVersion, Origin};
 
 use crate::dependency::{Dependency, FMU_EXPORT, VERSION};
 
 /// Which packages to build, and how; the options mean the same as cargo's.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Options of cargo")]
 pub struct Selection {
-    /// `--manifest-path`
+    /// Manifest of the package or workspace [default: the one in the current folder]
+    #[arg(long, value_name = "PATH")]
     pub manifest_path: Option<PathBuf>,
-    /// `--package`
+    /// Package with the models; may be repeated [default: as cargo build, else all with models]
+    #[arg(short, long = "package", value_name = "NAME")]
     pub packages: Vec<String>,
-    /// `--features`
+    /// Features of the package
+    #[arg(short = 'F', long, value_name = "FEATURES", value_delimiter = ',')]
     pub features: Vec<String>,
-    /// `--all-features`
+    /// Activate all features
+    #[arg(long)]
     pub all_features: bool,
-    /// `--no-default-features`
+    /// Do not activate the default features
+    #[arg(long)]
     pub no_default_features: bool,
-    /// `--profile`
+    /// Profile to build with
+    #[arg(long, value_name = "NAME", default_value = "release")]
     pub profile: String,
 }
 

@@ -1,6 +1,7 @@
 //! A model of a library: its description, and the files of its FMU other than the binaries.
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use fmu_description::{
     Causality, Description, FmiVersion, ModelDescription, Value, Variable, interface, words,
 };
@@ -90,12 +91,20 @@ pub fn omitted(
 }
 
 /// A variant of a model: another name, and other start values.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Args)]
 pub struct Variant {
-    /// Its name; by default, the name of the model.
+    /// Name of a variant of the model, with other start values
+    #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
-    /// Names of variables, and their start values as text.
+    /// Start value of a variable in a variant; may be repeated
+    #[arg(long = "set", value_name = "VARIABLE=VALUE", value_parser = setting)]
     pub settings: Vec<(String, String)>,
+}
+
+fn setting(text: &str) -> Result<(String, String)> {
+    let parts = text.split_once('=').filter(|(variable, _)| !variable.is_empty());
+    let (variable, value) = parts.context("expected VARIABLE=VALUE")?;
+    Ok((variable.to_owned(), value.to_owned()))
 }
 
 impl Variant {

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
+use clap::{Args, ValueEnum};
 use fmu_description::{Type, Value, Variable};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
@@ -85,23 +86,23 @@ pub struct Experiment {
 }
 
 /// The order in which components step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// One after the other (Gauss-Seidel).
+    /// One component after the other, using the newest outputs (Gauss-Seidel).
     #[default]
     Sequential,
-    /// All from the same outputs (Jacobi).
+    /// All components at once, using the outputs before the step (Jacobi).
     Parallel,
 }
 
 /// How the master runs an FMU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
     /// The FMU computes each step.
     CoSimulation,
-    /// The master integrates the equations of the FMU.
+    /// The equations of the FMU are integrated.
     ModelExchange,
 }
 
@@ -272,27 +273,55 @@ impl Written {
     }
 }
 
-/// What the user changes of a description; by default nothing.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the fields are those of a description")]
+/// What the user changes of a description, by default nothing; the options of `cargo fmu simulate`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Args)]
 pub struct Changes {
-    pub start: Option<f64>,
-    pub stop: Option<f64>,
-    pub step: Option<f64>,
-    pub order: Option<Order>,
-    /// Replaces the tolerances of all components.
-    pub tolerance: Option<f64>,
-    pub outputs: Vec<String>,
-    pub input: Option<PathBuf>,
-    /// Replaces the interface of each component.
-    pub interface: Option<Interface>,
-    /// Replaces that of each component.
-    pub sampled: Option<bool>,
-    /// The folder to take the FMUs from.
-    pub fmus: Option<PathBuf>,
-    /// Start values by `component.variable`, as text; see [`Plan::set`](crate::Plan::set).
+    /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
+    /// has no COMPONENT
+    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
     pub sets: Vec<(String, String)>,
+    /// Start time in s
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub start: Option<f64>,
+    /// Stop time, the last recorded communication point, in s
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub stop: Option<f64>,
+    /// Communication step size in s
+    #[arg(long, value_name = "H", allow_negative_numbers = true)]
+    pub step: Option<f64>,
+    /// Relative tolerance of all components
+    #[arg(long, value_name = "TOLERANCE")]
+    pub tolerance: Option<f64>,
+    /// How to run the FMUs [default: by co-simulation, if they support it]
+    #[arg(long)]
+    pub interface: Option<Interface>,
+    /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
+    /// one FMU without a system file]
+    #[arg(long)]
+    pub sampled: Option<bool>,
+    /// Order of stepping
+    #[arg(long)]
+    pub order: Option<Order>,
+    /// Variable to record; may be repeated
+    #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
+    pub outputs: Vec<String>,
+    /// CSV file with values of inputs: a column time in s, and one for each input
+    #[arg(long, value_name = "FILE")]
+    pub input: Option<PathBuf>,
+    /// Folder of the FMUs
+    #[arg(long, value_name = "DIR")]
+    pub fmus: Option<PathBuf>,
+    /// How WebAssembly components run.
+    #[arg(skip)]
     pub sandbox: Sandbox,
+}
+
+/// Parses `COMPONENT.VARIABLE=VALUE`.
+fn assignment(text: &str) -> Result<(String, String)> {
+    let parts = text.split_once('=');
+    let (name, value) =
+        parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
+    Ok((name.to_owned(), value.to_owned()))
 }
 
 impl Description {

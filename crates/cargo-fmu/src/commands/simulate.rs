@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-use anyhow::{Context, Error, Result, bail};
-use clap::{Args, ValueEnum};
+use anyhow::{Error, Result, bail};
+use clap::Args;
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
 use fmu_master::{
@@ -30,41 +30,8 @@ pub struct SimulateArgs {
     /// FMU, system file such as those in examples/closed-loop, or SSP package
     #[arg(value_name = "FMU or SYSTEM.toml")]
     system: PathBuf,
-    /// Set a start value (for an enumeration, the name of an item); may be repeated. An FMU without system file
-    /// has no COMPONENT
-    #[arg(long = "set", value_name = "COMPONENT.VARIABLE=VALUE", value_parser = assignment)]
-    sets: Vec<(String, String)>,
-    /// Start time in s
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
-    start: Option<f64>,
-    /// Stop time, the last recorded communication point, in s
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
-    stop: Option<f64>,
-    /// Communication step size in s
-    #[arg(long, value_name = "H", allow_negative_numbers = true)]
-    step: Option<f64>,
-    /// Relative tolerance of all components
-    #[arg(long, value_name = "TOLERANCE")]
-    tolerance: Option<f64>,
-    /// How to run the FMUs [default: by co-simulation, if they support it]
-    #[arg(long)]
-    interface: Option<Interface>,
-    /// Record all components after each step, or before it [default: after it if all outputs are discrete, except
-    /// one FMU without a system file]
-    #[arg(long)]
-    sampled: Option<bool>,
-    /// Order of stepping
-    #[arg(long)]
-    order: Option<Order>,
-    /// Variable to record; may be repeated
-    #[arg(long = "output", value_name = "COMPONENT.VARIABLE")]
-    outputs: Vec<String>,
-    /// CSV file with values of inputs: a column time in s, and one for each input
-    #[arg(long, value_name = "FILE")]
-    input: Option<PathBuf>,
-    /// Folder of the FMUs
-    #[arg(long, value_name = "DIR")]
-    fmus: Option<PathBuf>,
+    #[command(flatten)]
+    changes: Changes,
     /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -75,32 +42,6 @@ pub struct SimulateArgs {
     over: Vec<PathBuf>,
     #[command(flatten)]
     limited: Limited,
-}
-
-/// Order of stepping.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Order {
-    /// One component after the other, using the newest outputs (Gauss-Seidel)
-    Sequential,
-    /// All components at once, using the outputs before the step (Jacobi)
-    Parallel,
-}
-
-/// How to run an FMU.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Interface {
-    /// The FMU computes each step
-    CoSimulation,
-    /// The equations of the FMU are integrated
-    ModelExchange,
-}
-
-/// Parses `COMPONENT.VARIABLE=VALUE`.
-fn assignment(text: &str) -> Result<(String, String)> {
-    let parts = text.split_once('=');
-    let (name, value) =
-        parts.context("expected COMPONENT.VARIABLE=VALUE, such as controller.pid.kp=250")?;
-    Ok((name.to_owned(), value.to_owned()))
 }
 
 /// Simulates the system in a worker process and reports the results.
@@ -183,30 +124,6 @@ pub fn supervise(
 }
 
 impl SimulateArgs {
-    /// The options that change the system file.
-    fn changes(&self) -> Changes {
-        Changes {
-            start: self.start,
-            stop: self.stop,
-            step: self.step,
-            order: self.order.map(|order| match order {
-                Order::Sequential => fmu_master::Order::Sequential,
-                Order::Parallel => fmu_master::Order::Parallel,
-            }),
-            tolerance: self.tolerance,
-            outputs: self.outputs.clone(),
-            input: self.input.clone(),
-            interface: self.interface.map(|interface| match interface {
-                Interface::CoSimulation => fmu_master::Interface::CoSimulation,
-                Interface::ModelExchange => fmu_master::Interface::ModelExchange,
-            }),
-            sampled: self.sampled,
-            fmus: self.fmus.clone(),
-            sets: self.sets.clone(),
-            sandbox: self.limited.sandbox(),
-        }
-    }
-
     /// The model, unless it is a system file.
     pub fn model(&self) -> Option<String> {
         let is_system = self.system.extension().is_some_and(|extension| extension == "toml");
@@ -217,7 +134,7 @@ impl SimulateArgs {
     pub fn use_fmus(&mut self, folder: &Path) {
         match self.model() {
             Some(model) => self.system = folder.join(format!("{model}.fmu")),
-            None => self.fmus = Some(folder.to_owned()),
+            None => self.changes.fmus = Some(folder.to_owned()),
         }
     }
 }
@@ -229,7 +146,7 @@ pub fn stem(file: &Path) -> String {
 
 /// Reads the system file, applies the options and loads the FMUs.
 fn plan(args: &SimulateArgs) -> Result<(Plan, Vec<Start>)> {
-    let changes = args.changes();
+    let changes = Changes { sandbox: args.limited.sandbox(), ..args.changes.clone() };
     let mut description = Description::open(&args.system)?;
     description.change(&changes);
     for warning in description.package.iter().flat_map(|package| &package.warnings) {
@@ -244,7 +161,7 @@ fn located(args: &SimulateArgs, error: Error) -> Error {
     if is_fmu(&args.system) {
         return error;
     }
-    let text = match args.start.or(args.stop).or(args.step) {
+    let text = match args.changes.start.or(args.changes.stop).or(args.changes.step) {
         None => fs::read_to_string(&args.system).unwrap_or_default(),
         Some(_) => String::new(),
     };

@@ -9,10 +9,10 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use fmu_build::{FmiVersion, Options};
+use fmu_build::{FmiVersion, Options, Selection};
 use fmu_worker::Service;
 
-use super::export::{self, SelectionArgs};
+use super::export;
 use super::simulate::{self, SimulateArgs};
 use crate::session::{self, Session};
 use crate::style::ERROR;
@@ -26,7 +26,7 @@ pub struct RunArgs {
     #[arg(long)]
     watch: bool,
     #[command(flatten)]
-    selection: SelectionArgs,
+    selection: Selection,
     /// Folder of the FMUs that were built; used by the worker process
     #[arg(long, hide = true, value_name = "DIR")]
     built: Option<PathBuf>,
@@ -50,7 +50,7 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
     let models = args.simulation.model().into_iter().collect();
     args.simulation.use_fmus(&folder);
     let options = Options {
-        selection: args.selection.into(),
+        selection: args.selection,
         models,
         versions: vec![FmiVersion::Fmi2],
         out: Some(folder.clone()),
