@@ -332,98 +332,11 @@ def test_a_package_gives_the_bits_of_its_system(name, packages, tmp_path):
         np.testing.assert_array_equal(found[column], values)
 
 
-NESTED = """<SystemStructureDescription version="1.0" name="nested"
-  xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"
-  xmlns:common="http://ssp-standard.org/SSP1/SystemStructureCommon"
-  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <System name="outer">
-    <ParameterBindings>
-      <ParameterBinding source="values.ssv"><ParameterMapping source="names.ssm"/>
-      </ParameterBinding>
-    </ParameterBindings>
-    <Elements>
-      <System name="inner">
-        <Connectors>
-          <Connector name="in" kind="input"/><Connector name="out" kind="output"/>
-          <Connector name="k" kind="parameter"/>
-        </Connectors>
-        <ParameterBindings>
-          <ParameterBinding prefix="b."><ParameterValues>
-            <ssv:ParameterSet version="1.0" name="b"><ssv:Parameters>
-              <ssv:Parameter name="invert"><ssv:Boolean value="1"/></ssv:Parameter>
-            </ssv:Parameters></ssv:ParameterSet>
-          </ParameterValues></ParameterBinding>
-        </ParameterBindings>
-        <Elements>
-          <Component name="a" source="resources/A%20relay.fmu">
-            <Connectors>
-              <Connector name="u" kind="input"/><Connector name="y" kind="output"/>
-              <Connector name="gain" kind="parameter"/>
-            </Connectors>
-            <ParameterBindings>
-              <ParameterBinding><ParameterValues>
-                <ssv:ParameterSet version="1.0" name="a"><ssv:Parameters>
-                  <ssv:Parameter name="gain"><ssv:Real value="9"/></ssv:Parameter>
-                  <ssv:Parameter name="shape"><ssv:Enumeration value="square"/></ssv:Parameter>
-                </ssv:Parameters></ssv:ParameterSet>
-              </ParameterValues></ParameterBinding>
-            </ParameterBindings>
-          </Component>
-          <Component name="b" source="resources/A%20relay.fmu">
-            <Connectors>
-              <Connector name="u" kind="input"/><Connector name="y" kind="output"/>
-            </Connectors>
-          </Component>
-        </Elements>
-        <Connections>
-          <Connection startConnector="in" endElement="a" endConnector="u"
-            suppressUnitConversion="true">
-            <common:LinearTransformation factor="2" offset="0.5"/></Connection>
-          <Connection startConnector="k" endElement="a" endConnector="gain"/>
-          <Connection startElement="b" startConnector="u" endElement="a" endConnector="y"/>
-          <Connection startElement="b" startConnector="y" endConnector="out"/>
-        </Connections>
-      </System>
-      <Component name="c" source="resources/A%20relay.fmu">
-        <Connectors>
-          <Connector name="u" kind="input"><common:Real unit="deg"/></Connector>
-          <Connector name="y" kind="output"><common:Real unit="rad"/></Connector>
-        </Connectors>
-      </Component>
-    </Elements>
-    <Connections>
-      <Connection startElement="c" startConnector="y" endElement="inner" endConnector="in"/>
-      <Connection startElement="inner" startConnector="out" endElement="c" endConnector="u">
-        <common:LinearTransformation factor="3"/></Connection>
-    </Connections>
-  </System>
-  <DefaultExperiment startTime="0.5" stopTime="2"/>
-</SystemStructureDescription>
-"""
-
-VALUES = """<ssv:ParameterSet version="1.0" name="values"
-  xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
-  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssv:Parameters>
-  <ssv:Parameter name="inner.k"><ssv:Real value="0.25"/></ssv:Parameter>
-  <ssv:Parameter name="amount"><ssv:Integer value="3"/></ssv:Parameter>
-  <ssv:Parameter name="angle"><ssv:Real value="0.5" unit="turn"/></ssv:Parameter>
-  <ssv:Parameter name="scaled"><ssv:Real value="-2"/></ssv:Parameter>
-  </ssv:Parameters>
-  <ssv:Units><ssc:Unit name="turn"><ssc:BaseUnit rad="1" factor="6.283185307179586"/></ssc:Unit>
-  </ssv:Units>
-</ssv:ParameterSet>
-"""
-
-MAPPING = """<ssm:ParameterMapping version="1.0"
-  xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping"
-  xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
-  <ssm:MappingEntry source="amount" target="inner.b.add"/>
-  <ssm:MappingEntry source="amount" target="c.add"/>
-  <ssm:MappingEntry source="angle" target="c.u"/>
-  <ssm:MappingEntry source="scaled" target="inner.b.gain">
-    <ssc:LinearTransformation factor="-0.25" offset="0.125"/></ssm:MappingEntry>
-</ssm:ParameterMapping>
-"""
+NESTED, VALUES, MAPPING = (
+    (ROOT / "tests" / "data" / "ssp" / name).read_text(encoding="utf-8")
+    for name in ("SystemStructure.ssd", "values.ssv", "names.ssm")
+)
+"""The parts of a package with a system in a system."""
 
 DEGREE = 0.017453292519943295
 """One degree [rad]."""
