@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use fmu_description::Value as Cell;
 use fmu_file::replace::Replacement;
-use fmu_master::table::{self, Series};
+use fmu_master::table::{self, Format, Series};
 use serde_json::{Value, json};
 
 const RUNS: &str = include_str!("plot/page.html");
@@ -29,10 +29,10 @@ pub struct Page {
 }
 
 /// The file of a page, whose name must not be that of a table.
-fn page(file: &str) -> Result<PathBuf, String> {
+fn page(file: &str) -> Result<PathBuf, &'static str> {
     let file = PathBuf::from(file);
-    let is_page = file.extension().is_none_or(|ending| ending != "csv" && ending != "parquet");
-    is_page.then_some(file).ok_or_else(|| "expected the name of a page, such as loop.html".into())
+    let is_page = Format::of(&file).is_none();
+    is_page.then_some(file).ok_or("expected the name of a page, such as loop.html")
 }
 
 impl Page {

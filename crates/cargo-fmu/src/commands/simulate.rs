@@ -12,6 +12,7 @@ use anyhow::{Error, Result, bail};
 use clap::Args;
 use fmu_description::Value;
 use fmu_master::run::{self, Outcome, Summary, Watch};
+use fmu_master::table::Format;
 use fmu_master::{
     Changes, Description, Experiment, Message, Plan, Start, Statistic, is_fmu, locate,
 };
@@ -33,7 +34,7 @@ pub struct SimulateArgs {
     #[command(flatten)]
     changes: Changes,
     /// Write the time and the recorded variables to this file, as Parquet if its name ends in .parquet
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = results)]
     csv: Option<PathBuf>,
     #[command(flatten)]
     pub(super) page: Page,
@@ -42,6 +43,13 @@ pub struct SimulateArgs {
     over: Vec<PathBuf>,
     #[command(flatten)]
     limited: Limited,
+}
+
+/// The file of the results; devices have no ending.
+fn results(file: &str) -> Result<PathBuf, &'static str> {
+    let file = PathBuf::from(file);
+    let is_table = file.extension().is_none() || Format::of(&file).is_some();
+    is_table.then_some(file).ok_or("expected a name that ends in .csv or .parquet")
 }
 
 /// Simulates the system in a worker process and reports the results.

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use fmu_build::{FmiVersion, Options, Selection};
 use fmu_worker::Service;
@@ -47,7 +47,12 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
     }
     let session = Session::start()?;
     let folder = session.folder().join("fmu");
-    let models = args.simulation.model().into_iter().collect();
+    let models = Vec::from_iter(args.simulation.model());
+    if let Some(path) = models.iter().find(|model| model.contains(['/', '\\'])) {
+        bail!(
+            "{path}: expected the name of a model, or a system file (.toml); `--manifest-path` names another workspace"
+        );
+    }
     args.simulation.use_fmus(&folder);
     let options = Options {
         selection: args.selection,
