@@ -1,6 +1,8 @@
 //! PID-RBF (23), (24) and IPID-RBF (28), (29): a network that learns the control of a PID while it
 //! runs, until it supplies the whole force and the PID's part is (nearly) zero.
 
+use multiversion::{multiversion, target::match_target};
+
 use crate::{Pid, Rbf, pid::Integral, vector::PAPER};
 
 /// PID-RBF: the sum of a [`Pid`] and an [`Rbf`] network of `N` nodes that learns that sum.
@@ -29,12 +31,21 @@ impl<const N: usize> PidRbf<N> {
     /// Takes one sample; the network learns the target of the force.
     #[inline(always)]
     fn sample_towards(&mut self, r: f64, y: f64, d: f64, target: impl Fn(f64) -> f64) -> f64 {
+        match self.network.len() {
+            PAPER => sample_in_one_vector(self, r, y, d, target),
+            _ => self.sample_any(r, y, d, target),
+        }
+        self.pid.u
+    }
+
+    /// A sample of any number of nodes on any processor. Not inlined, so that the FMU's step can be.
+    #[inline(never)]
+    fn sample_any(&mut self, r: f64, y: f64, d: f64, target: impl Fn(f64) -> f64) {
         // Code for the paper's number of nodes, which is a constant in it.
         match self.network.len() {
             PAPER => self.sample_nodes(PAPER, r, y, d, target),
             n => self.sample_nodes(n, r, y, d, target),
         }
-        self.pid.u
     }
 
     /// The control law (15), and a step of learning.
@@ -42,8 +53,23 @@ impl<const N: usize> PidRbf<N> {
     fn sample_nodes(&mut self, n: usize, r: f64, y: f64, d: f64, target: impl Fn(f64) -> f64) {
         self.network.activate_first(n, r);
         self.u_n = self.network.output_of_first(n);
-        self.pid.sample_with(self.u_n, r, y, d);
+        self.pid.sample_with(r, y, d, self.u_n);
         self.network.descend(n, self.u_n - target(self.pid.u));
+    }
+}
+
+/// A sample of the paper's number of nodes, which fit into one vector if the processor has AVX2.
+#[multiversion(targets("x86_64+avx2"))]
+fn sample_in_one_vector<const N: usize>(
+    law: &mut PidRbf<N>,
+    r: f64,
+    y: f64,
+    d: f64,
+    target: impl Fn(f64) -> f64,
+) {
+    match_target! {
+        "x86_64+avx2" => law.sample_nodes(PAPER, r, y, d, target),
+        _ => law.sample_any(r, y, d, target),
     }
 }
 
@@ -89,7 +115,7 @@ impl<const N: usize> IpidRbf<N> {
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64, u_supervisor: f64) -> f64 {
         let target = self.target;
-        self.law.sample_towards(r, y, d, |force| match target {
+        self.law.sample_towards(r, y, d, move |force| match target {
             Target::Own => force,
             Target::Supervisor => u_supervisor,
         })

@@ -122,23 +122,23 @@ impl Pid {
     /// Takes one sample and returns the force u (N).
     #[inline(always)]
     pub fn sample(&mut self, r: f64, y: f64, d: f64) -> f64 {
-        self.sample_with(-0.0, r, y, d) // the neutral element of float addition
+        self.sample_with(r, y, d, -0.0) // the neutral element of float addition
     }
 
     /// Takes one sample and returns the force u (N), which includes another force `u_n` (N).
     #[inline(always)]
-    pub(crate) fn sample_with(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+    pub(crate) fn sample_with(&mut self, r: f64, y: f64, d: f64, u_n: f64) -> f64 {
         if self.anti_windup {
-            return self.sample_with_anti_windup(u_n, r, y, d);
+            return self.sample_with_anti_windup(r, y, d, u_n);
         }
-        self.sample_limited(u_n, r, y, d)
+        self.sample_limited(r, y, d, u_n)
     }
 
     // Not inlined: inlined, it costs the FMU 6 ns per sample even when it is off.
     #[inline(never)]
-    fn sample_with_anti_windup(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+    fn sample_with_anti_windup(&mut self, r: f64, y: f64, d: f64, u_n: f64) -> f64 {
         let sum = self.terms.x3;
-        let u = self.sample_limited(u_n, r, y, d);
+        let u = self.sample_limited(r, y, d, u_n);
         let excess = self.u_p + u_n - u;
         if excess * self.gains.ki * self.e > 0.0 {
             self.terms.x3 = sum;
@@ -147,7 +147,7 @@ impl Pid {
     }
 
     #[inline(always)]
-    fn sample_limited(&mut self, u_n: f64, r: f64, y: f64, d: f64) -> f64 {
+    fn sample_limited(&mut self, r: f64, y: f64, d: f64, u_n: f64) -> f64 {
         self.e = r - (y + d);
         let before = self.terms;
         self.terms = before.next(self.e, self.ts, self.integral);

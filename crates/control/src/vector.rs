@@ -16,14 +16,28 @@ const FEW: usize = 16;
 /// The number of partial sums of a scalar product.
 const LANES: usize = 8;
 
+/// Calls a loop with the paper's number of nodes, of which the compiler knows that it is at most [`PAPER`] and a
+/// multiple of it. It makes single operations of a loop with few iterations if it knows their number, and vectors else.
+#[inline(always)]
+fn in_one_vector(each: impl FnOnce(usize)) {
+    let n = black_box(1) * PAPER;
+    if n <= PAPER {
+        each(n);
+    }
+}
+
 /// Sets `values[j]` to exp(factor_j (x - centre_j)^2), where all factors are negative.
 #[inline(always)]
 pub(crate) fn gaussians(values: &mut [f64], x: f64, centres: &[f64], factors: &[f64]) {
-    if values.len() > FEW {
+    if let (Ok(values), Ok(centres), Ok(factors)) = (
+        <&mut [f64; PAPER]>::try_from(&mut *values),
+        <&[f64; PAPER]>::try_from(centres),
+        <&[f64; PAPER]>::try_from(factors),
+    ) {
+        in_one_vector(|n| each_gaussian(&mut values[..n], x, &centres[..n], &factors[..n]));
+    } else if values.len() > FEW {
         many_gaussians(values, x, centres, factors);
     } else {
-        // The compiler vectorizes loops, but unrolls loops of few iterations if it knows their number.
-        let (values, centres, factors) = black_box((values, centres, factors));
         few_gaussians(values, x, centres, factors);
     }
 }
@@ -96,7 +110,10 @@ pub(crate) fn learn(
         <&mut [f64; PAPER]>::try_from(&mut *before),
         <&[f64; PAPER]>::try_from(direction),
     ) {
-        learn_few(weights, before, direction, gradient, rate, momentum);
+        in_one_vector(|n| {
+            let (weights, before) = (&mut weights[..n], &mut before[..n]);
+            learn_few(weights, before, &direction[..n], gradient, rate, momentum);
+        });
     } else if weights.len() > FEW {
         learn_many(weights, before, direction, gradient, rate, momentum);
     } else {

@@ -6,10 +6,9 @@ use dormand_prince::solver::{self, Advanced, Step, Workspace};
 use fmu_description::table::{self, Scalar};
 use fmu_description::{Causality, Damaged, Dynamics, Loader, Overrides, Saver, Value};
 
-use crate::clock::SampleClock;
 use crate::layout::{self, Array, Facts, Place, Tables, copy_settable};
 use crate::log::Log;
-use crate::model::{Behavior, Kind, Model, ModelError};
+use crate::model::{Behavior, Model, ModelError};
 
 /// A model with `N` scalar variables.
 pub(crate) struct Bound<M, const N: usize> {
@@ -558,48 +557,6 @@ impl dyn AnyModel {
             }
         }
     }
-}
-
-/// Takes a step, or the samples in it, of a model that is not integrated.
-#[inline(always)]
-pub(crate) fn take_step<M: AnyModel + ?Sized>(
-    model: &mut M,
-    is_sampled: bool,
-    clock: &mut SampleClock,
-    (time, step): (f64, f64),
-) -> Result<(), ModelError> {
-    if is_sampled {
-        let before = *clock;
-        let due = clock.due(time, step)?;
-        take_samples(model, clock, due, before)?;
-    } else {
-        model.step(time, step)?;
-    }
-    model.check_outputs()
-}
-
-/// Takes the last `due` samples that the clock has counted; `before` is the clock without them.
-#[inline(always)]
-pub(crate) fn take_samples<M: AnyModel + ?Sized>(
-    model: &mut M,
-    clock: &mut SampleClock,
-    due: u32,
-    before: SampleClock,
-) -> Result<(), ModelError> {
-    let mut remaining = due;
-    while remaining > 0 {
-        let sample_time = model.sample_time();
-        let instant = clock.instant_before(remaining, sample_time);
-        if let Err(error) = model.step(instant, sample_time) {
-            if remaining < due {
-                return Err(error.with_kind(Kind::Broken)); // earlier samples have changed the model
-            }
-            *clock = before;
-            return Err(error);
-        }
-        remaining -= 1;
-    }
-    Ok(())
 }
 
 /// The equations of a model, as the solver sees them.

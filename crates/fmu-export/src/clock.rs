@@ -68,13 +68,24 @@ impl SampleClock {
     /// There are more than 100 million instants. The step is discarded: the clock is unchanged.
     #[inline]
     pub fn due(&mut self, time: f64, step: f64) -> Result<u32, ModelError> {
-        let end = self.samples_to(time + step);
-        // The common case, without the cost of rounding.
-        if self.next < end && end <= self.next + 1.0 {
-            self.next += 1.0;
+        if self.is_one_due(time, step) {
+            self.advance();
             return Ok(1);
         }
-        self.count(time, end)
+        self.count(time, self.samples_to(time + step))
+    }
+
+    /// Whether one instant is due, as in most steps. It takes no rounding.
+    #[inline(always)]
+    pub(crate) fn is_one_due(&self, time: f64, step: f64) -> bool {
+        let end = self.samples_to(time + step);
+        self.next < end && end <= self.next + 1.0
+    }
+
+    /// Counts one instant.
+    #[inline(always)]
+    pub(crate) fn advance(&mut self) {
+        self.next += 1.0;
     }
 
     /// The general case of [`due`](Self::due), for any number of instants.

@@ -14,7 +14,7 @@ use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::{Loader, Overrides, Saver, Variability};
 
-use crate::bound::{AnyModel, Numbers, take_samples, take_step};
+use crate::bound::{AnyModel, Numbers};
 use crate::clock::SampleClock;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
@@ -491,8 +491,25 @@ impl Component {
         let clock = &mut self.shared.lifecycle.clock;
         let before = *clock;
         let due = clock.due_until(time)?;
-        take_samples(&mut self.model, clock, due, before)?;
+        self.take_samples(due, before)?;
         self.model.check_outputs()
+    }
+
+    /// Takes the last `due` samples that the clock has counted; `before` is the clock without them.
+    fn take_samples(&mut self, due: u32, before: SampleClock) -> Result<(), ModelError> {
+        let clock = &mut self.shared.lifecycle.clock;
+        for remaining in (1..=due).rev() {
+            let sample_time = self.model.sample_time();
+            let instant = clock.instant_before(remaining, sample_time);
+            if let Err(error) = self.model.step(instant, sample_time) {
+                if remaining < due {
+                    return Err(error.with_kind(Kind::Broken)); // earlier samples have changed the model
+                }
+                *clock = before;
+                return Err(error);
+            }
+        }
+        Ok(())
     }
 
     /// Handles the time events until now, which a step without early return may have passed, and what has
@@ -543,8 +560,15 @@ impl Component {
 
     /// Takes a step, or the samples in it, by the function of the model.
     pub(crate) fn take_step(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
-        let (is_sampled, clock) = (self.model.facts().is_sampled, &mut self.shared.lifecycle.clock);
-        take_step(&mut self.model, is_sampled, clock, (time, step))
+        if self.model.facts().is_sampled {
+            let clock = &mut self.shared.lifecycle.clock;
+            let before = *clock;
+            let due = clock.due(time, step)?;
+            self.take_samples(due, before)?;
+        } else {
+            self.model.step(time, step)?;
+        }
+        self.model.check_outputs()
     }
 
     /// Integrates the equations over a step and handles the events in it.

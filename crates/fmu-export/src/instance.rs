@@ -11,7 +11,7 @@ use std::slice::{from_raw_parts, from_raw_parts_mut};
 use fmi_abi::state::State;
 use fmu_description::Overrides;
 
-use crate::bound::{AnyModel, Bound, take_step};
+use crate::bound::{AnyModel, Bound};
 use crate::component::{Component, Guid, Hot, Outcome, Pointer, Settings, Shared};
 use crate::model::{Model, ModelError};
 
@@ -215,14 +215,25 @@ impl<M: Model, const N: usize> Component<Bound<M, N>> {
         }
     }
 
-    /// Integrates a step or takes it by the function of the model.
+    /// Integrates a step or takes it by the function of the model. A step with one sample, as most have, is left to
+    /// no other function.
     #[inline(always)]
     fn simulate(&mut self, time: f64, step: f64) -> Result<(), ModelError> {
         if M::IS_INTEGRATED {
             return (self as &mut Component).integrate(time, step);
         }
-        let clock = &mut self.shared.lifecycle.clock;
-        take_step(&mut self.model, M::IS_SAMPLED, clock, (time, step))
+        if M::IS_SAMPLED {
+            let clock = &mut self.shared.lifecycle.clock;
+            if !clock.is_one_due(time, step) {
+                return (self as &mut Component).take_step(time, step);
+            }
+            let sample_time = self.model.sample_time();
+            self.model.step(clock.next_instant(sample_time), sample_time)?;
+            clock.advance();
+        } else {
+            self.model.step(time, step)?;
+        }
+        self.model.check_outputs()
     }
 }
 
