@@ -232,31 +232,82 @@ def loop(fmus) -> dict:
     return loop
 
 
-def test_a_component_in_python_that_passes_its_input_on_keeps_the_bits(loop):
+@pytest.mark.parametrize("in_process", [False, True])
+def test_a_component_in_python_that_passes_its_input_on_keeps_the_bits(loop, in_process):
     expected = System(LOOPS / "pid.toml").simulate(stop_time=0.5)
-    result = passing(loop, step=lambda t, u: u).simulate(in_process=True)
+    result = passing(loop, step=lambda t, u: u).simulate(in_process=in_process)
     for name in expected:
         np.testing.assert_array_equal(result[name], expected[name])
     np.testing.assert_array_equal(result["actuator.f"], expected["controller.u"])
-    assert result.units["plant.theta"] == "rad"
 
 
-def test_a_component_in_python_is_called_at_its_samples_and_may_raise(loop):
+@pytest.mark.parametrize("in_process", [False, True])
+def test_a_component_in_python_is_called_at_its_samples_and_may_raise(loop, in_process):
     times = []
 
     def hold(time: float, force: float) -> float:
         times.append(time)
         if time > 0.1:
-            raise ZeroDivisionError
+            raise ZeroDivisionError("no force")
         return force
 
-    with pytest.raises(ZeroDivisionError):
-        passing(loop, step=hold, sample_time=0.05).simulate(in_process=True)
-    assert times == pytest.approx([0.001, 0.051, 0.101])
-    connections = ["controller.u2 -> actuator.u", "actuator.f -> plant.u"]
-    system = System({**passing(loop, step=hold).description, "connections": connections})
-    with pytest.raises(FmuError, match=r"controller\.u2: controller has no output u2"):
+    system = passing(loop, step=hold, sample_time=0.05, reset=times.clear)
+    message = r"actuator \(Python\), step of 0.001 s at t = 0.101 s: .*ZeroDivisionError: no force"
+    for _ in range(2):
+        with pytest.raises(FmuError, match=message) as caught:
+            system.simulate(in_process=in_process)
+        assert times == pytest.approx([0.001, 0.051, 0.101])
+    error = caught.value
+    assert (error.component, error.function, error.time) == ("actuator", None, 0.101)
+    assert isinstance(error.__cause__, ZeroDivisionError)
+    assert error.result["time"][-1] == pytest.approx(0.1)
+
+    def interrupt(time: float, force: float) -> float:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        passing(loop, step=interrupt).simulate(in_process=in_process)
+
+
+def test_components_in_python_have_what_fmus_have():
+    """Inputs over time, faults, the parallel order, start values and types, in closed form."""
+    types = {"n": "Int64", "m": "Int64", "on": "Boolean", "off": "Boolean"}
+    first = python_component(
+        ["u", "n", "on"], ["y", "m", "off"], lambda t, u, n, on: (2 * u, n + 1, not on), types=types
+    )
+    system = System(
+        components={
+            "first": {"fmu": first, "start": {"n": 2**53, "y": 7.0}},
+            "second": python_component(["u"], ["y"], lambda t, u: np.array([u])),
+        },
+        connections=[{"from": "first.y", "to": "second.u", "faults": [{"gain": 3}]}],
+        order="parallel",
+        step=0.125,
+        stop=0.5,
+    )
+    result = system.simulate({"first.on": True}, input={"first.u": lambda t: t})
+    assert result["first.y"].tolist() == [0, 0.25, 0.5, 0.75, 1]
+    assert result["second.y"].tolist() == [21, 0, 0.75, 1.5, 2.25]
+    assert result["first.m"].tolist() == [2**53 + 1] * 5
+    assert result["first.off"].tolist() == [False] * 5
+
+
+def test_what_does_not_fit_a_component_in_python_is_named(loop):
+    for component, message in (
+        ({"step": lambda t, u: (u, u)}, "the function returned 2 values, expected 1"),
+        ({"step": lambda t, u: "far"}, "must be real number, not str"),
+        ({"step": abs, "sample_time": 1e-4}, "sample_time = 0.0001 of actuator, expected at least"),
+        ({"step": abs, "types": {"u": "Int8"}}, 'type of actuator.u: "Int8", expected "Float64"'),
+        ({"step": abs, "units": {"f": "m"}}, r"actuator.f \[m\] cannot feed plant.u \[N\]"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            passing(loop, **component).simulate()
+    connections = ["controller.u -> actuator.v", "actuator.f -> plant.u"]
+    system = System({**passing(loop, step=abs).description, "connections": connections})
+    with pytest.raises(FmuError, match=r"actuator\.v: Python has no variable v"):
         system.simulate()
+    with pytest.raises(FmuError, match="actuator is a function of Python"):
+        sweep({"plant.M": [1.0]}, system)
 
 
 SIGNALS = {

@@ -12,6 +12,7 @@
 
 mod access;
 pub mod environment;
+mod function;
 mod instance;
 mod library;
 mod logger;
@@ -24,6 +25,7 @@ mod shared_memory;
 
 pub use access::operation;
 pub use fmi_abi::{Version, fmi2, fmi3};
+pub use function::Step;
 pub use instance::{
     Completed, Instance, Instantiation, Limits, Number, State, Stepped, Treatment, Update,
 };

@@ -41,6 +41,8 @@ pub struct Library {
 /// Where the functions of a library are.
 pub(crate) enum Binary {
     Native(libloading::Library),
+    /// They are functions of this program.
+    Function,
     #[cfg(feature = "sandbox")]
     Component(Box<Compiled>),
 }
@@ -55,6 +57,7 @@ impl Binary {
         unsafe {
             match self {
                 Self::Native(library) => library.get(name).ok().map(|found| *found),
+                Self::Function => None,
                 #[cfg(feature = "sandbox")]
                 Self::Component(_) => None,
             }
@@ -124,7 +127,7 @@ impl Library {
         Ok(Arc::new(Self { trace: Some(Box::new(trace)), ..Self::new(open(file)?, version) }))
     }
 
-    fn new(binary: Binary, version: Version) -> Self {
+    pub(crate) fn new(binary: Binary, version: Version) -> Self {
         Self {
             binary,
             version,
@@ -233,6 +236,9 @@ impl Library {
         match status {
             Status::Ok => return Ok(Success::Ok),
             Status::Warning => return Ok(Success::Warning(function)),
+            _ if matches!(self.binary, Binary::Function) => {
+                return Err(Failure::new("", Cause::Raised));
+            }
             Status::Discard | Status::Error => {}
             Status::Fatal | Status::Pending | Status::Unknown(_) => {
                 self.lost.store(true, Ordering::Relaxed);

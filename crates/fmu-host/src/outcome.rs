@@ -84,6 +84,8 @@ pub enum Cause {
     Returned(Status),
     /// A WebAssembly component has ended in the function, or exceeded a limit. The message that it logs has the reason.
     Trapped,
+    /// A function of this program has failed. The message that it logs has the reason.
+    Raised,
     /// The function returned success but violated the standard.
     Broke(&'static str),
     /// A string argument contains a zero byte.
@@ -126,6 +128,7 @@ impl fmt::Display for Cause {
             }
             Self::Returned(status) => write!(f, "returned {status}"),
             Self::Trapped => f.write_str("ended with a trap"),
+            Self::Raised => f.write_str("the function failed"),
             Self::Broke(how) => f.write_str(how),
             Self::ZeroByte => f.write_str("cannot take a string that contains a zero byte"),
             Self::OtherVersion => {

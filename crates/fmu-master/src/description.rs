@@ -14,6 +14,7 @@ use fmu_description::{Type, Value, Variable};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
+use crate::Function;
 use crate::fault::{Amount, Fault};
 use crate::fmu::default_experiment;
 use crate::ssp::{self, Source};
@@ -134,6 +135,9 @@ pub struct Component {
     /// Start values of parameters, inputs, and variables with initial exact or approx.
     #[serde(default)]
     pub start: BTreeMap<String, Written>,
+    /// The function that it is, if it is no FMU; then the file name only stands for it in messages.
+    #[serde(skip)]
+    pub function: Option<Function>,
 }
 
 /// An output that feeds an input: `plant.theta -> controller.y`, or a table of these fields.
@@ -392,6 +396,7 @@ impl Description {
                 sampled: Some(false),
                 tolerance: None,
                 start: BTreeMap::new(),
+                function: None,
             }],
             connections: Vec::new(),
             seed: 0,

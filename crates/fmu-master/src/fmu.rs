@@ -12,10 +12,9 @@ use fmu_description::{Causality, FmiVersion, Listed, ModelDescription, Type, Val
 use fmu_file::archive::{Archive, MODEL_DESCRIPTION};
 use fmu_file::platform::Platform;
 use fmu_host::{Instance, Instantiation, Kind, Library, Limits, LoadError};
-use fmu_worker::Function;
 use tempfile::TempDir;
 
-use crate::{Interface, Messages, Sandbox};
+use crate::{Function, Interface, Messages, Sandbox};
 
 /// An FMU for co-simulation or model exchange.
 pub struct Fmu {
@@ -34,7 +33,6 @@ pub struct Fmu {
     /// The indices of scalars by their names and aliases.
     index: HashMap<String, usize>,
     units: Units,
-    token: String,
     /// The tolerance of its default experiment.
     pub(crate) tolerance: Option<f64>,
     /// The step size of its default experiment (s).
@@ -43,17 +41,29 @@ pub struct Fmu {
     pub(crate) kind: Kind,
     /// In FMI 2.0, the number of continuous states and of event indicators.
     pub(crate) equations: [usize; 2],
-    /// The binary, relative to the folder.
-    binary: String,
-    /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
-    library: OnceLock<Result<Arc<Library>, LoadError>>,
-    folder: TempDir,
+    code: Code,
     /// Whether a process can have only one instance of the FMU.
     pub(crate) only_once: bool,
     /// The names of the continuous states and their derivatives.
     pub(crate) states: Vec<[String; 2]>,
     /// Whether it provides directional derivatives when it is run in this way.
     pub(crate) is_directional: bool,
+}
+
+/// What an instance runs.
+enum Code {
+    Binary(Binary),
+    Function(Function),
+}
+
+/// An unpacked binary.
+struct Binary {
+    /// The file, relative to the folder.
+    file: String,
+    /// Loaded by the first instance. Must be dropped before the folder, which removes the file.
+    library: OnceLock<Result<Arc<Library>, LoadError>>,
+    folder: TempDir,
+    token: String,
     limits: Limits,
 }
 
@@ -134,30 +144,55 @@ impl Fmu {
             clocked,
             index,
             units: units(root.list("UnitDefinitions", "Unit"), "BaseUnit"),
-            token: model.token().to_owned(),
             tolerance: model.experiment("tolerance").filter(|t| t.is_finite()),
             step: model.experiment("stepSize").filter(|step| *step > 0.0),
             kind,
             equations: [model.derivatives.len(), indicators],
-            binary,
-            library: OnceLock::new(),
-            folder,
+            code: Code::Binary(Binary {
+                file: binary,
+                library: OnceLock::new(),
+                folder,
+                token: model.token().to_owned(),
+                limits: Limits {
+                    call: sandbox.call,
+                    memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
+                },
+            }),
             only_once,
             states: states(&model),
             is_directional: interface.is_true(match model.version {
                 FmiVersion::Fmi2 => "providesDirectionalDerivative",
                 FmiVersion::Fmi3 => "providesDirectionalDerivatives",
             }),
-            limits: Limits {
-                call: sandbox.call,
-                memory: sandbox.memory.map(|bytes| bytes.try_into().unwrap_or(usize::MAX)),
-            },
         })
+    }
+
+    /// A function with these variables; the path stands for it in messages.
+    pub(crate) fn of_function(path: &Path, function: &Function, variables: Vec<Variable>) -> Self {
+        let names = variables.iter().map(|variable| variable.name.clone());
+        Self {
+            path: path.to_owned(),
+            version: FmiVersion::Fmi3,
+            scalars: (0..variables.len()).map(|variable| Scalar { variable, element: 0 }).collect(),
+            index: names.zip(0..).collect(),
+            variables,
+            clocked: HashSet::new(),
+            feedthrough: Vec::new(),
+            units: Units::new(),
+            tolerance: None,
+            step: None,
+            kind: Kind::CoSimulation,
+            equations: [0; 2],
+            code: Code::Function(function.clone()),
+            only_once: false,
+            states: Vec::new(),
+            is_directional: false,
+        }
     }
 
     /// Whether it runs as a WebAssembly component.
     pub(crate) fn is_component(&self) -> bool {
-        self.binary.ends_with(".wasm")
+        matches!(&self.code, Code::Binary(binary) if binary.file.ends_with(".wasm"))
     }
 
     /// Its file name.
@@ -279,22 +314,27 @@ impl Fmu {
     }
 
     fn try_instantiate(&self, index: usize, name: &str, messages: &Messages) -> Result<Instance> {
+        let Binary { file, library, folder, token, limits } = match &self.code {
+            Code::Binary(binary) => binary,
+            Code::Function(function) => {
+                return Ok(function.instantiate(name, &self.variables, messages));
+            }
+        };
         let mut calls = messages.record().calls(index);
-        calls.begin(Some(Function::LOADING));
-        let library = self
-            .library
-            .get_or_init(|| Library::load(&self.folder.path().join(&self.binary), self.version))
+        calls.begin(Some(fmu_worker::Function::LOADING));
+        let library = library
+            .get_or_init(|| Library::load(&folder.path().join(file), self.version))
             .as_ref()
             .map_err(Clone::clone)?;
         ensure!(!library.is_lost(), "it is unusable after a fatal error");
-        let resources = self.folder.path().join("resources");
+        let resources = folder.path().join("resources");
         let arguments = Instantiation {
             name,
             kind: self.kind,
-            guid: &self.token,
+            guid: token,
             resources: &library.location(&resources),
             logging_on: true,
-            limits: self.limits,
+            limits: *limits,
             ..Instantiation::default()
         };
         let (instance, log) = (name.to_owned(), messages.clone());
@@ -304,7 +344,7 @@ impl Fmu {
             (FmiVersion::Fmi3, Kind::CoSimulation) => "fmi3InstantiateCoSimulation",
             (FmiVersion::Fmi3, Kind::ModelExchange) => "fmi3InstantiateModelExchange",
         };
-        calls.begin(Function::named(function));
+        calls.begin(fmu_worker::Function::named(function));
         library.instantiate(&arguments, sink)?.with_context(|| {
             let reason = messages.reason(function);
             reason.unwrap_or_else(|| "the FMU logged no reason".into())

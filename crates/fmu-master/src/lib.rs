@@ -42,6 +42,7 @@ mod exchange;
 mod failure;
 mod fault;
 mod fmu;
+mod function;
 mod input;
 mod messages;
 mod plan;
@@ -62,6 +63,7 @@ pub use description::{
 pub use failure::{Call, Failure};
 pub use fault::Fault;
 pub use fmu::Fmu;
+pub use function::{Argument, Compute, Function, Signature};
 pub use messages::{Message, Messages};
 pub use plan::{Plan, Planned, Start};
 pub use simulation::{Row, Simulation};

@@ -13,8 +13,8 @@ use crate::input::Input;
 use crate::table::Column;
 use crate::wiring::{Wiring, number, places};
 use crate::{
-    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Sandbox,
-    Scale, Written,
+    Component, Connection, Description, Experiment, Fault, Fmu, Interface, Order, Place, Scale,
+    Written,
 };
 
 /// A system with loaded FMUs and checked connections, start values and recorded variables.
@@ -290,7 +290,7 @@ type Fmus = HashMap<(PathBuf, Option<Interface>, Sizes), Arc<Fmu>>;
 impl Planned {
     fn new(component: &Component, system: &Description, fmus: &mut Fmus) -> Result<Self> {
         let mut open = |sizes| {
-            open(component, system.sandbox, sizes, fmus)
+            open(component, system, sizes, fmus)
                 .with_context(|| format!("component {}", component.name))
         };
         let full = |name: &str| format!("{}.{name}", component.name);
@@ -318,7 +318,7 @@ impl Planned {
             name: component.name.clone(),
             prefix: format!("{}.", component.name),
             sampled: component.sampled.unwrap_or_else(|| is_sampled(&fmu)),
-            is_guess: component.sampled.is_none(),
+            is_guess: component.sampled.is_none() && component.function.is_none(),
             tolerance: component.tolerance.or(system.tolerance).or(fmu.tolerance),
             starts: starts.collect::<Result<_>>()?,
             fmu,
@@ -366,15 +366,19 @@ impl Planned {
 
 fn open(
     component: &Component,
-    sandbox: Sandbox,
+    system: &Description,
     sizes: Sizes,
     fmus: &mut Fmus,
 ) -> Result<Arc<Fmu>> {
+    if let Some(function) = &component.function {
+        let variables = function.variables(&component.name, system.step)?;
+        return Ok(Arc::new(Fmu::of_function(&component.fmu, function, variables)));
+    }
     let key = (component.fmu.clone(), component.interface, sizes);
     if let Some(fmu) = fmus.get(&key) {
         return Ok(fmu.clone());
     }
-    let fmu = Arc::new(Fmu::open(&component.fmu, component.interface, &key.2, sandbox)?);
+    let fmu = Arc::new(Fmu::open(&component.fmu, component.interface, &key.2, system.sandbox)?);
     fmus.insert(key, fmu.clone());
     Ok(fmu)
 }

@@ -4,6 +4,7 @@ use std::borrow::{Borrow, Cow};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Error, Result, ensure};
@@ -25,6 +26,8 @@ enum Report<'a> {
     Ready(Ready),
     /// A row.
     Row(Cow<'a, Row>),
+    /// It needs the outputs of a function: its number, the time (s), and the inputs.
+    Call(usize, f64, Cow<'a, [Value]>),
     /// It has ended: what the FMUs have logged, the last row, the summary, the time that the simulation took,
     /// and which FMU has ended it before the stop time.
     Done(Vec<Message>, Cow<'a, Row>, Summarized, Duration, Option<String>),
@@ -99,6 +102,31 @@ pub fn work<P: Borrow<Plan>>(
     Ok(())
 }
 
+/// What computes the outputs of a function, by its number, in the supervisor of this process; see
+/// [`Function`](crate::Function).
+///
+/// # Errors
+/// The memory that is shared with the supervisor cannot be opened.
+pub fn compute_in_supervisor(
+    service: &Service,
+) -> Result<impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static> {
+    let service = Arc::new(Mutex::new(service.another()?));
+    Ok(move |function: usize, time: f64, inputs: &[Value]| {
+        let mut service = service.lock().unwrap_or_else(PoisonError::into_inner);
+        // Other than an FMU, the supervisor may take its time.
+        service.record().end_call();
+        service.reply(&Report::Call(function, time, Cow::Borrowed(inputs)));
+        match service.task() {
+            Ok(Some(computed)) => computed,
+            Ok(None) => Err("the run was ended".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
+    })
+}
+
+/// The outputs of a function, or what went wrong.
+pub type Computed = Result<Vec<Value>, String>;
+
 /// What a supervisor does while it waits for a worker.
 pub struct Watch<'a> {
     /// Whether to keep the rows of a run that does not reach its end.
@@ -113,6 +141,8 @@ pub struct Watch<'a> {
     pub progress: &'a dyn Fn(&Ready, f64),
     /// Receives each row, if the worker records them.
     pub row: &'a dyn Fn(&Ready, &Row),
+    /// Computes the outputs of a function of [`compute_in_supervisor`], by its number, at a time (s).
+    pub compute: &'a dyn Fn(usize, f64, &[Value]) -> Computed,
 }
 
 /// How a run in a worker has ended. Texts tell where its rows are, if some are kept.
@@ -237,6 +267,9 @@ pub fn supervise(worker: &mut Worker, file: Option<&Path>, watch: &Watch<'_>) ->
                 }
             }
             _ if cancelled.is_some() => {}
+            Report::Call(function, time, inputs) => {
+                worker.send(&(watch.compute)(function, time, &inputs));
+            }
             Report::Ready(new) => {
                 let create = |file| Rows::create(file, &new.columns);
                 rows = file.map(create).transpose()?;

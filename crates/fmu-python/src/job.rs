@@ -1,10 +1,16 @@
 //! What a worker process does for Python.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use fmu_description::{Type, Value};
+use fmu_master::run::Computed;
 use fmu_master::single::{self, Setup};
-use fmu_master::{Changes, Description, Interface, Order, Plan, Start, is_fmu, locate, run};
+use fmu_master::{
+    Argument, Changes, Description, Function, Interface, Order, Plan, Signature, Start, is_fmu,
+    locate, run,
+};
 use fmu_worker::Service;
 use pyo3::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,11 +29,14 @@ pub enum Job {
 /// # Errors
 /// The job is damaged.
 pub fn work(service: &mut Service) -> Result<()> {
+    let compute = run::compute_in_supervisor(service)?;
     let mut loaded = Loaded::default();
     loop {
         match service.task()? {
             None => return Ok(()),
-            Some(Job::Run(system)) => run::work(service, true, || loaded.plan(system))?,
+            Some(Job::Run(system)) => {
+                run::work(service, true, || loaded.plan(system, &compute))?;
+            }
             Some(Job::Single(setup)) => return single::work(service, &setup),
         }
     }
@@ -42,15 +51,20 @@ impl Loaded {
     ///
     /// # Errors
     /// As [`System::plan`].
-    pub fn plan(&mut self, system: System) -> Result<(&Plan, Vec<Start>)> {
+    pub fn plan(
+        &mut self,
+        system: System,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+    ) -> Result<(&Plan, Vec<Start>)> {
         let is_same = |(last, plan): &(System, Plan)| {
-            let System { file, text, changes, sets } = last;
-            (file, text, changes) == (&system.file, &system.text, &system.changes)
+            let System { file, text, functions, changes, sets } = last;
+            (file, text, functions, changes)
+                == (&system.file, &system.text, &system.functions, &system.changes)
                 && plan.sizes(sets) == plan.sizes(&system.sets)
         };
         let plan = match self.0.take().filter(is_same) {
             Some((_, plan)) => plan,
-            None => system.plan()?.0,
+            None => system.plan(compute)?.0,
         };
         let (system, plan) = self.0.insert((system, plan));
         Ok((plan, plan.texts(&system.sets)?))
@@ -62,21 +76,41 @@ impl Loaded {
 pub struct System {
     file: PathBuf,
     text: Option<String>,
+    /// The components that are functions.
+    functions: Vec<(String, Signature)>,
     changes: Changes,
     sets: Vec<(String, String)>,
 }
 
 impl System {
-    /// Loads the FMUs.
+    /// The types of the outputs of each function.
+    pub fn outputs(&self) -> Vec<Arc<[Type]>> {
+        let types = |outputs: &[Argument]| outputs.iter().map(|output| output.of_type).collect();
+        self.functions.iter().map(|(_, signature)| types(&signature.outputs)).collect()
+    }
+
+    /// Loads the FMUs. `compute` computes the outputs of a function, by its number, at a time (s).
     ///
     /// # Errors
     /// The system is invalid, or an FMU.
-    pub fn plan(&self) -> Result<(Plan, Vec<Start>)> {
+    pub fn plan(
+        &self,
+        compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
+    ) -> Result<(Plan, Vec<Start>)> {
         let mut description = match &self.text {
             Some(text) => Description::parse(text, &self.file)?,
             None => Description::open(&self.file)?,
         };
         description.change(&self.changes);
+        for (number, (name, signature)) in self.functions.iter().enumerate() {
+            let compute = compute.clone();
+            let compute = move |time, inputs: &[Value]| compute(number, time, inputs);
+            let function = Function { signature: signature.clone(), compute: Arc::new(compute) };
+            let mut components = description.components.iter_mut();
+            let component = components.find(|component| component.name == *name);
+            component.with_context(|| format!("there is no component {name}"))?.function =
+                Some(function);
+        }
         let plan = match (Plan::new(&description), &self.text) {
             (Err(error), None) if !is_fmu(&self.file) => Err(locate(error, &self.file, "")),
             (plan, _) => plan,
@@ -91,6 +125,7 @@ impl System {
 pub struct Given {
     file: PathBuf,
     text: Option<String>,
+    functions: Vec<Declared>,
     start: Option<f64>,
     stop: Option<f64>,
     step: Option<f64>,
@@ -102,19 +137,56 @@ pub struct Given {
     sets: Vec<(String, String)>,
 }
 
-impl TryFrom<Given> for System {
-    type Error = anyhow::Error;
+/// A component that is a function, as Python passes it: with the names, types and units of its variables.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Declared {
+    name: String,
+    inputs: Vec<(String, String, String)>,
+    outputs: Vec<(String, String, String)>,
+    sample_time: Option<f64>,
+    step: Py<PyAny>,
+}
 
-    fn try_from(given: Given) -> Result<Self> {
+impl Declared {
+    fn signature(&self) -> Result<(String, Signature)> {
+        let arguments = |all: &[(String, String, String)]| {
+            let arguments = all.iter().map(|(name, of_type, unit)| {
+                let found = [Type::Float64, Type::Int64, Type::Boolean];
+                let found = found.into_iter().find(|known| known.as_str() == of_type);
+                let of_type = found.with_context(|| {
+                    format!(
+                        "type of {}.{name}: {of_type:?}, expected \"Float64\", \"Int64\" or \"Boolean\"",
+                        self.name
+                    )
+                })?;
+                Ok(Argument { name: name.clone(), of_type, unit: unit.clone() })
+            });
+            arguments.collect::<Result<_>>()
+        };
+        let (inputs, outputs) = (arguments(&self.inputs)?, arguments(&self.outputs)?);
+        Ok((self.name.clone(), Signature { inputs, outputs, sample_time: self.sample_time }))
+    }
+}
+
+impl System {
+    /// The system, and what its functions call.
+    ///
+    /// # Errors
+    /// A word or type is unknown.
+    pub fn new(given: Given) -> Result<(Self, Vec<Py<PyAny>>)> {
+        let functions = given.functions.iter().map(Declared::signature).collect::<Result<_>>()?;
+        let steps = given.functions.into_iter().map(|declared| declared.step).collect();
         let order = match given.order.as_deref() {
             None => None,
             Some("sequential") => Some(Order::Sequential),
             Some("parallel") => Some(Order::Parallel),
             Some(other) => bail!("order = {other:?}, expected \"sequential\" or \"parallel\""),
         };
-        Ok(Self {
+        let system = Self {
             file: given.file,
             text: given.text,
+            functions,
             changes: Changes {
                 start: given.start,
                 stop: given.stop,
@@ -127,7 +199,8 @@ impl TryFrom<Given> for System {
                 ..Changes::default()
             },
             sets: given.sets,
-        })
+        };
+        Ok((system, steps))
     }
 }
 

@@ -4,18 +4,19 @@ use std::cell::{Cell, RefCell};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
-use fmu_master::run::{Failed, Outcome, Watch, supervise};
+use fmu_description::{Type, Value};
+use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
 use fmu_master::table::{self, Series};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString, PyTuple};
 
 use crate::columns::{Columns, to_python};
 use crate::job::{Given, Job, Loaded, System};
@@ -54,6 +55,7 @@ struct Kept {
     /// The session is dropped after the worker.
     worker: Option<(Worker, Session)>,
     loaded: Loaded,
+    functions: Arc<Functions>,
 }
 
 #[pymethods]
@@ -73,25 +75,31 @@ impl Runner {
         system: Given,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let done = py.detach(|| {
+        let (system, steps) = System::new(system).map_err(error)?;
+        let (done, raised) = py.detach(|| {
             let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
-            let system = System::try_from(system).map_err(error)?;
             let looked = Cell::new(Instant::now());
             let host = Host { progress, looked, raised: RefCell::default() };
             let mut kept = idle().pop().unwrap_or_default();
+            *kept.functions.called() = Called { steps, outputs: system.outputs(), raised: None };
             let done = match self.program.is_empty() {
-                false => in_worker(system, &self.program, self.keeps, &mut kept.worker, &host),
-                true => in_this_process(system, &mut kept.loaded, &host),
+                false => in_worker(system, &self.program, self.keeps, &mut kept, &host),
+                true => in_this_process(system, &mut kept, &host),
             };
+            let raised = std::mem::take(&mut *kept.functions.called()).raised;
             if self.keeps {
                 idle().push(kept);
             }
             match host.raised.take() {
                 Some(raised) => Err(raised),
-                None => done.map_err(error),
+                None => Ok((done.map_err(error)?, raised)),
             }
         })?;
-        into_python(py, done)
+        match raised {
+            // Such as Ctrl-C.
+            Some(raised) if !raised.is_instance_of::<PyException>(py) => Err(raised),
+            raised => into_python(py, done, raised),
+        }
     }
 
     /// Ends the worker processes and frees the FMUs.
@@ -100,8 +108,8 @@ impl Runner {
     }
 }
 
-/// What has come of a run, as a dict.
-fn into_python(py: Python<'_>, done: Done) -> PyResult<Bound<'_, PyDict>> {
+/// What has come of a run, as a dict, and what a function has raised.
+fn into_python(py: Python<'_>, done: Done, raised: Option<PyErr>) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("columns", done.rows.into_python(py, &done.columns)?)?;
     let message = |m: Message| (m.instance, m.warning, m.text, m.times);
@@ -115,6 +123,7 @@ fn into_python(py: Python<'_>, done: Done) -> PyResult<Bound<'_, PyDict>> {
         (fault.text, call)
     });
     dict.set_item("fault", fault)?;
+    dict.set_item("raised", raised)?;
     Ok(dict)
 }
 
@@ -136,8 +145,10 @@ type Cells<'py> = Vec<Option<Bound<'py, PyAny>>>;
 /// The start time, stop time and step (s) of a system.
 #[pyfunction]
 pub fn times(py: Python<'_>, system: Given) -> PyResult<(f64, f64, f64)> {
-    let plan = || anyhow::Ok(System::try_from(system)?.plan()?.0.experiment);
-    let Experiment { start, stop, step } = py.detach(plan).map_err(error)?;
+    let (system, _) = System::new(system).map_err(error)?;
+    let never = |_: usize, _: f64, _: &[Value]| Err(String::new());
+    let plan = py.detach(|| system.plan(&never)).map_err(error)?;
+    let Experiment { start, stop, step } = plan.0.experiment;
     Ok((start, stop, step))
 }
 
@@ -152,6 +163,72 @@ pub fn raised(failed: Failed) -> PyErr {
         Some(Call { component, function, time }) => {
             PyRuntimeError::new_err((failed.text, component, function, time))
         }
+    }
+}
+
+/// The functions of Python in the current run.
+#[derive(Default)]
+struct Functions(Mutex<Called>);
+
+#[derive(Default)]
+struct Called {
+    steps: Vec<Py<PyAny>>,
+    /// The types of the outputs of each.
+    outputs: Vec<Arc<[Type]>>,
+    /// What one has raised.
+    raised: Option<PyErr>,
+}
+
+impl Functions {
+    fn called(&self) -> MutexGuard<'_, Called> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Calls one, with Python's lock.
+    fn compute(&self, function: usize, time: f64, inputs: &[Value]) -> Computed {
+        Python::attach(|py| {
+            self.call(py, function, time, inputs).map_err(|raised| {
+                let text = raised.to_string();
+                self.called().raised = Some(raised);
+                text
+            })
+        })
+    }
+
+    fn call(
+        &self,
+        py: Python<'_>,
+        function: usize,
+        time: f64,
+        inputs: &[Value],
+    ) -> PyResult<Vec<Value>> {
+        let inputs = inputs.iter().map(|value| to_python(py, value.clone()));
+        let time = time.into_pyobject(py)?.into_any();
+        let arguments = [Ok(time)].into_iter().chain(inputs).collect::<PyResult<Vec<_>>>()?;
+        let (step, types) = {
+            let called = self.called();
+            (called.steps[function].clone_ref(py), called.outputs[function].clone())
+        };
+        let result = step.bind(py).call1(PyTuple::new(py, arguments)?)?;
+        let results = match result.try_iter() {
+            Ok(several) if !result.is_instance_of::<PyString>() => {
+                several.collect::<PyResult<_>>()?
+            }
+            _ => vec![result],
+        };
+        let n = results.len();
+        if n != types.len() {
+            let text = format!("the function returned {n} values, expected {}", types.len());
+            return Err(PyValueError::new_err(text));
+        }
+        let values = results.iter().zip(&*types).map(|(value, of_type)| {
+            Ok(match of_type {
+                Type::Boolean => Value::Boolean(value.extract()?),
+                Type::Int64 => Value::Int64(value.extract()?),
+                _ => Value::Float64(value.extract()?),
+            })
+        });
+        values.collect()
     }
 }
 
@@ -204,11 +281,11 @@ fn in_worker(
     system: System,
     program: &[OsString],
     keeps: bool,
-    kept: &mut Option<(Worker, Session)>,
+    kept: &mut Kept,
     host: &Host,
 ) -> Result<Done> {
     let job = Job::Run(system);
-    let mut process = match kept.take() {
+    let mut process = match kept.worker.take() {
         Some((mut worker, session)) => {
             worker.send(&job);
             (worker, session)
@@ -238,10 +315,11 @@ fn in_worker(
                     columns.borrow_mut().clone_from(&ready.columns);
                 }
             },
+            compute: &|function, time, inputs| kept.functions.compute(function, time, inputs),
         },
     )?;
     if keeps && matches!(process.0.look(), Ok(None)) {
-        *kept = Some(process);
+        kept.worker = Some(process);
     }
     let done = Done {
         rows: rows.into_inner(),
@@ -273,10 +351,12 @@ fn in_worker(
 }
 
 /// Runs a system in this process.
-fn in_this_process(system: System, loaded: &mut Loaded, host: &Host) -> Result<Done> {
+fn in_this_process(system: System, kept: &mut Kept, host: &Host) -> Result<Done> {
+    let functions = kept.functions.clone();
+    let compute = move |function, time, inputs: &[Value]| functions.compute(function, time, inputs);
     let messages = Messages::default();
     let mut rows = Columns::default();
-    let (plan, starts) = match loaded.plan(system) {
+    let (plan, starts) = match kept.loaded.plan(system, &compute) {
         Ok(planned) => planned,
         Err(error) => {
             let fault = Some(Failed::new(Vec::new(), &error));

@@ -17,6 +17,7 @@ use crate::worker::{FOLDER, RECORD, REPLIES, SUPERVISOR, TASKS, decode};
 /// The tasks of this process, which a supervisor has started, and its replies.
 #[derive(Debug)]
 pub struct Service {
+    folder: PathBuf,
     record: Record,
     origin: Origin,
     tasks: Receiver,
@@ -41,13 +42,26 @@ impl Service {
             return Ok(None);
         };
         end_with_supervisor(&folder);
-        Ok(Some(Self {
+        Self::open(&folder).map(Some)
+    }
+
+    /// Another end of the same channels, for the same thread.
+    ///
+    /// # Errors
+    /// The folder cannot be opened again.
+    pub fn another(&self) -> io::Result<Self> {
+        Self::open(&self.folder)
+    }
+
+    fn open(folder: &Path) -> io::Result<Self> {
+        Ok(Self {
+            folder: folder.to_owned(),
             record: Record::open(&folder.join(RECORD))?,
             origin: Origin::of_this_process()?,
             tasks: Receiver::new(channel::open(&folder.join(TASKS), WORDS)?),
             replies: Sender::new(channel::open(&folder.join(REPLIES), WORDS)?),
             buffer: Vec::new(),
-        }))
+        })
     }
 
     /// The record of calls.

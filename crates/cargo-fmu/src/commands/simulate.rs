@@ -93,6 +93,7 @@ pub fn supervise(
         warn: &worker::warn,
         progress: &|ready, time| progress.show(ready.experiment, time),
         row: &|_, _| {},
+        compute: &|_, _, _| Err("a system file has no functions".to_owned()),
     };
     let unsaved = session.folder().join("rows.csv");
     let rows = match (&args.csv, &args.page.file) {

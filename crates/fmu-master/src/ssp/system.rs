@@ -180,6 +180,7 @@ impl<'a> System<'a> {
             sampled: None,
             tolerance: None,
             start: BTreeMap::new(),
+            function: None,
         });
         Ok(self.components.len() - 1)
     }

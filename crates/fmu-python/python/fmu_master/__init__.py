@@ -14,7 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .by_hand import PythonComponent, python_component
+    from .components import PythonComponent, python_component
     from .instance import Instance, State, Variable
     from .result import FmuError, Message, Result
     from .sweeps import Sweep, sweep
@@ -24,13 +24,13 @@ _MODULES = {
     "FmuError": "result",
     "Instance": "instance",
     "Message": "result",
-    "PythonComponent": "by_hand",
+    "PythonComponent": "components",
     "Result": "result",
     "State": "instance",
     "Sweep": "sweeps",
     "System": "system",
     "Variable": "instance",
-    "python_component": "by_hand",
+    "python_component": "components",
     "simulate": "system",
     "sweep": "sweeps",
 }

@@ -20,11 +20,13 @@ class FmuError(RuntimeError):
     Attributes
     ----------
     component, function : str or None
-        The component and the function that was called, if it was a call that failed.
+        The component, and the function of FMI that was called, if it was a call that failed.
     time : float or None
         The communication point [s].
     result : Result or None
         The rows up to then.
+
+    What a component in Python has raised is the `__cause__`.
     """
 
     def __init__(
@@ -36,7 +38,7 @@ class FmuError(RuntimeError):
         result: Result | None = None,
     ):
         super().__init__(text)
-        self.component, self.function, self.time = component, function, time
+        self.component, self.function, self.time = component, function or None, time
         self.result = result
 
 

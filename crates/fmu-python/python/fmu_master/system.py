@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from . import _native, by_hand
+from . import _native
 from ._command import WORKER
 from ._values import document, elements, texts, toml
-from .by_hand import PythonComponent
+from .components import PythonComponent
 from .result import FmuError, Result, called
 
 Input = Any
@@ -69,10 +69,25 @@ class System:
 
     @property
     def toml(self) -> str:
-        """The text of the system file."""
+        """The text of the system file, which cannot have a component in Python."""
+        if functions := self._functions():
+            name, _ = functions[0]
+            raise FmuError(f"{name} is a function of Python, expected an FMU in a system file")
+        return self._text()
+
+    def _functions(self) -> list[tuple[str, PythonComponent]]:
+        """Return the components in Python and their names."""
+        tables = (self.description or {}).get("component", ())
+        return [(t["name"], t["fmu"]) for t in tables if isinstance(t["fmu"], PythonComponent)]
+
+    def _text(self) -> str:
+        """Return the text of a system file, in which functions have no file."""
         if self.description is None:
             return _read(self.file)
-        return document(self.description, "component")
+        named = {name: "Python" for name, _ in self._functions()}
+        tables = self.description["component"]
+        tables = [{**table, "fmu": named.get(table["name"], table["fmu"])} for table in tables]
+        return document({**self.description, "component": tables}, "component")
 
     @contextlib.contextmanager
     def loaded(self) -> Iterator[System]:
@@ -138,23 +153,10 @@ class System:
             The system does not fit, or an FMU fails or ends its process; its `result` has the
             rows so far.
         """
-        description = self.description or {}
-        if any(isinstance(c["fmu"], PythonComponent) for c in description.get("component", ())):
-            if input is not None:
-                raise FmuError("input: expected a component in Python, as the system has others")
-            changes = {
-                "start": start_time,
-                "stop": stop_time,
-                "step": step_size,
-                "order": order,
-                "tolerance": tolerance,
-            }
-            system = {**description, **{k: v for k, v in changes.items() if v is not None}}
-            names = output or description.get("outputs", ())
-            return by_hand.run(system, start_values or {}, names, in_process)
         given = {
             "file": self.file,
-            "text": None if self.description is None else self.toml,
+            "text": None if self.description is None else self._text(),
+            "functions": [function.native(name) for name, function in self._functions()],
             "start": start_time,
             "stop": stop_time,
             "step": step_size,
@@ -170,14 +172,17 @@ class System:
             if input is not None:
                 given["input"] = stack.enter_context(_input_file(input, given))
             shown = stack.enter_context(_progress()) if progress else None
+            for _, function in self._functions():
+                if function.reset is not None:
+                    function.reset()
             done = called(runner.run, given, shown)
         for text in done["warnings"]:
             warnings.warn(text, stacklevel=2)
-        fault = done.pop("fault")
+        fault, raised = done.pop("fault"), done.pop("raised")
         result = Result(**done)
         if fault is not None:
             text, call = fault
-            raise FmuError(text, *(call or ()), result=result)
+            raise FmuError(text, *(call or ()), result=result) from raised
         return result
 
 

@@ -145,7 +145,7 @@ def tune(
         best = float(intermediate_result.fun)
 
     about = [{n: list(b) for n, b in parameters.items()}, dict(guess or {}), seed, list(cases)]
-    known, note = _journal(journal, json.dumps([*about, list(plants), system.toml, stop_time]))
+    known, note = _journal(journal, json.dumps([*about, list(plants), system._text(), stop_time]))
     start = None
     if guess is not None:
         logs = zip(names, are_log, strict=True)

@@ -1,0 +1,170 @@
+//! Functions of this program as instances of FMI 3.0, which a host steps as it steps FMUs.
+
+use std::ffi::c_void;
+use std::slice;
+use std::sync::Arc;
+
+use fmi_abi::Version;
+use fmi_abi::fmi3::*;
+use fmu_description::Value;
+
+use crate::instance::Instance;
+use crate::library::{Binary, Library};
+use crate::logger::{Logged, Registered, deliver};
+use crate::outcome::Status;
+
+/// What an instance does in a step: it receives the time, the size of the step (s) and the values of all
+/// variables, of which it changes the outputs. An error is a log message, and fails the step.
+pub type Step = Box<dyn FnMut(f64, f64, &mut [Value]) -> Result<(), String> + Send>;
+
+/// An instance whose step is a function.
+struct Running {
+    /// The values of the variables, which are Float64, Int64 or Boolean; a value reference is an index.
+    values: Vec<Value>,
+    step: Step,
+    environment: *mut c_void,
+}
+
+impl Instance {
+    /// An instance of FMI 3.0 for co-simulation whose step is a function, with the start values of its variables,
+    /// which are Float64, Int64 or Boolean. The value reference of a variable is its index. `sink` receives the
+    /// errors. Other functions than those that a master needs are missing.
+    pub fn of_function(
+        values: Vec<Value>,
+        step: Step,
+        sink: impl Fn(Logged) + Send + Sync + 'static,
+    ) -> Self {
+        let mut library = Library::new(Binary::Function, Version::Fmi3);
+        library.fmi3 = Functions {
+            fmi3EnterInitializationMode: Some(enter_initialization_mode),
+            fmi3ExitInitializationMode: Some(done),
+            fmi3GetFloat64: Some(get_float64),
+            fmi3SetFloat64: Some(set_float64),
+            fmi3GetInt64: Some(get_int64),
+            fmi3SetInt64: Some(set_int64),
+            fmi3GetBoolean: Some(get_boolean),
+            fmi3SetBoolean: Some(set_boolean),
+            fmi3DoStep: Some(do_step),
+            fmi3Terminate: Some(done),
+            fmi3FreeInstance: Some(free_instance),
+            ..Functions::default()
+        };
+        let registered = Registered::new(Arc::new(sink), None);
+        let running = Running { values, step, environment: registered.environment() };
+        let mut instance = Self::new(&Arc::new(library), registered, None);
+        instance.pointer = Box::into_raw(Box::new(running)).cast();
+        instance
+    }
+}
+
+unsafe extern "C" fn done(_: fmi3Instance) -> fmi3Status {
+    fmi3OK
+}
+
+unsafe extern "C" fn enter_initialization_mode(
+    _: fmi3Instance,
+    _: fmi3Boolean,
+    _: f64,
+    _: f64,
+    _: fmi3Boolean,
+    _: f64,
+) -> fmi3Status {
+    fmi3OK
+}
+
+/// Defines how variables of a type are read and written.
+macro_rules! access {
+    ($($get:ident $set:ident $value:ident: $read:path, $write:path as $type:ty;)*) => { $(
+        /// # Safety
+        /// The instance is one of a function, and both arrays have `n` elements.
+        unsafe extern "C" fn $get(
+            instance: fmi3Instance,
+            references: *const u32,
+            n: usize,
+            values: *mut $type,
+            _: usize,
+        ) -> fmi3Status {
+            // SAFETY: the caller's promise.
+            let (running, references, values) = unsafe {
+                let values = slice::from_raw_parts_mut(values, n);
+                (&*instance.cast::<Running>(), slice::from_raw_parts(references, n), values)
+            };
+            for (to, reference) in values.iter_mut().zip(references) {
+                if let Some(Value::$value(value)) = running.values.get(*reference as usize) {
+                    *to = $read(*value);
+                }
+            }
+            fmi3OK
+        }
+
+        /// # Safety
+        /// As above.
+        unsafe extern "C" fn $set(
+            instance: fmi3Instance,
+            references: *const u32,
+            n: usize,
+            values: *const $type,
+            _: usize,
+        ) -> fmi3Status {
+            // SAFETY: the caller's promise.
+            let (running, references, values) = unsafe {
+                let values = slice::from_raw_parts(values, n);
+                (&mut *instance.cast::<Running>(), slice::from_raw_parts(references, n), values)
+            };
+            for (from, reference) in values.iter().zip(references) {
+                if let Some(Value::$value(value)) = running.values.get_mut(*reference as usize) {
+                    *value = $write(*from);
+                }
+            }
+            fmi3OK
+        }
+    )* };
+}
+
+access! {
+    get_float64 set_float64 Float64: f64::from, f64::from as f64;
+    get_int64 set_int64 Int64: i64::from, i64::from as i64;
+    get_boolean set_boolean Boolean: fmi3Boolean::from, is_true as fmi3Boolean;
+}
+
+fn is_true(value: fmi3Boolean) -> bool {
+    value != fmi3False
+}
+
+/// # Safety
+/// The instance is one of a function, and the results can be written.
+unsafe extern "C" fn do_step(
+    instance: fmi3Instance,
+    time: f64,
+    step: f64,
+    _: fmi3Boolean,
+    _: *mut fmi3Boolean,
+    _: *mut fmi3Boolean,
+    _: *mut fmi3Boolean,
+    last_successful_time: *mut f64,
+) -> fmi3Status {
+    // SAFETY: the caller's promise.
+    let (running, last) = unsafe { (&mut *instance.cast::<Running>(), &mut *last_successful_time) };
+    match (running.step)(time, step, &mut running.values) {
+        Ok(()) => {
+            *last = time + step;
+            fmi3OK
+        }
+        Err(text) => {
+            deliver(running.environment, || Logged {
+                instance: None,
+                status: Status::Error,
+                category: None,
+                text,
+            });
+            fmi3Error
+        }
+    }
+}
+
+/// # Safety
+/// The instance is one of a function, and is not used again.
+unsafe extern "C" fn free_instance(instance: fmi3Instance) {
+    // SAFETY: the caller's promise; it comes from a box.
+    drop(unsafe { Box::from_raw(instance.cast::<Running>()) });
+}

@@ -1,0 +1,132 @@
+//! Components that are functions of this program instead of FMUs.
+
+use std::collections::HashSet;
+use std::fmt;
+use std::sync::Arc;
+
+use anyhow::{Result, ensure};
+use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
+use fmu_host::Instance;
+use serde::{Deserialize, Serialize};
+
+use crate::Messages;
+use crate::run::Computed;
+
+/// The variables of a function, and how often it is called.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Signature {
+    /// Its inputs, in the order of its arguments.
+    pub inputs: Vec<Argument>,
+    /// Its outputs, in the order of its results.
+    pub outputs: Vec<Argument>,
+    /// Time between two calls (s); by default the communication step.
+    pub sample_time: Option<f64>,
+}
+
+/// An input or output of a function.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Argument {
+    /// Its name.
+    pub name: String,
+    /// Its type: Float64, Int64 or Boolean.
+    pub of_type: Type,
+    /// Its unit; empty if it has none.
+    pub unit: String,
+}
+
+/// What computes the outputs at a time (s) from the inputs. An error says what went wrong, and ends the run.
+pub type Compute = Arc<dyn Fn(f64, &[Value]) -> Computed + Send + Sync>;
+
+/// A sampled component that is a function.
+#[derive(Clone)]
+pub struct Function {
+    /// Its variables.
+    pub signature: Signature,
+    /// What is called at each sample.
+    pub compute: Compute,
+}
+
+impl fmt::Debug for Function {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.signature.fmt(f)
+    }
+}
+
+impl Function {
+    /// Its variables, of a component with this name, in a system with this communication step (s).
+    ///
+    /// # Errors
+    /// A name, type or sample time is invalid.
+    pub(crate) fn variables(&self, component: &str, step: f64) -> Result<Vec<Variable>> {
+        let Signature { inputs, outputs, sample_time } = &self.signature;
+        if let Some(time) = sample_time {
+            ensure!(
+                time.is_finite() && *time >= step * (1.0 - 1e-6),
+                "sample_time = {time:?} of {component}, expected at least the communication step of {step:?} s"
+            );
+        }
+        let inputs = inputs.iter().map(|argument| (argument, Causality::Input));
+        let outputs = outputs.iter().map(|argument| (argument, Causality::Output));
+        let mut names = HashSet::new();
+        let variables =
+            (0..).zip(inputs.chain(outputs)).map(|(reference, (argument, causality))| {
+                let Argument { name, of_type, unit } = argument;
+                ensure!(names.insert(name), "{component} has two variables {name}");
+                let (start, continuous) = match of_type {
+                    Type::Float64 => (Value::Float64(0.0), causality == Causality::Input),
+                    Type::Int64 => (Value::Int64(0), false),
+                    Type::Boolean => (Value::Boolean(false), false),
+                    other => anyhow::bail!(
+                        "{component}.{name} is a {}, expected a Float64, Int64 or Boolean",
+                        other.as_str()
+                    ),
+                };
+                Ok(Variable {
+                    name: name.clone(),
+                    reference,
+                    causality,
+                    variability: match continuous {
+                        true => Variability::Continuous,
+                        false => Variability::Discrete,
+                    },
+                    initial: Some(Initial::Exact),
+                    of_type: *of_type,
+                    unit: Some(unit.clone()).filter(|unit| !unit.is_empty()),
+                    start: vec![start],
+                    ..Variable::default()
+                })
+            });
+        variables.collect()
+    }
+
+    /// An instance with these variables; each has samples of its own.
+    pub(crate) fn instantiate(
+        &self,
+        name: &str,
+        variables: &[Variable],
+        messages: &Messages,
+    ) -> Instance {
+        let Self { signature, compute } = self.clone();
+        let (mut start, mut samples) = (None, 0_u64);
+        let step = move |time: f64, step: f64, values: &mut [Value]| {
+            let period = signature.sample_time.unwrap_or(step);
+            let due = *start.get_or_insert(time) + samples as f64 * period;
+            if time < due - 1e-6 * step {
+                return Ok(());
+            }
+            samples += 1;
+            let (inputs, outputs) = values.split_at_mut(signature.inputs.len());
+            let computed = compute(time, inputs)?;
+            let types = outputs.iter().map(Value::of_type);
+            if !types.eq(computed.iter().map(Value::of_type)) {
+                return Err(format!("it returned {} values of wrong types", computed.len()));
+            }
+            outputs.clone_from_slice(&computed);
+            Ok(())
+        };
+        let start = variables.iter().flat_map(|variable| variable.start.iter().cloned());
+        let (instance, log) = (name.to_owned(), messages.clone());
+        let sink = move |logged| log.log(&instance, &logged);
+        Instance::of_function(start.collect(), Box::new(step), sink)
+    }
+}

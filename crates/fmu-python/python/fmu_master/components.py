@@ -1,0 +1,68 @@
+"""Components of a system that are functions of Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class PythonComponent:
+    """A component of a system that is a function of Python; see `python_component`."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    step: Callable[..., Any]
+    sample_time: float | None
+    units: Mapping[str, str]
+    types: Mapping[str, str]
+    reset: Callable[[], object] | None
+
+    def native(self, name: str) -> dict[str, Any]:
+        """Return what the native module needs of a component with this name."""
+        variables = ("inputs", self.inputs), ("outputs", self.outputs)
+        arguments = {
+            key: [(n, self.types.get(n, "Float64"), self.units.get(n, "")) for n in names]
+            for key, names in variables
+        }
+        return {"name": name, "sample_time": self.sample_time, "step": self.step} | arguments
+
+
+def python_component(
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    step: Callable[..., Any],
+    sample_time: float | None = None,
+    units: Mapping[str, str] | None = None,
+    *,
+    types: Mapping[str, str] | None = None,
+    reset: Callable[[], object] | None = None,
+) -> PythonComponent:
+    """Make a component of a system from a function.
+
+    Parameters
+    ----------
+    inputs, outputs
+        Names of its variables.
+    step
+        Called with the time [s] and the values of the inputs, in their order; returns the value of
+        the output, or a sequence with those of all outputs, which hold until the next call. What it
+        raises ends the run, and is the cause of an `FmuError`.
+    sample_time
+        Time between two calls [s], by default the communication step. A call is at the first
+        communication point that is not before its sample.
+    units
+        Units of variables by name.
+    types
+        Types of variables by name: "Float64", which is the default, "Int64" or "Boolean".
+    reset
+        Called before each run, for a function that keeps a state.
+
+    Examples
+    --------
+    >>> controller = python_component(["y"], ["u"], lambda t, y: -30.0 * y)
+    """
+    return PythonComponent(
+        tuple(inputs), tuple(outputs), step, sample_time, units or {}, types or {}, reset
+    )
