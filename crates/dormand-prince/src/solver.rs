@@ -735,4 +735,12 @@ mod tests {
             assert!((landed - kick - 2e-4).abs() < 1e-9, "{landed}");
         }
     }
+
+    #[test]
+    fn a_time_event_at_the_end_of_a_step_belongs_to_it_up_to_rounding() {
+        let mut clock = Equations { time_event: Some(1.0), ..system(|_, _| [1.0], [0.0]) };
+        // Ten steps end at 0.9999999999999999 s.
+        run(&mut clock, 0.1, 1.0, 1e-6).unwrap();
+        assert_eq!(clock.events, [1.0]);
+    }
 }

@@ -467,6 +467,10 @@ fn events_that_a_step_passed_are_handled_after_it_up_to_a_limit() {
         assert!(status == OK || it.last_message().contains("more than 1000 events are due"));
         assert!(status != OK || it.read(Type::Int32, [Hopper::CHANGES]) == [changes], "{step}");
     }
+    let it = eventful(Events, BALL, false, 0.0);
+    it.steps(0.0, Ball::KICK + 1e-8);
+    handle(&it);
+    assert_eq!(it.read(Type::Int32, [Ball::EVENTS]), [2.0], "at the start and the kick, once");
 }
 
 // --- integration --------------------------------------------------------------------------------
@@ -678,6 +682,9 @@ fn the_host_sets_the_tolerance_and_inputs_are_constant_during_a_step() {
         for tolerance in [NAN, 0.0, -1e-6, INFINITE] {
             assert_eq!(fall(Some(tolerance)), None);
         }
+        let it = Instance::of(EVENTS, BALL);
+        ok([it.enter(0.0, None, Some(-1.0))]);
+        it.refuses("expected a positive number", Fmu::exit_initialization_mode);
         let it = Instance::running(kind, HOPPER);
         for (time, drive, expected) in [(0.0, 0.0, [1.0, 0.0]), (0.5, 2.0, [1.25, 1.0])] {
             ok([it.set(Hopper::DRIVE, Hopper::G + drive)]);
