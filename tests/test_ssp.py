@@ -400,7 +400,7 @@ def test_a_nested_package_gives_the_bits_of_the_same_components_on_one_level(fol
     links = [
         {"from": "c.y", "to": "a.u", "factor": 2.0, "offset": 0.5},
         {"from": "a.y", "to": "b.u", "factor": 1 / DEGREE},
-        {"from": "b.y", "to": "c.u", "factor": 1 / DEGREE * 3},
+        {"from": "b.y", "to": "c.u", "factor": 1 / DEGREE * 3, "offset": 0.25},
     ]
     times = {"start": 0.5, "stop": 2.0, "step": 0.125}
     system = write_system(folder, start, links, order="parallel", **times)
@@ -448,7 +448,7 @@ def test_parameters_without_a_variable_are_ignored_with_a_warning(folder, tmp_pa
         ('"y" endConnector="out"', '"u" endConnector="out"', "both take values"),
         ('endConnector="gain"', 'endConnector="u"', "inner.a.u is connected twice"),
         (
-            '<common:LinearTransformation factor="3"/>',
+            '<common:LinearTransformation factor="3" offset="0.25"/>',
             "<common:BooleanMappingTransformation/>",
             "BooleanMappingTransformation is not supported",
         ),

@@ -298,18 +298,19 @@ impl<'a> System<'a> {
     fn pass(&self, passage: Passage, link: &Link, to: &Port) -> Result<Passage> {
         let length = passage.length + 1;
         ensure!(length <= self.links.len() + 1, "{} feeds itself", join(&to.0, &to.1));
-        let mut scale = then(passage.scale, link.scale);
         let unit = self.unit(to);
+        let mut conversion = None;
         if let (Some(from), Some(unit)) = (&passage.unit, &unit)
             && from.name != unit.name
         {
-            if !link.is_plain {
-                let name = || format!("{} [{}]", join(&to.0, &to.1), unit.name);
-                scale = then(scale, from.conversion(unit).with_context(name)?);
-            } else if scale.is_none() {
-                scale = Some(Scale { factor: 1.0, offset: 0.0 });
-            }
+            let name = || format!("{} [{}]", join(&to.0, &to.1), unit.name);
+            conversion = match link.is_plain {
+                true => Some(Scale { factor: 1.0, offset: 0.0 }),
+                false => from.conversion(unit).with_context(name)?,
+            };
         }
+        // The transformation is of the value in the unit of the target.
+        let scale = then(then(passage.scale, conversion), link.scale);
         Ok(Passage { unit: unit.or(passage.unit), scale, length })
     }
 }
