@@ -97,10 +97,8 @@ impl Description {
         let (stop, step) = self.default_experiment;
         // Without an integrator of its own, the model has no tolerance, but hosts that find none take a coarse one
         // for what they integrate.
-        let tolerance = match self.tolerance > 0.0 {
-            true => format!("{:?}", self.tolerance),
-            false => "1e-6".to_owned(),
-        };
+        let tolerance =
+            if self.tolerance > 0.0 { format!("{:?}", self.tolerance) } else { "1e-6".to_owned() };
         let experiment = Element::new("DefaultExperiment")
             .with("startTime", 0)
             .with("stopTime", stop)

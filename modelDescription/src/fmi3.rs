@@ -75,9 +75,7 @@ impl Description {
     pub fn terminals(&self, has_icon: bool) -> Result<Option<Element<'static>>> {
         let mut terminals: Vec<Element<'static>> = Vec::new();
         for variable in &self.variables {
-            let Some((name, member)) = variable.exported.terminal.split_once('.') else {
-                continue;
-            };
+            let Some((name, member)) = variable.exported.terminal.split_once('.') else { continue };
             let index = match terminals.iter().position(|t| t.attribute("name") == Some(name)) {
                 Some(index) => index,
                 None => {

@@ -35,10 +35,7 @@ impl Hash {
 
     /// A prefix of a name, unless it is empty.
     pub(crate) const fn prefix(self, prefix: &str) -> Self {
-        match prefix.is_empty() {
-            true => self,
-            false => self.bytes(prefix.as_bytes()).bytes(b"."),
-        }
+        if prefix.is_empty() { self } else { self.bytes(prefix.as_bytes()).bytes(b".") }
     }
 }
 

@@ -126,10 +126,7 @@ const fn split(text: &'static str, at: u8) -> (&'static str, &'static str) {
         i += 1;
     }
     let (before, rest) = text.split_at(i);
-    match rest.is_empty() {
-        true => (before, ""),
-        false => (before, rest.split_at(1).1),
-    }
+    if rest.is_empty() { (before, "") } else { (before, rest.split_at(1).1) }
 }
 
 const fn number(text: &str, radix: u32) -> i128 {
@@ -439,9 +436,7 @@ impl<const N: usize> Writer<N> {
     }
 
     const fn declared_type(&mut self, start: &Start) {
-        let Start::Enumeration(_, of) = start else {
-            return self.raw(&[0]);
-        };
+        let Start::Enumeration(_, of) = start else { return self.raw(&[0]) };
         self.raw(&[1]);
         self.text(of.name.as_bytes());
         self.text(of.description.as_bytes());

@@ -141,10 +141,7 @@ impl<'a> ModelDescription<'a> {
         }
         let version = root.attribute("fmiVersion").unwrap_or_default();
         let is_number = version.bytes().all(|b| b.is_ascii_digit() || b == b'.');
-        let shown = match is_number {
-            true => version.to_owned(),
-            false => quote(version),
-        };
+        let shown = if is_number { version.to_owned() } else { quote(version) };
         let needed = match version.starts_with("1.") {
             true => "; export the model again for one of these versions",
             false => "",
@@ -307,10 +304,7 @@ impl<'a> Listed<'a> {
             Causality::Input if is_3 => Some(Initial::Exact),
             _ => Initial::default_for(causality, variability),
         };
-        let dimensions = match is_3 {
-            true => dimensions(element, sizes),
-            false => Some(Vec::new()),
-        };
+        let dimensions = if is_3 { dimensions(element, sizes) } else { Some(Vec::new()) };
         let type_name = value.attribute("declaredType");
         let defined = type_name.and_then(|name| types.get(name));
         let declared_type = type_name.map(|name| match defined {

@@ -589,9 +589,7 @@ pub const fn check<const N: usize>(scalars: &[Scalar; N]) {
 /// Fails the compilation if the number of elements in use of an array is no structural parameter, or may
 /// exceed the array.
 const fn check_size(scalar: &Scalar, scalars: &[Scalar]) {
-    let Some(size) = scalar.size(scalars) else {
-        return;
-    };
+    let Some(size) = scalar.size(scalars) else { return };
     assert!(size < scalars.len(), "`size` names a variable that does not exist");
     assert!(
         scalars[size].offset_of_size().is_some(),

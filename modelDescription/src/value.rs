@@ -202,9 +202,7 @@ pub fn is_date_time(text: &str) -> bool {
         };
         numbers.len() == limits.len() && numbers.iter().zip(limits).all(fits)
     };
-    let Some((date, time)) = trim(text).split_once('T') else {
-        return false;
-    };
+    let Some((date, time)) = trim(text).split_once('T') else { return false };
     let (time, zone) = time.split_at(time.find(['Z', '+', '-']).unwrap_or(time.len()));
     let (time, fraction) = time.split_once('.').unwrap_or((time, "0"));
     let (year, day) = (date.trim_start_matches('-').split_once('-')).unwrap_or_default();

@@ -19,10 +19,7 @@ pub fn bounds(min: f64, max: f64) -> String {
 
 /// A unit to be put after a noun: ` [rad]`; empty if there is none.
 pub fn in_unit(unit: &str) -> String {
-    match unit.is_empty() {
-        true => String::new(),
-        false => format!(" [{unit}]"),
-    }
+    if unit.is_empty() { String::new() } else { format!(" [{unit}]") }
 }
 
 /// The keywords of the Modelica language (section 2.3.3 of its specification 3.6), and its variable `time`.

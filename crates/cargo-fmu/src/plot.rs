@@ -46,9 +46,7 @@ impl Page {
         runs: &[(String, &Path)],
         out: &mut impl Write,
     ) -> Result<()> {
-        let Some(page) = &self.file else {
-            return Ok(());
-        };
+        let Some(page) = &self.file else { return Ok(()) };
         let runs = runs.iter().map(|(name, file)| {
             let run = table::read(file).and_then(|table| run(name, &table));
             run.with_context(|| format!("{} cannot be plotted", file.display()))
@@ -61,9 +59,7 @@ impl Page {
     /// # Errors
     /// The file cannot be read, or the page cannot be written or shown.
     pub fn draw_sweep(&self, title: &str, file: &Path, out: &mut impl Write) -> Result<()> {
-        let Some(page) = &self.file else {
-            return Ok(());
-        };
+        let Some(page) = &self.file else { return Ok(()) };
         let table = table::read(file);
         let table = table.with_context(|| format!("{} cannot be plotted", file.display()))?;
         self.finish(page, SWEEP, title, &sweep(&table), out)
@@ -97,10 +93,7 @@ impl Page {
         written.with_context(|| format!("cannot write {}", page.display()))?;
         output.finish()?;
         writeln!(out, "wrote {}", page.display())?;
-        match self.open {
-            true => open(page),
-            false => Ok(()),
-        }
+        if self.open { open(page) } else { Ok(()) }
     }
 }
 

@@ -7,9 +7,8 @@ pub fn lines<const N: usize>(rows: &[[String; N]], left: bool) -> impl Iterator<
     let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
     rows.iter().map(move |row| {
         let cells = row.iter().zip(widths).enumerate();
-        let cells = cells.map(|(column, (cell, width))| match left || column == 0 {
-            true => format!("{cell:width$}"),
-            false => format!("{cell:>width$}"),
+        let cells = cells.map(|(column, (cell, width))| {
+            if left || column == 0 { format!("{cell:width$}") } else { format!("{cell:>width$}") }
         });
         Vec::from_iter(cells).join("  ").trim_end().to_owned()
     })

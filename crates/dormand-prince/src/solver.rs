@@ -334,10 +334,7 @@ impl<'a, E: Failure> Run<'a, E> {
             if let Some(failed) = self.evaluate_within(middle, h)? {
                 return Ok(Some(failed));
             }
-            match self.has_crossed() {
-                true => after = middle,
-                false => before = middle,
-            }
+            if self.has_crossed() { after = middle } else { before = middle }
         }
         if let Some(failed) = self.evaluate_within(after, h)? {
             return Ok(Some(failed));
@@ -435,10 +432,7 @@ impl<'a, E: Failure> Run<'a, E> {
         let size = self.norm(|i| relative(w.states[i], i));
         let slope = self.norm(|i| relative(w.slopes[0][i], i));
         let is_known = size > 1e-5 && slope > 1e-5;
-        let probe = match is_known {
-            true => remaining.min(0.01 * size / slope),
-            false => 1e-3 * remaining,
-        };
+        let probe = if is_known { remaining.min(0.01 * size / slope) } else { 1e-3 * remaining };
         for i in 0..self.w.states.len() {
             self.w.point[i] = self.w.states[i] + probe * self.w.slopes[0][i];
         }
@@ -452,10 +446,7 @@ impl<'a, E: Failure> Run<'a, E> {
         let relative = |value: f64, i: usize| value / self.scale(i, w.states[i].abs());
         let change = self.norm(|i| relative(w.slopes[1][i] - w.slopes[0][i], i)) / probe;
         let size = libm::pow(0.01 / change.max(slope).max(1e-15), 0.2);
-        Ok(match is_known {
-            true => size.min(100.0 * probe),
-            false => size,
-        })
+        Ok(if is_known { size.min(100.0 * probe) } else { size })
     }
 
     /// The error after which the integration cannot go on from the current time.

@@ -207,10 +207,8 @@ impl<'a> Builder<'a> {
         }
         let cache = self.metadata.target_directory.join("fmu-packed");
         fs::create_dir_all(&cache).with_context(|| format!("cannot make the folder {cache}"))?;
-        let compression = match self.options.small {
-            true => Compression::Zopfli,
-            false => Compression::Deflate,
-        };
+        let compression =
+            if self.options.small { Compression::Zopfli } else { Compression::Deflate };
         let pack = |binary: &Binary<'_>| binary.pack(compression, cache.as_std_path());
         // This machine's binary is built to read the models, even if it is not packed.
         let is_replaced = |binary: &Binary<'_>| {
@@ -267,10 +265,7 @@ impl<'a> Builder<'a> {
                     _ => macho(&parts).context("cannot join the parts of a universal binary")?,
                 };
                 let models = read_interfaces(&bytes).with_context(unusable)?;
-                let bytes = match target.platforms[0].is_wasm() {
-                    true => component(&bytes, &models).with_context(unusable)?,
-                    false => bytes,
-                };
+                let bytes = if target.platforms[0].is_wasm() { component(&bytes, &models).with_context(unusable)? } else { bytes };
                 ensure!(
                     !models.is_empty(),
                     "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
@@ -323,9 +318,7 @@ impl<'a> Builder<'a> {
     fn choose(&self, built: &[Binary<'a>]) -> Result<Vec<Model<'a>>> {
         let mut all: Vec<(&Library, &Description)> = Vec::new();
         for binary in built {
-            let Source::Library(library) = binary.source else {
-                continue;
-            };
+            let Source::Library(library) = binary.source else { continue };
             // The binary for another target has the same models.
             if all.last().is_some_and(|(last, _)| ptr::eq(*last, library)) {
                 continue;

@@ -123,10 +123,8 @@ impl Selection {
             return Ok(vec![library(root, metadata)?]);
         }
         let default = metadata.workspace_default_packages();
-        let chosen = match default.iter().any(|package| uses_fmu_export(package)) {
-            true => default,
-            false => members,
-        };
+        let chosen =
+            if default.iter().any(|package| uses_fmu_export(package)) { default } else { members };
         let users: Vec<_> = chosen.into_iter().filter(|p| uses_fmu_export(p)).collect();
         let found: Vec<_> = users
             .iter()

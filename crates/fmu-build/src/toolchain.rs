@@ -164,10 +164,7 @@ impl Recipe {
 
     /// What a panic does. WebAssembly has no unwinder.
     fn panic(&self) -> &'static str {
-        match self.is_for_component() {
-            true => "abort",
-            false => "unwind",
-        }
+        if self.is_for_component() { "abort" } else { "unwind" }
     }
 
     /// Whether the functions that unwind the stack are in a library of the system, and not linked into the
@@ -215,10 +212,7 @@ impl Display for Recipe {
             true => ", standard library built from source",
             false => ", standard library of the toolchain",
         })?;
-        match self.by_zig {
-            true => write!(f, ", {ZIGBUILD}"),
-            false => Ok(()),
-        }
+        if self.by_zig { write!(f, ", {ZIGBUILD}") } else { Ok(()) }
     }
 }
 

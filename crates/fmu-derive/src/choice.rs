@@ -12,9 +12,7 @@ use crate::field::{described, identifier, literal};
 /// Implements `Choice`.
 pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let ident = &input.ident;
-    let Data::Enum(data) = &input.data else {
-        return error(ident, "expected an enum");
-    };
+    let Data::Enum(data) = &input.data else { return error(ident, "expected an enum") };
     let options = Options::of(&input.attrs, CHOICE)?;
     let name = options.text("name").cloned();
     let name = identifier(name.unwrap_or_else(|| literal(ident)))?;
@@ -26,9 +24,7 @@ pub fn expand(input: &DeriveInput) -> Result<TokenStream> {
     let items = items.map(|variant| item(variant, base, &mut names, &krate));
     let items = all(items)?;
     let variants: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
-    let [first, ..] = &*variants else {
-        return error(ident, "expected at least one variant");
-    };
+    let [first, ..] = &*variants else { return error(ident, "expected at least one variant") };
     let from_number = quote! {
         #(
             if number == Self::#variants as i32 + #base {

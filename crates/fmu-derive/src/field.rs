@@ -291,9 +291,7 @@ impl Field {
     }
 
     fn check_type(&self, expression: &Expression) -> Result<()> {
-        let Form::Literal(literal) = &expression.form else {
-            return Ok(());
-        };
+        let Form::Literal(literal) = &expression.form else { return Ok(()) };
         let is_infinite = |number: f64| (number as f32).is_infinite();
         let (is_right, expected) = match (self.of_type, literal) {
             (FmiType::Float32, Lit::Int(_) | Lit::Float(_)) => {
@@ -347,9 +345,7 @@ fn refuse(place: Option<impl ToTokens>, is_mistake: bool, what: &str) -> Result<
 
 fn check_unit(unit: &LitStr) -> Result<()> {
     let text = unit.value();
-    let Err(unknown) = Unit::parse(&text) else {
-        return Ok(());
-    };
+    let Err(unknown) = Unit::parse(&text) else { return Ok(()) };
     let which = match unknown == format!("{text:?} is not a unit") {
         true => String::new(),
         false => format!(": {unknown}"),

@@ -320,10 +320,7 @@ impl Field {
         };
         let min = bound("min", quote!(f64::NEG_INFINITY), quote!(MIN));
         let max = bound("max", quote!(f64::INFINITY), quote!(MAX));
-        match self.of_type.is_float() {
-            true => quote!(Real(#min, #max)),
-            false => quote!(Whole(#min, #max)),
-        }
+        if self.of_type.is_float() { quote!(Real(#min, #max)) } else { quote!(Whole(#min, #max)) }
     }
 
     /// The type with the start values, which the compiler checks against the bounds.
@@ -374,10 +371,7 @@ impl Field {
             let lengths = dimensions.iter().rev();
             lengths.fold(value, |inner, length| quote!([#inner; #length]))
         };
-        let array = match is_scalar {
-            true => repeated(value.clone()),
-            false => value.clone(),
-        };
+        let array = if is_scalar { repeated(value.clone()) } else { value.clone() };
         let array = match self.options.expression("start") {
             // An error of its type is shown there.
             Some(start) => at(start.span(), quote!(&#array)),

@@ -95,13 +95,7 @@ fn model(
     let sample_time = number("sample_time", quote!(0.0));
     let stop_time = number("stop_time", quote!(20.0));
     let step_size = number("step_size", quote!(0.001));
-    let tolerance = number(
-        "tolerance",
-        match is_integrated {
-            true => quote!(1e-6),
-            false => quote!(0.0),
-        },
-    );
+    let tolerance = number("tolerance", if is_integrated { quote!(1e-6) } else { quote!(0.0) });
     // What the author implements.
     let author = match continuous {
         Some(place) => at(place, quote!(<Self as #krate::Continuous>)),
@@ -112,10 +106,7 @@ fn model(
         (true, Some(function)) => quote!(#function(self, time, step)),
         (true, None) => quote!(::core::unreachable!("from {time} s by {step} s")),
     };
-    let body = |body| match is_stub {
-        true => quote!(::core::unreachable!()),
-        false => body,
-    };
+    let body = |body| if is_stub { quote!(::core::unreachable!()) } else { body };
     let step = body(step);
     let initialize = body(quote!(#author::initialize(self, start)));
     let reconfigure = body(quote!(#author::reconfigure(self)));
@@ -236,9 +227,7 @@ fn variables(input: &DeriveInput, options: &Options, fields: Option<&[Field]>) -
 
 /// The fields, or the mistakes in all of them.
 fn fields(input: &DeriveInput, options: &Options) -> Result<Vec<Field>> {
-    let Data::Struct(data) = &input.data else {
-        return error(&input.ident, "expected a struct");
-    };
+    let Data::Struct(data) = &input.data else { return error(&input.ident, "expected a struct") };
     let Fields::Named(named) = &data.fields else {
         return error(&input.ident, "expected a struct with named fields");
     };
@@ -291,9 +280,7 @@ fn check_names(fields: &[Field]) -> Result<()> {
 /// Checks that the number of elements in use is a structural parameter of the struct, and does not exceed
 /// the array if both are literals. The compiler checks the others where a model is exported.
 fn check_size(field: &Field, fields: &[Field]) -> Result<()> {
-    let Some(size) = field.options.text("size") else {
-        return Ok(());
-    };
+    let Some(size) = field.options.text("size") else { return Ok(()) };
     let name = size.value();
     let Some(parameter) = fields.iter().find(|p| p.is_size_of(field)) else {
         let what = format!("there is no structural parameter {name:?} in this struct");

@@ -203,10 +203,7 @@ impl FromStr for Prebuilt {
         let (platform, file) = text
             .split_once('=')
             .context("expected PLATFORM=FILE, such as win64=fmu_controller.dll")?;
-        let version = match platform.contains('-') {
-            true => FmiVersion::Fmi3,
-            false => FmiVersion::Fmi2,
-        };
+        let version = if platform.contains('-') { FmiVersion::Fmi3 } else { FmiVersion::Fmi2 };
         Ok(Self { platform: Platform::named(platform, version)?, file: file.into() })
     }
 }

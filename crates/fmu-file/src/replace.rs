@@ -45,9 +45,7 @@ impl Replacement {
     /// See [`Replacement::of`]; or another process writes the file.
     pub fn part(path: &Path) -> Result<Self> {
         let target = linked(path);
-        let Some(part) = part(path) else {
-            return Self::new(path, &target, &mut Builder::new());
-        };
+        let Some(part) = part(path) else { return Self::new(path, &target, &mut Builder::new()) };
         if let Ok(older) = File::open(&part) {
             if let Err(TryLockError::WouldBlock) = older.try_lock() {
                 bail!("{} is in use by another process", part.display());
@@ -121,9 +119,7 @@ impl Replacement {
     /// # Errors
     /// The disk is full; the file is kept all the same.
     pub fn keep(self) -> Result<Option<PathBuf>> {
-        let Target::Temporary(file, _listed) = self.target else {
-            return Ok(None);
-        };
+        let Target::Temporary(file, _listed) = self.target else { return Ok(None) };
         let (file, _) = file.keep()?;
         file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))?;
         Ok(part(&self.path))

@@ -334,10 +334,7 @@ impl Description {
     /// # Errors
     /// As for both.
     pub fn open(file: &Path) -> Result<Self> {
-        match is_fmu(file) {
-            true => Self::of_fmu(file),
-            false => Self::read(file),
-        }
+        if is_fmu(file) { Self::of_fmu(file) } else { Self::read(file) }
     }
 
     /// Reads a TOML file, or a package (.ssp) or system (.ssd) of SSP; resolves the paths of the FMUs against

@@ -212,10 +212,7 @@ impl<'a> Signals<'a> {
             times.get(row + 1) == Some(&times[*row])
                 || (*row > 0 && held.any(|fed| fed.values[*row] != fed.values[row - 1]))
         };
-        let first = match time < times[0] {
-            true => 0,
-            false => self.held + 1,
-        };
+        let first = if time < times[0] { 0 } else { self.held + 1 };
         self.next = (first..times.len()).find(is_event).unwrap_or(times.len());
     }
 

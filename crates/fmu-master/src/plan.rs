@@ -223,10 +223,7 @@ impl Plan {
     /// whose last row belongs to a step from the stop time.
     pub fn end(&self) -> f64 {
         let Experiment { stop, step, .. } = self.experiment;
-        match self.steps_from_stop() {
-            true => stop + step,
-            false => stop,
-        }
+        if self.steps_from_stop() { stop + step } else { stop }
     }
 
     /// Whether a step from the stop time is needed, because a recorded component is sampled.
@@ -298,9 +295,7 @@ impl Planned {
         let mut sizes = Sizes::new();
         for (name, value) in &component.start {
             // Names of other elements may exist only with these sizes.
-            let Ok(scalar) = fmu.find(name) else {
-                continue;
-            };
+            let Ok(scalar) = fmu.find(name) else { continue };
             if fmu.variable(scalar).causality == Causality::StructuralParameter {
                 let value = start(&fmu, scalar, &full(name), value)?;
                 sizes.extend(value.as_whole().map(|size| (name.clone(), size)));
@@ -421,10 +416,7 @@ fn resolve<T>(
     if let Some(index) = owners.max_by_key(|i| components[*i].prefix.len()) {
         let Planned { prefix, fmu, .. } = &components[index];
         let found = find(fmu, &name[prefix.len()..]);
-        let found = match prefix.is_empty() {
-            true => found,
-            false => found.with_context(|| name.to_owned()),
-        };
+        let found = if prefix.is_empty() { found } else { found.with_context(|| name.to_owned()) };
         return Ok((index, found?));
     }
     // The end of a name, as pid.kp of controller.pid.kp.

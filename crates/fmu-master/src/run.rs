@@ -74,9 +74,7 @@ pub fn work<P: Borrow<Plan>>(
         notes: plan.notes.clone(),
     }));
     // The file for the rows can be written.
-    let Some(()) = service.task()? else {
-        return Ok(());
-    };
+    let Some(()) = service.task()? else { return Ok(()) };
     // Loading the binaries and initializing the FMUs do not count as simulating.
     let mut begin = Instant::now();
     let mut gathering = Gathering::new(plan);
@@ -387,10 +385,7 @@ impl Rows {
         let values = values.chain(row.values(&self.columns[1..]));
         table::push_line(&mut self.text, values.map(Some));
         self.ends.push((self.text.len(), row.time));
-        match self.text.len() >= BUFFER {
-            true => self.flush(),
-            false => Ok(()),
-        }
+        if self.text.len() >= BUFFER { self.flush() } else { Ok(()) }
     }
 
     /// Writes what was collected. If the disk is full, the file ends with a whole row.

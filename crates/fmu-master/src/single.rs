@@ -238,10 +238,8 @@ impl Single {
 
     /// Adds the time to a failure.
     fn told<T>(&self, called: Called<T>) -> Result<T> {
-        let at = |failure: Box<crate::Failure>| match self.runs {
-            true => failure.at(self.time),
-            false => failure,
-        };
+        let at =
+            |failure: Box<crate::Failure>| if self.runs { failure.at(self.time) } else { failure };
         called.map_err(|failure| anyhow::Error::new(*at(failure)))
     }
 

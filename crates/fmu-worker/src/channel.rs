@@ -100,9 +100,7 @@ impl Receiver {
             self.length = Some(length.min(MAX_BYTES) as usize);
             self.message.clear();
         }
-        let Some(length) = self.length else {
-            return false;
-        };
+        let Some(length) = self.length else { return false };
         while self.message.len() < length
             && let Some(number) = words.next()
         {

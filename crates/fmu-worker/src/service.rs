@@ -38,9 +38,7 @@ impl Service {
     /// # Errors
     /// The folder that it shares with the supervisor is not a worker's.
     pub fn of_this_process() -> io::Result<Option<Self>> {
-        let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else {
-            return Ok(None);
-        };
+        let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return Ok(None) };
         end_with_supervisor(&folder);
         Self::open(&folder).map(Some)
     }
@@ -76,10 +74,7 @@ impl Service {
     pub fn task<T: DeserializeOwned>(&mut self) -> io::Result<Option<T>> {
         let begin = Instant::now();
         while !self.tasks.receive() {
-            match begin.elapsed() < PERIOD {
-                true => thread::yield_now(),
-                false => thread::sleep(PERIOD),
-            }
+            if begin.elapsed() < PERIOD { thread::yield_now() } else { thread::sleep(PERIOD) }
         }
         decode(&self.tasks.message)
     }

@@ -208,9 +208,7 @@ fn interfaces(
     out: &mut impl Write,
 ) -> Result<()> {
     for [name, title, flags, numbers] in interfaces {
-        let Some(interface) = model.root.child(name) else {
-            continue;
-        };
+        let Some(interface) = model.root.child(name) else { continue };
         let default = (model.version == FmiVersion::Fmi2).then_some("0");
         let flags = common.split_whitespace().chain(flags.split_whitespace());
         let flags = flags.map(|name| format!("  {name:40} {}", interface.is_true(name)));

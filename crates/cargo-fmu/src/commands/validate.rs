@@ -72,10 +72,7 @@ pub fn run(args: &ValidateArgs, out: &mut impl Write) -> Result<bool> {
     };
     let (mut is_valid, mut checked) = (true, Vec::new());
     for file in &args.files {
-        let mut findings = Findings::keeping(match args.all {
-            true => Findings::ALL,
-            false => Findings::FEW,
-        });
+        let mut findings = Findings::keeping(if args.all { Findings::ALL } else { Findings::FEW });
         let deadline = Instant::now() + Duration::from_secs(args.total_time.into());
         fmu_check::check(file, probes.as_ref(), deadline, &mut findings);
         is_valid &= findings.errors() == 0;

@@ -104,9 +104,7 @@ fn check(
     };
     let function = all.iter().find(|function| function.operation == operation);
     // The log is needed here.
-    let Some(function) = function.filter(|_| operation != "set_debug_logging") else {
-        return;
-    };
+    let Some(function) = function.filter(|_| operation != "set_debug_logging") else { return };
     let expected = expected(f.kind, model, known, operation);
     let before = (expected == Some(ERROR) && known.state != '!').then(|| f.snapshot());
     let mut next = *known;

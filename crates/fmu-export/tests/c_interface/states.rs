@@ -190,10 +190,8 @@ fn bring(kind: Kind, state: char) -> Instance {
         let is_exchange = kind.1 == Exchanged;
         let input = if is_exchange { Ball::TROUBLE } else { Ball::FAULT };
         ok([it.set(input, trouble)]);
-        let found = match is_exchange {
-            true => it.get_derivatives(&mut [0.0; 2]),
-            false => it.step(0.25, 0.125),
-        };
+        let found =
+            if is_exchange { it.get_derivatives(&mut [0.0; 2]) } else { it.step(0.25, 0.125) };
         assert_eq!(found, status);
     };
     match state {
@@ -277,9 +275,7 @@ fn calls_in_an_intermediate_update_are_allowed_according_to_the_table() {
         let plain = new();
         plain.steps(0.0, 0.25);
         for function in functions(Fmi3) {
-            let Ok((_, letters, n)) = row(Fmi3, function.operation) else {
-                continue;
-            };
+            let Ok((_, letters, n)) = row(Fmi3, function.operation) else { continue };
             println!("{} in an intermediate update of {kind:?}", function.operation);
             let (it, statuses) = (new(), Rc::new(RefCell::new(Vec::new())));
             let answers = statuses.clone();

@@ -114,10 +114,7 @@ fn warnings(plan: &Plan, identifiers: &[String]) -> Vec<String> {
 /// and `_` become `_`, and `c_` comes before one that does not begin with a letter.
 fn identifier(name: &str) -> String {
     let valid = name.replace(|c: char| !c.is_ascii_alphanumeric(), "_");
-    match valid.starts_with(|c: char| c.is_ascii_alphabetic()) {
-        true => valid,
-        false => format!("c_{valid}"),
-    }
+    if valid.starts_with(|c: char| c.is_ascii_alphabetic()) { valid } else { format!("c_{valid}") }
 }
 
 /// The names of components in a package, which must be different.

@@ -208,10 +208,7 @@ impl Journal {
             let last = bytes.iter().rposition(|&byte| byte == b'\n');
             let length = bytes.len();
             bytes.truncate(last.map_or(0, |last| last + 1));
-            match bytes.len() < length {
-                true => self.file.set_len(bytes.len() as u64),
-                false => Ok(()),
-            }
+            if bytes.len() < length { self.file.set_len(bytes.len() as u64) } else { Ok(()) }
         } else if header.starts_with(&bytes) {
             bytes = header.to_vec();
             self.file.set_len(0).and_then(|()| self.file.write_all(&bytes))

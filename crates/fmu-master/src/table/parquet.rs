@@ -68,10 +68,7 @@ fn types(kind: Kind) -> (Physical, Option<LogicalType>) {
 fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
     let field = |column: &Column| {
         let (physical, logical) = types(column.kind);
-        let repetition = match column.optional {
-            true => Repetition::OPTIONAL,
-            false => Repetition::REQUIRED,
-        };
+        let repetition = if column.optional { Repetition::OPTIONAL } else { Repetition::REQUIRED };
         let built = Type::primitive_type_builder(&column.title(), physical)
             .with_repetition(repetition)
             .with_logical_type(logical)
