@@ -5,7 +5,7 @@
 //! | `# TEXT` | a comment |
 //! | `> FILE`, then lines `\| TEXT` | writes a file |
 //! | `= FILE OTHER [OLD => NEW]...` | writes a modified copy of another file |
-//! | `+ FMU [BINARY] [OLD => NEW]...` | writes an FMU of `tests/c/relay.c` with a modified XML |
+//! | `+ FMU [BINARY] [OLD => NEW]...` | writes an FMU of `tests/c/relay.c` or, as `Sums.fmu`, of `tests/c/sums.c`, with a modified XML |
 //! | `$ cargo fmu ...` | runs a command; its output and exit code follow |
 //!
 //! A failing command must leave the folder unchanged. `SNAPSHOTS=overwrite cargo test` writes the
@@ -155,7 +155,8 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 
 /// Builds of the FMU in C, by name.
 struct Relay {
-    xml: String,
+    /// The model descriptions of Relay.fmu and Sums.fmu.
+    descriptions: [String; 2],
     binaries: BTreeMap<&'static str, Vec<u8>>,
 }
 
@@ -164,26 +165,33 @@ impl Relay {
         let folder = tempfile::tempdir().unwrap();
         let compile = |name: &'static str| {
             let library = folder.path().join(name);
+            let source = if name == "SUMS" { "sums.c" } else { "relay.c" };
             let status = Command::new("cc")
                 .args(["-shared", "-fPIC", "-O1", &format!("-D{name}"), "-o"])
-                .args([&library, &sources.join("relay.c")])
+                .args([&library, &sources.join(source)])
                 .status()
                 .unwrap();
             assert!(status.success());
             (name, fs::read(library).unwrap())
         };
-        let mut binaries = BTreeMap::from(["RELAY", "WITHOUT_STEP", "WITHOUT_INIT"].map(compile));
+        let mut binaries =
+            BTreeMap::from(["RELAY", "SUMS", "WITHOUT_STEP", "WITHOUT_INIT"].map(compile));
         binaries.insert("NONE", Vec::new());
         binaries.insert("BROKEN", b"\x7fELF, but no more".to_vec());
-        Self { xml: fs::read_to_string(sources.join("relay.xml")).unwrap(), binaries }
+        let read = |name| fs::read_to_string(sources.join(name)).unwrap();
+        Self { descriptions: ["relay.xml", "sums.xml"].map(read), binaries }
     }
 
     /// Writes an FMU, given its file, optionally the name of a binary or `PLATFORM=TEXT`, and changes.
     fn write(&self, folder: &Path, line: &str) {
         let words = shlex::split(line).unwrap();
         let (file, mut rest) = words.split_first().unwrap();
-        let mut path = "binaries/linux64/Relay.so".to_owned();
-        let mut binary = self.binaries["RELAY"].clone();
+        let [relay, sums] = &self.descriptions;
+        let (name, xml, path) = match file.ends_with("Sums.fmu") {
+            true => ("SUMS", sums, "binaries/x86_64-linux/Sums.so"),
+            false => ("RELAY", relay, "binaries/linux64/Relay.so"),
+        };
+        let (mut path, mut binary) = (path.to_owned(), self.binaries[name].clone());
         if let [name, others @ ..] = rest
             && others.len() % 3 == 0
         {
@@ -193,7 +201,7 @@ impl Relay {
                 None => binary = self.binaries[name.as_str()].clone(),
             }
         }
-        let xml = changed(&self.xml, rest);
+        let xml = changed(xml, rest);
         let xml = Packed::text(xml.as_bytes()).unwrap();
         let binary = Packed::program(&binary, Compression::Deflate).unwrap();
         let entries = [(MODEL_DESCRIPTION, &xml), (path.as_str(), &binary)];
