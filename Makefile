@@ -101,9 +101,9 @@ module: $(RUN)
 	cargo build --locked $(RUST) --lib
 	@$(RUN) crates/fmu-python/link.py
 
-## native: build the command line as fast as it gets, for benchmarks
+## native: build the command line and the module as fast as they get, for benchmarks
 native:
-	cargo build --locked --profile native --package cargo-fmu
+	cargo build --locked --profile native --package cargo-fmu --package fmu-python
 
 ## ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
+from itertools import product
 from math import prod
 from pathlib import Path
 from statistics import median
@@ -164,7 +165,30 @@ CRITERION = ROOT / "target" / "criterion"
 SWEEP = ROOT / "examples" / "sweep" / "gains.toml"
 SWEPT = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
 COUPLED = BENCH / "coupled.toml"
+PACKAGE = ROOT / "crates" / "fmu-python" / "python" / "fmu_master"
+LIBRARY = {"darwin": "lib_native.dylib"}.get(sys.platform, "lib_native.so")
 CORES = os.cpu_count() or 1
+
+MASTERS = {
+    "simulate, in process": 200_000,
+    "simulate": 200_000,
+    "by hand, in process": 20_000,
+    "by hand": 2_000,
+    "FMPy": 20_000,
+    "libcosim": 5_000,
+    "ecos": 20_000,
+    "fmuloader": 5_000,
+}
+"""Steps of a run by each master that is called from Python, a name of bench/from_python.py. With
+many more, the loop in parallel order diverges."""
+
+OTHERS = {"libcosim": "libcosimpy", "ecos": "ecospy", "fmuloader": "fmuloader"}
+"""The packages of other masters."""
+
+FIRST = ("first result", "first result of FMPy")
+
+LOOPS = 100_000
+"""Loops after which the memory is measured; before, after a tenth of them."""
 
 LOOP_STEPS = 2000
 """Steps of one loop of the sweep."""
@@ -193,6 +217,13 @@ class Bench:
         self.rounds = 2 if quick else 10
         """Rounds of whole runs and sweeps; the C host has more."""
         self.bytes: dict[str, float] = {}
+        self.packages = folder / "packages"
+        """The Python module with the fast native part."""
+        shutil.copytree(
+            PACKAGE, self.packages / PACKAGE.name, ignore=lambda *_: ["_native.abi3.so"]
+        )
+        built = self.program.parent / LIBRARY
+        (self.packages / PACKAGE.name / "_native.abi3.so").symlink_to(built)
 
     def some(self, count: int) -> int:
         """Return a number of repetitions, or much less."""
@@ -202,6 +233,7 @@ class Bench:
         """Measure everything."""
         parts = [self.cycles, self.python, self.lives, self.instances, self.threads]
         parts += [self.pair, self.whole, self.lengths, self.systems, self.sweeps]
+        parts += [self.masters, self.module, self.memory]
         parts += [rust] * (not self.quick)
         costs: Costs = {}
         for part in parts:
@@ -338,11 +370,17 @@ class Bench:
                 costs.setdefault(f"step/{size}", []).append(rest / (steps * size))
         return costs
 
+    def sweep_file(self, stop: float) -> Path:
+        """Write the file of the sweep with another stop time [s]."""
+        text = SWEEP.read_text(encoding="utf-8").replace("stop = 2.0", f"stop = {stop}")
+        text = text.replace('"..', f'"{SWEEP.parents[1]}')
+        file = self.folder / "sweep.toml"
+        file.write_text(re.sub(r"count = \d+", "count = 2", text) if self.quick else text)
+        return file
+
     def sweeps(self) -> Costs:
         """Measure a loop of the sweep in 1, 2, ... processes, and the bare loop in C."""
-        text, file = SWEEP.read_text(encoding="utf-8"), self.folder / "sweep.toml"
-        file.write_text(re.sub(r"count = \d+", "count = 2", text) if self.quick else text)
-        out = self.folder / "sweep.csv"
+        file, out = self.sweep_file(2.0), self.folder / "sweep.csv"
 
         def sweep(processes: int) -> float:
             out.unlink(missing_ok=True)
@@ -357,6 +395,40 @@ class Bench:
 
         counts = {f"sweep/{n}": partial(sweep, n) for n in range(1, CORES + 1)}
         return self.alternate({"sweep/C": bare} | counts)
+
+    # --- from Python
+
+    def from_python(self, what: str, count: int, folder: Path = FMUS) -> float:
+        """Return what bench/from_python.py prints."""
+        paths = {"PYTHONPATH": os.pathsep.join(map(str, [self.packages, ROOT / "python"]))}
+        return float(
+            run([sys.executable, BENCH / "from_python.py", what, folder, str(count)], paths)
+        )
+
+    def masters(self) -> Costs:
+        """Measure a step of a loop of three FMUs by each master that can be called here."""
+        subjects = {}
+        for name, steps in MASTERS.items():
+            load = [sys.executable, "-c", f"import {OTHERS.get(name, 'sys')}"]
+            # Ecos needs a library of the system.
+            if subprocess.run(load, capture_output=True, check=False).returncode == 0:
+                subjects[f"master/{name}"] = partial(self.from_python, name, self.some(steps))
+        return self.alternate(subjects)
+
+    def module(self) -> Costs:
+        """Measure from the import to the first result, and a sweep in 1 and 2 processes."""
+        file = self.sweep_file(8.0)  # long runs, as starting Python is not to count
+        subjects = {f"first/{name}": partial(self.from_python, name, 1) for name in FIRST}
+        subjects |= {f"module/{n}": partial(self.from_python, "sweep", n, file) for n in (1, 2)}
+        return self.alternate(subjects)
+
+    def memory(self) -> Costs:
+        """Measure the memory [bytes] after many short runs of a loop."""
+        kinds, counts = ("memory, in process", "memory"), (LOOPS // 10, LOOPS)
+        return {
+            f"{kind}/{count}": [self.from_python(kind, self.some(count))]
+            for kind, count in product(kinds, counts)
+        }
 
     # --- instructions
 

@@ -4,7 +4,7 @@ import json
 import operator
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from statistics import median, quantiles
@@ -48,6 +48,7 @@ class Ratio:
     to: str
     other: Sequence[float]
     aim: str = ""
+    shown: Callable[[float], str] = field(default_factory=lambda: ns)
 
     @property
     def name(self) -> str:
@@ -126,6 +127,53 @@ def host_ratios(costs: Costs) -> Ratios:
     }
 
 
+MASTERS = {
+    "simulate, in process": "`simulate`, in process",
+    "simulate": "`simulate`",
+    "by hand, in process": "`Instance`, in process",
+    "by hand": "`Instance`",
+    "FMPy": "FMPy",
+    "libcosim": "libcosim",
+    "ecos": "Ecos",
+    "fmuloader": "fmuloader",
+}
+
+
+def master_ratios(costs: Costs) -> Ratios:
+    """Return how much faster than FMPy a loop is by each master that is called from Python."""
+    what, fmpy = "a step of the loop in FMPy", costs["master/FMPy"]
+    names = [name for name in MASTERS if f"master/{name}" in costs]
+    return {name: Ratio(what, fmpy, MASTERS[name], costs[f"master/{name}"]) for name in names}
+
+
+def module_ratios(costs: Costs) -> Ratios:
+    """Return what else is measured of the Python module."""
+    first, swept, flat = "first/first result", "the sweep from Python, 1 process", "at most 1.05"
+    rows = {
+        "first": ("from `import` to the first result", first, "FMPy", f"{first} of FMPy", "", ns),
+        "sweep": (swept, "module/1", "2 processes", "module/2", "at least 1.85", ns),
+    }
+    for kind, where in (("memory", "a child process"), ("memory, in process", "process")):
+        many, few = sorted((c for c in costs if c.startswith(f"{kind}/")), key=len, reverse=True)
+        counts = [name.split("/")[1] for name in (many, few)]
+        what = f"memory after {counts[0]} loops in {where}"
+        rows[kind] = (what, many, f"after {counts[1]} loops", few, flat, megabytes)
+    return {
+        key: Ratio(what, costs[ours], to, costs[other], aim, shown)
+        for key, (what, ours, to, other, aim, shown) in rows.items()
+    }
+
+
+def rate(time: float) -> str:
+    """Return how many there are in a second, from the time of one in ns."""
+    return f"{1e9 / time:.3g}" if time > 1e6 else f"{1e9 / time / 1e3:.3g} thousand"
+
+
+def megabytes(size: float) -> str:
+    """Return a size in bytes with a unit."""
+    return f"{size / 1e6:.1f} MB"
+
+
 # --- earlier publications -------------------------------------------------------------------
 
 EARLIER = Path(__file__).with_name("earlier.json")
@@ -135,10 +183,13 @@ WORSE = 1.03
 """A ratio that is worse by more than this factor is reported."""
 
 
+KINDS = (cycle_ratios, version_ratios, host_ratios, master_ratios, module_ratios)
+
+
 def published(results: Mapping) -> dict[str, Any]:
     """Return what is kept of a publication. Ratios to threads only describe the machine."""
     machine, costs = results["machine"], results["costs"]
-    kinds = (find(costs) for find in (cycle_ratios, version_ratios, host_ratios))
+    kinds = (find(costs) for find in KINDS)
     ratios = [ratio for kind in kinds for ratio in kind.values() if "thread" not in ratio.to]
     return {
         "processor": machine["processor"],
@@ -158,7 +209,7 @@ def worse(now: Mapping[str, Any], before: Mapping[str, Any]) -> list[str]:
     for name, ratio in now["ratios"].items():
         old = before["ratios"].get(name)
         # Speed, relative to something slower, is to be high, and a cost is to be low.
-        is_speed = name.startswith("the same step in FMPy") or name.endswith("processes")
+        is_speed = " in FMPy, " in name or name.endswith("processes")
         if old and (old / ratio if is_speed else ratio / old) > WORSE:
             found.append(f"{name}: {number(ratio)}, before {number(old)}")
     return found
@@ -185,9 +236,10 @@ def render(results: Mapping) -> str:
             keep_trailing_newline=True,
         ),
     )
-    environment.filters |= {"code": code, "median": median, "ns": ns, "row": row}
-    kinds = [find(costs) for find in (cycle_ratios, version_ratios, host_ratios)]
-    context = dict(zip(("cycles", "versions", "host"), kinds, strict=True)) | {
+    environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
+    kinds = [find(costs) for find in KINDS]
+    names = ("cycles", "versions", "host", "masters", "module")
+    context = dict(zip(names, kinds, strict=True)) | {
         "missed": [r for ratios in kinds for r in ratios.values() if r.verdict in MISSED],
         "nodes": [],
         "python": None,

@@ -67,6 +67,8 @@ def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
     for model in MODELS:
         assert f"| `{model}`" in texts["cycle"]
     assert texts["versions"].count("at most") == 10
+    assert all(f"\n| {name} | " in texts["masters"] for name in ("FMPy", "libcosim", "fmuloader"))
+    assert len(re.findall(r"loops in .*(met|missed|unclear) \|", texts["module"])) == 2
     assert all((tmp_path / name).exists() for name in re.findall(r"\]\((\S+svg)\)", after)[1:])
 
 

@@ -367,4 +367,5 @@ class Loaded:
         self.setter([self.references[name]], [value])
 
 
-FILE.write_text(json.dumps([float(angle) for angle in globals()[IMPORTER]()][: STEPS + 1]))
+if __name__ == "__main__":
+    FILE.write_text(json.dumps([float(angle) for angle in globals()[IMPORTER]()][: STEPS + 1]))
