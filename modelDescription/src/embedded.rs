@@ -1,10 +1,15 @@
 //! Reads the interfaces of models from the copies in a binary, which [`interface`](crate::interface) writes.
 
+use std::ops::Range;
+
 use anyhow::{Context, Result, ensure};
 
 use crate::Description;
 use crate::hash::checksum;
 use crate::interface::{CHECKSUM, MAGIC, VERSION};
+
+const DAMAGED: &str = "the description of a model in the binary is damaged";
+const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 
 /// Reads the interfaces of all models in a binary, without duplicates: a universal binary has several
 /// copies of each.
@@ -12,36 +17,55 @@ use crate::interface::{CHECKSUM, MAGIC, VERSION};
 /// # Errors
 /// A copy is damaged, or of another version of the format.
 pub fn read_interfaces(binary: &[u8]) -> Result<Vec<Description>> {
-    const DAMAGED: &str = "the description of a model in the binary is damaged";
-    const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
     let mut models = Vec::new();
-    let mut rest = binary;
-    while let Some(at) = rest.windows(MAGIC.len()).position(|bytes| bytes == MAGIC) {
-        let (header, _) = rest[at..].split_first_chunk::<HEADER>().context(DAMAGED)?;
-        let [.., a, b, c, d, e, f, g, h] = *header;
-        let version = u32::from_le_bytes([a, b, c, d]);
-        ensure!(
-            version == VERSION,
-            "the library was built with another version of fmu-export: its format is {version}, expected {VERSION}"
-        );
-        let length = u32::from_le_bytes([e, f, g, h]) as usize;
-        let copy = rest[at..].split_at_checked(length.max(HEADER));
-        let (copy, after) = copy.context(DAMAGED)?;
-        let model = description(copy, HEADER).context(DAMAGED)?;
+    let mut end = 0;
+    while let Some(copy) = next_copy(binary, end)? {
+        end = copy.end;
+        let model = description(&binary[copy]).context(DAMAGED)?;
         if !models.contains(&model) {
             models.push(model);
         }
-        rest = after;
     }
     Ok(models)
 }
 
-fn description(copy: &[u8], header: usize) -> Result<Description> {
+/// Overwrites the interfaces in a binary that needs them no longer with zeros.
+///
+/// # Errors
+/// As [`read_interfaces`].
+pub fn erase_interfaces(binary: &mut [u8]) -> Result<()> {
+    let mut end = 0;
+    while let Some(copy) = next_copy(binary, end)? {
+        end = copy.end;
+        binary[copy].fill(0);
+    }
+    Ok(())
+}
+
+/// Where the first copy of an interface after a position is.
+fn next_copy(binary: &[u8], from: usize) -> Result<Option<Range<usize>>> {
+    let rest = &binary[from..];
+    let Some(at) = rest.windows(MAGIC.len()).position(|bytes| bytes == MAGIC) else {
+        return Ok(None);
+    };
+    let (header, _) = rest[at..].split_first_chunk::<HEADER>().context(DAMAGED)?;
+    let [.., a, b, c, d, e, f, g, h] = *header;
+    let version = u32::from_le_bytes([a, b, c, d]);
+    ensure!(
+        version == VERSION,
+        "the library was built with another version of fmu-export: its format is {version}, expected {VERSION}"
+    );
+    let length = (u32::from_le_bytes([e, f, g, h]) as usize).max(HEADER);
+    ensure!(length <= rest.len() - at, DAMAGED);
+    Ok(Some(from + at..from + at + length))
+}
+
+fn description(copy: &[u8]) -> Result<Description> {
     let copy = copy.split_last_chunk::<CHECKSUM>();
     let (content, sum) = copy.context("it ends too early")?;
     let is_whole = checksum(content).to_le_bytes() == *sum;
     ensure!(is_whole, "its checksum is wrong");
-    let content = content.get(header..).context("it ends too early")?;
+    let content = content.get(HEADER..).context("it ends too early")?;
     let model: Description = postcard::from_bytes(content)?;
     let mut reference = 0_u32;
     for v in &model.variables {

@@ -36,7 +36,7 @@ pub mod xml;
 #[cfg(feature = "xml")]
 pub use describe::{Description, Origin};
 #[cfg(feature = "xml")]
-pub use embedded::read_interfaces;
+pub use embedded::{erase_interfaces, read_interfaces};
 pub use fmi_abi::Version as FmiVersion;
 pub use interface::{Interface, Overrides};
 #[cfg(feature = "xml")]

@@ -2,17 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
+use std::ops::Range;
 
 use anyhow::{Context, Result};
-use fmu_description::Description;
+use fmu_description::{Description, erase_interfaces};
 use wasm_encoder::reencode::{Error, Reencode, ReencodeComponent, component_utils, utils};
 use wasm_encoder::{
     Alias, Component, ComponentAliasSection, ComponentImportSection, ComponentInstanceSection,
-    ExportSection, Module,
+    ConstExpr, DataSection, ExportSection, Module,
 };
 use wasmparser::{
     ComponentAliasSectionReader, ComponentImportSectionReader, ComponentInstance,
-    CustomSectionReader, Parser, Validator,
+    CustomSectionReader, Data, DataKind, Operator, Parser, Validator,
 };
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::{Resolve, TypeDefKind, WorldId, WorldItem};
@@ -26,7 +27,7 @@ const INNER: &str = "import-";
 ///
 /// # Errors
 /// The module does not have the functions of the interface.
-pub fn encode(module: &[u8], models: &[Description]) -> Result<Vec<u8>> {
+pub fn encode(mut module: Vec<u8>, models: &[Description]) -> Result<Vec<u8>> {
     let mut resolve = Resolve::default();
     let package = resolve.push_str("component.wit", INTERFACE)?;
     let world = match models.iter().any(Description::is_for_model_exchange) {
@@ -35,9 +36,10 @@ pub fn encode(module: &[u8], models: &[Description]) -> Result<Vec<u8>> {
     };
     let world = resolve.select_world(&[package], Some(world))?;
     let names = names(&resolve, world);
+    erase_interfaces(&mut module)?;
     let mut named = Module::new();
     Named(&names)
-        .parse_core_module(&mut named, Parser::new(0), module)
+        .parse_core_module(&mut named, Parser::new(0), &module)
         .context("cannot name its functions")?;
     let mut module = named.finish();
     embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8, false)?;
@@ -72,7 +74,8 @@ fn names(resolve: &Resolve, world: WorldId) -> BTreeMap<String, String> {
     names
 }
 
-/// Exports the functions of a module under their names in the interfaces, as the encoder expects them.
+/// Exports the functions of a module under their names in the interfaces, as the encoder expects them, and leaves
+/// out zeros, which memory has from the start.
 struct Named<'a>(&'a BTreeMap<String, String>);
 
 impl Reencode for Named<'_> {
@@ -91,6 +94,37 @@ impl Reencode for Named<'_> {
         }
         Ok(())
     }
+
+    fn parse_data(&mut self, section: &mut DataSection, data: Data<'_>) -> Result<(), Error> {
+        if let DataKind::Active { memory_index, offset_expr } = &data.kind
+            && let Operator::I32Const { value } = offset_expr.get_operators_reader().read()?
+        {
+            for part in parts(data.data) {
+                let offset = ConstExpr::i32_const(value.wrapping_add_unsigned(part.start as u32));
+                section.active(*memory_index, &offset, data.data[part].iter().copied());
+            }
+            return Ok(());
+        }
+        utils::parse_data(self, section, data)
+    }
+}
+
+/// The parts of data between long runs of zeros.
+fn parts(data: &[u8]) -> Vec<Range<usize>> {
+    // What it costs to begin another part.
+    const LONG: usize = 10;
+    let mut parts: Vec<Range<usize>> = Vec::new();
+    let mut end = 0;
+    for run in data.chunk_by(|a, b| (*a == 0) == (*b == 0)) {
+        let start = end;
+        end += run.len();
+        match parts.last_mut() {
+            _ if run[0] == 0 => {}
+            Some(last) if start - last.end < LONG => last.end = end,
+            _ => parts.push(start..end),
+        }
+    }
+    parts
 }
 
 /// Gives the functions inside of a component short names, which no host sees, and drops what only debuggers

@@ -265,7 +265,7 @@ impl<'a> Builder<'a> {
                     _ => macho(&parts).context("cannot join the parts of a universal binary")?,
                 };
                 let models = read_interfaces(&bytes).with_context(unusable)?;
-                let bytes = if target.platforms[0].is_wasm() { component(&bytes, &models).with_context(unusable)? } else { bytes };
+                let bytes = if target.platforms[0].is_wasm() { component(bytes, &models).with_context(unusable)? } else { bytes };
                 ensure!(
                     !models.is_empty(),
                     "the library of {} has no model; write in {}, with the name of the struct of your model:\n\nfmu_export::export!(MyModel);",
@@ -474,7 +474,7 @@ use crate::component::encode as component;
 
 /// Where this program cannot make a component.
 #[cfg(not(feature = "wasm"))]
-fn component(_: &[u8], _: &[Description]) -> Result<Vec<u8>> {
+fn component(_: Vec<u8>, _: &[Description]) -> Result<Vec<u8>> {
     bail!("this program was built without its feature `wasm`, which the target {TARGET_WASM} needs")
 }
 

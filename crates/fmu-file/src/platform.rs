@@ -204,7 +204,12 @@ impl FromStr for Prebuilt {
             .split_once('=')
             .context("expected PLATFORM=FILE, such as win64=fmu_controller.dll")?;
         let version = if platform.contains('-') { FmiVersion::Fmi3 } else { FmiVersion::Fmi2 };
-        Ok(Self { platform: Platform::named(platform, version)?, file: file.into() })
+        let platform = Platform::named(platform, version)?;
+        ensure!(
+            !platform.is_wasm(),
+            "{file} is a WebAssembly component, which does not describe its model; expected a native binary, or merge FMUs with `cargo fmu merge`"
+        );
+        Ok(Self { platform, file: file.into() })
     }
 }
 
@@ -235,6 +240,8 @@ mod tests {
         assert_eq!(component[0].binary("Pid"), "binaries/wasm32-wasip2/Pid.wasm");
         let error = Platform::of_target(TARGET_WASM, FmiVersion::Fmi2).unwrap_err();
         assert_eq!(error.to_string(), "WebAssembly components are for FMI 3.0; write --fmi 3.0");
+        let error = "wasm32-wasip2=Pid.wasm".parse::<Prebuilt>().unwrap_err().to_string();
+        assert!(error.contains("expected a native binary"), "{error}");
     }
 
     #[test]

@@ -12,7 +12,8 @@ use fmu_description::table::{Bounds, Field, Start};
 use fmu_description::xml::parse;
 use fmu_description::{
     Causality, DeclaredType, Description, Dynamics, Exported, FmiVersion, Initial, Interface,
-    ModelDescription, Origin, Row, Type, Value, Variability, Variable, read_interfaces,
+    ModelDescription, Origin, Row, Type, Value, Variability, Variable, erase_interfaces,
+    read_interfaces,
 };
 use fmu_export::prelude::*;
 use models::{Gauges, Lists, Reservoir, Sizes, Spring};
@@ -292,10 +293,13 @@ fn structs_can_be_written_by_macros() {
 #[test]
 fn copies_are_found_anywhere_in_a_binary_and_without_duplicates() {
     let binary = [b"\x7fELF\x7fFMU", &TANK_COPY[..], b"\x7f", &SMALL_COPY, &TANK_COPY, b"end"];
-    let models = read_interfaces(&binary.concat()).unwrap();
+    let mut binary = binary.concat();
+    let models = read_interfaces(&binary).unwrap();
     let names: Vec<_> = models.iter().map(|model| &*model.name).collect();
     assert_eq!(names, ["Tank", "SmallTank"]);
-    assert_eq!(read_interfaces(b"no model").unwrap(), []);
+    erase_interfaces(&mut binary).unwrap();
+    assert_eq!(read_interfaces(&binary).unwrap(), []);
+    assert!(binary.starts_with(b"\x7fELF\x7fFMU\0") && binary.ends_with(b"\0end"));
 }
 
 /// Checks that bytes are an error.
