@@ -127,6 +127,7 @@ def test_an_fmu_has_a_component_and_the_manifest_of_the_draft(components):
             manifest = etree.fromstring(archive.read(EXTRA))
         etree.XMLSchema(file=str(schema)).assertValid(manifest)
         assert b"wasi:" not in binary(path)
+        assert len(binary(path)) <= 200_000
         has_exchange = read_model_description(path).modelExchange is not None
         assert (b"model-exchange-instance" in binary(path)) == has_exchange
 

@@ -51,6 +51,11 @@ impl Overrides {
     /// No overrides.
     pub const NONE: Self = Self("");
 
+    /// Whether there are none.
+    pub const fn is_empty(self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The name of a variant of the model `base`, and its start values, from the text
     /// `BASE=NAME;OVERRIDES`; `None` if it is a variant of another model.
     pub const fn of(base: &str, text: &'static str) -> Option<(&'static str, Self)> {
@@ -69,7 +74,7 @@ impl Overrides {
         }
         let (reference, rest) = split(self.0, b':');
         let (length, rest) = split(rest, b':');
-        let (text, rest) = rest.split_at(number(length, 10) as usize);
+        let (text, rest) = cut(rest, number(length, 10) as usize);
         let reference = number(reference, 10) as usize;
         Some((Override { reference, text }, Self(rest)))
     }
@@ -125,8 +130,16 @@ const fn split(text: &'static str, at: u8) -> (&'static str, &'static str) {
     while i < text.len() && text.as_bytes()[i] != at {
         i += 1;
     }
-    let (before, rest) = text.split_at(i);
-    if rest.is_empty() { (before, "") } else { (before, rest.split_at(1).1) }
+    let (before, rest) = cut(text, i);
+    (before, cut(rest, 1).1)
+}
+
+/// The parts of a text before and after an index, which may be past its end.
+const fn cut(text: &str, at: usize) -> (&str, &str) {
+    match text.split_at_checked(at) {
+        Some(parts) => parts,
+        None => (text, ""),
+    }
 }
 
 const fn number(text: &str, radix: u32) -> i128 {

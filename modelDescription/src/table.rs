@@ -396,10 +396,11 @@ impl Scalar {
     /// The parts of the name of the variable with the prefixes of its groups: `pid.kp`, `der(pid.x)`.
     pub(crate) const fn name_parts(&self) -> [&'static str; 2 * MAX_DEPTH + 2] {
         let mut parts = [""; 2 * MAX_DEPTH + 2];
-        let (start, name) = match self.variable.name.as_bytes() {
-            [b'd', b'e', b'r', b'(', ..] => self.variable.name.split_at(4),
-            _ => ("", self.variable.name),
-        };
+        let (start, name) =
+            match (self.variable.name.as_bytes(), self.variable.name.split_at_checked(4)) {
+                ([b'd', b'e', b'r', b'(', ..], Some(parts)) => parts,
+                _ => ("", self.variable.name),
+            };
         (parts[0], parts[2 * MAX_DEPTH + 1]) = (start, name);
         each!(i, prefix in self.prefixes => {
             if !prefix.is_empty() {

@@ -17,13 +17,26 @@ pub(crate) struct Bound<M, const N: usize> {
     is_smaller: bool,
 }
 
+/// The start values of a variant, and the function that sets them, which other binaries need not contain.
+#[derive(Clone, Copy)]
+pub(crate) struct Variant(Overrides, fn(&mut dyn AnyModel, Overrides) -> bool);
+
+impl Variant {
+    pub(crate) const fn of(overrides: Overrides) -> Option<Self> {
+        match overrides.is_empty() {
+            true => None,
+            false => Some(Self(overrides, <dyn AnyModel>::override_starts)),
+        }
+    }
+}
+
 /// A model of any type. The functions on `dyn AnyModel` are compiled once.
 pub(crate) trait AnyModel: Any {
     fn facts(&self) -> &'static Facts;
     /// The model in memory, with its variables at the offsets of the table.
     fn memory(&mut self) -> *mut u8;
     /// Sets all values to their start values, also of a variant.
-    fn reset(&mut self, overrides: Overrides);
+    fn reset(&mut self, variant: Option<Variant>);
     /// Becomes a fresh model with the values that the host has set.
     fn renew(&mut self);
     /// The time derivative of an input, if the host may set it.
@@ -79,9 +92,9 @@ impl<M: Model, const N: usize> Bound<M, N> {
         Self { model, is_smaller: false }
     }
 
-    pub(crate) fn new(overrides: Overrides) -> Self {
+    pub(crate) fn new(variant: Option<Variant>) -> Self {
         let mut new = Self::of(M::new());
-        new.is_smaller = (&mut new as &mut dyn AnyModel).override_starts(overrides);
+        new.is_smaller = variant.is_some_and(|Variant(overrides, set)| set(&mut new, overrides));
         new
     }
 
@@ -294,8 +307,8 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
         (&raw mut self.model).cast()
     }
 
-    fn reset(&mut self, overrides: Overrides) {
-        *self = Self::new(overrides);
+    fn reset(&mut self, variant: Option<Variant>) {
+        *self = Self::new(variant);
     }
 
     fn renew(&mut self) {

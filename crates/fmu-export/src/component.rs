@@ -12,9 +12,9 @@ use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
 use fmu_description::hash::checksum;
 use fmu_description::interface::GUID_LENGTH;
-use fmu_description::{Loader, Overrides, Saver, Variability};
+use fmu_description::{Loader, Saver, Variability};
 
-use crate::bound::{AnyModel, Numbers};
+use crate::bound::{AnyModel, Numbers, Variant};
 use crate::clock::SampleClock;
 use crate::lifecycle::{Integration, Lifecycle, Mode};
 use crate::log::{self, Category, Log};
@@ -134,7 +134,7 @@ pub(crate) struct Shared {
     pub(crate) lifecycle: Lifecycle,
     pub(crate) settings: Settings,
     guid: &'static Guid,
-    overrides: Overrides,
+    variant: Option<Variant>,
     /// The texts and the binary values that the last call returned, which live until the next one.
     pub(crate) texts: Vec<CString>,
     pub(crate) binaries: Vec<Vec<u8>>,
@@ -147,9 +147,9 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: [u8; 4] = 7u32.to_le_bytes();
+const VERSION: u32 = 7;
 const CHECKSUM: usize = size_of::<u128>();
-const HEADER: usize = MAGIC.len() + VERSION.len() + size_of::<Guid>();
+const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 
 /// The complete state of an instance.
 pub(crate) struct Snapshot {
@@ -162,7 +162,7 @@ impl<M: AnyModel> Component<M> {
     pub(crate) fn new(
         settings: Settings,
         hot: &'static Hot,
-        (guid, overrides): (&'static Guid, Overrides),
+        (guid, variant): (&'static Guid, Option<Variant>),
         mut model: M,
     ) -> Self {
         (&mut model as &mut dyn AnyModel).connect(&settings.log);
@@ -182,7 +182,7 @@ impl<M: AnyModel> Component<M> {
                 lifecycle: Lifecycle::new(settings.mode),
                 settings,
                 guid,
-                overrides,
+                variant,
                 texts: Vec::new(),
                 binaries: Vec::new(),
                 workspace,
@@ -243,8 +243,8 @@ impl Component {
     #[cold]
     fn refuse_in(&self, state: State, call: &Call) -> Outcome {
         let all = State::ALL.iter();
-        let mut allowed: Vec<&str> =
-            all.filter(|(state, _)| call.is_allowed(*state)).map(|(_, name)| *name).collect();
+        let all = all.filter(|(state, _)| call.is_allowed(*state));
+        let mut allowed: Vec<String> = all.map(|(_, name)| (*name).to_owned()).collect();
         allowed.dedup();
         self.shared.settings.log.send(
             Category::Error,
@@ -359,7 +359,7 @@ impl Component {
 
     pub(crate) fn reset(&mut self) -> Result<(), ModelError> {
         let shared = &mut self.shared;
-        self.model.reset(shared.overrides);
+        self.model.reset(shared.variant);
         self.model.connect(&shared.settings.log);
         shared.lifecycle = Lifecycle::new(shared.lifecycle.mode);
         self.enter(State::Instantiated);
@@ -653,7 +653,8 @@ impl Component {
         if !is_own || !saved {
             return Err(ModelError::refuse("the state belongs to another model"));
         }
-        let mut bytes = [&MAGIC[..], &VERSION, &state.guid, &payload.into_bytes()].concat();
+        let mut bytes =
+            [&MAGIC[..], &VERSION.to_le_bytes(), &state.guid, &payload.into_bytes()].concat();
         bytes.extend_from_slice(&checksum(&bytes).to_le_bytes());
         Ok(bytes)
     }
@@ -668,15 +669,15 @@ impl Component {
             return Err(damaged());
         }
         let (magic, rest) = content.split_at(MAGIC.len());
-        let (version, rest) = rest.split_at(VERSION.len());
+        let (version, rest) = rest.split_first_chunk().ok_or_else(damaged)?;
         let (guid, payload) = rest.split_at(size_of::<Guid>());
         if magic != MAGIC {
             return Err(damaged());
         }
-        let expected = self.shared.guid;
+        let (version, expected) = (u32::from_le_bytes(*version), self.shared.guid);
         if version != VERSION || guid != expected {
             return Err(ModelError::refuse(format_args!(
-                "the bytes are a state of the model {}, format {version:?}; expected {}, format {VERSION:?}",
+                "the bytes are a state of the model {}, format {version}; expected {}, format {VERSION}",
                 text(guid),
                 text(expected)
             )));

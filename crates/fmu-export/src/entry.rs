@@ -6,7 +6,7 @@ use fmu_description::interface::guid;
 use fmu_description::table::check;
 use fmu_description::{Interface, Overrides};
 
-use crate::bound::Bound;
+use crate::bound::{Bound, Variant};
 use crate::component::{Guid, Pointer, Settings};
 use crate::instance;
 use crate::lifecycle::Mode;
@@ -15,12 +15,11 @@ use crate::model::Model;
 /// A model of a library, before it is instantiated.
 pub struct Entry {
     name: &'static str,
-    /// Start values of a variant.
-    overrides: Overrides,
+    variant: Option<Variant>,
     guid: Guid,
     /// Whether the host may integrate the model, which therefore has events.
     is_for_model_exchange: bool,
-    create: fn(Settings, (&'static Guid, Overrides)) -> Pointer,
+    create: fn(Settings, (&'static Guid, Option<Variant>)) -> Pointer,
     #[cfg(target_arch = "wasm32")]
     pub(crate) needs: crate::edge::wasm::Needs,
     /// The copy of the interface for the exporter, which must not be removed by the linker.
@@ -69,7 +68,7 @@ impl Entry {
     ) -> Self {
         Self {
             name: interface.name,
-            overrides: interface.overrides,
+            variant: Variant::of(interface.overrides),
             guid: guid(&interface),
             is_for_model_exchange: M::IS_SAMPLED || M::IS_CONTINUOUS,
             create: instance::create::<M, N>,
@@ -91,7 +90,7 @@ impl Entry {
 
     /// Creates an instance, to be freed with [`instance::free`].
     pub(crate) fn create(&'static self, settings: Settings) -> Pointer {
-        (self.create)(settings, (&self.guid, self.overrides))
+        (self.create)(settings, (&self.guid, self.variant))
     }
 
     /// Finds the model that a host instantiates.

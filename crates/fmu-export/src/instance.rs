@@ -9,9 +9,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice::{from_raw_parts, from_raw_parts_mut};
 
 use fmi_abi::state::State;
-use fmu_description::Overrides;
 
-use crate::bound::{AnyModel, Bound};
+use crate::bound::{AnyModel, Bound, Variant};
 use crate::component::{Component, Guid, Hot, Outcome, Pointer, Settings, Shared};
 use crate::model::{Model, ModelError};
 
@@ -77,16 +76,16 @@ pub(crate) unsafe fn free(instance: Pointer) {
 /// Creates an instance of the model `M` with `N` scalar variables.
 pub(crate) fn create<M: Model, const N: usize>(
     settings: Settings,
-    (guid, overrides): (&'static Guid, Overrides),
+    (guid, variant): (&'static Guid, Option<Variant>),
 ) -> Pointer {
-    let model = Bound::<M, N>::new(overrides);
-    Box::into_raw(new(settings, (guid, overrides), model)).cast()
+    let model = Bound::<M, N>::new(variant);
+    Box::into_raw(new(settings, (guid, variant), model)).cast()
 }
 
 /// The instance of a model.
 pub(crate) fn new<M: Model, const N: usize>(
     settings: Settings,
-    identity: (&'static Guid, Overrides),
+    identity: (&'static Guid, Option<Variant>),
     model: Bound<M, N>,
 ) -> Box<Component<Bound<M, N>>> {
     Box::new(Component::new(settings, &Component::<Bound<M, N>>::HOT, identity, model))

@@ -166,10 +166,11 @@ impl Log {
 
 fn unknown(category: &CStr, has_own: bool) -> ModelError {
     let known = LOG_CATEGORIES.iter().filter(|(name, _)| has_own || *name != MODEL_CATEGORY);
-    let known: Vec<_> = known.map(|(name, _)| name.to_string_lossy()).collect();
+    let known: Vec<_> = known.map(|(name, _)| name.to_string_lossy().into_owned()).collect();
     let known = known.join(", ");
+    let category = category.to_string_lossy();
     ModelError::refuse(format_args!(
-        "log category {category:?} is unknown; expected one of {known}"
+        "log category \"{category}\" is unknown; expected one of {known}"
     ))
 }
 

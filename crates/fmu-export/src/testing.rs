@@ -9,9 +9,9 @@ use std::rc::Rc;
 use fmi_abi::fmi2::calls;
 use fmi_abi::state::State;
 use fmi_abi::{Call, Version};
+use fmu_description::Causality;
 use fmu_description::interface::GUID_LENGTH;
 use fmu_description::table::Scalar;
-use fmu_description::{Causality, Overrides};
 
 pub use fmu_description::Value;
 
@@ -47,7 +47,7 @@ pub struct Instance(Box<Component>);
 pub fn instance<M: Model, const N: usize>(model: M) -> Instance {
     let resources = Err("the test has set no folder of resources".to_owned());
     let settings = Settings::new(&EDGE, Log::new(None, false), resources);
-    let identity = (&[0; GUID_LENGTH], Overrides::NONE);
+    let identity = (&[0; GUID_LENGTH], None);
     Instance(instance::new(settings, identity, Bound::<M, N>::of(model)))
 }
 

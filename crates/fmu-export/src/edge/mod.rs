@@ -262,7 +262,7 @@ impl Component {
         let given = |i: usize| {
             Given::Other(match values[i].map(|text| (text, text.to_str())) {
                 Some((_, Ok(text))) => Ok(Value::String(text.to_owned())),
-                Some((text, Err(_))) => Err(format!("{text:?}")),
+                Some((text, Err(_))) => Err(format!("\"{}\"", text.to_bytes().escape_ascii())),
                 None => Err("NULL".into()),
             })
         };

@@ -10,6 +10,10 @@ const BLOCK: usize = 4096;
 /// The largest alignment of a value.
 const ALIGNMENT: usize = align_of::<u64>();
 
+/// A smaller one than the standard library's.
+#[global_allocator]
+static ALLOCATOR: talc::wasm::WasmDynamicTalc = talc::wasm::new_wasm_dynamic_allocator();
+
 struct Scratch {
     /// The last one is in use.
     blocks: Vec<Box<[u64]>>,

@@ -17,7 +17,7 @@
 
 use std::cell::Cell;
 use std::ffi::{CStr, CString, c_char};
-use std::mem::MaybeUninit;
+use std::mem::{MaybeUninit, transmute};
 use std::panic::PanicHookInfo;
 use std::path::Path;
 use std::ptr::null_mut;
@@ -184,6 +184,39 @@ unsafe fn values<T>(
     })
 }
 
+/// A function of C that gets variables.
+type Get<T> = unsafe extern "C" fn(Pointer, *const u32, usize, *mut T, usize) -> fmi3Status;
+
+/// Gets variables by a function of C.
+///
+/// # Safety
+/// As [`slice`].
+unsafe fn get<T>(instance: Pointer, references: *const u32, n: usize, by: Get<T>) -> Values<T> {
+    /// Compiled once, for values of any size.
+    #[inline(never)]
+    unsafe fn get(
+        i: Pointer,
+        references: *const u32,
+        n: usize,
+        size: usize,
+        by: Get<u64>,
+    ) -> Values<u64> {
+        // SAFETY: the caller's promise; the memory is for as many values.
+        unsafe {
+            let n_values = count(i, references, n);
+            call(i, || {
+                let first = allocate(n_values.saturating_mul(size).div_ceil(size_of::<u64>()));
+                let status = by(i, references, n, first, n_values);
+                answer(status, List { first: first.cast_const(), length: n_values })
+            })
+        }
+    }
+    // SAFETY: the caller's promise; functions whose pointers are to other types are called in the same way.
+    unsafe {
+        get(instance, references, n, size_of::<T>(), transmute::<Get<T>, Get<u64>>(by)).cast()
+    }
+}
+
 /// The number of elements of variables; an unknown one is left to the function that is called.
 ///
 /// # Safety
@@ -219,12 +252,7 @@ macro_rules! method {
             instance: Pointer, references: *const u32, n: usize
         ) -> Values<$type> {
             // SAFETY: the host's promises.
-            unsafe {
-                let n_values = count(instance, references, n);
-                values(instance, n_values, |first, n_values| {
-                    $name(instance, references, n, first, n_values)
-                })
-            }
+            unsafe { get(instance, references, n, $name) }
         }
     };
     ($name:ident(
@@ -284,16 +312,19 @@ macro_rules! unsupported {
     ($($name:ident: $operation:ident($($type:ty),*) -> $result:ty;)*) => { $(
         #[unsafe(no_mangle)]
         extern "C" fn $operation(instance: Pointer $(, _: $type)*) -> $result {
-            call(instance, || {
-                // SAFETY: the host's promise: an instance that is not used otherwise.
-                let c = unsafe { component(instance) };
-                if let Some(c) = c {
-                    c.refuse(&calls::$name, unsupported(calls::$name.name));
-                }
-                <$result>::failed()
-            })
+            refuse(instance, &calls::$name);
+            <$result>::failed()
         }
     )* };
+}
+
+#[inline(never)]
+fn refuse(instance: Pointer, operation: &Call) {
+    call(instance, || {
+        // SAFETY: the host's promise: an instance that is not used otherwise.
+        let c = unsafe { component(instance) };
+        c.map(|c| c.refuse(operation, unsupported(operation.name)));
+    });
 }
 
 trait Failed {
@@ -334,6 +365,7 @@ extern "C" fn get_version() -> *const Text {
 }
 
 /// An instance that the host gets, or none.
+#[allow(dead_code, reason = "the host reads it")]
 #[repr(C, u8)]
 pub enum Handle {
     None,
