@@ -122,15 +122,3 @@ def test_the_page_of_a_sweep_shows_the_best_run_and_the_one_at_the_cursor(
     page.select_option("select", "largest_u")
     assert page.locator("#best th").all_inner_texts()[:2] == ["run", "largest_u"]
     page.context.close()
-
-
-def test_what_cannot_be_drawn_is_refused(tmp_path):
-    for over, message in [
-        ("none.csv", "none.csv cannot be plotted: No such file or directory"),
-        (SYSTEM, "pid.toml cannot be plotted: line 6 has 2 fields, expected 1"),
-    ]:
-        options = ("--stop=0.1", "--plot", "p.html", "--over", over)
-        result = run("simulate", SYSTEM, *options, cwd=tmp_path)
-        assert result.returncode == 1
-        assert message in result.stderr
-        assert not list(tmp_path.iterdir())

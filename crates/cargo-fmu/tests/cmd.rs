@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `# TEXT` | a comment |
 //! | `> FILE`, then lines `\| TEXT` | writes a file |
-//! | `= FILE OTHER [OLD => NEW]...` | writes a modified copy of another file |
+//! | `= FILE OTHER [OLD => NEW]...` | writes a modified copy of another file, of the folder or of `tests/data` |
 //! | `+ FMU [BINARY] [OLD => NEW]...` | writes an FMU of `tests/c/relay.c` or, as `Sums.fmu`, of `tests/c/sums.c`, with a modified XML |
 //! | `$ cargo fmu ...` | runs a command; its output and exit code follow |
 //!
@@ -122,7 +122,9 @@ fn stable(text: &str, folder: &Path) -> String {
 /// Writes a modified copy of a file.
 fn copy(folder: &Path, line: &str) {
     let words = shlex::split(line).unwrap();
-    let text = fs::read_to_string(folder.join(&words[1])).unwrap();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data");
+    let text = fs::read_to_string(folder.join(&words[1]));
+    let text = text.or_else(|_| fs::read_to_string(data.join(&words[1]))).unwrap();
     fs::write(folder.join(&words[0]), changed(&text, &words[2..])).unwrap();
 }
 
