@@ -606,9 +606,10 @@ DEFECTS = {
 def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
     source = ROOT / "tests" / "c" / "vector.c"
 
-    def found(defect: str, *options: str) -> set[str]:
+    def found(defects: str, *options: str) -> set[str]:
         library = tmp_path / "Vector.so"
-        flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-D{defect}"]
+        flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+        flags += [f"-D{defect}" for defect in defects.split()]
         subprocess.run(["cc", *flags, "-o", library, source], check=True)
         model = source.with_suffix(".xml").read_bytes()
         content = {MODEL_FILE: model, "binaries/x86_64-linux/Vector.so": library.read_bytes()}
@@ -619,6 +620,10 @@ def test_defects_of_what_fmi_3_adds_are_found(tmp_path: Path) -> None:
         options = () if defect == "LENGTHS" else ("--quick",)
         (finding,) = found(defect, *options) - sound
         assert expected in finding
+    # Both are sound; many FMUs have a solver with steps of its own.
+    assert found("EARLY_AT_END", "--quick") | found("OWN_STEPS", "--quick") <= sound
+    # A crash at the end is no reason to look no further.
+    assert len(found("UNLOAD SEED", "--quick") - sound) == 2
 
 
 # --- info -----------------------------------------------------------------------------------------

@@ -47,6 +47,10 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
     return v;
 }
 
+#ifdef UNLOAD
+__attribute__((destructor)) static void unload(void) { abort(); }
+#endif
+
 void fmi3FreeInstance(void *instance) { free(instance); }
 
 const char *fmi3GetVersion(void) { return "3.0"; }
@@ -90,6 +94,8 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
 #elif defined EARLY
     *early = step > 2e-9;
     if (*early) *last = v->time = time + step / 2;
+#elif defined EARLY_AT_END
+    *early = true;
 #elif defined INTERMEDIATE
     bool requested = false;
     double until = 0;
@@ -98,13 +104,22 @@ int fmi3DoStep(Vector *v, double time, double step, bool final, bool *event, boo
     return OK;
 }
 
+/* The time that the solver has reached. */
+static double reached(const Vector *v) {
+#ifdef OWN_STEPS
+    return (int)(v->time * 10 + 1e-6) / 10.0;
+#else
+    return v->time;
+#endif
+}
+
 static double *array(Vector *v, unsigned reference) { return reference == W ? v->w : v->c; }
 
 int fmi3GetFloat64(Vector *v, References r, size_t n, double *values, size_t count) {
     for (size_t i = 0; i < n; i++) {
         if (r[i] >= TIME && r[i] <= Y) {
             if (!count--) return ERROR;
-            *values++ = r[i] == TIME ? v->time : r[i] == U ? v->u : 2 * v->u;
+            *values++ = r[i] == TIME ? reached(v) : r[i] == U ? v->u : 2 * v->u;
             continue;
         }
         if (r[i] != W && r[i] != C) return ERROR;

@@ -266,7 +266,7 @@ impl Worker {
     /// The system does not tell the state of the process.
     pub fn end(&mut self, grace: Duration) -> io::Result<Ended> {
         self.dismiss();
-        self.limits.task = Some(grace);
+        self.limits.task = Some(self.sent.elapsed() + grace);
         loop {
             if let Event::Ended(ended) = self.wait()? {
                 return Ok(ended);

@@ -205,6 +205,8 @@ enum Reply {
     Ran(usize, f64),
     /// The values at a time (s) of a run.
     Row(f64, Row),
+    /// The test has ended, but for the end of the library.
+    Tested,
     /// There is no more to come.
     Done,
 }
@@ -219,6 +221,8 @@ struct Outcome {
     has_message: bool,
     /// Whether the process was killed after its time.
     timed_out: bool,
+    /// Whether the process ended by itself, or by a call, before its test did.
+    is_cut: bool,
     /// Whether there was no time for the test.
     left_out: bool,
 }
@@ -229,8 +233,7 @@ type Job<'a> = (&'static Probe, &'a [(&'a str, &'a str)]);
 impl Outcome {
     /// Whether the test itself has failed, besides what else it has found.
     fn fails(&self, probe: &Probe) -> bool {
-        let mut found = self.found.iter();
-        found.any(|(rule, _)| *rule == probe.rule || *rule == probe.crash())
+        self.is_cut || self.found.iter().any(|(rule, _)| *rule == probe.rule)
     }
 
     /// The rows of a run, unless it has failed, which is a finding of its own.
@@ -247,6 +250,7 @@ impl Outcome {
             Reply::Unreadable(name) => self.unreadable.push(name),
             Reply::Ran(steps, seconds) => self.ran = Some((steps, seconds)),
             Reply::Row(time, row) => self.rows.push((time, row)),
+            Reply::Tested => self.is_cut = false,
             Reply::Done => {}
         }
     }
@@ -506,12 +510,12 @@ impl Checker<'_> {
         let mut worker =
             worker.with_context(|| format!("cannot start {}", self.probes.program.display()))?;
         worker.send(task);
-        let mut outcome = Outcome::default();
+        let mut outcome = Outcome { is_cut: true, ..Outcome::default() };
         let ended = loop {
             match worker.wait()? {
                 // It has ended none of its calls too late, but there were many.
                 Event::Ended(Ended::TimedOut(time)) if time == limit => {
-                    outcome.timed_out = true;
+                    (outcome.timed_out, outcome.is_cut) = (true, false);
                     let (name, seconds) = (probe.name, limit.as_secs_f64());
                     let text = format!("the test {name} was ended after {seconds:.0} s");
                     outcome.found.push((&NOT_TESTED, text));
@@ -530,16 +534,18 @@ impl Checker<'_> {
         };
         let now = worker.record().now();
         outcome.has_message = !now.message.is_empty();
+        let after = |how: &str| {
+            format!("after its last call, the process {how}, expected it to end as usual")
+        };
         if !ended.is_empty() {
-            outcome.found.push((probe.crash(), unfinished(&now, &ended)));
+            let text = if outcome.is_cut { unfinished(&now, &ended) } else { after(&ended) };
+            outcome.found.push((probe.crash(), text));
             return Ok(outcome);
         }
         if let Ended::Exited(status) = worker.end(GRACE)?
             && !status.success()
         {
-            let text =
-                format!("the process {}, expected it to end as usual", Ended::Exited(status));
-            outcome.found.push((probe.crash(), text));
+            outcome.found.push((probe.crash(), after(&Ended::Exited(status).to_string())));
         }
         let mut head = Vec::new();
         File::open(printed)?.take(1000).read_to_end(&mut head)?;

@@ -174,6 +174,7 @@ pub fn run() -> Result<()> {
         let text = format!("{error:#}").replace(&format!("{}/", folder.display()), "");
         report.fail(probe.rule, &text);
     }
+    report.reply(&Reply::Tested);
     if probe.traits.contains(&Unloads) {
         settle();
         drop(library);
