@@ -12,7 +12,7 @@ import scipy.linalg
 from gymnasium.utils.env_checker import check_env
 
 import fmu_master.linear
-from fmu_master import System
+from fmu_master import FmuError, System, python_component
 from fmu_master.gym import FmuEnv
 from fmu_master.linear import Linear, linearize
 from fmu_master.tuning import Tuned, tune
@@ -217,24 +217,78 @@ def test_margins_are_those_of_the_closed_form():
         two.margins()
 
 
+def test_linearize_gives_the_loop_of_the_linear_plant_and_a_pid(fmus):
+    """The PID sums e, then u = kp e + ki x3 + kd (e - e_before) / h, which the plant holds."""
+    h, kp, ki, kd = 1e-3, 300.0, 500.0, 100.0
+    loop = System(
+        components={"controller": fmus / "Pid.fmu", "plant": fmus / "Pendulum.fmu"},
+        connections=["plant.theta -> controller.y", "controller.u -> plant.u"],
+        step=h,
+        stop=2.0,
+    )
+    names = {"inputs": ["controller.r", "plant.u"], "outputs": ["plant.theta", "controller.u"]}
+    model = linearize(loop, 0.1, **names)
+    held = scipy.linalg.expm(np.block([[PLANT, FORCE_ON_PLANT], [np.zeros((1, 5))]]) * h)
+    A, B, angle = held[:4, :4], held[:4, 4:], np.array([[1, 0, 0, 0]])
+    direct = kp + ki * h + kd / h
+    force = np.hstack([-direct * angle, [[-kd / h, ki]]])
+    F = np.zeros((6, 6))
+    F[:4] = np.hstack([A, np.zeros((4, 2))]) + B @ force
+    F[4, :4], F[5, :4], F[5, 5] = -angle, -h * angle, 1
+    G = np.vstack([np.hstack([B * direct, B]), [[1, 0], [h, 0]]])
+    C = np.vstack([np.hstack([angle, np.zeros((1, 2))]), force])
+
+    def response(A, B, C, D, frequency):
+        z = np.exp(1j * frequency * h)
+        return C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D
+
+    assert (model.step, model.time) == (h, pytest.approx(0.1))
+    for frequency in (0.3, 3, 30, 300):
+        expected = response(F, G, C, [[0, 0], [direct, 0]], frequency)
+        found = response(model.A, model.B, model.C, model.D, frequency)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        assert model.to_control()(np.exp(1j * frequency * h)) == pytest.approx(found)
+    # The angle does not show the position of the cart.
+    poles = np.log(np.linalg.eigvals(F).astype(complex)) / h
+    assert len(model.poles) == 5
+    assert all(np.min(np.abs(poles - pole)) < 1e-4 * max(1, abs(pole)) for pole in model.poles)
+    with pytest.raises(
+        FmuError, match=r"does not respond to controller\.r in proportion to pulses"
+    ):
+        linearize(loop, deviation=1e-3, **names)  # the force is limited to 100 N
+    start = {"plant.theta0": 0.3, "plant.dynamics": "nonlinear"}
+    with pytest.raises(FmuError, match=r"differ by .* from those of a linear model"):
+        linearize(loop, start_values=start, inputs=["plant.u"], outputs=["plant.theta"])
+
+
 # --- reinforcement learning -----------------------------------------------------------------------
 
 
-def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus):
+@pytest.mark.parametrize("prefix", ["", "plant."])
+@pytest.mark.parametrize("in_process", [False, True])
+def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus, prefix, in_process):
+    plant = fmus / "Pendulum.fmu"
+    meter = python_component(["x"], ["y"], lambda t, x: 100 * x)
+    loop = System(
+        components={"plant": plant, "meter": meter},
+        connections=[("plant.x", "meter.x")],
+        step=0.01,
+        stop=1.0,
+    )
     env = FmuEnv(
-        fmus / "Pendulum.fmu",
-        actions={"u": (-100.0, 100.0)},
-        observations={"theta": (-0.2, 0.2), "omega": (-5.0, 5.0)},
+        loop if prefix else plant,
+        actions={f"{prefix}u": (-100.0, 100.0)},
+        observations={f"{prefix}theta": (-0.2, 0.2), f"{prefix}omega": (-5.0, 5.0)},
         reward=lambda observation, action: -(observation[0] ** 2),
         step_size=0.01,
         stop_time=0.5,
-        start=lambda random: {"theta0": random.uniform(-0.05, 0.05)},
-        in_process=True,
+        start=lambda random: {f"{prefix}theta0": random.uniform(-0.05, 0.05)},
+        in_process=in_process,
     )
     check_env(env, skip_render_check=True)
     first, _ = env.reset(seed=5)
     np.testing.assert_array_equal(env.reset(seed=5)[0], first)
-    state, force = env.reset(options={"theta0": 0.1})[0], 2.0
+    state, force = env.reset(options={f"{prefix}theta0": 0.1})[0], 2.0
     assert state == pytest.approx([0.1, 0])
     both = np.block([[PLANT, FORCE_ON_PLANT], [np.zeros((1, 5))]])
     ends = []
@@ -248,5 +302,7 @@ def test_the_environment_is_one_of_gymnasium_and_falls_as_the_closed_form(fmus):
     assert ends == [False] * 49 + [True]
     assert info["time"] == pytest.approx(0.5)
     env.close()
+    with pytest.raises(FmuError, match="has no variable force"):
+        env.reset(options={f"{prefix}force": 1.0})
     with pytest.raises(RuntimeError, match="expected a call of reset first"):
         env.step(np.array([0.0]))

@@ -1,35 +1,40 @@
-"""An environment of Gymnasium whose dynamics is an FMU, for reinforcement learning."""
+"""An environment of Gymnasium whose dynamics is an FMU or a system, for reinforcement learning."""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Mapping
+from queue import SimpleQueue
 from typing import Any
 
 import gymnasium
 import numpy as np
 
+from .components import python_component
 from .instance import Instance
+from .system import System
 
 Bounds = Mapping[str, tuple[float, float]]
 """The smallest and the largest value of each variable, by name, in its unit."""
 
 
 class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """An FMU as an environment: actions are its inputs, observations its outputs.
+    """An FMU or a system as an environment: actions are inputs, observations variables.
 
     Parameters
     ----------
-    filename
-        The FMU.
+    system
+        An FMU, or a system or its file.
     actions
-        The inputs that an action sets, and their bounds.
+        The inputs that an action sets, and their bounds. Those of a system are not connected.
     observations
-        The variables that are observed, and their bounds. An episode terminates when one is beyond.
+        The variables that are observed, and their bounds; of a system, real outputs. An episode
+        terminates when one is beyond.
     reward
         Receives the observation after a step and the action.
     step_size
-        The time from one action to the next [s].
+        The time from one action to the next [s], of a system a multiple of its step.
     stop_time
         The length of an episode [s], after which it is truncated.
     start
@@ -40,7 +45,7 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(
         self,
-        filename: str | os.PathLike[str],
+        system: System | str | os.PathLike[str],
         *,
         actions: Bounds,
         observations: Bounds,
@@ -52,11 +57,13 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ):
         self.action_space = _box(actions)
         self.observation_space = _box(observations)
-        self._filename, self._start, self._reward = filename, start, reward
+        is_fmu = not isinstance(system, System) and os.fspath(system).lower().endswith(".fmu")
+        self._system = system if is_fmu or isinstance(system, System) else System(system)
+        self._start, self._reward = start, reward
         self._actions, self._observations = list(actions), list(observations)
         self._step_size, self._steps = step_size, round(stop_time / step_size)
         self._in_process = in_process
-        self._fmu: Instance | None = None
+        self._fmu: Instance | _Loop | None = None
         self._count = 0
 
     def reset(
@@ -66,7 +73,12 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.close()
         starts = {**self._start(self.np_random), **(options or {})}
-        self._fmu = Instance(self._filename, start_values=starts, in_process=self._in_process)
+        if isinstance(self._system, System):
+            names = (self._actions, self._observations)
+            times = (self._step_size, self._step_size * (self._steps + 1))
+            self._fmu = _Loop(self._system, starts, *names, *times, self._in_process)
+        else:
+            self._fmu = Instance(self._system, start_values=starts, in_process=self._in_process)
         self._count = 0
         return self._observe(self._fmu), {"time": self._fmu.time}
 
@@ -84,13 +96,95 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation, reward, terminated, truncated, {"time": self._fmu.time}
 
     def close(self) -> None:
-        """Free the FMU."""
+        """End the episode, and free its FMUs."""
         if self._fmu is not None:
             self._fmu.free()
             self._fmu = None
 
-    def _observe(self, fmu: Instance) -> np.ndarray:
+    def _observe(self, fmu: Instance | _Loop) -> np.ndarray:
         return np.asarray(fmu.get(self._observations), np.float64)
+
+
+class _End(BaseException):
+    """Ends the run of an episode that is not needed any longer."""
+
+
+class _Loop:
+    """A run of a system in a thread, with a component in Python that acts as it is told.
+
+    It has the methods of an instance that is stepped by hand.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        starts: Mapping[str, Any],
+        actions: list[str],
+        observations: list[str],
+        step_size: float,
+        duration: float,
+        in_process: bool,
+    ):
+        self._observed: SimpleQueue[tuple[float, tuple[float, ...]] | BaseException] = SimpleQueue()
+        self._acting: SimpleQueue[list[float] | None] = SimpleQueue()
+        self._action = [0.0] * len(actions)
+        seen = [f"o{number}" for number in range(len(observations))]
+        acts = [f"a{number}" for number in range(len(actions))]
+        links = [(name, f"agent.{own}") for name, own in zip(observations, seen, strict=True)]
+        links += [(f"agent.{own}", name) for own, name in zip(acts, actions, strict=True)]
+        agent = {"name": "agent", "fmu": python_component(seen, acts, self._act, step_size)}
+        keys = system.keys()
+        system = system.changed(
+            component=[agent, *keys["component"]],
+            connections=[*keys.get("connections", ()), *links],
+        )
+        start, _, step = system.times()
+        options = {"stop_time": start + duration + step, "in_process": in_process}
+        self._thread = threading.Thread(
+            target=self._run, args=(system, starts, options), daemon=True
+        )
+        self._thread.start()
+        self._wait()
+
+    def _run(self, system: System, starts: Mapping[str, Any], options: dict[str, Any]) -> None:
+        try:
+            system.simulate(starts, output=["agent.a0"], **options)
+        except BaseException as error:
+            self._observed.put(error)
+        else:
+            self._observed.put(RuntimeError("the system has ended the run"))
+
+    def _act(self, time: float, *values: float) -> list[float]:
+        self._observed.put((time, values))
+        action = self._acting.get()
+        if action is None:
+            raise _End
+        return action
+
+    def _wait(self) -> None:
+        told = self._observed.get()
+        if isinstance(told, BaseException):
+            self._observed.put(told)  # for all later steps
+            raise told
+        self.time, self._values = told
+
+    def get(self, names: list[str]) -> tuple[float, ...]:
+        """Return what is observed."""
+        return self._values
+
+    def set(self, values: Mapping[str, float]) -> None:
+        """Set the next action."""
+        self._action = list(values.values())
+
+    def step(self, step_size: float) -> None:
+        """Act until the next sample."""
+        self._acting.put(self._action)
+        self._wait()
+
+    def free(self) -> None:
+        """End the run."""
+        self._acting.put(None)
+        self._thread.join()
 
 
 def _box(bounds: Bounds) -> gymnasium.spaces.Box:

@@ -1,16 +1,18 @@
-"""Linear models of FMUs, at a point of a run."""
+"""Linear models of FMUs and systems, at a point of a run."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .instance import Instance
+from .responses import Signals, realize, respond
 from .result import FmuError
+from .system import System
 
 if TYPE_CHECKING:
     import control
@@ -25,6 +27,8 @@ _DIFFERENCE = np.finfo(float).eps ** (1 / 3)
 class Linear:
     """The linear model x' = A x + B u, y = C x + D u of small deviations from a point of a run.
 
+    With a `step`, x' is the state one step later.
+
     Attributes
     ----------
     A, B, C, D : numpy.ndarray
@@ -33,6 +37,8 @@ class Linear:
         The names of the variables.
     time : float
         The time of the point [s].
+    step : float or None
+        The step of a model of discrete time [s]; None for continuous time.
     """
 
     A: np.ndarray
@@ -43,18 +49,23 @@ class Linear:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     time: float
+    step: float | None = None
 
     @property
     def poles(self) -> np.ndarray:
-        """The poles [1/s], the fastest growing one first."""
+        """The poles [1/s], the fastest growing one first; of discrete time, ln(z) / step."""
         poles = np.linalg.eigvals(self.A)
+        if self.step is not None:
+            with np.errstate(divide="ignore"):
+                poles = np.log(poles.astype(complex)) / self.step
         return poles[np.argsort(-poles.real, kind="stable")]
 
     def to_scipy(self) -> scipy.signal.StateSpace:
         """Return the model for `scipy.signal`."""
         from scipy.signal import StateSpace
 
-        return StateSpace(self.A, self.B, self.C, self.D)
+        dt = {} if self.step is None else {"dt": self.step}
+        return StateSpace(self.A, self.B, self.C, self.D, **dt)
 
     def to_control(self) -> control.StateSpace:
         """Return the model for python-control, with the names of the variables."""
@@ -66,7 +77,7 @@ class Linear:
             "inputs": [name.replace(".", "_") for name in self.inputs],
             "outputs": [name.replace(".", "_") for name in self.outputs],
         }
-        return control.ss(self.A, self.B, self.C, self.D, **names)
+        return control.ss(self.A, self.B, self.C, self.D, dt=self.step or 0, **names)
 
     def bode(self, frequencies: Sequence[float] | None = None) -> Figure:
         """Draw magnitude and phase over the frequency [rad/s]; returns the figure of Matplotlib."""
@@ -92,46 +103,87 @@ class Linear:
 
 
 def linearize(
-    filename: str | os.PathLike[str],
+    system: System | str | os.PathLike[str],
     time: float | None = None,
     *,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     start_values: Mapping[str, Any] | None = None,
-    input: Mapping[str, Callable[[float], float]] | None = None,
+    input: Signals | None = None,
     step_size: float = 0.001,
+    deviation: float = 1e-4,
+    tolerance: float = 1e-9,
 ) -> Linear:
-    """Return the linear model of an FMU for model exchange at a point of a run.
+    """Return the linear model of an FMU for model exchange, or of a system, at a point of a run.
 
-    It comes from directional derivatives if the FMU has them, else from central differences.
+    The model of an FMU is one of continuous time, from its directional derivatives or else from
+    central differences; its states are those of the FMU.
+
+    A system, with all its controllers, is a map from communication point to communication point.
+    Its model is the one of discrete time that responds in the same way to a pulse of each input,
+    which is added to what the input has and lasts one communication step. The responses are those
+    from the point to the stop time. The model has as many states as these show, named x1, x2, ...
 
     Parameters
     ----------
-    filename
-        The FMU.
+    system
+        An FMU, or a system or its file.
     time
-        The time of the point [s], by default the start time 0.
+        The time of the point [s], by default the start time. Choose one at which a system is at
+        rest: its model is the same at all later times.
     inputs, outputs
-        The inputs and outputs of the model, by default all that are continuous real numbers. They
-        may be elements of arrays.
+        The inputs and outputs of the model: of an FMU, by default all that are continuous real
+        numbers, also elements of arrays; of a system, `component.variable`. Inputs of a system may
+        be connected.
     start_values
         Start values by name, also of inputs.
     input
-        Functions of the time [s] that inputs follow until the point.
+        Functions of the time [s] that inputs follow.
     step_size
-        The step of the run until the point [s].
+        The step of the run of an FMU until the point [s].
+    deviation
+        The height of the pulses of a system, relative to the larger of 1 and the value, so small
+        that no limit acts.
+    tolerance
+        The largest deviation of the model from the responses of a system, relative to the largest
+        response of each output; a larger one for FMUs that compute less accurately.
 
     Raises
     ------
     FmuError
-        The FMU does not support model exchange, or fails.
+        The FMU does not support model exchange, or fails; or no linear model responds in the same
+        way as the system.
     """
+    is_fmu = not isinstance(system, System) and os.fspath(system).lower().endswith(".fmu")
+    if is_fmu:
+        signals = input or {}
+        return _of_fmu(system, time, inputs, outputs, start_values, signals, step_size)
+    if not inputs or not outputs:
+        raise ValueError("expected the names of inputs and outputs of the system")
+    system = system if isinstance(system, System) else System(system)
+    about = (inputs, outputs, start_values or {}, input or {}, deviation)
+    responses, at, step = respond(system, time, *about)
+    matrices = realize(responses, tolerance)
+    states = tuple(f"x{number + 1}" for number in range(len(matrices[0])))
+    return Linear(*matrices, states, tuple(inputs), tuple(outputs), at, step)
+
+
+def _of_fmu(
+    filename: str | os.PathLike[str],
+    time: float | None,
+    inputs: Sequence[str] | None,
+    outputs: Sequence[str] | None,
+    start_values: Mapping[str, Any] | None,
+    signals: Signals,
+    step_size: float,
+) -> Linear:
+    """Return the linear model of an FMU for model exchange."""
     with Instance(filename, "model-exchange", start_values) as fmu:
         steps = 0 if time is None else round(time / step_size)
         for _ in range(steps):
-            fmu.set({name: function(fmu.time) for name, function in (input or {}).items()})
+            fmu.set({name: function(fmu.time) for name, function in signals.items()})
             fmu.step(step_size)
-        fmu.set({name: function(fmu.time) for name, function in (input or {}).items()})
+        fmu.set({name: function(fmu.time) for name, function in signals.items()})
         names = [_continuous(fmu, "input") if inputs is None else list(inputs)]
         names.append(_continuous(fmu, "output") if outputs is None else list(outputs))
         pairs, are_directional = fmu._native.equations()

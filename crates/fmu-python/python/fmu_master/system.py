@@ -75,6 +75,20 @@ class System:
             raise FmuError(f"{name} is a function of Python, expected an FMU in a system file")
         return self._text()
 
+    def keys(self) -> dict[str, Any]:
+        """Return the keys of the system file, whose paths are relative to its folder."""
+        if self.description is not None:
+            return self.description
+        if self.file.suffix != ".toml":
+            raise FmuError(
+                f"{self.file} cannot be changed, expected a system file (.toml) or a dict"
+            )
+        return tomllib.loads(_read(self.file))
+
+    def changed(self, **keys: Any) -> System:
+        """Return the system with other values of its keys, such as `connections`."""
+        return System(self.file if self.description is None else self.description, **keys)
+
     def _functions(self) -> list[tuple[str, PythonComponent]]:
         """Return the components in Python and their names."""
         tables = (self.description or {}).get("component", ())
@@ -88,6 +102,21 @@ class System:
         tables = self.description["component"]
         tables = [{**table, "fmu": named.get(table["name"], table["fmu"])} for table in tables]
         return document({**self.description, "component": tables}, "component")
+
+    def times(self) -> tuple[float, float, float]:
+        """Return the start time, the stop time and the communication step [s]."""
+        return called(_native.times, self._given())
+
+    def _given(self) -> dict[str, Any]:
+        """Return what the native module needs of the system, without changes."""
+        none = dict.fromkeys(("start", "stop", "step", "order", "tolerance", "input", "interface"))
+        return none | {
+            "file": self.file,
+            "text": None if self.description is None else self._text(),
+            "functions": [function.native(name) for name, function in self._functions()],
+            "outputs": [],
+            "sets": [],
+        }
 
     @contextlib.contextmanager
     def loaded(self) -> Iterator[System]:
@@ -153,17 +182,13 @@ class System:
             The system does not fit, or an FMU fails or ends its process; its `result` has the
             rows so far.
         """
-        given = {
-            "file": self.file,
-            "text": None if self.description is None else self._text(),
-            "functions": [function.native(name) for name, function in self._functions()],
+        given = self._given() | {
             "start": start_time,
             "stop": stop_time,
             "step": step_size,
             "order": order,
             "tolerance": tolerance,
             "outputs": list(output or ()),
-            "input": None,
             "interface": interface,
             "sets": texts(start_values or {}),
         }
