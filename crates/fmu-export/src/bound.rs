@@ -360,8 +360,10 @@ impl<M: Model, const N: usize> AnyModel for Bound<M, N> {
     }
 
     fn advance(&mut self, with: &mut Workspace, step: &Step) -> Result<Advanced, ModelError> {
-        // Without equations in any of its models, a library has no solver.
-        match M::IS_CONTINUOUS {
+        // The solver takes the steps of models without their own, and in event mode, which FMI 3.0 has, those of all
+        // with equations. It is in no other library.
+        const HAS_EVENT_MODE: bool = cfg!(any(feature = "fmi3", not(feature = "fmi2")));
+        match M::IS_INTEGRATED || M::IS_CONTINUOUS && HAS_EVENT_MODE {
             true => solver::advance(&mut Equations(self), with, step),
             false => Err(ModelError::refuse("the model has no equations")),
         }
