@@ -12,7 +12,7 @@ import scipy.linalg
 from gymnasium.utils.env_checker import check_env
 
 import fmu_master.linear
-from fmu_master import FmuError, System, python_component
+from fmu_master import FmuError, System, compare, python_component, simulate
 from fmu_master.gym import FmuEnv
 from fmu_master.linear import Linear, linearize
 from fmu_master.tuning import Tuned, tune
@@ -67,6 +67,43 @@ def test_the_example_suite_finds_and_explains_planted_faults(fmus, tmp_path, fau
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == bool(message), done.stdout + done.stderr
     assert message in done.stdout
+
+
+FALL = {"stop_time": 0.5, "step_size": 0.01, "start_values": {"theta0": 0.1}}
+"""A run of the pendulum."""
+
+# --- comparison -----------------------------------------------------------------------------------
+
+
+def test_compare_names_and_draws_the_first_planted_difference(fmus, tmp_path):
+    run, other = (simulate(fmus / f"Pendulum{end}.fmu", **FALL) for end in ("", "_fmi3"))
+    assert compare(run, other).is_same
+    file = tmp_path / "run.csv"
+    np.savetxt(file, np.column_stack(list(run.values())), delimiter=",", header=",".join(run))
+    file.write_text(file.read_text().removeprefix("# "))
+    assert str(compare(file, run)) == "the same within the tolerance"
+    planted = {name: column.copy() for name, column in run.items()}
+    planted["x"][30] += 1e-3
+    planted["theta"][20] *= 1.001
+    found = compare(run, planted)
+    names, values = [d.name for d in found.differences], found.differences[0].values
+    assert names == ["theta", "x"]
+    assert values == (run["theta"][20], planted["theta"][20])
+    assert found.differences[0].time == run["time"][20]
+    first, second = str(found).splitlines()
+    assert first.startswith(
+        f"theta differs at t = 0.2 s: {values[0]} in the reference, {values[1]} in the results; "
+    )
+    assert float(first.split()[-1]) == pytest.approx(1e-6 * run["theta"].max(), rel=1e-3)
+    assert second == f"2 of {len(run) - 1} variables differ: theta, x"
+    assert compare(run, planted, absolute=1e-2).is_same
+    lines = found.plot().axes[0].lines
+    assert [line.get_ydata()[20] for line in lines[:2]] == list(values)
+    assert lines[2].get_xdata() == [run["time"][20]] * 2
+    with pytest.raises(FmuError, match="the second has no variable omega"):
+        compare(run, {"time": run["time"], "theta": run["theta"]})
+    with pytest.raises(FmuError, match="hold: the reference has no variable y"):
+        compare(run, other, hold=["y"])
 
 
 # --- tuning ---------------------------------------------------------------------------------------

@@ -76,6 +76,26 @@ impl Data {
     }
 }
 
+/// A value of the widest type of its kind.
+pub fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
+    if let Ok(value) = value.extract() {
+        return Ok(Value::Boolean(value));
+    }
+    if let Ok(value) = value.extract() {
+        return Ok(Value::Int64(value));
+    }
+    if let Ok(value) = value.extract() {
+        return Ok(Value::UInt64(value));
+    }
+    if let Ok(value) = value.extract() {
+        return Ok(Value::Float64(value));
+    }
+    match value.extract() {
+        Ok(text) => Ok(Value::String(text)),
+        Err(_) => value.extract().map(Value::Binary),
+    }
+}
+
 /// A value of Python.
 pub fn to_python(py: Python<'_>, value: Value) -> PyResult<Bound<'_, PyAny>> {
     Ok(match value {

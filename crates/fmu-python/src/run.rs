@@ -11,14 +11,14 @@ use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
 use fmu_description::{Type, Value};
 use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
-use fmu_master::table::{self, Series};
+use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
 use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
 
-use crate::columns::{Columns, to_python};
+use crate::columns::{Columns, from_python, to_python};
 use crate::job::{Given, Job, Loaded, System};
 
 /// Interval between looks at Ctrl-C, and between reports of the progress.
@@ -137,6 +137,42 @@ pub fn read(py: Python<'_>, file: PathBuf) -> PyResult<Vec<(String, String, Cell
         Ok((name, unit, cells.collect::<PyResult<_>>()?))
     });
     columns.collect()
+}
+
+/// The first difference of each variable of two tables, in the order of their times: name, time (s), values and a
+/// sentence with these names of the tables.
+#[pyfunction]
+pub fn compare<'py>(
+    py: Python<'py>,
+    tables: [Vec<(String, String, Cells<'py>)>; 2],
+    names: [String; 2],
+    absolute: f64,
+    relative: f64,
+    held: Vec<String>,
+) -> PyResult<Vec<(String, f64, Cells<'py>, String)>> {
+    let series = |(name, unit, cells): &(String, String, Cells<'py>)| {
+        let cells = cells.iter().map(|cell| cell.as_ref().map(from_python).transpose());
+        Ok(Series {
+            name: name.clone(),
+            unit: unit.clone(),
+            cells: cells.collect::<PyResult<_>>()?,
+        })
+    };
+    let [a, b] =
+        tables.each_ref().map(|table| table.iter().map(series).collect::<PyResult<Vec<_>>>());
+    let (a, b) = (a?, b?);
+    let differences = py.detach(|| {
+        let tolerance = Tolerance { absolute, relative };
+        table::compare([&a, &b], tolerance, |name| held.iter().any(|held| held == name))
+    });
+    let told = differences.map_err(error)?.into_iter().map(|difference| {
+        let text = difference.describe(&names);
+        let values =
+            difference.values.map(|cell| cell.map(|value| to_python(py, value)).transpose());
+        let values = values.into_iter().collect::<PyResult<_>>()?;
+        Ok((difference.name, difference.time, values, text))
+    });
+    told.collect()
 }
 
 /// The values of a column.

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use fmu_description::Value;
-use fmu_master::table::{self, Difference, Tolerance};
+use fmu_master::table::{self, Tolerance};
 
 use crate::plot::Page;
 
@@ -64,7 +63,7 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
             writeln!(out, "the same within the tolerance: {variables} variables, {rows} rows")?;
         }
         Some(first) => {
-            writeln!(out, "{}", described(first, &shown))?;
+            writeln!(out, "{}", first.describe(&shown))?;
             let names = Vec::from_iter(differences.iter().map(|difference| &*difference.name));
             let (differing, names) = (names.len(), names.join(", "));
             writeln!(out, "{differing} of {variables} variables differ: {names}")?;
@@ -73,18 +72,4 @@ pub fn run(args: &CompareArgs, out: &mut impl Write) -> Result<bool> {
     let runs = Vec::from_iter(shown.into_iter().zip(files.map(PathBuf::as_path)));
     args.page.draw_runs("Comparison", &runs, out)?;
     Ok(differences.is_empty())
-}
-
-fn described(difference: &Difference, files: &[String; 2]) -> String {
-    let Difference { name, time, values, tolerance } = difference;
-    let value = |file: usize| match &values[file] {
-        None => format!("missing in {}", files[file]),
-        Some(Value::String(text)) => format!("{text:?} in {}", files[file]),
-        Some(value) => format!("{value} in {}", files[file]),
-    };
-    let tolerance = match values {
-        [Some(Value::Boolean(_) | Value::String(_)), _] => String::new(),
-        _ => format!("; tolerance {tolerance:.3e}"),
-    };
-    format!("{name} differs at t = {time} s: {}, {}{tolerance}", value(0), value(1))
 }

@@ -28,6 +28,23 @@ pub struct Difference {
     pub tolerance: f64,
 }
 
+impl Difference {
+    /// The difference as a sentence without a full stop, with names of the two tables.
+    pub fn describe(&self, tables: &[String; 2]) -> String {
+        let Self { name, time, values, tolerance } = self;
+        let value = |table: usize| match &values[table] {
+            None => format!("missing in {}", tables[table]),
+            Some(Value::String(text)) => format!("{text:?} in {}", tables[table]),
+            Some(value) => format!("{value} in {}", tables[table]),
+        };
+        let tolerance = match values {
+            [Some(Value::Boolean(_) | Value::String(_)), _] => String::new(),
+            _ => format!("; tolerance {tolerance:.3e}"),
+        };
+        format!("{name} differs at t = {time} s: {}, {}{tolerance}", value(0), value(1))
+    }
+}
+
 /// Times closer together than this, relative to the largest, are the same.
 const SAME_TIME: f64 = 1e-9;
 

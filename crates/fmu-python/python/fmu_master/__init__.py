@@ -14,13 +14,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .comparison import Comparison, Difference, compare
     from .components import PythonComponent, python_component
     from .instance import Instance, State, Variable
-    from .result import FmuError, Message, Result
+    from .result import FmuError, Message, Result, read
     from .sweeps import Sweep, sweep
     from .system import System, simulate
 
 _MODULES = {
+    "Comparison": "comparison",
+    "Difference": "comparison",
     "FmuError": "result",
     "Instance": "instance",
     "Message": "result",
@@ -30,13 +33,17 @@ _MODULES = {
     "Sweep": "sweeps",
     "System": "system",
     "Variable": "instance",
+    "compare": "comparison",
     "python_component": "components",
+    "read": "result",
     "simulate": "system",
     "sweep": "sweeps",
 }
 """The modules of the names, which are imported on first use: the command line needs no NumPy."""
 
 __all__ = [
+    "Comparison",
+    "Difference",
     "FmuError",
     "Instance",
     "Message",
@@ -46,7 +53,9 @@ __all__ = [
     "Sweep",
     "System",
     "Variable",
+    "compare",
     "python_component",
+    "read",
     "simulate",
     "sweep",
 ]

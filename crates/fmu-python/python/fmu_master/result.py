@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+
+from . import _native
 
 if TYPE_CHECKING:
     import pandas
@@ -175,6 +179,19 @@ class Result(Mapping[str, np.ndarray]):
         file = io.BytesIO()
         figure.savefig(file, format="png", dpi=100)
         return file.getvalue()
+
+
+def read(filename: str | os.PathLike[str]) -> Result:
+    """Read results from a file, CSV or Parquet; NaN stands for a number that is missing."""
+    columns = called(_native.read, Path(filename))
+    units = {name: unit for name, unit, _ in columns}
+    return Result.of({name: _column(cells) for name, _, cells in columns}, units)
+
+
+def _column(cells: Sequence[Any]) -> np.ndarray:
+    if all(cell is None or isinstance(cell, str) for cell in cells):
+        return np.array(cells, object)
+    return np.array([np.nan if cell is None else cell for cell in cells])
 
 
 def _array(kind: str, data: Any) -> np.ndarray:

@@ -6,16 +6,15 @@ import contextlib
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _native
 from ._command import COMMAND
 from ._values import document
-from .result import FmuError, Result, called
+from .result import FmuError, Result, read
 from .system import System
 
 if TYPE_CHECKING:
@@ -163,16 +162,3 @@ def _plan(plan: Any) -> dict[str, Any]:
         return dict(plan)
     lists = [np.asarray(plan[name]).tolist() for name in names]
     return {"parameter": [{"variables": names, "together": lists}]}
-
-
-def read(file: Path) -> Result:
-    """Return the columns of a table; NaN stands for a number that is missing."""
-    columns = called(_native.read, file)
-    units = {name: unit for name, unit, _ in columns}
-    return Result.of({name: _column(cells) for name, _, cells in columns}, units)
-
-
-def _column(cells: Sequence[Any]) -> np.ndarray:
-    if all(cell is None or isinstance(cell, str) for cell in cells):
-        return np.array(cells, object)
-    return np.array([np.nan if cell is None else cell for cell in cells])

@@ -1,0 +1,139 @@
+"""Whether two results are the same within tolerances."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from . import _native
+from .result import FmuError, Result, called, read
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Table = Result | Mapping[str, Any] | str | os.PathLike[str]
+"""Results: a `Result`, a mapping or data frame of columns with "time" [s], or a file."""
+
+
+class Difference(NamedTuple):
+    """The first difference of a variable."""
+
+    name: str
+    time: float
+    """The time [s]."""
+    values: tuple[Any, Any]
+    """The value in the reference and in the results, in the unit of the variable."""
+    text: str
+    """All of this in words."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The outcome of `compare`: `is_same`, and as text the first difference.
+
+    Attributes
+    ----------
+    differences : list of Difference
+        The first difference of each variable that differs, in the order of their times.
+    reference, results : Result
+        What was compared.
+    """
+
+    differences: list[Difference]
+    reference: Result
+    results: Result
+
+    @property
+    def is_same(self) -> bool:
+        """Whether no variable differs."""
+        return not self.differences
+
+    def __str__(self) -> str:
+        if self.is_same:
+            return "the same within the tolerance"
+        text, count = self.differences[0].text, len(self.reference) - 1
+        names = ", ".join(difference.name for difference in self.differences)
+        return f"{text}\n{len(self.differences)} of {count} variables differ: {names}"
+
+    def plot(self) -> Figure:
+        """Draw the variables that differ over the time [s], each with its first difference.
+
+        Returns the figure of Matplotlib.
+        """
+        from matplotlib.figure import Figure
+
+        count = max(len(self.differences), 1)
+        figure = Figure(figsize=(7.0, 1.0 + 1.8 * count), layout="constrained")
+        axes = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
+        for axis, (name, time, _, _) in zip(axes, self.differences, strict=False):
+            axis.plot(self.reference["time"], self.reference[name], label="reference")
+            axis.plot(self.results["time"], self.results[name], "--", label="results")
+            axis.axvline(time, color="tab:red", linewidth=0.8)
+            unit = self.reference.units.get(name)
+            axis.set_ylabel(f"{name} [{unit}]" if unit else name)
+        axes[0].legend(loc="upper right", fontsize="small")
+        axes[-1].set_xlabel("time [s]")
+        return figure
+
+
+def compare(
+    reference: Table,
+    results: Table,
+    *,
+    absolute: float = 1e-12,
+    relative: float = 1e-6,
+    hold: Sequence[str] = (),
+) -> Comparison:
+    """Compare the variables of a reference, at its times, with those of other results.
+
+    Between two rows of the results, numbers are interpolated; whole numbers, Booleans and texts
+    keep their value until the next row. `cargo fmu compare` does the same with files.
+
+    Parameters
+    ----------
+    reference, results
+        What to compare; the results have all variables of the reference.
+    absolute
+        How far numbers may be apart, in the unit of the variable.
+    relative
+        A tolerance relative to the largest magnitude of the variable in the reference, which is
+        added.
+    hold
+        Sampled variables, whose numbers are not interpolated.
+
+    Raises
+    ------
+    FmuError
+        The results lack a variable, or have it in another unit, or end at another time.
+
+    Examples
+    --------
+    >>> a = simulate("target/fmu/Pendulum.fmu", start_values={"theta0": 0.1})
+    >>> b = simulate("target/fmu/Pendulum_fmi3.fmu", start_values={"theta0": 0.1})
+    >>> comparison = compare(a, b)
+    >>> assert comparison.is_same, comparison
+    """
+    tables = [_result(reference), _result(results)]
+    if unknown := set(hold) - set(tables[0]):
+        raise FmuError(f"hold: the reference has no variable {min(unknown)}")
+    columns = [
+        [(name, table.units.get(name, ""), column.tolist()) for name, column in table.items()]
+        for table in tables
+    ]
+    names = ("the reference", "the results")
+    found = called(_native.compare, columns, names, absolute, relative, list(hold))
+    differences = [Difference(name, time, tuple(two), text) for name, time, two, text in found]
+    return Comparison(differences, *tables)
+
+
+def _result(table: Table) -> Result:
+    if isinstance(table, Result):
+        return table
+    if isinstance(table, str | os.PathLike):
+        return read(table)
+    names = list(getattr(table, "columns", table))
+    return Result.of({name: np.asarray(table[name]) for name in ("time", *names)}, {"time": "s"})
