@@ -35,7 +35,7 @@ impl Instance {
                 _ => return slowly(self.get_float64(references, values)),
             }
         };
-        self.unusual(["fmi2GetReal", "fmi3GetFloat64"], status)
+        self.unusual(&["fmi2GetReal", "fmi3GetFloat64"], status)
     }
 
     /// [`Instance::set_float64`] for steps.
@@ -52,7 +52,7 @@ impl Instance {
                 _ => return slowly(self.set_float64(references, values)),
             }
         };
-        self.unusual(["fmi2SetReal", "fmi3SetFloat64"], status)
+        self.unusual(&["fmi2SetReal", "fmi3SetFloat64"], status)
     }
 
     /// [`Instance::do_step`] for steps.
@@ -63,15 +63,16 @@ impl Instance {
                 // SAFETY: as above.
                 let status =
                     unsafe { do_step(self.pointer, time, step, (!self.is_saved).into()).0 };
-                self.unusual(["fmi2DoStep"; 2], status)
+                self.unusual(&["fmi2DoStep"; 2], status)
             }
             (_, Version::Fmi3) => self.step_to_the_end(time, step),
             _ => Some(Box::new(self.do_step(time, step))),
         }
     }
 
+    /// The names of the function in both versions are a reference, which no register or memory has to hold meanwhile.
     #[inline(always)]
-    fn unusual(&self, functions: [&'static str; 2], status: c_int) -> Unusual {
+    fn unusual(&self, functions: &'static [&'static str; 2], status: c_int) -> Unusual {
         match status {
             0 => None,
             _ => Some(self.boxed(functions, status)),
@@ -79,7 +80,7 @@ impl Instance {
     }
 
     #[cold]
-    fn boxed(&self, functions: [&'static str; 2], status: c_int) -> Box<Result> {
+    fn boxed(&self, functions: &'static [&'static str; 2], status: c_int) -> Box<Result> {
         Box::new(self.library.outcome(functions[self.version as usize], status))
     }
 }
