@@ -166,6 +166,21 @@ def test_a_killed_supervisor_takes_its_worker_along(folder):
     assert read_csv(part)["time"][-1] == 0.499
 
 
+def test_the_next_command_removes_what_killed_sweeps_have_left_though_workers_still_write(folder):
+    sweep_file(folder, 1000, "", 0.005)
+    command = [PROGRAM, "sweep", "sweep.toml", "--out=runs.csv", "--threads=2"]
+    for _ in range(5):
+        with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL) as process:
+            wait_until(lambda: list((folder / "temporary").rglob("worker-1")), process)
+            process.kill()
+
+    def is_empty() -> bool:
+        assert run("simulate", "system.toml", "--stop=0.01", cwd=folder).returncode == 0
+        return not list((folder / "temporary").iterdir())
+
+    wait_until(is_empty)
+
+
 def test_the_next_command_removes_what_a_killed_one_has_left(folder):
     with subprocess.Popen([PROGRAM, *HANG], cwd=folder) as process:
         wait_until(lambda: list((folder / "temporary").rglob("*.so")), process)

@@ -134,6 +134,8 @@ pub fn worker() -> io::Result<Command> {
 /// The start of the names of the folders, and the name of the file in them that is locked.
 const PREFIX: &str = "cargo-fmu-";
 const LOCK: &str = "lock";
+/// The extension of a folder that this process, or a worker of a killed one, has begun to remove.
+const LEFT: &str = "left";
 
 /// Creates the locked file of a session; it has its name only once it is locked.
 fn lock(folder: &Path) -> io::Result<File> {
@@ -149,11 +151,14 @@ fn lock(folder: &Path) -> io::Result<File> {
 fn remove_abandoned(parent: &Path) {
     let entries = fs::read_dir(parent).into_iter().flatten().flatten();
     for entry in entries.filter(|e| e.file_name().to_string_lossy().starts_with(PREFIX)) {
-        let lock = File::open(entry.path().join(LOCK));
-        if lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
-            // It may be of another user.
-            let _ = fs::remove_dir_all(entry.path());
-        }
+        let folder = entry.path();
+        let lock = File::open(folder.join(LOCK));
+        let left = folder.with_extension(LEFT);
+        // It may be of another user.
+        let _ = match folder == left || lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
+            true => fs::rename(&folder, &left).and_then(|()| fs::remove_dir_all(left)),
+            false => Ok(()),
+        };
     }
 }
 

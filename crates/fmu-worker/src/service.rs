@@ -112,6 +112,15 @@ impl Service {
     }
 }
 
+/// Removes the folder of a session, which gets another name first: threads and processes that are just ending may
+/// still write to it.
+#[cfg(unix)]
+fn remove(session: &Path) -> io::Result<()> {
+    let left = session.with_extension("left");
+    fs::rename(session, &left)?;
+    fs::remove_dir_all(left)
+}
+
 /// Ends this process when the process that started it is gone, and removes the session.
 fn end_with_supervisor(folder: &Path) {
     #[cfg(unix)]
@@ -122,7 +131,7 @@ fn end_with_supervisor(folder: &Path) {
             while std::os::unix::process::parent_id().to_string() == supervisor {
                 thread::sleep(SUPERVISOR_PERIOD);
             }
-            let _ = folder.parent().map(fs::remove_dir_all);
+            let _ = folder.parent().map(remove);
             std::process::exit(1);
         });
     }
