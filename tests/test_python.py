@@ -1,8 +1,10 @@
 """The Python module `fmu_master`."""
 
 import _thread
+import re
 import signal
 import threading
+import time
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -12,13 +14,25 @@ import fmpy
 import numpy as np
 import pytest
 from dask.distributed import Client
+from IPython.core.formatters import DisplayFormatter
 
-from fmu_master import FmuError, Instance, Result, Sweep, System, python_component, simulate, sweep
-from native import LOOPS
+from fmu_master import (
+    FmuError,
+    Instance,
+    Result,
+    Sweep,
+    System,
+    compare,
+    python_component,
+    simulate,
+    sweep,
+)
+from native import LOOPS, run
 from native import simulate as by_command_line
 from test_crashes import FAULTS, faulty
+from test_native import TYPED, binaries, sums
 
-__all__ = ["faulty"]  # a fixture
+__all__ = ["binaries", "faulty", "sums"]  # fixtures
 
 PENDULUM = "target/fmu/Pendulum.fmu"
 
@@ -128,6 +142,56 @@ def test_a_fault_is_an_exception_with_the_rows_so_far(faulty, fault, ended):
     error = caught.value
     assert (error.component, error.function, error.time) == ("Faulty", "fmi2DoStep", 0.5)
     assert error.result["time"].tolist() == [0.0, 0.125, 0.25, 0.375]
+
+
+def test_results_have_the_types_of_fmi_in_numpy_pandas_polars_and_files(sums, tmp_path):
+    system = System(sums({"a": {}}, outputs=list(TYPED)[1:]))
+    result = system.simulate()
+    frames = result.to_pandas(), result.to_polars()
+    for name, (kind, _, value) in TYPED.items():
+        if name in result:  # all but the time
+            kind = {"float": "float32", "string": "O", "binary": "O"}.get(kind, kind)
+            assert result[name].dtype == np.dtype(kind)
+            values = result[name], frames[0][name].to_numpy(), frames[1][name].to_list()
+            assert [column[-1] for column in values] == [value] * 3
+            assert type(values[2][-1]) is type(value)
+    assert frames[0].index.tolist() == frames[1]["time"].to_list() == result["time"].tolist()
+    assert result["a.texts"].tolist() == [["", 'a "b", c', "π\nline 2"]] * 5
+    run("simulate", system.file, "--csv", "out.parquet", cwd=tmp_path)
+    assert compare(result, tmp_path / "out.parquet").is_same
+
+
+def test_jupyter_shows_a_picture_of_a_result(fmus):
+    result = simulate(PENDULUM, stop_time=0.1)
+    shown, _ = DisplayFormatter().format(result)
+    assert shown["image/png"].startswith(b"\x89PNG")
+    assert shown["text/plain"] == (
+        f"<Result: {len(result['time'])} rows, t = 0 to 0.1 s: time, theta, omega, x, v>"
+    )
+
+
+def test_a_progress_bar_moves(capsys):
+    slow = python_component([], ["y"], lambda t: time.sleep(0.12) or t)
+    clock = System(components={"clock": slow}, step=1.0, stop=4.0)
+    clock.simulate(progress=True)
+    percents = re.findall(r"(\d+)%\|", capsys.readouterr().err)
+    assert int(percents[0]) == 0 < int(percents[-1]) <= 100
+
+
+def test_messages_name_what_python_has(loop, tmp_path):
+    loop["component"] = [dict(part) for part in loop["component"]]
+    (note,) = System({**loop, "stop": 0.01}).simulate().notes
+    assert note.startswith(
+        "sampled, because all outputs are discrete: controller; `sampled=False` "
+    )
+    plan = tmp_path / "sweep.toml"
+    plan.write_text('system = "a.toml"\n[[parameter]]\nvariable = "a.b"\nvalues = [1]\n')
+    for file, start, message in (
+        (PENDULUM, {"zzz": 1}, r'; `Instance\("Pendulum.fmu"\).variables` has its variables'),
+        (plan, {}, "it is a sweep, expected `sweep`"),
+    ):
+        with pytest.raises(FmuError, match=message):
+            simulate(file, start_values=start)
 
 
 def test_what_does_not_fit_is_named(fmus):
@@ -345,9 +409,12 @@ def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):
     hang = {"fault": FAULTS.index("HANG"), "at": 0.5}
     # A job in the background of a shell ignores the signal.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    timer = threading.Timer(0.5, _thread.interrupt_main)
-    timer.start()
-    with pytest.raises(KeyboardInterrupt):
-        simulate(faulty, stop_time=1.0, step_size=0.125, start_values=hang)
+    for start in (
+        lambda: simulate(faulty, stop_time=1.0, step_size=0.125, start_values=hang),
+        lambda: simulate(PENDULUM, stop_time=1e5, step_size=1e-3, in_process=True),
+    ):
+        threading.Timer(0.5, _thread.interrupt_main).start()
+        with pytest.raises(KeyboardInterrupt):
+            start()
     signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == []

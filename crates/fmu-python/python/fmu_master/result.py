@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -16,6 +17,23 @@ if TYPE_CHECKING:
     import pandas
     import polars
     from matplotlib.figure import Figure
+
+
+_WORDS = {
+    r"`cargo fmu info (.+?)` lists its variables": r'`Instance("\1").variables` has its variables',
+    r"expected `cargo fmu (simulate|sweep)`": r"expected `\1`",
+    "--sampled false records": "`sampled=False` of a component records",
+    "--output can record": "`output` can name",
+    "another --out": "another `out`",
+}
+"""What the messages of the command line advise, and the same in Python."""
+
+
+def in_python(text: str) -> str:
+    """Return a message with the words of Python for what the command line calls options."""
+    for pattern, words in _WORDS.items():
+        text = re.sub(pattern, words, text)
+    return text
 
 
 class FmuError(RuntimeError):
@@ -41,7 +59,7 @@ class FmuError(RuntimeError):
         time: float | None = None,
         result: Result | None = None,
     ):
-        super().__init__(text)
+        super().__init__(in_python(text))
         self.component, self.function, self.time = component, function or None, time
         self.result = result
 
@@ -89,7 +107,7 @@ class Result(Mapping[str, np.ndarray]):
         self._columns = {name: _array(kind, data) for name, _, kind, data in columns}
         self.units = {name: unit for name, unit, _, _ in columns}
         self.messages = [Message(*message) for message in about.get("messages", ())]
-        self.notes: list[str] = about.get("notes", [])
+        self.notes = [in_python(note) for note in about.get("notes", ())]
         self.ended: str | None = about.get("ended")
         self.duration: float = about.get("duration", 0.0)
 
