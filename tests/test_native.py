@@ -373,6 +373,25 @@ def test_a_kick_changes_nominals_and_an_indicator_that_is_zero(kick, hopper, tmp
     check_kick(driven(hopper, tmp_path, "n", table=np.array([(0, kick == 0), (kick, 1)])), kick)
 
 
+@pytest.mark.parametrize(
+    ("landing", "code", "message"),
+    [
+        ("abort()", 1, r"integration at t = 0.30*\d s: fmi3UpdateDiscreteStates was ended by sig"),
+        ("return ERROR", 1, r"in the event at t = 0.3502\d* s, step of 0.1 s at t = 0.30*\d s: "
+         "fmi3UpdateDiscreteStates returned fmi3Error"),
+        ("*terminate = true", 0, r"\(Hopper.fmu\) ended the simulation at t = 0.3502\d* s"),
+    ],
+)  # fmt: skip
+def test_what_happens_in_an_event_is_named(landing, code, message, tmp_path):
+    xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
+    binary = compiled(tmp_path, f"ON_LANDING={landing}", source="hopper.c")
+    fmu = pack(tmp_path / "Hopper.fmu", xml, binary, "x86_64-linux")
+    (tmp_path / "input.csv").write_text("time,n\n0,0\n0.35,1\n")
+    result = run("simulate", fmu, "--step=0.1", "--input", "input.csv", cwd=tmp_path)
+    assert result.returncode == code
+    assert re.search(message, result.stdout + result.stderr), result
+
+
 def test_elements_of_an_array_follow_a_table_within_a_step(hopper, tmp_path):
     """The other element keeps its start value."""
     table = np.insert(FORCE, 1, 20_000, axis=1)

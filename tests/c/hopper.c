@@ -4,8 +4,9 @@
  *     z' = w       w' = -OMEGA^2 z
  *
  * Each event takes the input n. A new value is a kick: v grows by n/1000, and z starts again from SMALL, with this
- * nominal value. A ball that falls to the floor lands, which `landings` counts. Functions that change discrete
- * states or inputs are refused outside event mode.
+ * nominal value. A ball that falls to the floor lands, which `landings` counts; ON_LANDING may do more. Events
+ * announce themselves as the next one, which importers ignore. Functions that change discrete states or inputs are
+ * refused outside event mode.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -93,8 +94,9 @@ int fmi3CompletedIntegratorStep(Hopper *c, bool no_set_state, bool *event, bool 
 int fmi3UpdateDiscreteStates(Hopper *c, bool *again, bool *terminate, bool *nominals, bool *states, bool *has_next,
                              double *next) {
     double *s = c->states;
-    *again = *terminate = *nominals = *states = *has_next = false;
-    *next = 0;
+    *again = *terminate = *nominals = *states = false;
+    *has_next = true;
+    *next = c->time;
     if (!c->in_event_mode) return ERROR;
     if (c->n != c->taken) {
         c->taken = c->n;
@@ -105,6 +107,9 @@ int fmi3UpdateDiscreteStates(Hopper *c, bool *again, bool *terminate, bool *nomi
     } else if (c->flies && s[0] <= 0 && s[V - H] < 0) {
         c->flies = false;
         c->landings++;
+#ifdef ON_LANDING
+        ON_LANDING;
+#endif
         *states = true;
         s[0] = s[V - H] = 0;
     }

@@ -204,7 +204,7 @@ impl<'a> Component<'a> {
     pub(crate) fn troubled(&mut self, trouble: Trouble, what: String) -> Box<Failure> {
         let (failure, what) = match trouble {
             Trouble::Call(failure, place) if place.is_empty() => (failure, what),
-            Trouble::Call(failure, place) => (failure, format!("{what}, {place}")),
+            Trouble::Call(failure, place) => (failure, format!("{place}, {what}")),
             Trouble::Equations { reason, .. } => {
                 return Box::new(Failure {
                     component: self.name.clone(),

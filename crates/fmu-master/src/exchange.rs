@@ -70,7 +70,8 @@ enum Operation {
 /// The functions of a version that perform each [`Operation`].
 pub(crate) type Functions = [Option<Function>; OPERATIONS.len()];
 
-const OPERATIONS: [&str; 12] = [
+/// Their names, in the same order.
+pub(crate) const OPERATIONS: [&str; 12] = [
     "get_number_of_continuous_states",
     "get_number_of_event_indicators",
     "get_nominals_of_continuous_states",
@@ -404,9 +405,11 @@ impl System for Equations<'_, '_, '_> {
         self.exchange.update(self.calling, time)
     }
 
-    fn next_event(&self, _time: f64) -> Option<f64> {
+    fn next_event(&self, time: f64) -> Option<f64> {
         let Exchange { next, signals, left, .. } = &*self.exchange;
-        let events = [*next, signals.as_ref().and_then(Signals::next)].into_iter().flatten();
+        let events = [next.filter(|next| *next > time), signals.as_ref().and_then(Signals::next)]
+            .into_iter()
+            .flatten();
         events.reduce(f64::min).filter(|next| next < left)
     }
 }

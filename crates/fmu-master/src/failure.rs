@@ -5,6 +5,8 @@ use std::fmt;
 use fmu_worker::{Record, Worker};
 use serde::{Deserialize, Serialize};
 
+use crate::exchange::OPERATIONS;
+
 /// A failed call of an FMU.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
@@ -69,6 +71,7 @@ impl Failure {
                     "initialization".to_owned()
                 }
                 _ if operation.starts_with("instantiate") => "instantiation".to_owned(),
+                _ if OPERATIONS.contains(&operation) => "integration".to_owned(),
                 _ if operation.starts_with("get_") => "reading outputs".to_owned(),
                 _ => "setting inputs and parameters".to_owned(),
             },
