@@ -272,7 +272,7 @@ def test_a_native_binary_is_run_unless_it_is_refused(components, fmus, tmp_path)
     [
         ("-1", "the model panicked, and the component ends: u is -1.0"),
         ("2", "not done after 0.5 s"),
-        ("3", "forcing trap when growing memory to 16"),
+        ("3", "more than the limit of 1000 MB"),
     ],
 )
 def test_a_trap_is_reported_with_function_time_and_reason(u, reason, panicking):
@@ -300,17 +300,106 @@ def test_compiled_code_is_kept_and_damage_to_it_is_repaired(panicking, tmp_path)
             file.write_bytes(b"")
 
 
-@pytest.mark.sandbox
-def test_a_component_that_imports_more_than_the_draft_is_refused(components, tmp_path):
-    foreign = tmp_path / "foreign.fmu"
-    text = '(component (import "wasi:cli/environment@0.2.0" (instance)))'
-    with zipfile.ZipFile(components / "Pid_fmi3.fmu") as old, zipfile.ZipFile(foreign, "w") as new:
+def with_binary(fmu: Path, content: bytes, to: Path) -> Path:
+    """Copy an FMU with another component."""
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(to, "w") as new:
         for name in old.namelist():
-            is_binary = name.startswith("binaries/")
-            new.writestr(name, wasmtime.wat2wasm(text) if is_binary else old.read(name))
-    code, _, problems = program("simulate", foreign)
+            new.writestr(name, content if name.startswith("binaries/") else old.read(name))
+    return to
+
+
+def hostile(start: str = "", instantiate: str = "", enter: str = "") -> bytes:
+    """Return a component whose functions run some code."""
+    text = (ROOT / "tests" / "data" / "hostile.wat").read_text(encoding="utf-8")
+    for name, code in (("START", start), ("INSTANTIATE", instantiate), ("ENTER", enter)):
+        text = text.replace(name, code)
+    return wasmtime.wat2wasm(text)
+
+
+LOOP = "(loop (br 0))"
+LOG = "(call $log (i32.const 8) {} (i32.const 0) (i32.const 8) (i32.const 0) {})"
+
+
+@pytest.mark.sandbox
+@pytest.mark.parametrize(
+    ("function", "reason", "code"),
+    [
+        ("InstantiateCoSimulation", " 5 s", {"start": LOOP}),
+        ("InstantiateCoSimulation", " 5 s", {"instantiate": LOOP}),
+        ("InstantiateCoSimulation", "unreachable", {"start": "unreachable"}),
+        ("EnterInitializationMode", " 5 s", {"enter": LOOP}),
+        (
+            "EnterInitializationMode",
+            "call stack exhausted",
+            {
+                "enter": "(drop (call $enter (i32.const 0) (i32.const 0) (f64.const 0)"
+                " (f64.const 0) (i32.const 0) (f64.const 0)))"
+            },
+        ),
+        (
+            "EnterInitializationMode",
+            "more than the limit of 1000 MB",
+            {"enter": "(drop (table.grow $table (ref.null func) (i32.const 0x20000000)))"},
+        ),
+        (
+            "EnterInitializationMode",
+            "more than the limit of 1000 MB",
+            {"enter": "(drop (memory.grow (i32.const 60000)))"},
+        ),
+        (
+            "EnterInitializationMode",
+            "invalid utf-8",
+            {
+                "enter": "(i32.store8 (i32.const 8) (i32.const 255))"
+                + LOG.format("(i32.const 0)", "(i32.const 8) (i32.const 1)")
+            },
+        ),
+        (
+            "EnterInitializationMode",
+            "out of bounds",
+            {"enter": LOG.format("(i32.const -1)", "(i32.const 8) (i32.const 0)")},
+        ),
+        ("EnterInitializationMode", "discriminant", {"enter": "(return (i32.const 77))"}),
+        (
+            "EnterInitializationMode",
+            "it calls now of wasi:clocks/monotonic-clock@0.2.6, which is not granted",
+            {"enter": "(drop (call $now))"},
+        ),
+        (
+            "ExitInitializationMode",
+            "is missing from the component",
+            {"enter": "(drop (call $random))"},
+        ),
+    ],
+)
+def test_a_hostile_component_ends_with_a_message(function, reason, code, components, tmp_path):
+    fmu = with_binary(components / "Pid_fmi3.fmu", hostile(**code), tmp_path / "hostile.fmu")
+    # Loading includes compiling, within the same limit of time.
+    code, _, problems = program("simulate", fmu, "--call-timeout", "5", "--memory-limit", "1")
     assert code == 1
-    assert "it imports wasi:cli/environment@0.2.0, expected imports of fmi:fmi3 only" in problems
+    assert f"fmi3{function}" in problems
+    assert reason in problems
+
+
+@pytest.mark.sandbox
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "it is not a WebAssembly component"),
+        (wasmtime.wat2wasm("(module)"), "it is not a WebAssembly component"),
+        (hostile()[:-9], "unexpected end"),
+        (wasmtime.wat2wasm("(component)"), "it has no co-simulation"),
+        (
+            wasmtime.wat2wasm('(component (import "a:b/c" (instance)))'),
+            "it imports a:b/c, expected imports of fmi:fmi3 and of WASI only",
+        ),
+    ],
+)
+def test_a_file_that_is_no_component_of_the_draft_is_refused(content, reason, components, tmp_path):
+    fmu = with_binary(components / "Pid_fmi3.fmu", content, tmp_path / "foreign.fmu")
+    code, _, problems = program("simulate", fmu)
+    assert code == 1
+    assert reason in problems
 
 
 @pytest.mark.sandbox

@@ -15,10 +15,10 @@ use std::time::Duration;
 use fmi_abi::fmi3::*;
 use fmi_abi::fmi3_functions;
 use wasmtime::component::{
-    Component, ComponentNamedList, ComponentType, Func, Lift, Linker, Lower, ResourceAny,
-    TypedFunc, types::ComponentItem,
+    Component, ComponentNamedList, ComponentType, Func, Lift, Linker, Lower, Resource, ResourceAny,
+    ResourceType, Type, TypedFunc, Val, types::ComponentItem,
 };
-use wasmtime::{Config, Engine, Store, StoreContextMut, StoreLimits, StoreLimitsBuilder, Trap};
+use wasmtime::{Config, Engine, ResourceLimiter, Store, StoreContextMut, Trap};
 
 use crate::instance::{Instantiation, State as Saved, Treatment};
 use crate::library::Kind;
@@ -114,7 +114,46 @@ struct Data {
     callbacks: usize,
     has_logger: bool,
     resources: PathBuf,
-    limits: StoreLimits,
+    memory: Memory,
+}
+
+/// The memory of all modules of a component, in bytes.
+struct Memory {
+    used: usize,
+    limit: usize,
+}
+
+impl Memory {
+    fn grow(&mut self, from: usize, to: usize) -> wasmtime::Result<bool> {
+        self.used = self.used.saturating_add(to.saturating_sub(from));
+        if self.used > self.limit {
+            let (used, limit) = (self.used / 1_000_000, self.limit / 1_000_000);
+            return Err(wasmtime::Error::msg(format!(
+                "it needs {used} MB of memory, more than the limit of {limit} MB"
+            )));
+        }
+        Ok(true)
+    }
+}
+
+impl ResourceLimiter for Memory {
+    fn memory_growing(
+        &mut self,
+        from: usize,
+        to: usize,
+        _: Option<usize>,
+    ) -> wasmtime::Result<bool> {
+        self.grow(from, to)
+    }
+
+    fn table_growing(
+        &mut self,
+        from: usize,
+        to: usize,
+        _: Option<usize>,
+    ) -> wasmtime::Result<bool> {
+        self.grow(from.saturating_mul(size_of::<usize>()), to.saturating_mul(size_of::<usize>()))
+    }
 }
 
 /// An instance of a component.
@@ -163,13 +202,14 @@ impl Compiled {
     pub(crate) fn load(file: &Path) -> std::result::Result<Self, String> {
         let load = || -> wasmtime::Result<Self> {
             let engine = engine()?;
-            let component = compiled(engine, &fs::read(file)?)?;
-            if let Some(import) = foreign_import(&component) {
-                return Err(wasmtime::Error::msg(format!(
-                    "it imports {import}, expected imports of {PACKAGE} only"
-                )));
+            let bytes = fs::read(file)?;
+            if !bytes.starts_with(b"\0asm\x0d\0\x01\0") {
+                return Err(wasmtime::Error::msg("it is not a WebAssembly component"));
             }
-            Ok(Self { component, linker: linker(engine)? })
+            let component = compiled(engine, &bytes)?;
+            let mut linker = linker(engine)?;
+            grant_nothing(&mut linker, &component)?;
+            Ok(Self { component, linker })
         };
         load().map_err(|error| format!("{error:#}"))
     }
@@ -184,18 +224,14 @@ impl Compiled {
             Kind::ModelExchange => "fmi3InstantiateModelExchange",
             Kind::CoSimulation => "fmi3InstantiateCoSimulation",
         };
-        let mut limits = StoreLimitsBuilder::new().trap_on_grow_failure(true);
-        if let Some(bytes) = arguments.limits.memory {
-            limits = limits.memory_size(bytes);
-        }
         let data = Data {
             callbacks: callbacks.addr(),
             has_logger: arguments.treatment != Treatment::NoLogger,
             resources: arguments.resources.into(),
-            limits: limits.build(),
+            memory: Memory { used: 0, limit: arguments.limits.memory.unwrap_or(usize::MAX) },
         };
         let mut store = Store::new(self.component.engine(), data);
-        store.limiter(|data| &mut data.limits);
+        store.limiter(|data| &mut data.memory);
         let limit = arguments.limits.call;
         let ticks = limit.map_or(FOREVER, |limit| {
             tick(self.component.engine());
@@ -235,12 +271,23 @@ impl Compiled {
         let methods = Methods::find(|operation| find("method", &operation.replace('_', "-")));
         let Instantiation { name, guid, logging_on, event_mode_used, .. } = *arguments;
         let (early, variables) = (arguments.early_return_allowed, arguments.intermediate_variables);
-        let of_both = (name, guid, false, logging_on);
-        let (handle,): (Option<ResourceAny>,) = match arguments.kind {
-            Kind::ModelExchange => create.typed(&*store)?.call(&mut *store, of_both)?,
-            Kind::CoSimulation => {
-                let (name, guid, visible, on) = of_both;
-                let given = (name, guid, visible, on, event_mode_used, early, variables);
+        // An earlier draft, as in OpenModelica, has a path of resources, which components cannot read.
+        let has_path = matches!(create.params(&*store).get(2), Some((_, Type::String)));
+        let (handle,): (Option<ResourceAny>,) = match (arguments.kind, has_path) {
+            (Kind::ModelExchange, false) => {
+                let given = (name, guid, false, logging_on);
+                create.typed(&*store)?.call(&mut *store, given)?
+            }
+            (Kind::ModelExchange, true) => {
+                let given = (name, guid, "", false, logging_on);
+                create.typed(&*store)?.call(&mut *store, given)?
+            }
+            (Kind::CoSimulation, false) => {
+                let given = (name, guid, false, logging_on, event_mode_used, early, variables);
+                create.typed(&*store)?.call(&mut *store, given)?
+            }
+            (Kind::CoSimulation, true) => {
+                let given = (name, guid, "", false, logging_on, event_mode_used, early, variables);
                 create.typed(&*store)?.call(&mut *store, given)?
             }
         };
@@ -251,8 +298,8 @@ impl Compiled {
     /// The result of `fmi3GetVersion`.
     pub(crate) fn version(&self) -> Result<String> {
         let get = || -> wasmtime::Result<String> {
-            let (resources, limits) = (PathBuf::new(), StoreLimits::default());
-            let data = Data { callbacks: 0, has_logger: false, resources, limits };
+            let (resources, memory) = (PathBuf::new(), Memory { used: 0, limit: usize::MAX });
+            let data = Data { callbacks: 0, has_logger: false, resources, memory };
             let mut store = Store::new(self.component.engine(), data);
             store.set_epoch_deadline(FOREVER);
             let instance = self.linker.instantiate(&mut store, &self.component)?;
@@ -322,14 +369,109 @@ fn keep(file: &Path, code: &[u8]) -> std::io::Result<()> {
     })
 }
 
-/// An import that is not one of the draft.
-fn foreign_import(component: &Component) -> Option<String> {
-    let of = component.component_type();
-    let mut imports = of.imports(component.engine());
-    let foreign = imports.find(|(name, item)| {
-        !name.starts_with("fmi:fmi3/") && !matches!(item, ComponentItem::Type(_))
-    });
-    foreign.map(|(name, _)| name.to_owned())
+const PRINTING: [&str; 2] =
+    ["[method]output-stream.write", "[method]output-stream.blocking-write-and-flush"];
+
+/// Lets a component import WASI, as one does that was compiled for `wasm32-wasip2`. It gets an environment without
+/// anything in it, and what it prints becomes messages. A call of anything else is a trap.
+fn grant_nothing(linker: &mut Linker<Data>, component: &Component) -> wasmtime::Result<()> {
+    let (of, engine) = (component.component_type(), component.engine());
+    for (name, item) in of.imports(engine) {
+        let ComponentItem::ComponentInstance(interface) = item else {
+            continue;
+        };
+        if name.starts_with("fmi:fmi3/") {
+            continue;
+        }
+        if !name.starts_with("wasi:") {
+            return Err(wasmtime::Error::msg(format!(
+                "it imports {name}, expected imports of {PACKAGE} and of WASI only"
+            )));
+        }
+        let mut linker = linker.instance(name)?;
+        for (function, item) in interface.exports(engine) {
+            match item {
+                ComponentItem::Resource(_) => {
+                    linker.resource(function, ResourceType::host::<()>(), |_, _| Ok(()))?;
+                }
+                ComponentItem::ComponentFunc(_) if PRINTING.contains(&function) => {
+                    linker.func_wrap(function, print)?;
+                }
+                ComponentItem::ComponentFunc(_) => {
+                    let refusal = format!("it calls {function} of {name}, which is not granted");
+                    let function = function.to_owned();
+                    linker.func_new(&function.clone(), move |mut of, given, results| {
+                        for value in given {
+                            if let Val::Resource(handle) = value {
+                                handle.resource_drop(&mut of)?;
+                            }
+                        }
+                        let result = nothing(&function, given, of)?;
+                        let result = result.ok_or_else(|| wasmtime::Error::msg(refusal.clone()))?;
+                        // The component may declare another number of results, as its types are its own.
+                        results.iter_mut().for_each(|to| *to = result.clone());
+                        Ok(())
+                    })?;
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+/// What a function of WASI returns to a component that is granted nothing; `None` if that cannot be said.
+fn nothing(
+    function: &str,
+    given: &[Val],
+    of: StoreContextMut<'_, Data>,
+) -> wasmtime::Result<Option<Val>> {
+    Ok(Some(match (function, given) {
+        ("get-arguments" | "get-environment" | "get-directories", _) => Val::List(Vec::new()),
+        ("initial-cwd", _) => Val::Option(None),
+        ("get-terminal-stdin" | "get-terminal-stdout" | "get-terminal-stderr", _) => {
+            Val::Option(None)
+        }
+        // Such numbers seed the tables of hashes; a simulation has no other chance than its own.
+        ("insecure-seed", _) => Val::Tuple(vec![Val::U64(0); 2]),
+        ("get-random-u64" | "get-insecure-random-u64", _) => Val::U64(0),
+        ("get-random-bytes" | "get-insecure-random-bytes", [Val::U64(n @ ..4096)]) => {
+            Val::List(vec![Val::U8(0); *n as usize])
+        }
+        ("get-stdout" | "get-stderr" | "[method]output-stream.subscribe", _) => {
+            Val::Resource(Resource::<()>::new_own(0).try_into_resource_any(of)?)
+        }
+        ("[method]output-stream.check-write", _) => Val::Result(Ok(Some(Box::new(Val::U64(4096))))),
+        (
+            "[method]output-stream.flush"
+            | "[method]output-stream.blocking-flush"
+            | "[method]pollable.block",
+            _,
+        ) => Val::Result(Ok(None)),
+        _ => return Ok(None),
+    }))
+}
+
+/// `stream-error` of WASI, which no call returns.
+#[allow(dead_code, reason = "only its type is needed")]
+#[derive(ComponentType, Lower)]
+#[component(variant)]
+enum StreamError {
+    #[component(name = "last-operation-failed")]
+    Failed(Resource<()>),
+    #[component(name = "closed")]
+    Closed,
+}
+
+/// Makes what a component prints a message.
+#[allow(clippy::type_complexity, reason = "arguments and results are tuples")]
+fn print(
+    of: StoreContextMut<'_, Data>,
+    (_, text): (Resource<()>, Vec<u8>),
+) -> wasmtime::Result<(std::result::Result<(), StreamError>,)> {
+    let text = String::from_utf8_lossy(&text).trim_end().to_owned();
+    let (instance, category) = (None, Some("output".to_owned()));
+    of.data().log(Logged { instance, status: Status::Ok, category, text });
+    Ok((Ok(()),))
 }
 
 /// The functions that a component may import.
