@@ -64,6 +64,12 @@ MODELS = {table["name"]: Case.of(table) for table in TABLES["models"]}
 
 LOOP, PAIR = (list(map(Case.of, TABLES[key])) for key in ("loop", "pair"))
 
+BASELINE = [
+    replace(MODELS[name], name=f"{name}, baseline", model=f"{name}_baseline")
+    for name in ("PidRbf", "IpidRbf")
+]
+"""The networks without the vectors that are chosen at run time."""
+
 VERSIONS = [*list(MODELS.values())[:4], ALL_OUTPUTS]
 """The cases that are compared with FMI 3.0."""
 
@@ -254,6 +260,7 @@ class Bench:
     def cycles(self) -> Costs:
         """Measure a cycle of each FMU; the reference and PID-RBF twice, for the noise."""
         moving = [REFERENCE, *MODELS.values(), ALL_OUTPUTS, *map(in_fmi3, VERSIONS)]
+        moving += self.baseline()
         again = [replace(case, name=f"{case.name} again") for case in (REFERENCE, MODELS["PidRbf"])]
         sine = replace(SOURCE, start={"signal": 2})
         cases = [(case, "stand") for case in [*map(standing, [*moving, *again]), SOURCE]]
@@ -264,6 +271,16 @@ class Bench:
             f"cycle/{case.name} {inputs}": [time for line in lines for time in line["ns"]]
             for (case, inputs), *lines in zip(cases, *parts, strict=True)
         }
+
+    def baseline(self) -> list[Case]:
+        """Export the networks with the vectors that every processor of the platform has."""
+        out = self.folder / "baseline"
+        command = [PROGRAM, "export", "--package", "fmu-controller", "--no-default-features"]
+        run([*command, "--out", out])
+        for case in BASELINE:
+            name = f"{case.model.removesuffix('_baseline')}.fmu"
+            (out / name).rename(self.folder / f"{case.model}.fmu")
+        return BASELINE
 
     def python(self) -> Costs:
         """Measure the PID of PythonFMU and ours in turn; nothing if it cannot run here."""

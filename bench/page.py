@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from measure import MODELS, REFERENCE, SOURCE, VERSIONS, Costs
+from measure import BASELINE, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
 from pendulum_fmus.report import printed
 from pendulum_fmus.report.figure import Curve, Figure, Panel
 
@@ -88,7 +88,8 @@ Ratios = dict[Any, Ratio]
 def cycle_ratios(costs: Costs) -> Ratios:
     """Return the costs of cycles relative to the bare PID in C."""
     found = {}
-    for name, inputs in product((REFERENCE.name, *MODELS, SOURCE.name), INPUTS):
+    names = [REFERENCE.name, *MODELS, *(case.name for case in BASELINE), SOURCE.name]
+    for name, inputs in product(names, INPUTS):
         what = f"a cycle of {code(name)} whose inputs {inputs}"
         ours, other = (costs[f"cycle/{n} {inputs}"] for n in (name, REFERENCE.name))
         aim = AIMS.get(f"{name} {inputs}", "")
