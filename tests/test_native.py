@@ -423,6 +423,25 @@ def test_an_event_reaches_other_components_at_a_communication_point(
         check_kick(ours, kick, f"{name}.")
 
 
+def test_an_input_of_another_component_causes_a_state_event(tmp_path):
+    """A ball rises when its acceleration becomes positive, at a communication point."""
+    xml = (SOURCES / "hopper.xml").read_text(encoding="utf-8")
+    xml = re.sub('<Int32 name="n".*/>', "", xml)  # all inputs are continuous
+    binary = compiled(tmp_path, source="hopper.c")
+    pack(tmp_path / "Hopper.fmu", xml, binary, "x86_64-linux")
+    lift = {"from": "a.z", "to": "b.a[1]", "factor": -1.0, "offset": 0.0}
+    system = write_system(
+        tmp_path, {"a": {}, "b": {}}, [lift], "Hopper", step=0.1, order="parallel"
+    )
+    columns = simulate(system, tmp_path)
+    lifts = -columns["a.z"][:-1]
+    accelerations = np.where(np.logical_or.accumulate(lifts > 0), lifts, 0)
+    speeds = np.append(0, np.cumsum(0.1 * accelerations))
+    heights = np.append(0, np.cumsum(0.1 * speeds[:-1] + 0.005 * accelerations))
+    assert columns["b.h"] == pytest.approx(heights, abs=1e-9)
+    assert heights[-1] > 0.05
+
+
 def test_discrete_inputs_of_fmi_2_follow_a_table(tmp_path):
     """The FMU takes them in event mode only: m is n + 3, and c is b."""
     xml = (SOURCES / "conformance.xml").read_text(encoding="utf-8")

@@ -1,6 +1,6 @@
 /* A ball on a floor that is kicked, an FMU of FMI 3.0 for model exchange:
  *
- *     h' = v       v' = a[1] + 2 a[2] in flight, 0 on the floor
+ *     h' = v       v' = a[1] + 2 a[2] in flight, 0 on the floor, from which it rises where this is positive
  *     z' = w       w' = -OMEGA^2 z
  *
  * Each event takes the input n. A new value is a kick: v grows by n/1000, and z starts again from SMALL, with this
@@ -26,6 +26,8 @@ typedef struct {
 } Hopper;
 
 typedef const unsigned *References;
+
+static double acceleration(const Hopper *c) { return c->a[0] + 2 * c->a[1]; }
 
 void *fmi3InstantiateModelExchange(const char *name, const char *token) {
     if (!name || strcmp(token, "{hopper}")) return NULL;
@@ -69,14 +71,14 @@ int fmi3SetContinuousStates(Hopper *c, const double *states, size_t n) {
 }
 
 int fmi3GetContinuousStateDerivatives(Hopper *c, double *derivatives, size_t n) {
-    const double *s = c->states, acceleration = c->flies ? c->a[0] + 2 * c->a[1] : 0;
-    const double all[] = {s[V - H], acceleration, s[W - H], -OMEGA * OMEGA * s[Z - H]};
+    const double *s = c->states;
+    const double all[] = {s[V - H], c->flies ? acceleration(c) : 0, s[W - H], -OMEGA * OMEGA * s[Z - H]};
     memcpy(derivatives, all, n * sizeof *derivatives);
     return OK;
 }
 
 int fmi3GetEventIndicators(Hopper *c, double *indicators, size_t n) {
-    if (n) *indicators = c->flies ? c->states[0] : 1;
+    if (n) *indicators = c->flies ? c->states[0] : acceleration(c);
     return OK;
 }
 
@@ -112,6 +114,8 @@ int fmi3UpdateDiscreteStates(Hopper *c, bool *again, bool *terminate, bool *nomi
 #endif
         *states = true;
         s[0] = s[V - H] = 0;
+    } else if (acceleration(c) > 0) {
+        c->flies = true;
     }
     return OK;
 }

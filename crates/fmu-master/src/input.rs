@@ -265,23 +265,4 @@ mod tests {
         assert_eq!(smooth.rows(0.3), (1, Some(1)));
         assert_eq!(smooth.rows(0.1 + 0.2), (1, Some(2)));
     }
-
-    #[test]
-    fn new_values_of_inputs_that_are_held_are_events() {
-        let port = Port { component: 0, scalar: 0 };
-        let values = [0, 0, 7, 7].map(Value::Int32).to_vec();
-        let columns = vec![Fed { port, interpolated: None, values }];
-        let input = Input { times: vec![0.5, 1.0, 1.5, 2.0], columns };
-        let columns = vec![(&input.columns[0], 0)];
-        let values = vec![Value::Int32(0)];
-        let all = vec![Signal { kind: Type::Int32, reference: 3, values, columns }];
-        let mut signals = Signals { input: &input, all, held: 0, next: 0 };
-        for (time, next) in [(0.0, Some(1.5)), (1.0, Some(1.5)), (1.5, None)] {
-            signals.begin(time);
-            assert_eq!(signals.next(), next, "at {time} s");
-        }
-        assert_eq!(signals.values(1.5, false).count(), 0);
-        let values = vec![Value::Int32(7)];
-        assert_eq!(signals.values(1.5, true).next(), Some((Type::Int32, 3, values)));
-    }
 }
