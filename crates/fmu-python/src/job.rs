@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use fmu_description::{Type, Value};
 use fmu_master::run::Computed;
 use fmu_master::single::{self, Setup};
@@ -98,7 +98,11 @@ impl System {
         compute: &(impl Fn(usize, f64, &[Value]) -> Computed + Clone + Send + Sync + 'static),
     ) -> Result<(Plan, Vec<Start>)> {
         let mut description = match &self.text {
-            Some(text) => Description::parse(text, &self.file)?,
+            // Its lines are not the user's.
+            Some(text) => Description::parse(text, &self.file).map_err(|error| {
+                let text = error.to_string();
+                anyhow!("{}", text.rsplit_once("^\n").map_or(&*text, |(_, reason)| reason))
+            })?,
             None => Description::open(&self.file)?,
         };
         description.change(&self.changes);

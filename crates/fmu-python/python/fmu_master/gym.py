@@ -13,7 +13,7 @@ import numpy as np
 
 from .components import python_component
 from .instance import Instance
-from .system import System
+from .system import System, is_fmu
 
 Bounds = Mapping[str, tuple[float, float]]
 """The smallest and the largest value of each variable, by name, in its unit."""
@@ -57,8 +57,9 @@ class FmuEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ):
         self.action_space = _box(actions)
         self.observation_space = _box(observations)
-        is_fmu = not isinstance(system, System) and os.fspath(system).lower().endswith(".fmu")
-        self._system = system if is_fmu or isinstance(system, System) else System(system)
+        if not isinstance(system, System) and not is_fmu(system):
+            system = System(system)
+        self._system = system
         self._start, self._reward = start, reward
         self._actions, self._observations = list(actions), list(observations)
         self._step_size, self._steps = step_size, round(stop_time / step_size)

@@ -40,7 +40,7 @@ class State:
         self.time = time
         """The time of the state [s]."""
 
-    def __del__(self):
+    def __del__(self) -> None:
         with contextlib.suppress(RuntimeError):  # the instance was freed, and all its states
             self._native.forget(self._number)
 
@@ -68,7 +68,14 @@ class Instance:
         default, the FMU runs in a child process: a call takes some ten microseconds, and a crash is
         an `FmuError`.
 
-    The instance is initialized on first use. As a context manager it is freed at the end.
+    The instance is initialized on first use. As a context manager it is freed at the end. Values
+    are in the units of the variables.
+
+    Raises
+    ------
+    FmuError
+        Here and in all methods: the FMU cannot be used, fails or ends its process, or a name or
+        value does not fit.
 
     Examples
     --------
@@ -111,13 +118,13 @@ class Instance:
     @cached_property
     def variables(self) -> dict[str, Variable]:
         """The variables of the FMU by name."""
-
-        def variable(name, causality, variability, kind, unit, start, description, dimensions):
+        variables = {}
+        for *words, unit, start, description, dimensions in self._native.variables():
             value = start if dimensions else next(iter(start), None)
-            about = (unit, value, description, tuple(dimensions))
-            return Variable(name, causality, variability, kind, *about)
-
-        return {row[0]: variable(*row) for row in self._native.variables()}
+            variables[words[0]] = Variable._make(
+                [*words, unit, value, description, tuple(dimensions)]
+            )
+        return variables
 
     @property
     def time(self) -> float:
@@ -147,7 +154,7 @@ class Instance:
         """Return the values of variables, in their types."""
         self.initialize()
         numbers = [number for name in names for number in self._numbers(name)]
-        return called(self._native.get, numbers)
+        return list(called(self._native.get, numbers))
 
     def set(self, name: str | Mapping[str, Any], value: Any = None) -> None:
         """Set a variable, or those of a mapping; before the initialization, start values."""

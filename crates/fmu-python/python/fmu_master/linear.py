@@ -12,7 +12,7 @@ import numpy as np
 from .instance import Instance
 from .responses import Signals, realize, respond
 from .result import FmuError
-from .system import System
+from .system import System, is_fmu
 
 if TYPE_CHECKING:
     import control
@@ -84,7 +84,9 @@ class Linear:
         import control
 
         response = control.frequency_response(self.to_control(), frequencies)
-        return response.plot(display_margins=len(self.inputs) == len(self.outputs) == 1).figure
+        is_single = len(self.inputs) == len(self.outputs) == 1
+        figure: Figure = response.plot(display_margins=is_single).figure
+        return figure
 
     def margins(self) -> tuple[float, float, float, float]:
         """Return the margins of the open loop from the only input to the only output.
@@ -99,7 +101,8 @@ class Linear:
                 f"the model has {len(self.inputs)} inputs and {len(self.outputs)} outputs, "
                 "expected one of each"
             )
-        return tuple(float(value) for value in control.margin(self.to_control()))
+        gain, phase, at_180, at_1 = map(float, control.margin(self.to_control()))
+        return gain, phase, at_180, at_1
 
 
 def linearize(
@@ -154,8 +157,7 @@ def linearize(
         The FMU does not support model exchange, or fails; or no linear model responds in the same
         way as the system.
     """
-    is_fmu = not isinstance(system, System) and os.fspath(system).lower().endswith(".fmu")
-    if is_fmu:
+    if not isinstance(system, System) and is_fmu(system):
         signals = input or {}
         return _of_fmu(system, time, inputs, outputs, start_values, signals, step_size)
     if not inputs or not outputs:
@@ -235,7 +237,7 @@ def _differences(
 
     def evaluate(values: np.ndarray) -> np.ndarray:
         fmu.set(dict(zip(inputs, values[len(at) :].tolist(), strict=True)))
-        fmu.continuous_states = values[: len(at)]
+        fmu.continuous_states = values[: len(at)].tolist()
         got = [float(fmu.get(name)) for name in outputs]
         return np.concatenate([fmu.derivatives(), got])
 

@@ -200,7 +200,13 @@ class Result(Mapping[str, np.ndarray]):
 
 
 def read(filename: str | os.PathLike[str]) -> Result:
-    """Read results from a file, CSV or Parquet; NaN stands for a number that is missing."""
+    """Read results from a file, CSV or Parquet; NaN stands for a number that is missing.
+
+    Raises
+    ------
+    FmuError
+        The file cannot be read, or has no table.
+    """
     columns = called(_native.read, Path(filename))
     units = {name: unit for name, unit, _ in columns}
     return Result.of({name: _column(cells) for name, _, cells in columns}, units)

@@ -138,6 +138,18 @@ def sweep(
     Returns columns by name, one row for each run: its index, parameters and metrics, and why it
     failed. A run that fails or crashes does not end the sweep.
 
+    Parameters
+    ----------
+    plan, system, out, signals, **keys
+        As for `Sweep`.
+    processes
+        The number of worker processes, by default one for each core.
+
+    Raises
+    ------
+    FmuError
+        The plan or the system does not fit, or the table belongs to another sweep.
+
     Examples
     --------
     >>> runs = sweep(

@@ -92,7 +92,8 @@ class System:
     def _functions(self) -> list[tuple[str, PythonComponent]]:
         """Return the components in Python and their names."""
         tables = (self.description or {}).get("component", ())
-        return [(t["name"], t["fmu"]) for t in tables if isinstance(t["fmu"], PythonComponent)]
+        pairs = [(table["name"], table.get("fmu")) for table in tables]
+        return [(name, part) for name, part in pairs if isinstance(part, PythonComponent)]
 
     def _text(self) -> str:
         """Return the text of a system file, in which functions have no file."""
@@ -100,12 +101,16 @@ class System:
             return _read(self.file)
         named = {name: "Python" for name, _ in self._functions()}
         tables = self.description["component"]
-        tables = [{**table, "fmu": named.get(table["name"], table["fmu"])} for table in tables]
+        tables = [
+            {**table, "fmu": named[table["name"]]} if table["name"] in named else table
+            for table in tables
+        ]
         return document({**self.description, "component": tables}, "component")
 
     def times(self) -> tuple[float, float, float]:
         """Return the start time, the stop time and the communication step [s]."""
-        return called(_native.times, self._given())
+        start, stop, step = called(_native.times, self._given())
+        return start, stop, step
 
     def _given(self) -> dict[str, Any]:
         """Return what the native module needs of the system, without changes."""
@@ -207,7 +212,8 @@ class System:
         result = Result(**done)
         if fault is not None:
             text, call = fault
-            raise FmuError(text, *(call or ()), result=result) from raised
+            component, name, time = call or (None, None, None)
+            raise FmuError(text, component, name, time, result) from raised
         return result
 
 
@@ -225,9 +231,34 @@ def simulate(
     in_process: bool = False,
     progress: bool = False,
 ) -> Result:
-    """Run an FMU, or a system file or package, as `fmpy.simulate_fmu` does; see `System.simulate`.
+    """Run an FMU, or a system file or package, as `fmpy.simulate_fmu` does.
 
-    By default, the times are those of the default experiment of the FMU.
+    Parameters
+    ----------
+    filename
+        The FMU, system file (TOML) or package of SSP.
+    start_time, stop_time, step_size
+        Start, stop and communication step [s], by default those of the default experiment.
+    start_values
+        Start values by name, in the units of the variables; enumerations by the names of items.
+    input
+        Inputs over time; see `Input`.
+    output
+        Names of variables to record, by default all outputs that are numbers.
+    tolerance
+        Relative tolerance.
+    interface
+        "co-simulation" or "model-exchange", by default the first of them that the FMU supports.
+    in_process
+        Run in this process. That saves some milliseconds, but an FMU that crashes ends Python.
+    progress
+        Show a progress bar.
+
+    Raises
+    ------
+    FmuError
+        Something does not fit, or the FMU fails or ends its process; its `result` has the rows so
+        far.
 
     Examples
     --------
@@ -252,6 +283,11 @@ def _runner(in_process: bool, keeps: bool) -> _native.Runner:
     return _native.Runner([] if in_process else WORKER, keeps)
 
 
+def is_fmu(file: str | os.PathLike[str]) -> bool:
+    """Return whether a file is an FMU, by its name."""
+    return os.fspath(file).lower().endswith(".fmu")
+
+
 def _read(file: Path) -> str:
     return file.read_text(encoding="utf-8")
 
@@ -272,7 +308,7 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         normal["input"] = folder / normal["input"]
     normal["component"] = [dict(table) for table in normal.get("component", ())]
     for table in normal["component"]:
-        if not isinstance(table["fmu"], PythonComponent):
+        if isinstance(table.get("fmu"), str | os.PathLike):
             table["fmu"] = folder / table["fmu"]
         if "start" in table:
             table["start"] = dict(elements(table["start"]))
@@ -282,18 +318,21 @@ def _normal(description: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 @contextlib.contextmanager
 def _input_file(given: Input, system: Mapping[str, Any]) -> Iterator[Path]:
     """Write inputs to a temporary CSV file."""
-    dtype = getattr(given, "dtype", None)
-    names = list(dtype.names if dtype else getattr(given, "columns", given))
+    names = list(given.columns if hasattr(given, "columns") else given)
+    if hasattr(given, "dtype"):
+        names = list(given.dtype.names or ())
     functions = [name for name in names if callable(given[name])]
     if functions:
         start, stop, step = called(_native.times, system)
         count = int((stop - start) / step + 1e-6) + 2
         time = start + np.arange(count) * step
-        columns = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}
+        values = {"time": time, **{n: [given[n](t) for t in time.tolist()] for n in functions}}
     else:
-        columns = {"time": given["time"], **{n: given[n] for n in names if n != "time"}}
-    lists = [np.asarray(column).tolist() for column in columns.values()]
-    lines = [",".join(columns), *(",".join(map(toml, row)) for row in zip(*lists, strict=True))]
+        if "time" not in names:
+            raise FmuError(f"input = {', '.join(names)}, expected also a column time [s]")
+        values = {"time": given["time"], **{n: given[n] for n in names if n != "time"}}
+    lists = [np.asarray(column).tolist() for column in values.values()]
+    lines = [",".join(values), *(",".join(map(toml, row)) for row in zip(*lists, strict=True))]
     with tempfile.TemporaryDirectory(prefix="fmu-master-") as folder:
         file = Path(folder, "input.csv")
         file.write_text("\n".join([*lines, ""]), encoding="utf-8")

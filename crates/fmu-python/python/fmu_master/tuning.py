@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -113,7 +113,7 @@ def tune(
     ]
     best = math.inf
 
-    def named(x: Sequence[float]) -> dict[str, float]:
+    def named(x: Iterable[float]) -> dict[str, float]:
         bounded = zip(names, x, are_log, strict=True)
         values = {name: math.exp(v) if is_log else float(v) for name, v, is_log in bounded}
         return {n: min(max(v, parameters[n][0]), parameters[n][1]) for n, v in values.items()}
