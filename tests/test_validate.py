@@ -599,6 +599,8 @@ DEFECTS = {
     "INTERMEDIATE": "providesIntermediateUpdate is false, but the callback was called 5 times",
     "SEED": "for the seed [2.0] is 2, expected 4",
     "ADJOINT": 'the adjoint derivative of "y" by "u" is -2, expected 2',
+    "ADJOINT_SEED": 'the adjoint derivative of "y" by "u" is 1, expected 2',
+    "RESET_SIZE": 'after fmi3Reset, "n" is 4, expected its start value',
 }
 """Part of what is found in each variant of `tests/c/vector.c`."""
 

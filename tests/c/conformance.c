@@ -307,7 +307,10 @@ static int read_real(Instance *c, unsigned reference, double *value) {
     case U: *value = input(&c->now.data, c->now.data.now); break;
     case DAMPING: *value = d->damping; break;
     case STIFFNESS: *value = d->stiffness; break;
-    case OMEGA: *value = sqrt(HAS(CALCULATED_PARAMETER_STALE) ? 4 : d->stiffness); break;
+    case OMEGA:
+        *value = sqrt(HAS(CALCULATED_PARAMETER_STALE) ? 4 : d->stiffness);
+        if (HAS(CALCULATED_PARAMETER_DRIFTS)) *value += 1e-3 * d->count;
+        break;
     case G: *value = d->g + (HAS(CONSTANT_CHANGES) ? 1e-3 * d->count : 0); break;
     case X: *value = d->x[0]; break;
     case V: *value = d->x[1]; break;
@@ -320,6 +323,8 @@ static int read_real(Instance *c, unsigned reference, double *value) {
     case ENERGY:
         *value = d->x[1] * d->x[1] / 2 + d->stiffness * (1 - cos(d->x[0]));
         if (HAS(UNDECLARED_DEPENDENCY)) *value += u / 10;
+        if (HAS(UNDECLARED_DEPENDENCY_LATE) && d->now > d->start + 0.5) *value += u / 10;
+        if (HAS(UNDECLARED_BOOLEAN_DEPENDENCY)) *value += d->b;
         if (HAS(UNDECLARED_INITIAL_DEPENDENCY) && c->now.phase == INITIALIZATION) *value += u / 10;
         break;
     case LIMITED: *value = HAS(OUTPUT_OUTSIDE_MIN_MAX) ? 1.5 * sin(d->x[0]) : sin(d->x[0]); break;
@@ -560,7 +565,7 @@ EXPORT Status fmi2SetDebugLogging(Instance *c, int on, size_t n, const char *con
         if (k == 3) REFUSE(c, "fmi2SetDebugLogging: there is no category %s", categories[i]);
         chosen |= 1 << k;
     }
-    c->logging = on;
+    c->logging = on || HAS(LOGGING_NEVER_OFF);
     c->categories = chosen;
     return OK;
 }
@@ -733,7 +738,7 @@ EXPORT Status fmi2SetString(Instance *c, References references, size_t n, const 
         if (!why && strlen(values[i]) >= TEXT_SIZE && !HAS(LONG_STRING_OVERFLOWS)) why = "it is too long";
         if (why) REFUSE(c, "fmi2SetString: variable %u: %s", references[i], why);
     }
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n - (HAS(LAST_STRING_DROPPED) && n > 1); i++) {
         char *target = references[i] == LABEL ? c->now.data.label : c->now.data.text;
         memcpy(target, values[i], strlen(values[i]) + 1);
         say(c, OK, EVENTS, "variable %u is \"%s\"", references[i], values[i]);
@@ -850,6 +855,7 @@ EXPORT Status fmi2DeSerializeFMUstate(Instance *c, const char *bytes, size_t siz
     if (!*state) *state = allocate(c, sizeof(Snapshot));
     if (!*state) REFUSE(c, "fmi2DeSerializeFMUstate: out of memory");
     memcpy(*state, source, HAS(STATE_SIZE_TOO_SMALL) ? size - sizeof header : sizeof(Snapshot));
+    if (HAS(STATE_BYTES_LOSE_PARAMETER)) ((Snapshot *)*state)->data.damping = 0.3;
     return OK;
 }
 
@@ -955,7 +961,8 @@ EXPORT Status fmi2GetRealOutputDerivatives(Instance *c, References references, s
         case SAMPLED: result = 0; break;
         default: REFUSE(c, "%s: %u is not a Real output", __func__, references[i]);
         }
-        values[i] = HAS(OUTPUT_DERIVATIVE_WRONG) ? -result : result;
+        int is_late = HAS(OUTPUT_DERIVATIVE_WRONG_LATE) && d->now > d->start + 0.5;
+        values[i] = HAS(OUTPUT_DERIVATIVE_WRONG) || is_late ? -result : result;
     }
     return OK;
 }
@@ -988,6 +995,7 @@ EXPORT Status fmi2DoStep(Instance *c, double time, double step, int no_set_state
         d->now = end;
         return OK;
     }
+    if (step == 0 && HAS(STEP_OF_ZERO_CRASHES)) crash();
     if (step < 0) REFUSE(c, "fmi2DoStep: the step is %g s", step);
     if (fabs(time - d->now) > TOLERANCE * fmax(1, fabs(time)) && !HAS(WRONG_TIME_TAKEN))
         REFUSE(c, "fmi2DoStep: the communication point is %g s, expected %g s", time, d->now);
@@ -1002,6 +1010,9 @@ EXPORT Status fmi2DoStep(Instance *c, double time, double step, int no_set_state
     }
     c->held = *d;
     disturb_step(end - d->start);
+    static _Thread_local int has_stepped;
+    if (HAS(STEPS_ON_ONE_THREAD) && !has_stepped && d->now > d->start) return ERROR;
+    has_stepped = 1;
     if (HAS(DEPENDS_ON_STEP_SIZE)) {
         double rate[2];
         derivatives(d, d->now, d->x, rate);
@@ -1155,6 +1166,7 @@ EXPORT Status fmi2GetDerivatives(Instance *c, double *result, size_t n) {
     double rate[2];
     derivatives(&used, used.now, used.x, rate);
     if (HAS(WRONG_DERIVATIVE_LATE) && d->now > d->start + 0.5) rate[1] = -rate[1];
+    if (HAS(DERIVATIVE_NAN_LATE) && d->now > d->start + 0.5) rate[1] = NAN;
     for (int i = 0; i < 2; i++) result[i] = rate[HAS(DERIVATIVES_SWAPPED) ? 1 - i : i];
     return OK;
 }
@@ -1172,7 +1184,7 @@ EXPORT Status fmi2GetEventIndicators(Instance *c, double *indicators, size_t n) 
 EXPORT Status fmi2GetNominalsOfContinuousStates(Instance *c, double *nominals, size_t n) {
     ALLOWED_IN(c, INSTANTIATED | INITIALIZATION | RUNNING | TERMINATED_PHASE);
     CHECK_STATES(c, nominals, n, 2);
-    nominals[0] = HAS(NOMINAL_ZERO) ? 0 : HAS(NOMINAL_NAN) ? NAN : 1;
+    nominals[0] = HAS(NOMINAL_ZERO) ? 0 : HAS(NOMINAL_NEGATIVE) ? -1 : HAS(NOMINAL_NAN) ? NAN : 1;
     nominals[1] = 2;
     return OK;
 }

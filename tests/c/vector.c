@@ -22,6 +22,8 @@ typedef struct {
 typedef const unsigned *References;
 
 static void restart(Vector *v) {
+    const uint64_t n = v->n;
+    (void)n;
     const Vector start = {3, {0}, {1, 2, 3, 4, 5, 6, 7, 8}, 0, 0, false, false, v->event_mode, 0, 0, v->update, v->environment};
 #ifdef RESET
     const double kept = v->w[1];
@@ -29,6 +31,9 @@ static void restart(Vector *v) {
     v->w[1] = kept;
 #else
     *v = start;
+#endif
+#ifdef RESET_SIZE
+    v->n = n ? n : v->n;
 #endif
 #ifdef START
     v->c[2] = 2.5;
@@ -220,8 +225,12 @@ int fmi3GetDirectionalDerivative(Vector *v, References of, size_t n, References 
 int fmi3GetAdjointDerivative(Vector *v, References of, size_t n, References by, size_t m, const double *seed,
                              size_t n_seed, double *values, size_t count) {
     const int status = fmi3GetDirectionalDerivative(v, of, n, by, m, seed, n_seed, values, count);
-#ifdef ADJOINT
-    if (n) *values *= -1;
+#ifdef ADJOINT_SEED
+    if (n) *values = 2;
+#elif defined ADJOINT
+    if (n) *values = -2 * *seed;
+#else
+    if (n) *values = 2 * *seed;
 #endif
     return status;
 }

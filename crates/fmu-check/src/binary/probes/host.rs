@@ -329,8 +329,12 @@ pub fn debug_logging(subject: &Subject<'_>) -> Result<()> {
         run.instance.set_debug_logging(true, &names)?;
     }
     run.instance.set_debug_logging(false, &[])?;
-    run.advance()?;
+    let before = lock(&subject.logged).ok;
+    run.advance_by(subject.task.steps.min(20))?;
     drop(run);
+    let logged = lock(&subject.logged).ok - before;
+    check!(subject, LOGGING_OFF: logged == 0,
+        "{logged} messages with status fmi2OK were logged after fmi2SetDebugLogging(false), expected none");
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage("with an unknown category");
     names.push(CString::from(c"no such category"));
@@ -358,6 +362,7 @@ fn make_mistakes(subject: &Subject<'_>, setup: Setup<'_>) {
     let new = || Run::instantiate(subject, setup);
     let _ = new().map(|mut run| run.instance.get_float64(&[unknown], &mut [0.0]));
     let _ = new().map(|mut run| run.instance.do_step(0.0, -1.0));
+    let _ = Run::stepped(subject, setup).map(|mut run| run.do_step(1.0, 0.0));
     let _ = new().map(|mut run| {
         let _ = run.initialize();
         run.instance.set_float64(&[unknown], &[0.0])

@@ -13,8 +13,8 @@ use crate::binary::Reply;
 use crate::binary::rules;
 use crate::binary::run::{Run, SKIP, Subject, check, is_discrete};
 use crate::binary::values::{
-    MAX_ELEMENTS, Row, allows, element_name, is_near, is_tested, other, others, references, shown,
-    size,
+    MAX_ELEMENTS, Observed, Row, allows, element_name, is_near, is_tested, other, others,
+    references, shown, size,
 };
 use crate::rules::is_continuous;
 
@@ -176,14 +176,18 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
     let still = subject.still();
     for together in [false, true] {
         let instantiated = || Run::instantiate(subject, still);
-        are_kept(subject, instantiated, Parameter, "before initialization", together)?;
+        are_kept(subject, instantiated, &[Parameter], "before initialization", together)?;
         let initializing = || Run::initializing(subject, still);
         let when = "in initialization mode";
-        let is_refused = !are_kept(subject, initializing, Input, when, together)?;
+        if together {
+            are_kept(subject, initializing, &[Parameter, Input], when, together)?;
+        }
+        let is_refused = !are_kept(subject, initializing, &[Input], when, together)?;
         if is_refused || subject.kind == Kind::ModelExchange {
             return Ok(());
         }
-        are_kept(subject, || Run::stepped(subject, still), Input, "between two steps", together)?;
+        let stepped = || Run::stepped(subject, still);
+        are_kept(subject, stepped, &[Input], "between two steps", together)?;
     }
     Ok(())
 }
@@ -193,7 +197,7 @@ pub fn kept(subject: &Subject<'_>) -> Result<()> {
 fn are_kept<'a>(
     subject: &'a Subject<'_>,
     begin: impl FnOnce() -> Result<Run<'a>>,
-    causality: Causality,
+    causalities: &[Causality],
     when: &str,
     together: bool,
 ) -> Result<bool> {
@@ -207,7 +211,9 @@ fn are_kept<'a>(
             _ => others.into_iter().next(),
         }
     };
-    let variables = subject.group(subject.variables(causality).filter(|v| value(v).is_some()));
+    let is_set = |v: &&Listed<'_>| causalities.contains(&v.causality) && value(v).is_some();
+    let variables = subject.group(subject.settable().filter(is_set));
+    let has_inputs = causalities.contains(&Causality::Input);
     let values: Row = variables.variables().filter_map(value).collect();
     let mut run = begin()?;
     let is_set = match together {
@@ -218,12 +224,12 @@ fn are_kept<'a>(
         }
     };
     // Together, the values may be none that the model can begin with.
-    let begins = causality == Causality::Input || is_set && run.enter_initialization().is_ok();
+    let begins = has_inputs || is_set && run.enter_initialization().is_ok();
     if !is_set || !begins {
         return Ok(false);
     }
     let read = match variables.read(&mut run.instance) {
-        Err(_) if causality == Causality::Parameter => return Ok(false),
+        Err(_) if !has_inputs => return Ok(false),
         read => read?,
     };
     for ((variable, value), read) in variables.variables().zip(&values).zip(&read) {
@@ -390,6 +396,11 @@ fn resized(subject: &Subject<'_>, parameter: &Listed<'_>, size: &Value) -> Resul
             quote(&variable.name)
         );
     }
+    let mut run = run.reset()?;
+    run.enter_initialization()?;
+    let (value, start) = (run.value(parameter)?, parameter.start_of(0));
+    check!(subject, RESET: start.is_none_or(|start| value == *start),
+        "after fmi3Reset, {} is {value}, expected its start value", quote(&parameter.name));
     Ok(())
 }
 
@@ -684,12 +695,13 @@ pub fn adjoint_derivatives(subject: &Subject<'_>) -> Result<()> {
 
 /// Compares the adjoint derivative of a variable with its directional derivatives.
 fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -> Result<()> {
+    const SEED: f64 = 2.0;
     let (unknowns, all) = ([of.reference], references(knowns));
     let get = |i: &mut Instance, values: &mut [f64]| {
-        i.get_adjoint_derivative(&unknowns, &all, &[1.0], values)
+        i.get_adjoint_derivative(&unknowns, &all, &[SEED], values)
     };
     let row = run.instance.read(knowns.len(), get)?;
-    for (known, adjoint) in knowns.iter().zip(row) {
+    for (known, adjoint) in knowns.iter().zip(row.iter().map(|adjoint| adjoint / SEED)) {
         let directional = directional(run, &unknowns, &[known.reference], &[1.0])?[0];
         let scale = adjoint.abs().max(directional.abs()).max(1e-9);
         ensure!(
@@ -702,47 +714,62 @@ fn compare_adjoint(run: &mut Run<'_>, of: &Listed<'_>, knowns: &[&Listed<'_>]) -
     Ok(())
 }
 
-/// Changes each input, and looks for outputs that follow though the XML says that they do not; in initialization mode,
-/// parameters, too.
+/// Changes each input, and looks for outputs that follow though the XML says that they do not, at two times.
 pub fn dependencies(subject: &Subject<'_>) -> Result<()> {
-    let (mut inputs, outputs) = (subject.reals(Causality::Input), subject.reals(Causality::Output));
     let is_exchange = subject.kind == Kind::ModelExchange;
-    inputs.retain(|v| !is_exchange || is_continuous(v));
-    let inputs: Vec<Known<'_>> = inputs.into_iter().map(|input| (input, None)).collect();
+    let is_known =
+        |v: &&Listed<'_>| v.of_type != Type::String && (!is_exchange || is_continuous(v));
+    let mut inputs: Vec<_> = subject.variables(Causality::Input).filter(is_known).collect();
+    // The first that the FMU refuses to change ends the test.
+    inputs.sort_by_key(|v| !v.of_type.is_float());
+    let outputs = subject.group(subject.variables(Causality::Output));
+    let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    follow(&mut run, &outputs, &inputs, &Dependencies::in_run(subject))
+    follow(&mut run, &outputs, &inputs, &allowed)?;
+    run.advance_by(subject.task.steps)?;
+    ensure!(!run.ended, SKIP);
+    follow(&mut run, &outputs, &inputs, &allowed)
 }
 
+/// As [`dependencies`], in initialization mode, also with parameters.
 pub fn initial_dependencies(subject: &Subject<'_>) -> Result<()> {
     let (unknowns, knowns, allowed) = initial_pairs(subject);
+    let knowns: Vec<_> = knowns.into_iter().map(|(known, _)| known).collect();
     let mut run = Run::initializing(subject, subject.still())?;
     subject.report.stage("in initialization mode");
-    follow(&mut run, &unknowns, &knowns, &allowed)
+    follow(&mut run, &subject.group(unknowns.into_iter()), &knowns, &allowed)
 }
 
 /// Changes each known, and checks that only unknowns that may depend on it follow.
 fn follow(
     run: &mut Run<'_>,
-    unknowns: &[&Listed<'_>],
-    knowns: &[Known<'_>],
+    unknowns: &Observed<'_>,
+    knowns: &[&Listed<'_>],
     allowed: &Dependencies<'_>,
 ) -> Result<()> {
-    if unknowns.is_empty() {
-        return Ok(());
-    }
-    let all = references(unknowns);
     for known in knowns.iter().take(MAX_INPUTS) {
-        let before = run.reals(&all)?;
-        let change = 0.1 * size_of(run, known.0)?;
-        let after = moved(run, *known, change, &all)?;
-        for ((unknown, before), after) in unknowns.iter().zip(before).zip(after) {
+        let (before, value) = (unknowns.read(&mut run.instance)?, run.value(known)?);
+        let changed = match value.as_real() {
+            Some(x) => Value::real(known.of_type, x + 0.1 * x.abs().max(1.0)),
+            None => {
+                let mut values = others(known).into_iter().chain(known.start_of(0).cloned());
+                values.find(|other| !is_near(other, &value, 0.0))
+            }
+        };
+        let Some(changed) = changed else { continue };
+        run.set(known, &[changed]).ok().context(SKIP)?;
+        let after = unknowns.read(&mut run.instance)?;
+        run.set(known, &[value])?;
+        for ((unknown, _), (before, after)) in unknowns.elements().zip(before.iter().zip(&after)) {
             ensure!(
-                before == after
-                    || unknown.reference == known.0.reference
-                    || allowed.allow(unknown, known.0),
-                "{} changes from {before} to {after} with {}, which its dependencies do not list",
+                is_near(before, after, 0.0)
+                    || unknown.reference == known.reference
+                    || allowed.allow(unknown, known),
+                "{} changes from {} to {} with {}, which its dependencies do not list",
                 quote(&unknown.name),
-                quote(&known.0.name)
+                shown(before),
+                shown(after),
+                quote(&known.name)
             );
         }
     }
@@ -783,26 +810,35 @@ pub fn derivatives_of_inputs_in_time(subject: &Subject<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Compares derivatives of outputs with their changes, with inputs that do not change.
+/// Compares derivatives of outputs with their changes, at the start and later, with inputs that do not change.
 pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
-    const CLAIM: &str = "maxOutputDerivativeOrder is not 0, but";
     let order = subject.element.attribute("maxOutputDerivativeOrder");
     let outputs = subject.reals(Causality::Output);
-    let references = references(&outputs);
     if order.and_then(integer).is_none_or(|order| order <= 0) || outputs.is_empty() {
         return Ok(());
     }
-    let orders = vec![1; outputs.len()];
     let mut run = Run::begin(subject, subject.still())?;
+    for steps in [0, subject.task.steps] {
+        run.advance_by(steps)?;
+        ensure!(!run.ended, SKIP);
+        compare_slopes(&mut run, &outputs).context("maxOutputDerivativeOrder is not 0, but")?;
+    }
+    Ok(())
+}
+
+/// Compares derivatives of outputs with their changes in a few steps.
+fn compare_slopes(run: &mut Run<'_>, outputs: &[&Listed<'_>]) -> Result<()> {
+    let subject = run.subject;
+    let (references, orders) = (references(outputs), vec![1; outputs.len()]);
     let (mut given, mut values) = (Vec::new(), Vec::new());
     for _ in 0..subject.task.steps.min(10) {
         let get = |i: &mut Instance, values: &mut [f64]| {
             i.get_output_derivatives(&references, &orders, values)
         };
-        let now = run.instance.read(outputs.len(), get).context(CLAIM)?;
+        let now = run.instance.read(outputs.len(), get)?;
         ensure!(
             now.iter().all(|value| value.is_finite()),
-            "{CLAIM} fmi2GetRealOutputDerivatives gave numbers that are not finite"
+            "fmi2GetRealOutputDerivatives gave numbers that are not finite"
         );
         given.push(now);
         values.push(run.reals(&references)?);
@@ -824,7 +860,7 @@ pub fn derivatives_of_outputs_in_time(subject: &Subject<'_>) -> Result<()> {
         {
             let name = quote(&output.name);
             bail!(
-                "{CLAIM} the derivative of {name} is {given} while the output changes by {slope} per second"
+                "the derivative of {name} is {given} while the output changes by {slope} per second"
             );
         }
     }
