@@ -169,13 +169,7 @@ enum Source<'a> {
 
 /// The folder of the draft of a layered standard that says what WebAssembly FMUs are.
 const EXTRA_WASM: &str = "extra/org.modelica.fmi-ls-wasm";
-const MANIFEST: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
-<fmi-ls:fmiLayeredStandardManifest
-  xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest"
-  fmi-ls:fmi-ls-name="org.modelica.fmi-ls-wasm"
-  fmi-ls:fmi-ls-version="0.1.0"
-  fmi-ls:fmi-ls-description="FMI Layered Standard for WebAssembly"/>
-"#;
+const MANIFEST: &str = include_str!("manifest.xml");
 
 /// Keeps the compiler from joining neighbouring values in vectors. A step touches each value once, and a
 /// vector cannot be loaded before the stores of its parts have left the processor's store buffer.

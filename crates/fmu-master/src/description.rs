@@ -20,7 +20,7 @@ use crate::fmu::default_experiment;
 use crate::ssp::{self, Source};
 
 /// A system of coupled FMUs.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
     /// The first communication point (s); 0 by default.
@@ -118,7 +118,7 @@ impl Interface {
 }
 
 /// An instance of an FMU.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Component {
     /// Its name in the system.
@@ -383,25 +383,15 @@ impl Description {
             start,
             stop,
             step: step.unwrap_or((stop - start) / 500.0),
-            order: Order::default(),
             allow_algebraic_loops: true,
-            tolerance: None,
             components: vec![Component {
                 name: file.file_stem().unwrap_or_default().to_string_lossy().replace('.', "_"),
                 fmu: file.to_owned(),
-                interface: None,
                 sampled: Some(false),
-                tolerance: None,
-                start: BTreeMap::new(),
-                function: None,
+                ..Component::default()
             }],
-            connections: Vec::new(),
-            seed: 0,
-            outputs: Vec::new(),
-            input: None,
             is_single: true,
-            package: None,
-            sandbox: Sandbox::default(),
+            ..Self::default()
         })
     }
 

@@ -5,19 +5,7 @@ use clap_complete::Shell;
 
 /// Bash supports one completion per command, and `cargo` already has one: use ours after
 /// `cargo fmu`, else the existing one. (Zsh's completion of `cargo` finds `_cargo-fmu` by itself.)
-const BASH: &str = r#"
-_cargo_fmu_before=$(complete -p cargo 2>/dev/null | sed -n 's/.* -F \([^ ]*\) .*/\1/p')
-_cargo_fmu_after_cargo() {
-    if [[ ${COMP_WORDS[1]} == fmu && $COMP_CWORD -gt 1 ]]; then
-        COMP_WORDS=(cargo_fmu "${COMP_WORDS[@]:2}")
-        COMP_CWORD=$((COMP_CWORD - 1))
-        _cargo_fmu cargo_fmu "$2" "$3"
-    elif [[ -n $_cargo_fmu_before ]]; then
-        "$_cargo_fmu_before" "$@"
-    fi
-}
-complete -F _cargo_fmu_after_cargo -o bashdefault -o default cargo
-"#;
+const BASH: &str = include_str!("completions.bash");
 
 /// The completion script for a shell.
 pub fn script(shell: Shell, command: Command) -> Vec<u8> {

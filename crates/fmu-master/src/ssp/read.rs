@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use super::system::System;
 use super::vocabulary::{self, EXPERIMENT, OMS_INFORMATION, OMS_MASTER, OSP_FIXED_STEP};
 use crate::fmu::{Units, units};
-use crate::{Description, Order, Sandbox};
+use crate::{Description, Order};
 
 /// The system structure of a package.
 pub const STRUCTURE_FILE: &str = "SystemStructure.ssd";
@@ -96,16 +96,10 @@ fn describe(opened: &mut Vec<Files>) -> Result<Description> {
         stop,
         step,
         order: Order::Parallel,
-        allow_algebraic_loops: false,
-        tolerance: None,
         components: system.components,
         connections,
-        seed: 0,
-        outputs: Vec::new(),
-        input: None,
-        is_single: false,
-        sandbox: Sandbox::default(),
         package: Some(Arc::new(Source { warnings: system.warnings, opened: Vec::new() })),
+        ..Description::default()
     })
 }
 

@@ -173,15 +173,8 @@ impl<'a> System<'a> {
         let (fmu, interface) =
             read.with_context(|| format!("{}: component {path}", line(element)))?;
         self.models.push(Model::read(&fmu).ok());
-        self.components.push(Component {
-            name: path.to_owned(),
-            fmu,
-            interface,
-            sampled: None,
-            tolerance: None,
-            start: BTreeMap::new(),
-            function: None,
-        });
+        let name = path.to_owned();
+        self.components.push(Component { name, fmu, interface, ..Component::default() });
         Ok(self.components.len() - 1)
     }
 
