@@ -1,6 +1,5 @@
 """The report's page in a real browser: its figures, and the absence of network requests."""
 
-import json
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -10,6 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from pendulum_fmus.loop import Loop
+from pendulum_fmus.project import ROOT
 
 DRAWN = "body[data-drawn]"
 """Present once the figures that are not folded are drawn."""
@@ -21,6 +21,10 @@ MOST = 3_000_000
 """The page's largest size [B]."""
 
 
+PROBES = ROOT / "tests" / "data" / "report.js"
+"""Functions that measure the page."""
+
+
 class Opened:
     """The opened page with its console messages and requests; later, all of it is unfolded."""
 
@@ -28,6 +32,7 @@ class Opened:
         self.page = page
         self.said: list[str] = []
         self.asked: list[str] = []
+        page.add_init_script(path=PROBES)
         page.on("console", lambda message: self.said.append(message.text))
         page.on("pageerror", lambda error: self.said.append(str(error)))
         page.on("request", lambda request: self.asked.append(request.url))
@@ -41,8 +46,7 @@ class Opened:
     def resize(self, width: int) -> None:
         """Give the window a width; return when all panels fit it."""
         self.page.set_viewport_size({"width": width, "height": 900})
-        self.page.wait_for_function("""() => [...document.querySelectorAll(".drawing")].every(
-            (drawing) => drawing.plot?.width === drawing.clientWidth)""")
+        self.page.wait_for_function("panelsFit()")
 
 
 @pytest.fixture(scope="module")
@@ -77,25 +81,6 @@ def test_shows_the_curves_at_once_and_folds_the_rest(opened):
     assert opened.height < 16 * 900
 
 
-COLOURS = """() => [...document.querySelectorAll(".drawing")].map((drawing) => {
-    const { ctx, bbox: { left, top, width, height }, series } = drawing.plot;
-    const probe = Object.assign(document.createElement("canvas"), { width, height })
-        .getContext("2d", { willReadFrequently: true });
-    probe.drawImage(ctx.canvas, -left, -top);
-    const { data } = probe.getImageData(0, 0, width, height);
-    const found = new Set();
-    for (let k = 0; k < data.length; k += 4) {
-        if (data[k + 3] > 250) found.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
-    }
-    return series.slice(1).map((one) => {
-        probe.fillStyle = one.stroke();
-        probe.fillRect(0, 0, 1, 1);
-        return found.has(probe.getImageData(0, 0, 1, 1).data.slice(0, 3).join());
-    });
-})"""
-"""For each panel, whether it has pixels in the colour of each curve."""
-
-
 def test_draws_every_curve_of_every_panel_in_both_schemes(wide):
     figures = wide.locator("figure .plot").count()
     panels = wide.locator(".drawing").count()
@@ -104,7 +89,7 @@ def test_draws_every_curve_of_every_panel_in_both_schemes(wide):
     for scheme in ("dark", "light"):
         wide.emulate_media(color_scheme=scheme)
         wide.wait_for_timeout(2000)
-        drawn = wide.evaluate(COLOURS)
+        drawn = wide.evaluate("colours")
         assert len(drawn) > 2 * figures
         assert all(any(panel) for panel in drawn)
         # Curves can hide behind each other or lie off the scale of a panel
@@ -120,46 +105,15 @@ def test_every_axis_has_a_title_with_its_unit_and_every_figure_a_legend(wide):
 
 
 def test_nothing_is_wider_than_its_container(resized):
-    cut = resized.evaluate("""() => [...document.querySelectorAll("html, body *")]
-        .filter((element) => !element.closest("svg, .uplot, .skip, summary"))
-        .filter((element) => getComputedStyle(element).display !== "inline")
-        .filter((element) => element.scrollWidth > Math.max(element.clientWidth, 1) + 1)
-        .map((element) => element.outerHTML.slice(0, 80))""")
-    assert cut == []
+    assert resized.evaluate("cut") == []
 
 
 def test_text_in_the_diagram_is_legible(resized):
-    smallest = resized.evaluate("""() => {
-        const diagram = [...document.querySelectorAll(".diagram")].find((d) => d.clientWidth);
-        const scale = diagram.getScreenCTM().a;
-        const texts = [...diagram.querySelectorAll("text, tspan")];
-        const size = (text) => parseFloat(getComputedStyle(text).fontSize);
-        return Math.min(...texts.map(size)) * scale;
-    }""")
-    assert smallest >= 11
-
-
-LABELS = """() => [...document.querySelectorAll(".drawing")].flatMap(({ plot }) => {
-    const context = document.createElement("canvas").getContext("2d");
-    return ["x", "y"].map((key, k) => {
-        const axis = plot.axes[k];
-        context.font = axis.font[0].replace(/[\\d.]+px/, "11px");
-        const half = (text) => key === "x" ? context.measureText(text).width / 2 : 6;
-        return {
-            log: plot.scales[key].distr === 3, texts: axis._values,
-            decades: Math.log10(plot.scales[key].max / plot.scales[key].min),
-            spans: axis._splits.map((at, i) => {
-                const middle = plot.valToPos(at, key), size = half(axis._values[i]);
-                return [middle - size, middle + size];
-            }),
-        };
-    });
-})"""
-"""For each axis, its labels and the pixels that they cover."""
+    assert resized.evaluate("smallestText") >= 11
 
 
 def test_labels_of_axes_are_readable_and_do_not_overlap(resized):
-    axes = resized.evaluate(LABELS)
+    axes = resized.evaluate("labels")
     assert any(axis["log"] for axis in axes)
     for axis in axes:
         assert len(axis["texts"]) >= 2, axis
@@ -193,9 +147,7 @@ def test_contents_of_a_phone_fold_away_and_cover_no_heading(opened):
 
 
 def test_headings_do_not_skip_a_level(wide):
-    levels = wide.evaluate(
-        "[...document.querySelectorAll('h1, h2, h3, h4')].map((h) => Number(h.tagName[1]))"
-    )
+    levels = wide.evaluate("levels")
     assert levels[0] == 1
     assert levels.count(1) == 1
     assert all(b <= a + 1 for a, b in pairwise(levels))
@@ -204,24 +156,14 @@ def test_headings_do_not_skip_a_level(wide):
 def test_hovering_shows_numbers_as_computed(wide, table_results):
     """The drawn points equal samples to the last bit, and the readout shows one of them."""
     drawing = wide.locator("#plot-figure-6 .drawing").first
-    drawn = json.loads(
-        drawing.evaluate("""({ plot }) => {
-            const curve = plot.curves.find((curve) => curve.name === "PID");
-            return JSON.stringify({ x: [...curve.x], y: [...curve.y] });
-        }""")
-    )
+    drawn = drawing.evaluate("peak")
     run = table_results[Loop("Pid", "step", 0.0)]
     exact = dict(zip(run["time"].tolist(), run["plant.theta"].tolist(), strict=True))
     assert len(drawn["x"]) > 100
     assert all(exact[x] == y for x, y in zip(drawn["x"], drawn["y"], strict=True))
     assert max(drawn["y"]) == run["plant.theta"].max()
 
-    top = drawing.evaluate("""({ plot }) => {
-        const { x, y } = plot.curves.find((curve) => curve.name === "PID");
-        const k = y.indexOf(Math.max(...y));
-        return { x: plot.valToPos(x[k], "x"), y: plot.valToPos(y[k], "y") - 2 };
-    }""")
-    drawing.locator(".u-over").hover(position=top)
+    drawing.locator(".u-over").hover(position=drawn["at"])
     shown = drawing.locator(".readout").text_content().splitlines()
     assert shown[0] == "PID"
     assert exact[float(shown[1].split(" = ")[1])] == float(shown[2].split(" = ")[1])
@@ -229,22 +171,19 @@ def test_hovering_shows_numbers_as_computed(wide, table_results):
 
 def test_dragging_zooms_and_double_clicks_go_back_and_show_everything(wide):
     drawing = wide.locator("#plot-figure-6 .drawing").first
-    ranges = "({ plot: { scales: { x, y } } }) => [x.min, x.max, y.min, y.max]"
     drawing.scroll_into_view_if_needed()
-    whole, box = drawing.evaluate(ranges), drawing.locator(".u-over").bounding_box()
+    whole, box = drawing.evaluate("ranges"), drawing.locator(".u-over").bounding_box()
     x, y, width, height = (box[key] for key in ("x", "y", "width", "height"))
     wide.mouse.move(x + width / 4, y + height / 4)
     wide.mouse.down()
     wide.mouse.move(x + width / 2, y + height / 2, steps=3)
     wide.mouse.up()
     expected = [whole[0] + (whole[1] - whole[0]) * share for share in (0.25, 0.5)]
-    assert drawing.evaluate(ranges)[:2] == pytest.approx(expected, abs=0.2)
+    assert drawing.evaluate("ranges")[:2] == pytest.approx(expected, abs=0.2)
     wide.mouse.dblclick(x + width / 2, y + height / 2)
-    assert drawing.evaluate(ranges) == whole
+    assert drawing.evaluate("ranges") == whole
     wide.mouse.dblclick(x + width / 2, y + height / 2)
-    assert drawing.evaluate(ranges) == drawing.evaluate("""({ plot: { curves } }) => ["x", "y"]
-        .map((key) => curves.flatMap((curve) => [...curve[key]]))
-        .flatMap((all) => [Math.min(...all), Math.max(...all)])""")
+    assert drawing.evaluate("ranges") == drawing.evaluate("extent")
 
 
 def test_a_link_unfolds_its_target(browser, report_folder):
