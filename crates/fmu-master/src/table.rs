@@ -75,13 +75,14 @@ impl Column {
 }
 
 /// What the values of a type are, in words.
-pub(crate) fn expected(kind: Type) -> &'static str {
+pub(crate) fn expected(kind: Type) -> String {
+    let (min, max) = kind.range();
     match kind {
-        Type::Boolean => "true or false",
-        Type::String => "a string",
-        Type::Binary => "hexadecimal digits",
-        kind if kind.is_float() => "a number",
-        _ => "a whole number",
+        Type::Boolean => "true or false".to_owned(),
+        Type::String => "a string".to_owned(),
+        Type::Binary => "hexadecimal digits".to_owned(),
+        kind if kind.is_float() => "a number".to_owned(),
+        _ => format!("a whole number from {min} to {max}"),
     }
 }
 
@@ -273,12 +274,13 @@ mod tests {
             let cells = parse(&columns, &line).unwrap();
             assert_eq!(cells, (vec![Some(value), None], ""));
         }
-        let columns = [("a", Type::Float64), ("b", Type::Boolean)];
+        let columns = [("a", Type::Float64), ("b", Type::Boolean), ("c", Type::Int8)];
         let columns = columns.map(|(name, kind)| Column::new(name, "", kind));
         for (line, reason) in [
-            ("1,true,", "\"1,true,\", expected 2 fields"),
-            ("x,true", "a is x, expected a number"),
-            ("1,", "b is empty, expected true or false"),
+            ("1,true", "\"1,true\", expected 3 fields"),
+            ("x,true,1", "a is x, expected a number"),
+            ("1,,1", "b is empty, expected true or false"),
+            ("1,true,128", "c is 128, expected a whole number from -128 to 127"),
             ("1,\"a", "\"1,\\\"a\", expected fields of CSV"),
             ("1,\"a\"b", "\"1,\\\"a\\\"b\", expected fields of CSV"),
         ] {
