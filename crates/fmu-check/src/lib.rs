@@ -31,10 +31,7 @@ pub fn check(file: &Path, probes: Option<&Probes>, deadline: Instant, findings: 
     let mut archive = match Archive::open(file) {
         Ok(archive) => archive,
         Err(error) => {
-            let rule = match file.is_file() {
-                true => &package::READABLE,
-                false => &package::FILE,
-            };
+            let rule = if file.is_file() { &package::READABLE } else { &package::FILE };
             return findings.add(rule, "archive", format!("{error:#}"));
         }
     };

@@ -181,9 +181,7 @@ impl<'a> Files<'a> {
         readable: &'static Rule,
         further: impl FnOnce(&mut Self, &Element<'_>),
     ) -> bool {
-        let Ok(bytes) = self.archive.head(file, MAX_XML) else {
-            return false;
-        };
+        let Ok(bytes) = self.archive.head(file, MAX_XML) else { return false };
         let decoded = xml::decode(&bytes);
         for fault in decoded.faults {
             self.findings.add(&UTF_8, file, fault);
@@ -471,9 +469,7 @@ type Causalities<'a> = HashMap<&'a str, &'a str>;
 fn members(terminal: &Element<'_>, causalities: &Causalities<'_>, findings: &mut Findings) {
     let at = |element: &Element<'_>| Location::of(TERMINALS_FILE, element);
     let variable = |member: &Element<'_>, attribute, is_known: bool, findings: &mut Findings| {
-        let Some(name) = member.attribute(attribute) else {
-            return;
-        };
+        let Some(name) = member.attribute(attribute) else { return };
         let shown = quote(name);
         match causalities.get(name) {
             None => find!(findings, MEMBER_EXISTS at at(member),

@@ -527,9 +527,7 @@ impl<'a> Check<'a> {
 
     /// Checks that the declared type of a variable is defined, and has its start value if it is an item.
     fn declared_type(&mut self, variable: &Listed<'_>, items: &Items<'_>) {
-        let Some(declared) = variable.value.attribute("declaredType") else {
-            return;
-        };
+        let Some(declared) = variable.value.attribute("declaredType") else { return };
         let expected = variable.value.name;
         let fault = match variable.declared.map(|of_type| of_type.name) {
             Some(found) if found.strip_suffix("Type").unwrap_or(found) == expected => None,
@@ -954,18 +952,14 @@ impl Check<'_> {
         let model = self.model;
         let mut states = HashSet::new();
         for unknown in &model.derivatives {
-            let Some(variable) = model.variable(unknown.index) else {
-                continue;
-            };
+            let Some(variable) = model.variable(unknown.index) else { continue };
             let is_derivative = variable.value.has("derivative");
             require!(self, DERIVATIVE_ATTRIBUTE at variable, is_derivative,
                 "it is in {list} of ModelStructure, expected it to have the attribute derivative");
             require!(self, DERIVATIVE_CONTINUOUS at variable, is_continuous(variable) || !is_derivative,
                 "it is in {list} of ModelStructure, expected its variability to be continuous");
             let index = state_of(variable, model);
-            let Some(state) = model.variable(index) else {
-                continue;
-            };
+            let Some(state) = model.variable(index) else { continue };
             let name = quote(&state.name);
             require!(self, DERIVATIVE_ONCE at variable,
                 index != unknown.index && states.insert(index),
@@ -1176,10 +1170,8 @@ impl Check<'_> {
         let model = self.model;
         let clocks = variable.element.attribute("clocks");
         let is_clock = variable.of_type == Type::Clock;
-        let (what, expected) = match is_clock {
-            true => ("a clock", "discrete"),
-            false => ("clocked", "discrete or tunable"),
-        };
+        let (what, expected) =
+            if is_clock { ("a clock", "discrete") } else { ("clocked", "discrete or tunable") };
         let fits = match variable.variability {
             Variability::Discrete => true,
             Variability::Tunable => !is_clock,

@@ -87,9 +87,7 @@ pub fn check(file: &str, root: &Element<'_>, schema: &Schema, findings: &mut Fin
 
 impl Document<'_> {
     fn element(&mut self, element: &Element<'_>, of: &str) {
-        let Some(of) = self.schema.types.get(of) else {
-            return;
-        };
+        let Some(of) = self.schema.types.get(of) else { return };
         let (at, name) = (|| Location::of(self.file, element), element.name);
         if of.content == "everything" {
             return;
@@ -127,10 +125,7 @@ impl Document<'_> {
             if is_special || is_known || of.has_more && name.contains(':') {
                 continue;
             }
-            let rule = match of.has_more {
-                true => &INTERFACE_ATTRIBUTE,
-                false => &ATTRIBUTE_KNOWN,
-            };
+            let rule = if of.has_more { &INTERFACE_ATTRIBUTE } else { &ATTRIBUTE_KNOWN };
             let (name, version) = (quote(name), self.findings.version().as_str());
             let text = format!(
                 "{of_element} has the attribute {name}, which FMI {version} does not define"

@@ -592,10 +592,7 @@ impl Instance {
     pub fn free_fmu_state(&mut self, mut state: State) -> Result {
         let freed = call!(both self.free_fmu_state(&mut state))?;
         let cause = Cause::Broke("did not set the state to NULL");
-        match state.0.is_null() {
-            true => Ok(freed),
-            false => Err(self.broke("free_fmu_state", cause)),
-        }
+        if state.0.is_null() { Ok(freed) } else { Err(self.broke("free_fmu_state", cause)) }
     }
 
     /// `fmi2FreeFMUstate`, `fmi3FreeFMUState` with a pointer to NULL, which does nothing by the standard.

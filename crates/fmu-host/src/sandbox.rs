@@ -377,9 +377,7 @@ const PRINTING: [&str; 2] =
 fn grant_nothing(linker: &mut Linker<Data>, component: &Component) -> wasmtime::Result<()> {
     let (of, engine) = (component.component_type(), component.engine());
     for (name, item) in of.imports(engine) {
-        let ComponentItem::ComponentInstance(interface) = item else {
-            continue;
-        };
+        let ComponentItem::ComponentInstance(interface) = item else { continue };
         if name.starts_with("fmi:fmi3/") {
             continue;
         }

@@ -254,10 +254,7 @@ impl<'a> Component<'a> {
             }
             ports = others;
         }
-        match ports.is_empty() {
-            true => Ok(()),
-            false => self.read_others(ports, outputs),
-        }
+        if ports.is_empty() { Ok(()) } else { self.read_others(ports, outputs) }
     }
 
     #[inline(never)]
@@ -297,9 +294,7 @@ impl<'a> Component<'a> {
     /// Writes its inputs.
     #[inline(always)]
     pub(crate) fn write(&mut self, outputs: &Store) -> Called {
-        let Some((reals, others)) = self.ports.split_first() else {
-            return Ok(());
-        };
+        let Some((reals, others)) = self.ports.split_first() else { return Ok(()) };
         let inputs = &reals.inputs;
         if !inputs.references.is_empty() {
             let values = match reals.run {
@@ -320,10 +315,7 @@ impl<'a> Component<'a> {
                 self.explain_writing(*outcome, inputs, &values)?;
             }
         }
-        match others.is_empty() {
-            true => Ok(()),
-            false => self.write_others(others, outputs),
-        }
+        if others.is_empty() { Ok(()) } else { self.write_others(others, outputs) }
     }
 
     #[inline(never)]
@@ -427,18 +419,14 @@ pub(crate) fn propagate(
     for ports in components[fed].ports {
         let same = |a: &Source, b: &Source| (a.component, a.kind) == (b.component, b.kind);
         for sources in ports.sources.chunk_by(same) {
-            let Some(feeding) = sources[0].component else {
-                continue;
-            };
+            let Some(feeding) = sources[0].component else { continue };
             let component = &mut components[feeding];
             let mut scalars = Wired::default();
             for source in sources {
                 scalars.push(&component.fmu, source.scalar);
             }
             let is_same = |ports: &&Ports| ports.kind == sources[0].kind;
-            let Some(from) = component.ports.iter().find(is_same) else {
-                continue;
-            };
+            let Some(from) = component.ports.iter().find(is_same) else { continue };
             for (source, value) in sources.iter().zip(component.get(from, &scalars)?) {
                 changed |= outputs.value(source.output) != value;
                 outputs.set(source.output, value);

@@ -216,10 +216,7 @@ impl Simulation<'_> {
         let (experiment, wiring) = (&self.plan.experiment, &self.plan.wiring);
         // Checked when the plan was made.
         let steps = experiment.steps().unwrap_or(0);
-        let last = match self.plan.steps_from_stop() {
-            true => steps,
-            false => steps.saturating_sub(1),
-        };
+        let last = if self.plan.steps_from_stop() { steps } else { steps.saturating_sub(1) };
         let failed_at = |time| move |failure: Box<Failure>| failure.at(time);
         // Later, the outputs of a component are read after each of its steps.
         let mut components = self.components.iter_mut();

@@ -220,10 +220,7 @@ impl Wiring {
         let [mut before, mut after] = [Records::default(), Records::default()];
         let kinds = recorded.iter().map(|port| port.of(components).of_type);
         for (port, column) in recorded.iter().zip(places(kinds)) {
-            let records = match components[port.component].sampled {
-                true => &mut after,
-                false => &mut before,
-            };
+            let records = if components[port.component].sampled { &mut after } else { &mut before };
             match (outputs[port], column) {
                 (Place::Real(from), Place::Real(to)) => records.reals.push((from, to)),
                 (Place::Real(from) | Place::Other(from), Place::Real(to) | Place::Other(to)) => {
@@ -283,9 +280,7 @@ impl Wiring {
 
 /// See [`Ports::run`].
 fn run(sources: &[Source]) -> Option<usize> {
-    let Place::Real(first) = sources.first()?.output else {
-        return None;
-    };
+    let Place::Real(first) = sources.first()?.output else { return None };
     let mut all = sources.iter().zip(first..);
     all.all(|(source, index)| source.output == Place::Real(index) && source.scale.is_none())
         .then_some(first)

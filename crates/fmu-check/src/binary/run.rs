@@ -638,10 +638,8 @@ impl<'a> Run<'a> {
     /// Iterates in event mode until no new discrete states are needed.
     fn iterate(&mut self) -> Result<()> {
         let (has_states, time) = (self.states() > 0, self.place.now);
-        let states = |run: &mut Self| match has_states {
-            true => run.continuous_states(),
-            false => Ok(Vec::new()),
-        };
+        let states =
+            |run: &mut Self| if has_states { run.continuous_states() } else { Ok(Vec::new()) };
         let before = states(self)?;
         let mut may_change = false;
         for _ in 0..MAX_ROUNDS {

@@ -336,9 +336,7 @@ pub fn other(variable: &Listed<'_>) -> Option<Value> {
 
 /// Other values of a scalar than its start value.
 pub fn others(variable: &Listed<'_>) -> Vec<Value> {
-    let Some(start) = variable.start_of(0) else {
-        return Vec::new();
-    };
+    let Some(start) = variable.start_of(0) else { return Vec::new() };
     let mut others = near(variable, start);
     others.retain(|near| near != start);
     others

@@ -490,9 +490,7 @@ pub fn settable(subject: &Subject<'_>) -> Result<()> {
     ] {
         let reals = subject.reals(causality);
         let mut reals = reals.into_iter().filter(|v| !states.contains(&v.reference));
-        let Some(variable) = reals.find(|v| v.variability == variability) else {
-            continue;
-        };
+        let Some(variable) = reals.find(|v| v.variability == variability) else { continue };
         let value = match causality {
             Parameter => other(variable),
             _ => Some(Value::Float64(0.0)),

@@ -653,9 +653,7 @@ fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
 
 /// Compares directional derivatives with respect to the states with difference quotients.
 pub fn derivatives_by_states(subject: &Subject<'_>) -> Result<()> {
-    let Some((derivatives, states)) = state_pairs(subject) else {
-        return Ok(());
-    };
+    let Some((derivatives, states)) = state_pairs(subject) else { return Ok(()) };
     let knowns: Vec<Known<'_>> = (0..).zip(states).map(|(k, state)| (state, Some(k))).collect();
     let derivatives = [derivatives, subject.continuous(Causality::Output)].concat();
     let allowed = Dependencies::in_run(subject);
@@ -922,9 +920,7 @@ pub fn states(subject: &Subject<'_>) -> Result<()> {
     written(&mut run, "fmi2GetContinuousStates", n, Instance::get_continuous_states)?;
     written(&mut run, "fmi2GetDerivatives", n, Instance::get_continuous_state_derivatives)?;
     written(&mut run, "fmi2GetEventIndicators", indicators, Instance::get_event_indicators)?;
-    let Some((derivatives, states)) = state_pairs(subject) else {
-        return Ok(());
-    };
+    let Some((derivatives, states)) = state_pairs(subject) else { return Ok(()) };
     let (derivatives, states) = (references(&derivatives), references(&states));
     for _ in 0..subject.task.steps {
         for (function, given, expected) in [
