@@ -185,14 +185,16 @@ pub fn after_another(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     Run::recorded(subject, subject.setup())
 }
 
-/// Takes each step on another thread than the one before.
+/// Takes each step on a new thread, and reads the values on one that has not created the instance.
 pub fn on_a_thread(subject: &Subject<'_>, how: &str) -> Result<Trajectory> {
     let mut run = Run::begin(subject, subject.setup())?;
     subject.report.stage(how);
-    run.record_by(|run| {
-        let stepped = thread::scope(|scope| scope.spawn(|| run.advance()).join());
-        stepped.map_err(|_| anyhow!("the thread has ended early"))?
-    })
+    on_new_thread(|| run.record_by(|run| on_new_thread(|| run.advance())))
+}
+
+fn on_new_thread<T: Send>(work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let done = thread::scope(|scope| scope.spawn(work).join());
+    done.map_err(|_| anyhow!("the thread has ended early"))?
 }
 
 /// Runs two instances on two threads at the same time, again and again for a while.
