@@ -3,6 +3,7 @@
 import _thread
 import re
 import signal
+import subprocess
 import threading
 import time
 import tomllib
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import fmpy
 import numpy as np
+import pandas
+import polars
 import pytest
 from dask.distributed import Client
 from IPython.core.formatters import DisplayFormatter
@@ -27,8 +30,10 @@ from fmu_master import (
     simulate,
     sweep,
 )
+from fmu_master._command import COMMAND
 from native import LOOPS, run
 from native import simulate as by_command_line
+from sweeps import done, journal_of
 from test_crashes import FAULTS, faulty
 from test_native import TYPED, binaries, sums
 
@@ -406,6 +411,38 @@ def test_a_sweep_of_start_values_has_the_metrics_of_the_runs(loop, tmp_path):
         np.testing.assert_array_equal(distributed[name], runs[name])
     with pytest.raises(FmuError, match="has no variable kp"):
         sweep({"controller.kp": gains}, system, signals=SIGNALS)
+
+
+def test_a_run_that_crashes_is_a_row_of_a_sweep_of_a_frame_also_on_dask(faulty):
+    plan = {"at": [2.0, 0.5, 2.0], "fault": [FAULTS.index("CRASH")] * 3}
+    signals = {"reference": "r", "output": "y", "error": "e", "control": "u"}
+    frames = pandas.DataFrame(plan), polars.DataFrame(plan)
+    all_ = [Sweep(frame, System(faulty), signals=signals, stop=1.0) for frame in frames]
+    with Client(processes=False, dashboard_address=None) as client:
+        tables = [all_[0].run(), all_[1].run(), all_[1].dask(client)]
+    for runs in tables:
+        assert runs["at"].tolist() == plan["at"]
+        assert [text is not None for text in runs["failure"]] == [False, True, False]
+        assert "at t = 0.5" in runs["failure"][1]
+        assert "signal 11" in runs["failure"][1]
+
+
+def test_a_sweep_of_a_frame_resumes(loop, tmp_path):
+    plan = polars.DataFrame({"controller.pid.kp": [200.0, 300.0, 400.0]})
+    out = tmp_path / "out.csv"
+    swept = Sweep(plan, System({**loop, "stop": 0.1}), out, signals=SIGNALS)
+    with swept.files() as arguments:
+        # Only the row of the second run arrives.
+        rows = [*COMMAND, "sweep", *arguments, "--rows=1..2"]
+        row = subprocess.run(rows, capture_output=True, check=True).stdout
+        collect = [*COMMAND, "sweep", *arguments, "--out", out, "--collect"]
+        subprocess.run(collect, input=row, capture_output=True, check=False)
+    assert done(out) == [1]
+    text = journal_of(out).read_text(encoding="utf-8")
+    assert text.count(",300.0,") == 1
+    # Known by another gain: what is kept is not run again.
+    journal_of(out).write_text(text.replace(",300.0,", ",301.0,"), encoding="utf-8")
+    assert swept.run()["controller.pid.kp"].tolist() == [200.0, 301.0, 400.0]
 
 
 def test_ctrl_c_ends_a_run_and_leaves_nothing(faulty, tmp_path, monkeypatch):

@@ -192,7 +192,7 @@ impl Study {
     ) -> Result<Self> {
         let beside = || sweep.with_file_name("").join(&file.system);
         let system = system.map_or_else(beside, Path::to_owned);
-        let mut description = Description::read(&system)?;
+        let mut description = Description::open(&system)?;
         if let Some(folder) = fmus {
             description.take_fmus_from(folder);
         }

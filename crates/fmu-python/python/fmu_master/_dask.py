@@ -28,7 +28,11 @@ LONGEST = 1000
 
 def files_of(program: Path, sweep: Path, system: str, fmus: list[str]) -> dict[str, bytes]:
     """Return what a worker needs, by the names in its folder."""
-    files = {program.name: program, "sweep.toml": sweep, "system.toml": Path(system)}
+    files = {
+        program.name: program,
+        "sweep.toml": sweep,
+        f"system{Path(system).suffix}": Path(system),
+    }
     for fmu in map(Path, fmus):
         other = files.setdefault(fmu.name, fmu)
         if other.read_bytes() != fmu.read_bytes():
@@ -43,7 +47,8 @@ def rows(files: dict[str, bytes], program: list[str], first: int, end: int) -> b
         for name, content in files.items():
             Path(folder, name).write_bytes(content)
             Path(folder, name).chmod(0o700)
-        options = "sweep sweep.toml --system system.toml --fmus . --threads 1".split()
+        (system,) = (name for name in files if name.startswith("system."))
+        options = f"sweep sweep.toml --system {system} --fmus . --threads 1".split()
         words = [word or sys.executable for word in program]
         words += [*options, f"--rows={first}..{end}"]
         env = {**os.environ, "TMPDIR": folder}
