@@ -1,8 +1,12 @@
 """What engineers do with the module: the example test suite, linearization, comparison, tuning."""
 
 import dataclasses
+import itertools
+import re
+import runpy
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +14,7 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 from gymnasium.utils.env_checker import check_env
+from lxml import etree
 
 import fmu_master.linear
 from fmu_master import FmuError, System, compare, python_component, simulate
@@ -181,6 +186,58 @@ def test_tune_finds_only_what_all_plants_accept(fmus):
     assert 0.9 * limit < reached <= limit
     with pytest.raises(ValueError, match=r"plant.theta0: the guess 2.0 is not from 0.01 to 0.1"):
         tuned(fmus, guess={"plant.theta0": 2.0})
+
+
+FOUND = ROOT / "python" / "pendulum_fmus" / "report" / "gains.toml"
+SCRIPT = ROOT / "examples" / "tuning" / "gains.py"
+
+
+def test_the_gains_of_the_report_are_what_the_example_finds_also_after_an_interruption(
+    fmus, tmp_path
+):
+    out, journal = tmp_path / "gains.toml", tmp_path / "pid-rbf.journal"
+    command = [sys.executable, SCRIPT, "pid-rbf", "--out", out, "--journal", tmp_path]
+    expected = FOUND.read_text(encoding="utf-8").split("[ipid-rbf]")[0]
+    for _ in range(2):
+        subprocess.run(command, check=True, capture_output=True)
+        assert out.read_text(encoding="utf-8") == expected
+        lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+        journal.write_text("".join(lines[:-10]), encoding="utf-8")
+
+
+@pytest.mark.parametrize(("name", "title"), [("pid-rbf", "PID-RBF"), ("ipid-rbf", "IPID-RBF")])
+def test_the_gains_found_are_better_and_keep_other_pendulums_upright(fmus, name, title):
+    script = runpy.run_path(str(SCRIPT))
+    page = (ROOT / "docs" / "engineering.md").read_text(encoding="utf-8")
+    gains = tomllib.loads(FOUND.read_text(encoding="utf-8"))[name]
+    assert all(low <= gains[gain] <= high for gain, (low, high, _) in script["GAINS"].items())
+    areas, options = [], {"output": ["controller.e", "controller.u"], "in_process": True}
+    with System(LOOPS / f"{name}.toml").loaded() as loop:
+        for kind, values in (("of the paper", {}), ("found", gains)):
+            runs = [loop.simulate(signal | values, **options) for signal in script["SIGNALS"]]
+            areas.append([np.abs(run["controller.e"]).sum() * 1e-3 for run in runs])
+            assert max(np.abs(run["controller.u"]).max() for run in runs) <= 100
+            cells = re.search(rf"\| {title}, gains {kind} \|(.*)\|", page)[1].split("|")
+            np.testing.assert_allclose([float(cell) for cell in cells], areas[-1], rtol=5e-3)
+        for plant in itertools.product((0.8, 1.2), repeat=3):
+            scaled = zip(("M", "m", "l"), (CART, ROD, LENGTH), plant, strict=True)
+            changed = {f"plant.{n}": value * factor for n, value, factor in scaled}
+            run = loop.simulate(gains | changed, **options)
+            assert np.abs(run["controller.e"][-2000:]).max() < 0.05
+    assert (np.array(areas[1]) < areas[0]).all()
+
+
+def test_the_script_draws_the_pictures_of_the_page(fmus, tmp_path):
+    command = [sys.executable, ROOT / "docs" / "pictures.py", tmp_path]
+    subprocess.run(command, check=True, capture_output=True)
+    page = (ROOT / "docs" / "engineering.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"\]\((\S+\.svg)\)", page))
+    assert {file.name for file in tmp_path.iterdir()} == shown
+    for name in shown:
+        # The texts and the number of the curves; digits of the curves may differ between versions.
+        drawn, kept = (etree.parse(folder / name) for folder in (tmp_path, ROOT / "docs"))
+        assert [e.text for e in drawn.iter("{*}text")] == [e.text for e in kept.iter("{*}text")]
+        assert len(list(drawn.iter("{*}path"))) == len(list(kept.iter("{*}path"))) > 10
 
 
 # --- linearization --------------------------------------------------------------------------------

@@ -14,7 +14,10 @@ from fmu_master import Result, System
 from fmu_master.tuning import integral_of_absolute, tune
 
 LOOPS = Path(__file__).parents[1] / "closed-loop"
-SIGNALS = [{"source.signal": signal} for signal in ("step", "sine", "square")]
+FREQUENCIES = {"step": 0.1, "sine": 0.2, "square": 0.1}
+"""Those of the paper [Hz]; a step has none."""
+
+SIGNALS = [{"source.signal": s, "source.frequency": f} for s, f in FREQUENCIES.items()]
 NOMINAL = {"plant.M": 1.096, "plant.m": 0.109, "plant.l": 0.25}
 PLANTS = [
     {name: value * factor for (name, value), factor in zip(NOMINAL.items(), factors, strict=True)}
@@ -42,10 +45,13 @@ def is_stable(result: Result) -> bool:
 def main() -> None:
     """Search the gains of both controllers and print how they compare with those of the paper."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--generations", type=int, default=5, help="how long to search")
+    parser.add_argument("controllers", nargs="*", default=["pid-rbf", "ipid-rbf"], metavar="LOOP")
+    parser.add_argument("--generations", type=int, default=2, help="how long to search")
     parser.add_argument("--journal", type=Path, help="folder of the files to continue from")
+    parser.add_argument("--out", type=Path, help="TOML file to keep the gains in")
     options = parser.parse_args()
-    for name in ("pid-rbf", "ipid-rbf"):
+    kept = ""
+    for name in options.controllers:
         system, begin = System(LOOPS / f"{name}.toml"), time.monotonic()
         shown = {"output": ["controller.e"], "in_process": True}
         paper = errors([system.simulate(signal, **shown) for signal in SIGNALS])
@@ -66,11 +72,15 @@ def main() -> None:
         )
         own = errors([system.simulate(signal | found.values, **shown) for signal in SIGNALS])
         print(f"{name}: {found.evaluations} candidates in {time.monotonic() - begin:.0f} s")
-        gains = (f"{gain} = {value:.4g}" for gain, value in found.values.items())
-        print("  gains:", ", ".join(gains))
+        kept += f"[{name}]\n"
+        for gain, value in found.values.items():
+            print(f"  {gain} = {value:.4g}")
+            kept += f'"{gain}" = {value!r}\n'
         for signal, before, after in zip(SIGNALS, paper, own, strict=True):
             kind = signal["source.signal"]
             print(f"  {kind}: integral of |e| {before:.4g} -> {after:.4g} rad s")
+    if options.out:
+        options.out.write_text(f"# Found by examples/tuning/gains.py\n{kept}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -3,17 +3,20 @@
 Like the functions of `beyond.py`, each is named by a `[[beyond]]` of `statements.toml`.
 """
 
+import itertools
 import math
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ..loop import TS, Loop
 from .beyond import STILL, Section
 from .claims import Row
-from .figure import Curve, curve, outputs
-from .measures import LIMIT, MEASURES, largest
-from .runs import KINDS, Data, Trace, alone, both_plants, loop_of, sweep
+from .figure import Curve, curve, magnitudes, outputs
+from .measures import LIMIT, MEASURES, iae, largest
+from .runs import KINDS, SIGNALS, Data, Trace, alone, both_plants, loop_of, sweep
 from .stability import (
     FREQUENCIES,
     LAWS,
@@ -240,3 +243,61 @@ def weights(data: Data) -> Section:
         )
         curves.append([line, Curve(f"weights/{kind}", share, errors, kind)])
     return Section(curves, [alike, digits])
+
+
+# --- found gains ----------------------------------------------------------------------------------
+
+FOUND = Path(__file__).with_name("gains.toml")
+"""The gains that examples/tuning/gains.py has found."""
+
+TUNED = {"PID-RBF": "pid-rbf", "IPID-RBF own": "ipid-rbf"}
+"""The tuned controllers, and their tables in this file."""
+
+SEARCHED = {
+    "pid.kp": "kp [N/rad]",
+    "pid.ki": "ki [N/(rad s)]",
+    "pid.kd": "kd [N s/rad]",
+    "rbf.eta": "η [1]",
+}
+
+UPRIGHT = 0.05
+"""|e| below which the angle has to stay for the last 2 s with other plants [rad]."""
+
+
+def tuned_loops(kind: str, gains: dict[str, float]) -> tuple[list[Loop], list[Loop]]:
+    """Return the loop of each signal, and the steps with other plants."""
+    given, plants = tuple(gains.items()), []
+    for factors in itertools.product((0.8, 1.2), repeat=3):
+        scaled = zip(("M", "m", "l"), factors, strict=True)
+        plants.append(tuple((f"plant.{name}", NOMINAL[name] * factor) for name, factor in scaled))
+    signals = [alone(kind, signal=signal, overrides=given) for signal in SIGNALS]
+    return signals, [alone(kind, overrides=(*given, *plant)) for plant in plants]
+
+
+def tuning(data: Data) -> Section:
+    """Compare the gains that a search has found with those of the paper."""
+    found = tomllib.loads(FOUND.read_text(encoding="utf-8"))
+    areas, last, forces, late, curves = [], [], [], [], []
+    for kind, name in TUNED.items():
+        before, after = tuned_loops(kind, {})[0], tuned_loops(kind, found[name])
+        pairs = list(zip(data.simulated(before), data.simulated(after[0]), strict=True))
+        areas += [[iae(pair[i]) for pair in pairs] for i in (0, 1)]
+        last += [abs(float(trace.e[-1])) for trace in pairs[0]]
+        forces += [[largest(pair[i].u) for pair in pairs] for i in (0, 1)]
+        ends = [trace.part((18.0, np.inf)).e for trace in data.simulated(after[1])]
+        late.append([largest(end) for end in ends])
+        curves += [magnitudes({kind: old, "found": new}) for old, new in pairs]
+    rows = []
+    for signal, area in zip(SIGNALS, zip(*areas, strict=True), strict=True):
+        better = area[1] < area[0] and area[3] < area[2]
+        rows.append(Row(f"integral of |e|, {signal} [rad s]", area, better))
+    highest = [max(values) for values in forces]
+    rows.append(Row("largest force [N]", highest, max(highest) <= LIMIT))
+    rows.append(Row("|e(20 s)|, step [rad]", last))
+    others = [
+        Row(shown, [found[name][f"controller.{gain}"] for name in TUNED.values()])
+        for gain, shown in SEARCHED.items()
+    ]
+    worst = [max(values) for values in late]
+    others.append(Row("largest |e| from 18 s on, worst plant [rad]", worst, max(worst) < UPRIGHT))
+    return Section(curves, [rows, others])

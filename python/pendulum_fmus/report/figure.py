@@ -59,6 +59,7 @@ STYLES = {
     "double": Style("double", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
     "winding": Style("without anti-windup", "#d07a00", "#f0a030", (6, 2), 1.5, "s"),
     "held": Style("with anti-windup", "#0072b2", "#56b4e9", (), 1.4, "o"),
+    "found": Style("gains found", "#202020", "#e8e8e8", (), 1.2),
     "LQR": Style("LQR", "#8a5fb0", "#c3a3e0", (9, 3), 1.5),
     "limit": Style("limit", "#a0a0a0", "#7d7d7d", (), 1.4),
 }

@@ -151,6 +151,9 @@ def tune(
         logs = zip(names, are_log, strict=True)
         start = [math.log(guess[name]) if is_log else guess[name] for name, is_log in logs]
     with system.loaded() as loaded, ThreadPoolExecutor(os.cpu_count()) as pool:
+        if start is not None:
+            # Candidates that are worse are not tried with other plants.
+            best = evaluate(np.array(start))
         found = differential_evolution(
             evaluate,
             np.reshape(scaled, (-1, 2)),
