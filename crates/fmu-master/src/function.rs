@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::fmt;
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use fmu_description::{Causality, Initial, Type, Value, Variability, Variable};
 use fmu_host::Instance;
 use serde::{Deserialize, Serialize};
@@ -28,8 +28,8 @@ pub struct Signature {
 pub struct Argument {
     /// Its name.
     pub name: String,
-    /// Its type: Float64, Int64 or Boolean.
-    pub of_type: Type,
+    /// Its type: `Float64`, `Int64` or `Boolean`.
+    pub of_type: String,
     /// Its unit; empty if it has none.
     pub unit: String,
 }
@@ -72,25 +72,26 @@ impl Function {
             (0..).zip(inputs.chain(outputs)).map(|(reference, (argument, causality))| {
                 let Argument { name, of_type, unit } = argument;
                 ensure!(names.insert(name), "{component} has two variables {name}");
-                let (start, continuous) = match of_type {
-                    Type::Float64 => (Value::Float64(0.0), causality == Causality::Input),
-                    Type::Int64 => (Value::Int64(0), false),
-                    Type::Boolean => (Value::Boolean(false), false),
-                    other => anyhow::bail!(
-                        "{component}.{name} is a {}, expected a Float64, Int64 or Boolean",
-                        other.as_str()
+                let start = match of_type.as_str() {
+                    "Float64" => Value::Float64(0.0),
+                    "Int64" => Value::Int64(0),
+                    "Boolean" => Value::Boolean(false),
+                    other => bail!(
+                        "type of {component}.{name}: {other:?}, expected \"Float64\", \"Int64\" or \"Boolean\""
                     ),
                 };
+                let of_type = start.of_type();
+                let is_continuous = causality == Causality::Input && of_type == Type::Float64;
                 Ok(Variable {
                     name: name.clone(),
                     reference,
                     causality,
-                    variability: match continuous {
+                    variability: match is_continuous {
                         true => Variability::Continuous,
                         false => Variability::Discrete,
                     },
                     initial: Some(Initial::Exact),
-                    of_type: *of_type,
+                    of_type,
                     unit: Some(unit.clone()).filter(|unit| !unit.is_empty()),
                     start: vec![start],
                     ..Variable::default()
@@ -117,16 +118,33 @@ impl Function {
             samples += 1;
             let (inputs, outputs) = values.split_at_mut(signature.inputs.len());
             let computed = compute(time, inputs)?;
-            let types = outputs.iter().map(Value::of_type);
-            if !types.eq(computed.iter().map(Value::of_type)) {
-                return Err(format!("it returned {} values of wrong types", computed.len()));
+            let (given, expected) = (computed.len(), outputs.len());
+            if given != expected {
+                return Err(format!("it returned {given} values, expected {expected}"));
             }
-            outputs.clone_from_slice(&computed);
-            Ok(())
+            let known = signature.outputs.iter().zip(outputs);
+            known.zip(computed).try_for_each(|((argument, output), value)| {
+                let Argument { name, of_type, .. } = argument;
+                let wrong = || format!("it returned {value} for {name}, expected a {of_type}");
+                *output = fitting(output.of_type(), &value).ok_or_else(wrong)?;
+                Ok(())
+            })
         };
         let start = variables.iter().flat_map(|variable| variable.start.iter().cloned());
         let (instance, log) = (name.to_owned(), messages.clone());
         let sink = move |logged| log.log(&instance, &logged);
         Instance::of_function(start.collect(), Box::new(step), sink)
+    }
+}
+
+/// A value in the type of an output; `None` if it is of another kind.
+fn fitting(of_type: Type, value: &Value) -> Option<Value> {
+    match of_type {
+        Type::Boolean => (value.of_type() == Type::Boolean).then(|| value.clone()),
+        Type::Float64 => {
+            let real = value.as_real().or_else(|| value.as_whole().map(|whole| whole as f64));
+            real.map(Value::Float64)
+        }
+        other => Value::whole(other, value.as_whole()?),
     }
 }

@@ -2,8 +2,9 @@
 
 use fmu_description::{Type, Value};
 use fmu_master::{Column, Row};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyByteArray, PyBytes, PyList, PyString};
+use pyo3::types::{PyByteArray, PyBytes, PyFloat, PyList, PyString};
 
 /// The values of a column: numbers and Booleans in the order of bytes of this machine, or texts and Binaries.
 #[derive(Default)]
@@ -78,6 +79,10 @@ impl Data {
 
 /// A value of the widest type of its kind.
 pub fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
+    // The usual case.
+    if let Ok(value) = value.cast::<PyFloat>() {
+        return Ok(Value::Float64(value.value()));
+    }
     if let Ok(value) = value.extract() {
         return Ok(Value::Boolean(value));
     }
@@ -92,7 +97,9 @@ pub fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     }
     match value.extract() {
         Ok(text) => Ok(Value::String(text)),
-        Err(_) => value.extract().map(Value::Binary),
+        Err(_) => value.extract().map(Value::Binary).map_err(|_| {
+            PyTypeError::new_err(format!("{value} is no number, Boolean, text or bytes"))
+        }),
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, anyhow, bail};
-use fmu_description::{Type, Value};
+use fmu_description::Value;
 use fmu_master::run::Computed;
 use fmu_master::single::{self, Setup};
 use fmu_master::{
@@ -83,12 +83,6 @@ pub struct System {
 }
 
 impl System {
-    /// The types of the outputs of each function.
-    pub fn outputs(&self) -> Vec<Arc<[Type]>> {
-        let types = |outputs: &[Argument]| outputs.iter().map(|output| output.of_type).collect();
-        self.functions.iter().map(|(_, signature)| types(&signature.outputs)).collect()
-    }
-
     /// Loads the FMUs. `compute` computes the outputs of a function, by its number, at a time (s).
     ///
     /// # Errors
@@ -152,35 +146,22 @@ pub struct Declared {
     step: Py<PyAny>,
 }
 
-impl Declared {
-    fn signature(&self) -> Result<(String, Signature)> {
-        let arguments = |all: &[(String, String, String)]| {
-            let arguments = all.iter().map(|(name, of_type, unit)| {
-                let found = [Type::Float64, Type::Int64, Type::Boolean];
-                let found = found.into_iter().find(|known| known.as_str() == of_type);
-                let of_type = found.with_context(|| {
-                    format!(
-                        "type of {}.{name}: {of_type:?}, expected \"Float64\", \"Int64\" or \"Boolean\"",
-                        self.name
-                    )
-                })?;
-                Ok(Argument { name: name.clone(), of_type, unit: unit.clone() })
-            });
-            arguments.collect::<Result<_>>()
-        };
-        let (inputs, outputs) = (arguments(&self.inputs)?, arguments(&self.outputs)?);
-        Ok((self.name.clone(), Signature { inputs, outputs, sample_time: self.sample_time }))
-    }
-}
-
 impl System {
     /// The system, and what its functions call.
     ///
     /// # Errors
-    /// A word or type is unknown.
+    /// A word is unknown.
     pub fn new(given: Given) -> Result<(Self, Vec<Py<PyAny>>)> {
-        let functions = given.functions.iter().map(Declared::signature).collect::<Result<_>>()?;
-        let steps = given.functions.into_iter().map(|declared| declared.step).collect();
+        let arguments = |all: Vec<(String, String, String)>| {
+            let all = all.into_iter();
+            all.map(|(name, of_type, unit)| Argument { name, of_type, unit }).collect()
+        };
+        let functions = given.functions.into_iter().map(|declared| {
+            let Declared { name, inputs, outputs, sample_time, step } = declared;
+            let (inputs, outputs) = (arguments(inputs), arguments(outputs));
+            ((name, Signature { inputs, outputs, sample_time }), step)
+        });
+        let (functions, steps) = functions.unzip();
         let order = match given.order.as_deref() {
             None => None,
             Some("sequential") => Some(Order::Sequential),

@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use cargo_fmu::session::Session;
-use fmu_description::{Type, Value};
+use fmu_description::Value;
 use fmu_master::run::{Computed, Failed, Outcome, Watch, supervise};
 use fmu_master::table::{self, Series, Tolerance};
 use fmu_master::{Call, Column, Experiment, Message, Messages};
 use fmu_worker::{Limits, Worker, available_memory};
-use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyException, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString, PyTuple};
 
@@ -81,7 +81,7 @@ impl Runner {
             let looked = Cell::new(Instant::now());
             let host = Host { progress, looked, raised: RefCell::default() };
             let mut kept = idle().pop().unwrap_or_default();
-            *kept.functions.called() = Called { steps, outputs: system.outputs(), raised: None };
+            *kept.functions.called() = Called { steps, raised: None };
             let done = match self.program.is_empty() {
                 false => in_worker(system, &self.program, self.keeps, &mut kept, &host),
                 true => in_this_process(system, &mut kept, &host),
@@ -209,8 +209,6 @@ struct Functions(Mutex<Called>);
 #[derive(Default)]
 struct Called {
     steps: Vec<Py<PyAny>>,
-    /// The types of the outputs of each.
-    outputs: Vec<Arc<[Type]>>,
     /// What one has raised.
     raised: Option<PyErr>,
 }
@@ -241,10 +239,7 @@ impl Functions {
         let inputs = inputs.iter().map(|value| to_python(py, value.clone()));
         let time = time.into_pyobject(py)?.into_any();
         let arguments = [Ok(time)].into_iter().chain(inputs).collect::<PyResult<Vec<_>>>()?;
-        let (step, types) = {
-            let called = self.called();
-            (called.steps[function].clone_ref(py), called.outputs[function].clone())
-        };
+        let step = self.called().steps[function].clone_ref(py);
         let result = step.bind(py).call1(PyTuple::new(py, arguments)?)?;
         let results = match result.try_iter() {
             Ok(several) if !result.is_instance_of::<PyString>() => {
@@ -252,19 +247,7 @@ impl Functions {
             }
             _ => vec![result],
         };
-        let n = results.len();
-        if n != types.len() {
-            let text = format!("the function returned {n} values, expected {}", types.len());
-            return Err(PyValueError::new_err(text));
-        }
-        let values = results.iter().zip(&*types).map(|(value, of_type)| {
-            Ok(match of_type {
-                Type::Boolean => Value::Boolean(value.extract()?),
-                Type::Int64 => Value::Int64(value.extract()?),
-                _ => Value::Float64(value.extract()?),
-            })
-        });
-        values.collect()
+        results.iter().map(from_python).collect()
     }
 }
 
