@@ -86,7 +86,7 @@ report: fmus module $(VENV)/.test
 	$(RUN) -m pendulum_fmus.report --out $(REPORT) $(if $(PUBLISH),--docs docs)
 
 ## bench: measure the speed of FMUs and native master, to target/bench; PUBLISH=1 updates docs/speed.md
-bench: fmus native $(VENV)/.test $(VENV)/.bench
+bench: fmus native page $(VENV)/.test $(VENV)/.bench
 	$(RUN) bench/run.py $(if $(PUBLISH),--publish)
 
 ## fmus: export the FMUs of FMI 2.0 and 3.0 to target/fmu, and the example of a sensor to target/examples
@@ -102,9 +102,10 @@ module: $(RUN)
 	cargo build --locked $(RUST) --lib
 	@$(RUN) crates/fmu-python/link.py
 
-## native: build the command line and the module as fast as they get, for benchmarks
+## native: build the command line with wasmtime and the module as fast as they get, for benchmarks
 native:
-	cargo build --locked --profile native --package cargo-fmu --package fmu-python
+	cargo build --locked --profile native --package cargo-fmu --package fmu-python --package bench \
+		--features cargo-fmu/sandbox,bench/sandbox
 
 ## ssp: export the control loops of the paper as SSP packages to target/fmu
 ssp: fmus
@@ -152,8 +153,8 @@ sandbox: wasm fmus $(VENV)/.test
 page: wasm
 	$(PYTHON) web/build.py
 
-## picture: record the page for the README, and measure it for docs/web.md
-picture: page fmus $(VENV)/.test
+## picture: record the page for the README
+picture: page $(VENV)/.test
 	$(RUN) web/record.py
 
 ## merged: merge the FMUs of several machines, target/built/*/*.fmu, to target/merged, with checksums

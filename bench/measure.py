@@ -155,10 +155,13 @@ class Host:
         return words, variables
 
 
-def run(command: Sequence[str | Path], env: Mapping[str, str] | None = None) -> str:
-    """Run a program and return what it prints."""
+def run(
+    command: Sequence[object], env: Mapping[str, str] | None = None, given: str | None = None
+) -> str:
+    """Run a program with an input and return what it prints."""
     words, env = list(map(str, command)), {**os.environ, **(env or {})}
-    result = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    options: Any = {"cwd": ROOT, "env": env, "input": given}
+    result = subprocess.run(words, **options, capture_output=True, text=True, check=False)
     if result.returncode:
         raise SystemExit(f"{command[0]} failed:\n{result.stdout}{result.stderr}")
     return result.stdout
@@ -173,6 +176,7 @@ SWEPT = ROOT / "examples" / "closed-loop" / "pid-rbf.toml"
 COUPLED = BENCH / "coupled.toml"
 PACKAGE = ROOT / "crates" / "fmu-python" / "python" / "fmu_master"
 LIBRARY = {"darwin": "lib_native.dylib"}.get(sys.platform, "lib_native.so")
+WASM = ROOT / "target" / "wasm"
 CORES = os.cpu_count() or 1
 
 MASTERS = {
@@ -347,6 +351,10 @@ class Bench:
             lines = self.host.measure("cycle", CYCLES, steps // CYCLES, apart)
             return sum(median(line["ns"]) for line in lines)
 
+        text = COUPLED.read_text(encoding="utf-8")
+        components = self.folder / "components.toml"
+        text = re.sub(r"\.\./target/fmu/(\w+)", rf"{WASM.as_posix()}/\1_fmi3", text)
+        components.write_text(text, encoding="utf-8")
         subjects = {
             "pair/own": own,
             "pair/C": lambda: self.host.measure("loop", steps, 1, PAIR)[0]["ns"][0],
@@ -354,6 +362,8 @@ class Bench:
             "pair/own again": own,  # for the noise
             "pair/FMPy": lambda: by_fmpy(few) / few,
         }
+        if not self.quick:  # its program has no wasmtime
+            subjects["pair/wasmtime"] = lambda: self.natively(components, few) / few
         return self.alternate(subjects, tries=3)
 
     def whole(self) -> Costs:
@@ -509,7 +519,9 @@ def rust() -> Costs:
     brief = ["--noplot", "--warm-up-time", "0.5", "--measurement-time", "1"]
     bench = ["cargo", "bench", "--locked", "--quiet", "--profile", "native"]
     begin, costs = time.time(), {}
-    run([*bench, "--package", "bench", "--bench", "speed", "--", *brief])
+    # The program for components is built again, with wasmtime.
+    bench += ["--package", "bench", "--features", "sandbox", "--bench", "speed"]
+    run([*bench, "--", *brief])
     for file in CRITERION.glob("*/*/new/sample.json"):
         if file.stat().st_mtime < begin:
             continue  # of a benchmark that no longer exists

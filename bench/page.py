@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from engines import ENGINES, SIGNALS
 from measure import BASELINE, MODELS, REFERENCE, SOURCE, VERSIONS, Costs
 from pendulum_fmus.report import printed
 from pendulum_fmus.report.figure import Curve, Figure, Panel
@@ -175,6 +176,30 @@ def megabytes(size: float) -> str:
     return f"{size / 1e6:.1f} MB"
 
 
+def wasm_ratios(costs: Costs) -> Ratios:
+    """Return the cost of a step of the coupled pair in wasmtime, by what it is compared with."""
+    if "pair/wasmtime" not in costs:
+        return {}
+    ours, native, fmpy = (costs[f"pair/{master}"] for master in ("wasmtime", "native", "FMPy"))
+    step, other = "a step of the coupled pair, in wasmtime", "the native one"
+    slower, to = "a step of the native FMUs in FMPy", "a step in wasmtime"
+    return {
+        "native": Ratio(step, ours, other, native, "at most 5"),
+        "FMPy": Ratio(slower, fmpy, to, ours),
+    }
+
+
+def engine_cells(costs: Costs, name: str) -> list[str]:
+    """Return the least costs of a cycle in each engine, and how many times the native one."""
+    cells, native = [], costs.get(f"{ENGINES[0]}/{name}")
+    for engine in ENGINES:
+        times = costs.get(f"{engine}/{name}")
+        cells.append(ns(min(times)) if times else "")
+        if times and native and engine != ENGINES[0]:
+            cells[-1] += f", {number(min(times) / min(native))} times"
+    return cells
+
+
 # --- earlier publications -------------------------------------------------------------------
 
 EARLIER = Path(__file__).with_name("earlier.json")
@@ -184,13 +209,20 @@ WORSE = 1.03
 """A ratio that is worse by more than this factor is reported."""
 
 
-KINDS = (cycle_ratios, version_ratios, host_ratios, master_ratios, module_ratios)
+KINDS = {
+    "cycles": cycle_ratios,
+    "versions": version_ratios,
+    "host": host_ratios,
+    "masters": master_ratios,
+    "module": module_ratios,
+    "components": wasm_ratios,
+}
 
 
 def published(results: Mapping) -> dict[str, Any]:
     """Return what is kept of a publication. Ratios to threads only describe the machine."""
     machine, costs = results["machine"], results["costs"]
-    kinds = (find(costs) for find in KINDS)
+    kinds = (find(costs) for find in KINDS.values())
     ratios = [ratio for kind in kinds for ratio in kind.values() if "thread" not in ratio.to]
     return {
         "processor": machine["processor"],
@@ -238,10 +270,10 @@ def render(results: Mapping) -> str:
         ),
     )
     environment.filters |= {"code": code, "median": median, "ns": ns, "rate": rate, "row": row}
-    kinds = [find(costs) for find in KINDS]
-    names = ("cycles", "versions", "host", "masters", "module")
-    context = dict(zip(names, kinds, strict=True)) | {
-        "missed": [r for ratios in kinds for r in ratios.values() if r.verdict in MISSED],
+    context: dict[str, Any] = {kind: find(costs) for kind, find in KINDS.items()}
+    context |= {
+        "missed": [r for kind in KINDS for r in context[kind].values() if r.verdict in MISSED],
+        "engines": {name: engine_cells(results["wasm"]["costs"], name) for name in SIGNALS},
         "nodes": [],
         "python": None,
         "before": earlier()[-1],

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import engines
 from measure import Bench
 from page import EARLIER, draw, earlier, published, render, worse
 from pendulum_fmus.project import ROOT
@@ -41,6 +42,7 @@ def main() -> None:
     if not options.redraw:
         with TemporaryDirectory(dir=out) as folder:
             results = Bench(Path(folder), quick=options.quick).measure()
+            results["wasm"] = engines.measure(Path(folder), quick=options.quick)
         file.write_text(json.dumps(results, indent=1), encoding="utf-8")
     results = json.loads(file.read_text(encoding="utf-8"))
     text, pictures = render(results), draw(results, out)

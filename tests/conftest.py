@@ -79,6 +79,19 @@ def fmus(export: Callable[..., Path]) -> Path:
 
 
 @pytest.fixture(scope="session")
+def components(export: Callable[..., Path]) -> Path:
+    """Export the FMUs with WebAssembly components; return their folder."""
+    return export(ROOT / "target" / "wasm", "--fmi", "3.0", "--target", "wasm")
+
+
+@pytest.fixture(scope="session")
+def page_file(components: Path, once: Callable[..., Path]) -> Path:
+    """Write the page that runs the FMUs in the browser."""
+    once("page", lambda _: subprocess.run([sys.executable, ROOT / "web/build.py"], check=True))
+    return ROOT / "target" / "page" / "index.html"
+
+
+@pytest.fixture(scope="session")
 def variant(fmus: Path, export: Callable[..., Path]) -> Path:
     """Export the variant that `examples/ssp/supervised.toml` uses; return its file."""
     name = "SupervisedIpidRbf"

@@ -55,7 +55,7 @@ def test_the_master_in_c_gives_the_same_bits(measure, file: str, tmp_path: Path)
         assert ours["controller.u"][-1] == line["last_outputs"]["controller"] != 0
 
 
-def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
+def test_the_page_has_what_was_measured(fmus: Path, page_file: Path, tmp_path: Path) -> None:
     page = shutil.copy(PAGE, tmp_path)
     command = [ROOT / "bench" / "run.py", "--quick", "--out", tmp_path, "--publish", page]
     subprocess.run([sys.executable, *command], check=True, capture_output=True)
@@ -66,6 +66,12 @@ def test_the_page_has_what_was_measured(fmus: Path, tmp_path: Path) -> None:
     assert "with `--quick`" in texts["machine"]
     for model in MODELS:
         assert f"| `{model}`" in texts["cycle"]
+        assert f"| component of `{model}` |" in texts["page"]
+    assert f"| {round(page_file.stat().st_size / 1000)} KB |" in texts["page"]
+    for model in ("Pid", "PidRbf", "IpidRbf", "Pendulum"):
+        assert re.search(
+            rf"`{model}` \| \| \|( \S+ .s \|){{2}}\n", texts["engines"]
+        )  # Node, Chromium
     assert texts["versions"].count("at most") == 10
     assert all(f"\n| {name} | " in texts["masters"] for name in ("FMPy", "libcosim", "fmuloader"))
     assert len(re.findall(r"loops in .*(met|missed|unclear) \|", texts["module"])) == 2

@@ -100,11 +100,6 @@ def binary(path: Path) -> bytes:
 
 
 @pytest.fixture(scope="session")
-def components(export) -> Path:
-    return export(WASM, "--fmi", "3.0", "--target", "wasm")
-
-
-@pytest.fixture(scope="session")
 def panicking(export, once) -> Path:
     """Export a model with texts and bytes, and with a bug."""
 

@@ -2,9 +2,9 @@
 
 import base64
 import json
+import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,21 +37,14 @@ const { loops, files, descriptions } = JSON.parse(fs.readFileSync(0, "utf-8"));
 """
 
 
-@pytest.fixture(scope="module")
-def components(export) -> Path:
-    """Export the FMUs with components."""
-    return export(WASM, "--fmi", "3.0", "--target", "wasm")
-
-
 @pytest.fixture
-def page(browser: "Browser", components, once) -> Iterator["Page"]:
+def page(browser: "Browser", page_file: Path) -> Iterator["Page"]:
     """Open the page, which must have no errors and make no requests."""
-    once("page", lambda _: subprocess.run([sys.executable, ROOT / "web/build.py"], check=True))
     page = browser.new_page(bypass_csp=True)  # to wait for expressions
     errors, requests = [], []
     page.on("pageerror", lambda error: errors.append(error))
     page.on("request", lambda request: requests.append(request.url))
-    page.goto((ROOT / "target/page/index.html").as_uri())
+    page.goto(page_file.as_uri())
     page.wait_for_function("loops.length > 0 && time > 0.1")
     yield page
     page.close()
@@ -136,6 +129,7 @@ def test_the_loops_of_table_1_have_the_bits_of_the_native_fmus(
 
 
 def test_controls_change_what_they_say(page):
+    assert page.get_by_role("slider", name=re.compile(r"\w")).count() == 12
     page.locator("#run").click()
     assert page.locator("#run").inner_text() == "Run"
     page.locator("#run").click()

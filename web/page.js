@@ -344,7 +344,7 @@ async function take(file) {
     const box = element(`on-${name}`) ?? addController(name);
     box.checked = true;
     box.onchange();
-    if (loops.some((loop) => loop.name === name)) say(`${name} balances the pendulum.`);
+    if (loops.some((loop) => loop.name === name)) say(`${name} runs.`);
   } catch (error) {
     say(`${file.name} cannot be used: ${error.message}`, true);
   }
@@ -361,13 +361,13 @@ function addDownload(name, bytes) {
 function addSlider([name, label, unit, min, max, step]) {
   const node = document.createElement("label");
   node.className = "slider";
-  node.innerHTML = "<span></span><output></output><input type=range>";
-  node.querySelector("span").textContent = label;
-  const [input, output] = [node.querySelector("input"), node.querySelector("output")];
+  node.innerHTML = '<span></span><span class="value"></span><input type="range">';
+  const [text, shown, input] = node.children;
+  text.textContent = label;
   Object.assign(input, { id: name, min, max, step, value: settings[name] });
   const show = () => {
-    output.textContent = `${+input.value} ${unit}`;
-    input.setAttribute("aria-valuetext", output.textContent);
+    shown.textContent = `${+input.value} ${unit}`;
+    input.setAttribute("aria-valuetext", shown.textContent);
   };
   input.oninput = () => {
     show();

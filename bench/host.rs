@@ -1,0 +1,64 @@
+//! Measures cycles of FMUs of FMI 3.0, native or WebAssembly, by the crate `fmu-host`: each cycle sets an input,
+//! takes a step and gets an output. The arguments are the number of rounds, of cycles in a round, and for each FMU its
+//! binary, its instantiation token, the value references of input and output, and how far the input moves. Each line of
+//! the result has the time of a cycle (ns) of each FMU in a round.
+
+use std::error::Error;
+use std::path::Path;
+use std::time::Instant;
+
+use fmu_host::{Instance, Instantiation, Library, Version};
+
+const STEP: f64 = 1e-3;
+
+struct Subject {
+    instance: Instance,
+    input: u32,
+    output: u32,
+    amplitude: f64,
+    steps: u32,
+}
+
+impl Subject {
+    fn new(words: &[String]) -> Result<Self, Box<dyn Error>> {
+        let [binary, token, input, output, amplitude] = words else {
+            return Err("each FMU has five arguments".into());
+        };
+        let library = Library::load(Path::new(binary), Version::Fmi3)?;
+        let arguments = Instantiation { name: "it", guid: token, ..Instantiation::default() };
+        let instance = library.instantiate(&arguments, |logged| eprintln!("{}", logged.text))?;
+        let mut instance = instance.ok_or("it cannot be instantiated")?;
+        instance.enter_initialization_mode()?;
+        instance.exit_initialization_mode()?;
+        let (input, output, amplitude) = (input.parse()?, output.parse()?, amplitude.parse()?);
+        Ok(Self { instance, input, output, amplitude, steps: 0 })
+    }
+
+    /// The time of a cycle in a round (ns).
+    fn round(&mut self, cycles: u32) -> Result<f64, Box<dyn Error>> {
+        let (mut got, begin) = ([0.0], Instant::now());
+        for _ in 0..cycles {
+            let given = [self.amplitude * f64::from(self.steps % 2)];
+            self.instance.set_float64(&[self.input], &given)?;
+            self.instance.do_step(STEP * f64::from(self.steps), STEP)?;
+            self.instance.get_float64(&[self.output], &mut got)?;
+            self.steps += 1;
+        }
+        Ok(begin.elapsed().as_secs_f64() * 1e9 / f64::from(cycles))
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let [rounds, cycles, fmus @ ..] = &*words else {
+        return Err("the number of rounds and cycles is missing".into());
+    };
+    let mut subjects = fmus.chunks(5).map(Subject::new).collect::<Result<Vec<_>, _>>()?;
+    for _ in 0..rounds.parse()? {
+        for subject in &mut subjects {
+            print!("{} ", subject.round(cycles.parse()?)?);
+        }
+        println!();
+    }
+    Ok(())
+}
