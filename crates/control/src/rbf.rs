@@ -69,7 +69,7 @@ pub struct Rbf<const N: usize> {
     nodes_before: u64,
     /// The input of `activations`; NaN if there is none yet.
     input: f64,
-    /// -1/(2 b_j^2) of the nodes (1/rad^2), if there is an input.
+    /// -1/(2 b_j^2) of the nodes (1/rad^2).
     factors: [f64; N],
 }
 
@@ -107,7 +107,7 @@ impl<const N: usize> Default for Rbf<N> {
             weights_before: [0.0; N],
             nodes_before: N as u64,
             input: f64::NAN,
-            factors: [0.0; N],
+            factors: [-0.5; N],
         }
     }
 }
@@ -127,6 +127,7 @@ impl<const N: usize> Rbf<N> {
         self.weights_before[kept..].copy_from_slice(&self.initial_weights[kept..]);
         self.activations[kept..].fill(0.0);
         self.nodes_before = self.nodes;
+        self.factors = self.widths.map(|b| -1.0 / (2.0 * b * b));
         self.input = f64::NAN;
     }
 
@@ -147,18 +148,10 @@ impl<const N: usize> Rbf<N> {
     pub(crate) fn activate_first(&mut self, n: usize, r: f64) {
         // The set-point rarely changes, and the exponentials dominate the cost of a sample.
         if r != self.input {
-            self.compute_activations(n, r);
+            let (centres, factors) = (&self.centres[..n], &self.factors[..n]);
+            vector::gaussians(&mut self.activations[..n], r, centres, factors);
+            self.input = r;
         }
-    }
-
-    #[inline(always)]
-    fn compute_activations(&mut self, n: usize, r: f64) {
-        if self.input.is_nan() {
-            self.factors = self.widths.map(|b| -1.0 / (2.0 * b * b));
-        }
-        let (centres, factors) = (&self.centres[..n], &self.factors[..n]);
-        vector::gaussians(&mut self.activations[..n], r, centres, factors);
-        self.input = r;
     }
 
     /// The output u_n = sum w_j h_j, equation (14).

@@ -147,7 +147,7 @@ pub(crate) struct Shared {
 /// The first bytes of a serialized state.
 pub(crate) const MAGIC: [u8; 8] = *b"FMUSTATE";
 /// Version of the serialization format; increase it when the format changes.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 const CHECKSUM: usize = size_of::<u128>();
 const HEADER: usize = MAGIC.len() + size_of_val(&VERSION) + size_of::<Guid>();
 
