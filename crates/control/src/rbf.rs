@@ -15,12 +15,14 @@ use crate::vector;
 /// rbf.learn(2.0);
 /// assert_eq!(rbf.output(), 1.0); // halfway to 2
 /// ```
+// Aligned like a vector: one that crosses a line of the cache is slow to read just after it was written.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
     feature = "fmi",
     derive(fmu_derive::Variables),
     variables(crate = fmu_description, default)
 )]
+#[repr(align(32))]
 pub struct Rbf<const N: usize> {
     /// Number of nodes in use, 1 to `N` (the default); a greater one counts as `N`.
     #[cfg_attr(
