@@ -18,7 +18,7 @@ use wasmtime::component::{
     Component, ComponentNamedList, ComponentType, Func, Lift, Linker, Lower, Resource, ResourceAny,
     ResourceType, Type, TypedFunc, Val, types::ComponentItem,
 };
-use wasmtime::{Config, Engine, ResourceLimiter, Store, StoreContextMut, Trap};
+use wasmtime::{Config, Engine, Store, StoreContextMut, StoreLimits, StoreLimitsBuilder, Trap};
 
 use crate::instance::{Instantiation, State as Saved, Treatment};
 use crate::library::Kind;
@@ -114,46 +114,7 @@ struct Data {
     callbacks: usize,
     has_logger: bool,
     resources: PathBuf,
-    memory: Memory,
-}
-
-/// The memory of all modules of a component, in bytes.
-struct Memory {
-    used: usize,
-    limit: usize,
-}
-
-impl Memory {
-    fn grow(&mut self, from: usize, to: usize) -> wasmtime::Result<bool> {
-        self.used = self.used.saturating_add(to.saturating_sub(from));
-        if self.used > self.limit {
-            let (used, limit) = (self.used / 1_000_000, self.limit / 1_000_000);
-            return Err(wasmtime::Error::msg(format!(
-                "it needs {used} MB of memory, more than the limit of {limit} MB"
-            )));
-        }
-        Ok(true)
-    }
-}
-
-impl ResourceLimiter for Memory {
-    fn memory_growing(
-        &mut self,
-        from: usize,
-        to: usize,
-        _: Option<usize>,
-    ) -> wasmtime::Result<bool> {
-        self.grow(from, to)
-    }
-
-    fn table_growing(
-        &mut self,
-        from: usize,
-        to: usize,
-        _: Option<usize>,
-    ) -> wasmtime::Result<bool> {
-        self.grow(from.saturating_mul(size_of::<usize>()), to.saturating_mul(size_of::<usize>()))
-    }
+    limits: StoreLimits,
 }
 
 /// An instance of a component.
@@ -224,14 +185,20 @@ impl Compiled {
             Kind::ModelExchange => "fmi3InstantiateModelExchange",
             Kind::CoSimulation => "fmi3InstantiateCoSimulation",
         };
+        let mut limits = StoreLimitsBuilder::new().trap_on_grow_failure(true);
+        if let Some(bytes) = arguments.limits.memory {
+            // A component has one or two of each.
+            limits = limits.memory_size(bytes).memories(10).tables(10);
+            limits = limits.table_elements(bytes / size_of::<usize>());
+        }
         let data = Data {
             callbacks: callbacks.addr(),
             has_logger: arguments.treatment != Treatment::NoLogger,
             resources: arguments.resources.into(),
-            memory: Memory { used: 0, limit: arguments.limits.memory.unwrap_or(usize::MAX) },
+            limits: limits.build(),
         };
         let mut store = Store::new(self.component.engine(), data);
-        store.limiter(|data| &mut data.memory);
+        store.limiter(|data| &mut data.limits);
         let limit = arguments.limits.call;
         let ticks = limit.map_or(FOREVER, |limit| {
             tick(self.component.engine());
@@ -298,8 +265,8 @@ impl Compiled {
     /// The result of `fmi3GetVersion`.
     pub(crate) fn version(&self) -> Result<String> {
         let get = || -> wasmtime::Result<String> {
-            let (resources, memory) = (PathBuf::new(), Memory { used: 0, limit: usize::MAX });
-            let data = Data { callbacks: 0, has_logger: false, resources, memory };
+            let (resources, limits) = (PathBuf::new(), StoreLimits::default());
+            let data = Data { callbacks: 0, has_logger: false, resources, limits };
             let mut store = Store::new(self.component.engine(), data);
             store.set_epoch_deadline(FOREVER);
             let instance = self.linker.instantiate(&mut store, &self.component)?;
