@@ -254,8 +254,7 @@ pub static OTHERS: &[Probe] = probes! {
     "start": START, values::start, Quick;
     "state": STATE, runs::restore, Quick, STATE;
     "serialized": SERIALIZED, runs::serialize, Quick, STATE, BYTES;
-    "directional": DIRECTIONAL, values::derivatives_of_outputs, Quick, DIRECTIONAL;
-    "directional-states": DIRECTIONAL, values::derivatives_by_states, Quick, ModelExchange, DIRECTIONAL;
+    "directional": DIRECTIONAL, values::derivatives_in_run, Quick, DIRECTIONAL;
     "directional-initial": DIRECTIONAL, values::derivatives_in_initialization, DIRECTIONAL;
     "directional-unlisted": DIRECTIONAL, values::unlisted_derivatives, Misuse, DIRECTIONAL;
     "input-derivatives": INPUT_DERIVATIVES, values::derivatives_of_inputs_in_time,

@@ -508,7 +508,7 @@ fn compare_all(
     allowed: &Dependencies<'_>,
 ) -> Result<bool> {
     let mut rows: BTreeMap<u32, Vec<(u32, f64)>> = BTreeMap::new();
-    for known in knowns.iter().take(MAX_INPUTS) {
+    for known in knowns {
         // All derivatives belong to a state.
         let is_pair = |u: &&&Listed<'_>| known.1.is_some() || allowed.allow(u, known.0);
         let unknowns: Vec<_> = unknowns.iter().filter(is_pair).copied().collect();
@@ -564,19 +564,23 @@ fn compare(run: &mut Run<'_>, unknowns: &[&Listed<'_>], known: Known<'_>) -> Res
     Ok(all_given)
 }
 
-/// Compares directional derivatives with respect to inputs with difference quotients: of outputs, and of derivatives of
-/// states, at two times, and in event mode.
-pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
-    let mut unknowns = subject.continuous(Causality::Output);
-    unknowns.extend(state_pairs(subject).into_iter().flat_map(|(derivatives, _)| derivatives));
-    let inputs = subject.continuous(Causality::Input);
-    let inputs: Vec<Known<'_>> = inputs.into_iter().map(|input| (input, None)).collect();
+/// Compares directional derivatives of outputs, and of derivatives of states, with difference quotients: at two times,
+/// and in event mode.
+pub fn derivatives_in_run(subject: &Subject<'_>) -> Result<()> {
+    let (mut unknowns, mut states) = state_pairs(subject).unwrap_or_default();
+    unknowns.extend(subject.continuous(Causality::Output));
+    if subject.kind == Kind::CoSimulation {
+        states.clear();
+    }
+    let states = (0..).zip(states).map(|(k, state)| (state, Some(k)));
+    let inputs = subject.continuous(Causality::Input).into_iter().map(|input| (input, None));
+    let knowns: Vec<Known<'_>> = states.chain(inputs.take(MAX_INPUTS)).collect();
     let allowed = Dependencies::in_run(subject);
     let mut run = Run::after(subject, WARM_UP)?;
-    let is_called = compare_all(&mut run, &unknowns, &inputs, &allowed)?;
+    let is_called = compare_all(&mut run, &unknowns, &knowns, &allowed)?;
     run.advance_by(subject.task.steps)?;
     if is_called && !run.ended {
-        compare_all(&mut run, &unknowns, &inputs, &allowed)?;
+        compare_all(&mut run, &unknowns, &knowns, &allowed)?;
     }
     if is_called && subject.claims("hasEventMode") {
         let setup = subject.setup().with(|s| s.event_mode = true);
@@ -584,7 +588,7 @@ pub fn derivatives_of_outputs(subject: &Subject<'_>) -> Result<()> {
         run.advance_by(subject.task.steps.min(WARM_UP))?;
         run.instance.enter_event_mode()?;
         subject.report.stage("in event mode");
-        compare_all(&mut run, &unknowns, &inputs, &allowed)?;
+        compare_all(&mut run, &unknowns, &knowns, &allowed)?;
     }
     // Even if no output depends on an input, the function is there; some refuse such a call.
     if !is_called {
@@ -609,7 +613,7 @@ fn initial_pairs<'a>(
     let is_real = |v: &&Listed<'_>| v.of_type == Type::Float64 && is_tested(v);
     let listed = model.initial_unknowns.iter().filter(|unknown| unknown.dependencies.is_some());
     let unknowns = listed.filter_map(|unknown| model.variable(unknown.index).filter(is_real));
-    let knowns = subject.settable().filter(is_real).map(|v| (v, None));
+    let knowns = subject.settable().filter(is_real).map(|v| (v, None)).take(MAX_INPUTS);
     let allowed = Dependencies::of(subject, model.initial_unknowns.iter());
     (unknowns.collect(), knowns.collect(), allowed)
 }
@@ -649,21 +653,6 @@ fn state_pairs<'a>(subject: &Subject<'a>) -> Option<Pairs<'a>> {
     });
     let pairs: Option<Pairs<'_>> = pairs.collect();
     pairs.filter(|(states, _)| (1..=MAX_INPUTS).contains(&states.len()))
-}
-
-/// Compares directional derivatives with respect to the states with difference quotients.
-pub fn derivatives_by_states(subject: &Subject<'_>) -> Result<()> {
-    let Some((derivatives, states)) = state_pairs(subject) else { return Ok(()) };
-    let knowns: Vec<Known<'_>> = (0..).zip(states).map(|(k, state)| (state, Some(k))).collect();
-    let derivatives = [derivatives, subject.continuous(Causality::Output)].concat();
-    let allowed = Dependencies::in_run(subject);
-    let mut run = Run::after(subject, WARM_UP)?;
-    compare_all(&mut run, &derivatives, &knowns, &allowed)?;
-    run.advance_by(subject.task.steps)?;
-    if !run.ended {
-        compare_all(&mut run, &derivatives, &knowns, &allowed)?;
-    }
-    Ok(())
 }
 
 /// Compares adjoint derivatives with directional ones.
