@@ -34,13 +34,13 @@ rules! {
             "Every variable of the XML can be read.";
         FINITE: Error, "finite-outputs",
             Practice("every solver, plot and controller behind the FMU fails on NaN"),
-            "Outputs are finite numbers.";
+            "Outputs and derivatives of states are finite numbers.";
         VALID_VALUES: Error, "valid-values", Standard("sections 2.1.2, 2.1.7 and 2.2.7", "sections 2.2.3 and 2.2.7.2"),
             "Booleans are 0 or 1, enumerations have the value of an item, and Strings are UTF-8.";
         BOUNDS: Warning, "bounds", Standard("section 2.2.7", "section 2.2.7.3"),
             "Outputs stay between the min and max of the XML.";
         CONSTANT: Error, "constants", Standard("section 2.2.7", "section 2.4.7.4"),
-            "Constants and fixed parameters keep their values after initialization.";
+            "Constants, and parameters that are not set, keep their values after initialization.";
         ALIASES: Error, "aliases", Fmi2("section 2.2.7"),
             "Variables with the same value reference have the same value.";
         PURE_GET: Error, "get-is-pure", Practice("hosts read variables as often and in the order that they like"),
