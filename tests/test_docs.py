@@ -1,6 +1,7 @@
 """The documentation is correct: its commands and programs run, its links and files exist."""
 
 import re
+import runpy
 import shutil
 from ctypes.util import find_library
 from pathlib import Path
@@ -93,6 +94,11 @@ def test_models_compile_and_pass_their_tests(program: Path, tmp_path: Path) -> N
         manifest.write('serde = { version = "1", features = ["derive"] }\n')
         manifest.write('[features]\ndefault = ["fmi"]\nfmi = []\n')
     shell("cargo test", package)
+
+
+def test_the_python_reference_is_made_from_the_docstrings() -> None:
+    """`docs/api.py` writes it."""
+    assert runpy.run_path(str(ROOT / "docs" / "api.py"))["page"]() == PAGES["docs/python-api.md"]
 
 
 def test_all_units_are_listed() -> None:

@@ -19,7 +19,7 @@ class PythonComponent:
     types: Mapping[str, str]
     reset: Callable[[], object] | None
 
-    def native(self, name: str) -> dict[str, Any]:
+    def description(self, name: str) -> dict[str, Any]:
         """Return what the native module needs of a component with this name."""
         variables = ("inputs", self.inputs), ("outputs", self.outputs)
         arguments = {

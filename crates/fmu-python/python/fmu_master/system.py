@@ -118,7 +118,7 @@ class System:
         return none | {
             "file": self.file,
             "text": None if self.description is None else self._text(),
-            "functions": [function.native(name) for name, function in self._functions()],
+            "functions": [function.description(name) for name, function in self._functions()],
             "outputs": [],
             "sets": [],
         }
