@@ -384,6 +384,7 @@ fn grant_nothing(linker: &mut Linker<Data>, component: &Component) -> wasmtime::
     }
     Ok(())
 }
+
 /// What a function of WASI returns to a component that is granted nothing; `None` if that cannot be said.
 fn nothing(
     function: &str,
@@ -396,7 +397,7 @@ fn nothing(
         ("get-terminal-stdin" | "get-terminal-stdout" | "get-terminal-stderr", _) => {
             Val::Option(None)
         }
-        // Such numbers seed the tables of hashes; a simulation has no other chance than its own.
+        // Random numbers are 0, so that a run gives the same results each time.
         ("insecure-seed", _) => Val::Tuple(vec![Val::U64(0); 2]),
         ("get-random-u64" | "get-insecure-random-u64", _) => Val::U64(0),
         ("get-random-bytes" | "get-insecure-random-bytes", [Val::U64(n @ ..4096)]) => {
