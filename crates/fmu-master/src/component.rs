@@ -1,6 +1,7 @@
 //! A running FMU: its calls, and the transfer of values from outputs to inputs.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::sync::Arc;
 
 use anyhow::Result;
@@ -68,12 +69,12 @@ impl<'a> Component<'a> {
     pub(crate) fn call(
         &mut self,
         operation: &str,
-        what: &str,
+        what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
         self.calls.begin(Function::of(self.fmu.version, operation));
         let outcome = call(&mut self.instance);
-        self.explain(outcome, || what.to_owned())
+        self.explain(outcome, || what.to_string())
     }
 
     /// Sets up the experiment from the start to the stop time (s), and sets start values.

@@ -1,6 +1,7 @@
 //! One FMU that its user steps by hand: in this process, or in a worker process that answers what it is asked.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -133,6 +134,16 @@ impl Names {
     /// It does not fit.
     pub fn typed(&self, scalar: usize, value: &Written) -> Result<Value> {
         value.typed(self.0.fmu.variable(scalar), &self.0.fmu.name(scalar))
+    }
+}
+
+/// A variable and the values that it is set to.
+struct Assigned<'a>(&'a str, &'a [Value]);
+
+impl Display for Assigned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} =", self.0)?;
+        self.1.iter().try_for_each(|value| write!(f, " {value}"))
     }
 }
 
@@ -304,7 +315,7 @@ impl Single {
         &mut self,
         verb: &str,
         kind: Type,
-        what: &str,
+        what: impl Display,
         call: impl FnOnce(&mut Instance) -> fmu_host::Result,
     ) -> Called {
         self.component.call(&operation(verb, kind), what, call)
@@ -336,9 +347,7 @@ impl Single {
                 }
                 exchange => {
                     self.component.exchange = exchange;
-                    let texts = array.iter().map(Value::to_string);
-                    let what = format!("{} = {}", variable.name, Vec::from_iter(texts).join(" "));
-                    self.call("set", kind, &what, set)
+                    self.call("set", kind, Assigned(&variable.name, &array), set)
                 }
             };
             self.told(called)?;

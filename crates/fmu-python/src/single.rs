@@ -13,6 +13,7 @@ use fmu_master::run::Failed;
 use fmu_master::single::{Answer, Ask, Names, Setup, Single};
 use fmu_worker::{Event, Record, Worker};
 use pyo3::prelude::*;
+use pyo3::types::PyFloat;
 
 use crate::columns::to_python;
 use crate::job::{Job, interface};
@@ -109,6 +110,10 @@ fn receive(py: Python<'_>, worker: &mut Worker, names: &Names) -> PyResult<Answe
 }
 
 fn written(value: &Bound<'_, PyAny>) -> PyResult<Written> {
+    // The usual case first: a conversion that fails makes an exception.
+    if let Ok(value) = value.cast::<PyFloat>() {
+        return Ok(Written::Real(value.value()));
+    }
     if let Ok(value) = value.extract() {
         return Ok(Written::Boolean(value));
     }

@@ -1,8 +1,10 @@
 //! What a process is doing, in memory that its supervisor can read even after a crash.
 
+use std::collections::HashMap;
 use std::io;
 use std::num::NonZeroU16;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use fmi_abi::Version;
@@ -197,7 +199,17 @@ impl Function {
 
     /// The function of a version that performs an operation, such as `get_float64`.
     pub fn of(version: Version, operation: &str) -> Option<Self> {
-        Self::named(version.function(operation)?)
+        static FUNCTIONS: LazyLock<HashMap<(Version, &str), Function>> = LazyLock::new(|| {
+            let of_version = |version: Version| {
+                let each = version.functions().iter();
+                each.filter_map(move |(call, operation)| {
+                    Some(((version, *operation), Function::named(call.name)?))
+                })
+            };
+            [Version::Fmi2, Version::Fmi3].into_iter().flat_map(of_version).collect()
+        });
+        let functions: &HashMap<(Version, &str), Self> = &FUNCTIONS;
+        functions.get(&(version, operation)).copied()
     }
 
     /// The function of a name, such as `fmi3GetFloat64`.

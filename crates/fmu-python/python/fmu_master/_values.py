@@ -40,7 +40,7 @@ def document(keys: Mapping[str, Any], tables: str) -> str:
 def elements(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Return start values by name; those of arrays by the names of the elements."""
     for name, value in values.items():
-        if np.ndim(value) == 0:
+        if isinstance(value, float | int | str) or np.ndim(value) == 0:
             yield name, value
             continue
         for index, element in np.ndenumerate(value):
