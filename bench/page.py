@@ -168,7 +168,12 @@ def module_ratios(costs: Costs) -> Ratios:
 
 def rate(time: float) -> str:
     """Return how many there are in a second, from the time of one in ns."""
-    return f"{1e9 / time:.3g}" if time > 1e6 else f"{1e9 / time / 1e3:.3g} thousand"
+    a_second = 1e9 / time
+    return next(
+        f"{a_second / size:.3g}{name}"
+        for size, name in ((1e6, " million"), (1e3, " thousand"), (1, ""))
+        if a_second >= size or size == 1
+    )
 
 
 def megabytes(size: float) -> str:
