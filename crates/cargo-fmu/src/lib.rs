@@ -11,6 +11,7 @@ mod style;
 mod table;
 
 use std::ffi::OsString;
+use std::fmt;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -92,10 +93,15 @@ pub fn main(program: Vec<OsString>, arguments: impl Iterator<Item = OsString>) -
         Err(error) => {
             // Messages of the TOML parser already end with a line feed.
             let text = format!("{error:#}");
-            anstream::eprintln!("{ERROR}error:{ERROR:#} {}", text.trim_end());
+            tell(format_args!("{ERROR}error:{ERROR:#} {}", text.trim_end()));
             ExitCode::FAILURE
         }
     }
+}
+
+/// Writes a line for people to the standard error output, which somebody may have closed.
+fn tell(line: fmt::Arguments<'_>) {
+    let _ = writeln!(anstream::stderr(), "{line}");
 }
 
 /// The arguments without the name of the subcommand, which cargo repeats to an installed `cargo-fmu`.

@@ -90,7 +90,7 @@ impl Session {
                     remove_unfinished();
                     // What cannot be removed is in the folder for temporary files.
                     let _ = std::fs::remove_dir_all(&folder);
-                    anstream::eprintln!("interrupted; unfinished files were removed");
+                    crate::tell(format_args!("interrupted; unfinished files were removed"));
                     process::exit(128 + number as i32);
                 }
             }

@@ -212,3 +212,12 @@ impl Relay {
         archive::write(&file, &entries).unwrap();
     }
 }
+
+#[test]
+fn a_message_that_nobody_reads_is_no_panic() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_cargo-fmu"));
+    let status = command.args(["info", "missing.fmu"]).stderr(writer).status().unwrap();
+    assert_eq!(status.code(), Some(1));
+}

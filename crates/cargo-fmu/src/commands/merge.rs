@@ -27,7 +27,7 @@ pub struct MergeArgs {
 pub fn run(args: &MergeArgs, out: &mut impl Write) -> Result<()> {
     let merged = merge(&args.files, &args.out)?;
     for note in &merged.notes {
-        eprintln!("note: {note}");
+        crate::tell(format_args!("note: {note}"));
     }
     print_fmu(&args.out, merged.size, &merged.platforms.join(" "), out)
 }

@@ -115,9 +115,9 @@ pub fn supervise(
                 args.page.draw_runs(&stem(&args.system), &runs, out)?;
             }
             if let Some(ended) = finished.crash {
-                anstream::eprintln!(
+                crate::tell(format_args!(
                     "{WARNING}warning:{WARNING:#} after the simulation, the process {ended}"
-                );
+                ));
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -126,7 +126,7 @@ pub fn supervise(
             bail!("{}", fault.text)
         }
         Outcome::Cancelled(text) => {
-            anstream::eprintln!("interrupted{text}");
+            crate::tell(format_args!("interrupted{text}"));
             Ok(session.signal().map_or(ExitCode::FAILURE, session::code))
         }
     }
@@ -184,7 +184,7 @@ fn warn(messages: &[Message]) {
             1 => String::new(),
             times => format!(" ({times} times)"),
         };
-        anstream::eprintln!("{WARNING}warning:{WARNING:#} {instance}: {text}{times}");
+        crate::tell(format_args!("{WARNING}warning:{WARNING:#} {instance}: {text}{times}"));
     }
 }
 

@@ -53,7 +53,7 @@ pub fn run(args: &SspArgs, out: &mut impl Write) -> Result<()> {
         let file = package.file.display();
         writeln!(out, "{file}  {} KB", size.div_ceil(1000))?;
         for warning in &package.warnings {
-            anstream::eprintln!("{WARNING}warning:{WARNING:#} {file} {warning}");
+            crate::tell(format_args!("{WARNING}warning:{WARNING:#} {file} {warning}"));
         }
     }
     Ok(())

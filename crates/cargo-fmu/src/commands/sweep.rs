@@ -156,9 +156,9 @@ fn write(
     let file = file.display();
     if !is_complete {
         let all = before + done;
-        anstream::eprintln!(
+        crate::tell(format_args!(
             "interrupted; {all} of {runs} runs are in {file}.part; run the same command to resume"
-        );
+        ));
         return Ok(None);
     }
     let rate = done as f64 / elapsed;

@@ -75,8 +75,11 @@ pub fn run(mut args: RunArgs, out: &mut impl Write) -> Result<ExitCode> {
         if !args.watch {
             return ended;
         }
+        if let Some(signal) = session.signal() {
+            return Ok(session::code(signal));
+        }
         if let Err(error) = ended {
-            anstream::eprintln!("{ERROR}error:{ERROR:#} {}", format!("{error:#}").trim_end());
+            crate::tell(format_args!("{ERROR}error:{ERROR:#} {}", format!("{error:#}").trim_end()));
         }
         args.simulation.page.open = false;
         writeln!(out, "waiting for a change in {}\n", root.display())?;

@@ -74,5 +74,5 @@ impl Limited {
 
 /// Prints a warning.
 pub fn warn(text: &str) {
-    anstream::eprintln!("{WARNING}warning:{WARNING:#} {text}");
+    crate::tell(format_args!("{WARNING}warning:{WARNING:#} {text}"));
 }
